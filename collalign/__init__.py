@@ -1,0 +1,1 @@
+"""Aligns a collection of shapes consistently."""

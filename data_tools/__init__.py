@@ -1,0 +1,1 @@
+"""Shapes: reading, cleaning, sampling, spectral operators, embeddings, generated collections and public datasets."""

@@ -1,0 +1,61 @@
+"""The errors that collalign raises, and the exit code that each gives the command line.
+
+Bad input raises at the door and names the file or argument, what was found and what was expected. What happens
+*inside* an iterative method is a :class:`pairwise.status.Status`, not an exception.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class CollalignError(Exception):
+    """Root of every error raised on purpose by the three packages.
+
+    Attributes
+    ----------
+    exit_code : int
+        What ``collalign`` exits with when this error reaches the command line.
+    """
+
+    exit_code = 1
+
+
+class InputError(CollalignError, ValueError):
+    """A file or an array is not what the function asks for; the message names it and says what to do."""
+
+    exit_code = 2
+
+
+class OptionsError(CollalignError, ValueError):
+    """An option has an impossible value, or two options exclude each other."""
+
+    exit_code = 2
+
+
+class SolveFailed(CollalignError, RuntimeError):
+    """A solver ended without a usable answer and the caller asked for an exception instead of a status.
+
+    Parameters
+    ----------
+    message : str
+        What happened, in words that advise.
+    result : Any
+        The result as far as it went; its failed numbers are NaN.
+    """
+
+    def __init__(self, message: str, result: Any = None) -> None:
+        super().__init__(message)
+        self.result = result
+
+
+class CollectionError(CollalignError):
+    """A collection cannot be aligned as a whole, for instance because fewer than two shapes could be read."""
+
+    exit_code = 2
+
+
+class StoreError(CollalignError):
+    """A store is damaged, of another version, or in use by another run."""
+
+    exit_code = 2

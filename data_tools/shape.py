@@ -1,0 +1,77 @@
+"""What a shape is: vertices, triangles (none for a point cloud), a name, and where it came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_tools.arrays import FloatArray, IntArray, as_faces, as_points, read_only
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shape:
+    """A triangle mesh or, with no faces, a point cloud. Build it with :meth:`from_arrays`.
+
+    Attributes
+    ----------
+    name : str
+        Unique within a collection; the file's stem by default.
+    vertices : ndarray, shape (v, 3)
+        In the units of the file. Read-only.
+    faces : ndarray of int, shape (f, 3)
+        Empty for a point cloud. Read-only.
+    file : Path or None
+        Where it was read from.
+    notes : tuple of str
+        What cleaning changed, one sentence each.
+    """
+
+    name: str
+    vertices: FloatArray
+    faces: IntArray
+    file: Path | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    @classmethod
+    def from_arrays(
+        cls,
+        vertices: ArrayLike,
+        faces: ArrayLike | None = None,
+        *,
+        name: str = "shape",
+        file: Path | None = None,
+        notes: tuple[str, ...] = (),
+    ) -> Shape:
+        """Check the arrays and build a shape.
+
+        Raises
+        ------
+        InputError
+            If vertices are not finite (v, 3) or a face names a vertex that does not exist.
+        """
+        points = as_points(vertices, f"{name}: vertices", dim=3)
+        triangles = np.empty((0, 3), dtype=np.int64)
+        if faces is not None and np.size(faces):
+            triangles = as_faces(faces, f"{name}: faces", num_vertices=len(points))
+        return cls(name=name, vertices=read_only(points), faces=read_only(triangles), file=file, notes=notes)
+
+    @property
+    def is_mesh(self) -> bool:
+        """Whether the shape has triangles."""
+        return len(self.faces) > 0
+
+    @property
+    def area(self) -> float:
+        """Surface area in squared units of the vertices; NaN for a point cloud."""
+        if not self.is_mesh:
+            return float("nan")
+        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
+        return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
+    @property
+    def centroid_size(self) -> float:
+        """Square root of the summed squared distances of the vertices from their centroid."""
+        return float(np.linalg.norm(self.vertices - self.vertices.mean(axis=0)))

@@ -1,0 +1,166 @@
+"""Which entries of R may be non-zero, which of its blocks are rotations, and the projection onto such matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse.csgraph import connected_components
+
+from data_tools.arrays import BoolArray, FloatArray, IntArray, as_mask, read_only
+from data_tools.errors import InputError, OptionsError
+
+#: What callers may give as ``rotation_pattern``.
+PatternLike: TypeAlias = "RotationPattern | ArrayLike | Sequence[int] | int | None"
+
+
+@dataclass(frozen=True, eq=False)
+class RotationPattern:
+    """The sparsity of the orthogonal matrix R and its blocks of determinant +1.
+
+    Attributes
+    ----------
+    mask : ndarray of bool, shape (d, d)
+        Entries of R that may be non-zero. Not necessarily symmetric.
+    special_blocks : tuple of (start, stop)
+        Index ranges whose diagonal block of R has determinant +1 (``group="SO"``); the mask is zero between such a
+        block and the rest. Relaxations use the convex hull of the rotations for blocks of size 2 and 3 and only
+        orthogonality for larger ones, which keeps bounds valid.
+    """
+
+    mask: BoolArray
+    special_blocks: tuple[tuple[int, int], ...] = ()
+
+    @classmethod
+    def from_user(cls, pattern: PatternLike, dim: int, group: str) -> RotationPattern:
+        """Read what callers may write.
+
+        Parameters
+        ----------
+        pattern : None, int, sequence of int, array of bool (d, d), or RotationPattern
+            ``None`` is the full matrix; an integer is the half-width of a band (0 diagonal, 1 tridiagonal, 2 the
+            paper's 5-diagonal); a sequence holds the sizes of the diagonal blocks, the rotation block first;
+            an array is the mask itself.
+        dim : int
+            d.
+        group : {"SO", "O"}
+            ``"SO"`` asks for determinant +1 of the first block (of all of R where there are no blocks).
+
+        Raises
+        ------
+        OptionsError
+            If the group is unknown, or the pattern does not fit d.
+        InputError
+            If the mask leaves no orthogonal matrix.
+        """
+        if group not in ("SO", "O"):
+            raise OptionsError(f"group: expected 'SO' or 'O', got {group!r}")
+        if isinstance(pattern, RotationPattern):
+            if pattern.dim != dim:
+                raise OptionsError(f"rotation_pattern: is for dimension {pattern.dim}, the points have {dim}")
+            return pattern
+        mask, first = _mask_from_user(pattern, dim)
+        special = ((0, first),) if group == "SO" else ()
+        if (mask[:first, first:] | mask[first:, :first].T).any():
+            raise InputError("rotation_pattern: the rotation block is not separate from the rest")
+        if np.linalg.matrix_rank(_random_filling(mask)) < dim:
+            raise InputError("rotation_pattern: every matrix with these non-zero entries is singular")
+        return cls(read_only(mask), special)
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates d."""
+        return len(self.mask)
+
+    @cached_property
+    def entries(self) -> tuple[IntArray, IntArray]:
+        """Rows and columns of the free entries in column-major order: the order of ``[R]`` everywhere."""
+        cols, rows = np.nonzero(self.mask.T)
+        return rows, cols
+
+    @property
+    def num_entries(self) -> int:
+        """Number r of free entries."""
+        return int(self.mask.sum())
+
+    @cached_property
+    def components(self) -> tuple[IntArray, ...]:
+        """Index sets of the finest diagonal blocks that hold the pattern; R is projected block by block."""
+        _, labels = connected_components(self.mask | self.mask.T, directed=False)
+        return tuple(np.flatnonzero(labels == c) for c in range(labels.max() + 1))
+
+    def pack(self, matrix: FloatArray) -> FloatArray:
+        """Return [R], the free entries of (..., d, d) matrices, shape (..., r)."""
+        rows, cols = self.entries
+        return matrix[..., rows, cols]
+
+    def unpack(self, entries: FloatArray) -> FloatArray:
+        """Return matrices (..., d, d) from their free entries (..., r)."""
+        rows, cols = self.entries
+        matrix = np.zeros((*entries.shape[:-1], self.dim, self.dim))
+        matrix[..., rows, cols] = entries
+        return matrix
+
+    def project(self, matrices: FloatArray) -> FloatArray:
+        """Return the nearest orthogonal matrices, block by block, with determinant +1 where it is asked for.
+
+        Orthogonal Procrustes (Schoenemann 1966; Kabsch 1976 for the determinant). A banded pattern has no closed
+        form: its projection fills the finest block-diagonal pattern around it.
+
+        Parameters
+        ----------
+        matrices : ndarray, shape (..., d, d)
+            For Procrustes pass ``target[map].T @ (weights * source)``.
+
+        Returns
+        -------
+        ndarray, shape (..., d, d)
+        """
+        rotations = np.zeros(matrices.shape)
+        weakest = np.full((*matrices.shape[:-2], len(self.components)), np.inf)
+        signs = np.ones(weakest.shape)
+        flips = []
+        for b, index in enumerate(self.components):
+            rows, cols = index[:, None], index
+            u, s, vt = np.linalg.svd(matrices[..., rows, cols])
+            q = u @ vt
+            rotations[..., rows, cols] = q
+            weakest[..., b] = s[..., -1]
+            signs[..., b] = np.sign(np.linalg.det(q))
+            flips.append(-2.0 * u[..., :, -1:] * vt[..., -1:, :])
+        for start, stop in self.special_blocks:
+            members = [b for b, index in enumerate(self.components) if start <= index[0] < stop]
+            cheapest = np.argmin(weakest[..., members], axis=-1)
+            mirrored = np.prod(signs[..., members], axis=-1) < 0
+            for position, b in enumerate(members):
+                rows, cols = self.components[b][:, None], self.components[b]
+                flipped = (mirrored & (cheapest == position))[..., None, None]
+                rotations[..., rows, cols] += np.where(flipped, flips[b], 0.0)
+        return rotations
+
+
+def _mask_from_user(pattern: PatternLike, dim: int) -> tuple[BoolArray, int]:
+    """Return the mask and the size of its first block (d where there are no blocks)."""
+    if pattern is None:
+        return np.ones((dim, dim), dtype=bool), dim
+    if isinstance(pattern, int | np.integer) and not isinstance(pattern, bool):
+        if pattern < 0:
+            raise OptionsError(f"rotation_pattern: the band's half-width must be 0 or more, got {pattern}")
+        offsets = np.subtract.outer(np.arange(dim), np.arange(dim))
+        return np.abs(offsets) <= pattern, dim
+    array = np.asarray(pattern)
+    if array.ndim == 1:
+        sizes = [int(s) for s in array]
+        if min(sizes, default=0) < 1 or sum(sizes) != dim or array.dtype.kind not in "iu":
+            raise OptionsError(f"rotation_pattern: block sizes {array.tolist()} do not add up to dimension {dim}")
+        labels = np.repeat(np.arange(len(sizes)), sizes)
+        return np.equal.outer(labels, labels), sizes[0]
+    return as_mask(array, "rotation_pattern", shape=(dim, dim)), dim
+
+
+def _random_filling(mask: BoolArray) -> FloatArray:
+    return np.where(mask, np.random.default_rng(0).standard_normal(mask.shape), 0.0)

@@ -1,0 +1,109 @@
+"""What the pairwise functions return: frozen records whose arrays are read-only and whose failed numbers are NaN."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from data_tools.arrays import FloatArray, IntArray
+from pairwise.status import Status
+
+if TYPE_CHECKING:
+    from pairwise.certificate import Certificate
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Candidate:
+    """One locally optimal pose of the source on the target.
+
+    Attributes
+    ----------
+    R_target_source : ndarray, shape (d, d)
+        Takes source coordinates to target coordinates.
+    map_target_source : ndarray of int, shape (k,)
+        Index on the target of each source point, -1 where it stays unmatched.
+    energy : float
+        Sum of squared distances, in squared units of the points (plus the constant costs of the invariants).
+    reflected : bool
+        Whether the rotation block (the first three or two coordinates) has determinant -1.
+    origin : str
+        What found it: ``"search"``, ``"axes"``, ``"relaxation"``, ``"start"``, ...
+    """
+
+    R_target_source: FloatArray
+    map_target_source: IntArray
+    energy: float
+    reflected: bool
+    origin: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MatchResult:
+    """The best pose found for a pair, its alternatives, and what is proven about it.
+
+    Attributes
+    ----------
+    R_target_source : ndarray, shape (d, d)
+    map_target_source : ndarray of int, shape (k,)
+    energy : float
+        Sum of squared distances of the matched points at this pose, plus constant costs.
+    lower_bound : float
+        No pose has a smaller energy; NaN where nothing was certified.
+    candidates : tuple of Candidate
+        The distinct poses found, best energy first; the first one is the answer itself.
+    status : Status
+    times_s : dict of str to float
+        Seconds per stage.
+    """
+
+    R_target_source: FloatArray
+    map_target_source: IntArray
+    energy: float
+    lower_bound: float
+    candidates: tuple[Candidate, ...]
+    status: Status
+    times_s: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RelaxationResult:
+    """The solution of a convex relaxation of Procrustes matching.
+
+    Attributes
+    ----------
+    value : float
+        The primal value that the solver reached: an estimate of the relaxation's optimum, not a bound by itself.
+    lower_bound : float
+        Proven by ``certificate``: at most the optimum of the matching energy. NaN where there is no certificate.
+    R : ndarray, shape (d, d)
+        E[R] in the reading of X as probabilities.
+    X : ndarray, shape (n, k)
+        Probability that source point j goes to target point i.
+    C : ndarray, shape (r, r)
+        E[[R][R]^T] over the free entries of R, in column-major order.
+    B : ndarray, shape (k, r, n)
+        ``X_ij E[[R] | j -> i]`` of each source point.
+    status : Status
+    iterations : int
+    residuals : dict of str to float
+        Of the unscaled problem: ``"primal"``, ``"dual"``, ``"gap"``, relative.
+    times_s : dict of str to float
+        ``"setup"`` and ``"solve"``, seconds.
+    certificate : Certificate or None
+        The dual variables that prove ``lower_bound``; check it with :func:`pairwise.verify_certificate`.
+    moments : ndarray, shape (10, 10), or None
+        The lifted rotation's moment matrix, for the tight relaxation.
+    """
+
+    value: float
+    lower_bound: float
+    R: FloatArray
+    X: FloatArray
+    C: FloatArray
+    B: FloatArray
+    status: Status
+    iterations: int
+    residuals: dict[str, float]
+    times_s: dict[str, float]
+    certificate: Certificate | None = None
+    moments: FloatArray | None = None
