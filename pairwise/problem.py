@@ -3,6 +3,8 @@
     minimise  E(R, map) = sum_j w_j |R p_j - q_map(j)|^2 + sum_j c[map(j), j]
 
 over R in the group with the given pattern and injective maps inside the candidates (Maron et al. 2016, eq. 1-2).
+In two-way partial matching ``max_unmatched`` source points may stay unmatched (map -1) at ``unmatched_cost`` each, as
+if the target had one more row of that capacity and constant cost; unmatched target points are free.
 Points are rows here and everywhere else; the paper's d x n matrices P and Q are ``source.T`` and ``target.T``.
 """
 
@@ -48,6 +50,10 @@ class Problem:
         w_j, non-negative.
     constant_cost : ndarray, shape (n, k)
         c_ij, what a match costs whatever R is (weighted squared differences of invariants).
+    max_unmatched : int
+        How many source points may stay unmatched at most; 0 outside partial matching.
+    unmatched_cost : float
+        What each source point that stays unmatched costs.
     """
 
     target: FloatArray
@@ -56,6 +62,8 @@ class Problem:
     candidates: BoolArray
     weights: FloatArray
     constant_cost: FloatArray
+    max_unmatched: int = 0
+    unmatched_cost: float = 0.0
 
     @classmethod
     def from_user(
@@ -68,6 +76,8 @@ class Problem:
         rotation_pattern: PatternLike = None,
         invariants: tuple[ArrayLike, ArrayLike] | None = None,
         weights: ArrayLike | None = None,
+        num_matches: int | None = None,
+        unmatched_penalty: float | None = None,
     ) -> Problem:
         """Check what callers give.
 
@@ -85,11 +95,18 @@ class Problem:
             Rotation-invariant coordinates of both shapes: a block of the embedding whose R is the identity.
         weights : array_like, shape (k,), optional
             Weight of each source point.
+        num_matches : int, optional
+            Two-way partial matching: match exactly that many source points and leave the rest out at no cost.
+        unmatched_penalty : float, optional
+            Two-way partial matching: leave out any number of source points at this cost each, in squared units of
+            the points. Excludes ``num_matches``.
 
         Raises
         ------
         InputError
             If shapes disagree, k > n, or no injective map lies inside the candidates.
+        OptionsError
+            If both forms of partial matching are asked for, or one of them with an impossible value.
         """
         q = as_points(target, "target")
         p = as_points(source, "source", dim=q.shape[1])
@@ -99,7 +116,8 @@ class Problem:
         w = as_weights(weights, "weights", num=k)
         pattern = RotationPattern.from_user(rotation_pattern, q.shape[1], group)
         allowed = np.ones((n, k), bool) if candidates is None else as_mask(candidates, "candidates", shape=(n, k))
-        _check_feasible(allowed)
+        max_unmatched = _max_unmatched(k, num_matches, unmatched_penalty)
+        _check_feasible(allowed, max_unmatched)
         constant = np.zeros((n, k)) if invariants is None else _invariant_cost(invariants, n, k)
         return cls(
             target=read_only(q),
@@ -108,6 +126,8 @@ class Problem:
             candidates=read_only(allowed),
             weights=read_only(w),
             constant_cost=read_only(constant * w),
+            max_unmatched=max_unmatched,
+            unmatched_cost=float(unmatched_penalty or 0.0),
         )
 
     @property
@@ -143,15 +163,18 @@ class Problem:
         ----------
         rotation : ndarray, shape (d, d)
         point_map : ndarray of int, shape (k,)
-            Index on the target of each source point.
+            Index on the target of each source point, -1 where it stays unmatched.
         """
-        residuals = self.source @ rotation.T - self.target[point_map]
-        constant = self.constant_cost[point_map, np.arange(self.num_source)]
-        return float((self.weights * (residuals**2).sum(axis=1)).sum() + constant.sum())
+        matched = np.flatnonzero(point_map >= 0)
+        images = point_map[matched]
+        squares = ((self.source[matched] @ rotation.T - self.target[images]) ** 2).sum(axis=1)
+        total = (self.weights[matched] * squares).sum() + self.constant_cost[images, matched].sum()
+        return float(total + self.unmatched_cost * (self.num_source - len(matched)))
 
     def procrustes(self, point_map: IntArray) -> FloatArray:
         """Return the best R for a map, shape (d, d): orthogonal Procrustes within the pattern's blocks."""
-        return self.pattern.project(self.target[point_map].T @ (self.weights[:, None] * self.source))
+        weights = np.where(point_map >= 0, self.weights, 0.0)
+        return self.pattern.project(self.target[point_map].T @ (weights[:, None] * self.source))
 
 
 def _invariant_cost(invariants: tuple[ArrayLike, ArrayLike], n: int, k: int) -> FloatArray:
@@ -162,11 +185,25 @@ def _invariant_cost(invariants: tuple[ArrayLike, ArrayLike], n: int, k: int) -> 
     return ((h[:, None, :] - g[None, :, :]) ** 2).sum(axis=2)
 
 
-def _check_feasible(allowed: BoolArray) -> None:
+def _max_unmatched(k: int, num_matches: int | None, unmatched_penalty: float | None) -> int:
+    if num_matches is not None and unmatched_penalty is not None:
+        raise OptionsError("num_matches and unmatched_penalty exclude each other: give one of them")
+    if unmatched_penalty is not None:
+        if not (np.isfinite(unmatched_penalty) and unmatched_penalty >= 0):
+            raise OptionsError(f"unmatched_penalty: expected a finite number >= 0, got {unmatched_penalty}")
+        return k
+    if num_matches is None:
+        return 0
+    if not 1 <= num_matches <= k:
+        raise OptionsError(f"num_matches: expected 1 to {k} (the source points), got {num_matches}")
+    return k - int(num_matches)
+
+
+def _check_feasible(allowed: BoolArray, max_unmatched: int) -> None:
     empty = np.flatnonzero(~allowed.any(axis=0))
-    if len(empty):
+    if len(empty) > max_unmatched:
         raise InputError(f"candidates: source point {empty[0]} has none ({len(empty)} such points)")
     matched: Any = maximum_bipartite_matching(csr_array(allowed), perm_type="row")
-    if (matched < 0).any():
-        stuck = int((matched < 0).sum())
+    stuck = int((matched < 0).sum())
+    if stuck > max_unmatched:
         raise InputError(f"candidates: no injective map fits them, {stuck} source points are always left over")
