@@ -1,0 +1,92 @@
+"""Fixing the gauge: the one common orthogonal matrix that pairs leave open, chosen deterministically."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray, as_points, as_rotations
+from data_tools.errors import InputError
+from pairwise.pattern import RotationPattern
+
+#: Principal axes whose variances differ by less than this part, or whose skewness is below it, have no stable sign.
+AXIS_TOL = 1e-9
+
+
+def fix_gauge(
+    rotations: FloatArray,
+    groups: Sequence[IntArray],
+    *,
+    reference: int = 0,
+    fixed: Mapping[int, FloatArray] | None = None,
+    pattern: RotationPattern,
+) -> FloatArray:
+    """Return ``R_common_i`` in which, in each group, the first member's pose (or the reference's) is the identity.
+
+    Parameters
+    ----------
+    rotations : ndarray, shape (N, d, d)
+        ``R_common_i``.
+    groups : sequence of ndarray of int
+        Parts that have a gauge each.
+    reference : int
+        Shape whose pose is the identity in its group.
+    fixed : mapping of int to ndarray (d, d), optional
+        Shapes whose ``R_common_i`` is given: a group that has such shapes takes its gauge from them, and they get
+        exactly what was given.
+    pattern : RotationPattern
+
+    Returns
+    -------
+    ndarray, shape (N, d, d)
+    """
+    given = fixed or {}
+    gauged = rotations.copy()
+    for members in groups:
+        held = [int(i) for i in members if int(i) in given]
+        if held:
+            moves = pattern.project(sum(given[i] @ rotations[i].T for i in held))
+        else:
+            moves = rotations[reference if reference in members else members[0]].T
+        gauged[members] = moves @ rotations[members]
+        for i in held:
+            gauged[i] = given[i]
+    return gauged
+
+
+def principal_axes_gauge(samples: Sequence[FloatArray], rotations: FloatArray) -> FloatArray:
+    """Return ``R_common_i`` in the gauge of the principal axes of all posed samples together.
+
+    The first axis has the largest variance. Each axis points to where the cloud's third moment is positive; the last
+    one is turned where the axes would make a reflection. Only the first three coordinates are turned.
+
+    Parameters
+    ----------
+    samples : sequence of ndarray, shape (k_i, d)
+    rotations : ndarray, shape (N, d, d)
+        ``R_common_i``.
+
+    Raises
+    ------
+    InputError
+        If there is not one rotation per shape.
+    """
+    frames = as_rotations(rotations, "rotations")
+    if len(samples) != len(frames):
+        raise InputError(f"samples: {len(samples)} shapes, but {len(frames)} rotations")
+    space = min(3, frames.shape[-1])
+    cloud = np.concatenate(
+        [as_points(x, f"samples[{i}]") @ g[:space].T for i, (x, g) in enumerate(zip(samples, frames, strict=True))]
+    )
+    cloud -= cloud.mean(axis=0)
+    _, vectors = np.linalg.eigh(cloud.T @ cloud)
+    axes = vectors[:, ::-1].T
+    moments = ((cloud @ axes.T) ** 3).mean(axis=0) / np.maximum((cloud**2).sum(axis=1).mean() ** 1.5, AXIS_TOL)
+    largest = axes[np.arange(space), np.argmax(np.abs(axes), axis=1)]
+    axes = axes * np.where(np.abs(moments) > AXIS_TOL, np.sign(moments), np.sign(largest))[:, None]
+    if np.linalg.det(axes) < 0:
+        axes[-1] *= -1.0
+    turn = np.eye(frames.shape[-1])
+    turn[:space, :space] = axes
+    return turn @ frames

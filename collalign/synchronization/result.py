@@ -1,0 +1,106 @@
+"""What synchronization returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from collalign.synchronization.certificate import SynchronizationCertificate
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from pairwise.status import Status
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PoseAlternative:
+    """Another pose that the pairs of one shape, or of a block of shapes, nearly support as well.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (d, d)
+        ``R_common_i`` of the alternative (for a block: of its first member; the block moves as one).
+    log_odds : float
+        Log of how much more probable the reported pose is than this one.
+    """
+
+    rotation: FloatArray
+    log_odds: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WeakCut:
+    """A block of shapes that could be turned as one, at little cost to the pairs that join it to the rest.
+
+    Attributes
+    ----------
+    members : ndarray of int
+        Shapes of the block, sorted.
+    rotation : ndarray, shape (d, d)
+        The turn in the common frame that takes the block from its reported pose to the alternative one.
+    log_odds : float
+        Log of how much more probable the reported pose is.
+    pairs_for, pairs_against : int
+        How many pairs across the cut have a candidate that agrees with the reported pose, and with the alternative.
+    """
+
+    members: IntArray
+    rotation: FloatArray
+    log_odds: float
+    pairs_for: int
+    pairs_against: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SynchronizationResult:
+    """One pose per shape, and how far each can be trusted. All arrays are read-only.
+
+    Attributes
+    ----------
+    rotations : ndarray, shape (N, d, d)
+        ``R_common_i``. Shapes of different connected groups have no common frame: each group has its own gauge.
+    confidence : ndarray, shape (N,)
+        Probability that the shape's pose is right relative to its group; NaN where it was not estimated.
+    edge_inlier : ndarray of bool, shape (E,)
+        Whether the pair agrees with the answer.
+    edge_choice : ndarray of int, shape (E,)
+        The candidate of each pair nearest to the answer.
+    edge_inconsistency_rad : ndarray, shape (E,)
+        Angle between the chosen candidate and the answer, ``|log|_F / sqrt 2``; the rotation angle for d = 2 and 3.
+    edge_weights : ndarray, shape (E,)
+        Final weights of the least-squares objective.
+    groups : tuple of ndarray of int
+        Partition of the shapes: poses are comparable within a part. Parts that are not connected, or that the pairs
+        join in an ambiguous way, are apart.
+    components : tuple of ndarray of int
+        Connected parts of the graph of pairs.
+    weak_cuts : tuple of WeakCut
+        The weakest cut of each connected part that has one worth naming, least certain first.
+    alternatives : tuple of tuple of PoseAlternative
+        For each shape its best other poses, most probable first.
+    reflected : ndarray of bool, shape (N,)
+        Whether ``det R_common_i < 0`` for the rotation block.
+    symmetries : tuple of ndarray (d, d)
+        Turns of the common frame under which the whole collection looks the same to the pairs.
+    noise_rad : float
+        Estimated standard deviation per axis of the good pairs; NaN where it was not estimated.
+    certificate : SynchronizationCertificate
+        Of the least-squares objective at the final weights; says nothing about consistently wrong pairs.
+    status : Status
+    warnings : tuple of str
+        What a user must know before trusting the poses, one sentence each.
+    """
+
+    rotations: FloatArray
+    confidence: FloatArray
+    edge_inlier: BoolArray
+    edge_choice: IntArray
+    edge_inconsistency_rad: FloatArray
+    edge_weights: FloatArray
+    groups: tuple[IntArray, ...]
+    components: tuple[IntArray, ...]
+    weak_cuts: tuple[WeakCut, ...]
+    alternatives: tuple[tuple[PoseAlternative, ...], ...]
+    reflected: BoolArray
+    symmetries: tuple[FloatArray, ...]
+    noise_rad: float
+    certificate: SynchronizationCertificate
+    status: Status
+    warnings: tuple[str, ...]

@@ -1,0 +1,147 @@
+"""The public entry of synchronization: many relative rotations in, one pose per shape and its doubts out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from collalign.synchronization.certificate import certify_frames, combine_certificates
+from collalign.synchronization.gauge import fix_gauge
+from collalign.synchronization.geometry import angles_rad, relative, transposed
+from collalign.synchronization.graph import PairGraph, check_pattern
+from collalign.synchronization.result import SynchronizationResult
+from collalign.synchronization.spectral import spectral_frames
+from data_tools.arrays import FloatArray, as_rotations, read_only
+from data_tools.errors import InputError, OptionsError
+from pairwise.pattern import PatternLike
+from pairwise.status import Status
+
+METHODS = ("spectral",)
+
+#: The spectral baseline calls a pair an inlier within this angle of its answer.
+SPECTRAL_INLIER_RAD = np.deg2rad(30.0)
+
+
+def synchronize(
+    edges: ArrayLike,
+    rotations: ArrayLike,
+    *,
+    energies: ArrayLike | None = None,
+    weights: ArrayLike | None = None,
+    group: str = "SO",
+    method: str = "spectral",
+    num_shapes: int | None = None,
+    rotation_pattern: PatternLike = None,
+    fixed: Mapping[int, ArrayLike] | None = None,
+    reference: int = 0,
+) -> SynchronizationResult:
+    """Find one pose per shape from the pairs' relative rotations, and say how far each can be trusted.
+
+    Parameters
+    ----------
+    edges : array_like of int, shape (E, 2)
+        Shapes i, j of each pair; each unordered pair at most once.
+    rotations : array_like, shape (E, d, d) or (E, m, d, d)
+        ``R_i_j``, taking j's coordinates to i's, or m candidates of it.
+    energies : array_like, shape (E,) or (E, m), optional
+        Energy of each candidate; ``inf`` marks a candidate that is not there.
+    weights : array_like, shape (E,), optional
+        Prior trust in each pair, all equal by default.
+    group : {"SO", "O"}
+        Whether the rotation block has determinant +1; with ``"O"`` shapes may come out mirrored.
+    method : {"spectral"}
+        ``"spectral"`` is the eigenprojection of appendix B of Maron et al. (2016) of each pair's best candidate.
+    num_shapes : int, optional
+        N; one more than the largest index by default.
+    rotation_pattern : optional
+        Sizes of diagonal blocks, the rotation block first; see :class:`pairwise.pattern.RotationPattern`.
+    fixed : mapping of int to array_like (d, d), optional
+        ``R_common_i`` of shapes that a user has set by hand: they come out exactly so.
+    reference : int
+        Shape whose pose is the identity (in its connected group; the first member in others), where none is fixed.
+
+    Returns
+    -------
+    SynchronizationResult
+        ``R_i_j = rotations[i].T @ rotations[j]`` for a consistent pair.
+
+    Raises
+    ------
+    InputError
+        If an index is out of range, a pair is a loop or repeated, or a matrix is not finite or not in the group.
+    OptionsError
+        If the method or the group is unknown.
+    """
+    if method not in METHODS:
+        raise OptionsError(f"method: expected one of {METHODS}, got {method!r}")
+    graph = PairGraph.from_user(
+        edges,
+        rotations,
+        energies=energies,
+        weights=weights,
+        group=group,
+        num_shapes=num_shapes,
+        rotation_pattern=rotation_pattern,
+    )
+    if not 0 <= reference < graph.num_shapes:
+        raise InputError(f"reference: shape {reference} of {graph.num_shapes}")
+    held = _checked_fixed(fixed, graph)
+    return _spectral(graph, held, reference)
+
+
+def _spectral(graph: PairGraph, fixed: dict[int, FloatArray], reference: int) -> SynchronizationResult:
+    """Return the baseline: eigenprojection of the best candidates, group by group."""
+    frames = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
+    components = graph.connected_groups()
+    chosen = graph.chosen(graph.best_choice)
+    certificates = []
+    for members in components:
+        part, kept = graph.subgraph(members)
+        if part.num_edges:
+            frames[members] = spectral_frames(part, chosen[kept], part.weights)
+            certificates.append(certify_frames(part, chosen[kept], part.weights, frames[members]))
+    poses = fix_gauge(transposed(frames), components, reference=reference, fixed=fixed, pattern=graph.pattern)
+    misfit = angles_rad(transposed(chosen) @ relative(transposed(poses), graph.edges))
+    block = _rotation_block(graph)
+    return SynchronizationResult(
+        rotations=read_only(poses),
+        confidence=read_only(np.full(graph.num_shapes, np.nan)),
+        edge_inlier=read_only(misfit <= SPECTRAL_INLIER_RAD),
+        edge_choice=read_only(graph.best_choice),
+        edge_inconsistency_rad=read_only(misfit),
+        edge_weights=read_only(graph.weights.copy()),
+        groups=components,
+        components=components,
+        weak_cuts=(),
+        alternatives=((),) * graph.num_shapes,
+        reflected=read_only(np.linalg.det(poses[:, block, block]) < 0),
+        symmetries=(),
+        noise_rad=float("nan"),
+        certificate=combine_certificates(certificates),
+        status=Status.CONVERGED,
+        warnings=_connectivity_warnings(len(components)),
+    )
+
+
+def _rotation_block(graph: PairGraph) -> slice:
+    """Return the coordinates of the rotation block: the pattern's first component."""
+    return slice(0, len(graph.pattern.components[0]))
+
+
+def _connectivity_warnings(num_components: int) -> tuple[str, ...]:
+    if num_components == 1:
+        return ()
+    return (f"The pairs leave {num_components} groups unconnected: poses are comparable within each group only.",)
+
+
+def _checked_fixed(fixed: Mapping[int, ArrayLike] | None, graph: PairGraph) -> dict[int, FloatArray]:
+    """Return the fixed poses checked, by shape."""
+    checked = {}
+    for shape, pose in (fixed or {}).items():
+        if not 0 <= int(shape) < graph.num_shapes:
+            raise InputError(f"fixed: shape {shape} of {graph.num_shapes}")
+        checked[int(shape)] = as_rotations(pose, f"fixed[{shape}]", dim=graph.dim)
+        check_pattern(checked[int(shape)], f"fixed[{shape}]", graph.pattern)
+    return checked
