@@ -27,7 +27,9 @@ class Candidate:
     reflected : bool
         Whether the rotation block (the first three or two coordinates) has determinant -1.
     origin : str
-        What found it: ``"search"``, ``"axes"``, ``"relaxation"``, ``"start"``, ...
+        What found it: ``"search"``, ``"axes"``, ``"around"``, ``"relaxation"``, ``"start"``, ...
+    scale : float
+        Factor of the source's points; 1 unless it was estimated.
     """
 
     R_target_source: FloatArray
@@ -35,6 +37,7 @@ class Candidate:
     energy: float
     reflected: bool
     origin: str
+    scale: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

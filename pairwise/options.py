@@ -1,0 +1,71 @@
+"""Options of :func:`pairwise.match`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from data_tools.errors import OptionsError
+
+Strategy = Literal["search", "relaxation", "portfolio"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchOptions:
+    """How a pair is matched.
+
+    Raises
+    ------
+    OptionsError
+        If a value is impossible, or two exclude each other.
+    """
+
+    strategy: Strategy = "portfolio"
+    """`search` tries rotations, `relaxation` rounds PM-SDP, `portfolio` searches, and solves the relaxation as well
+    where the rotation block has more than three dimensions, which no set of rotations covers."""
+    certify: bool = False
+    """Try to prove that no better pose exists."""
+    time_limit_s: float | None = None
+    """Seconds for the relaxation and the proof of one pair; none by default."""
+    gap_tol: float = 1e-3
+    """Relative gap between energy and bound at which a pose counts as proven."""
+    num_rotations: int = 0
+    """Rotations that the search tries; 0 sets it by the number of points and the dimension."""
+    num_draws: int = 20
+    """Poses drawn from the solution of the relaxation."""
+    max_candidates: int = 8
+    """Distinct poses kept per pair; with reflections, per chirality."""
+    candidate_factor: float = 2.0
+    """Keep poses whose energy is at most this many times the best one."""
+    candidate_angle_deg: float = 15.0
+    """Poses closer than this, in degrees, count as the same."""
+    estimate_scale: bool = False
+    """Estimate a scale factor of the source as well; no bound is known then."""
+    scale_range: tuple[float, float] = (0.5, 2.0)
+    """Limits of the estimated scale."""
+    seed: int = 0
+    """Seed of the random draws."""
+
+    def __post_init__(self) -> None:
+        if self.strategy not in get_args(Strategy):
+            raise OptionsError(f"strategy: expected one of {get_args(Strategy)}, got {self.strategy!r}")
+        for name, least in (("num_rotations", 0), ("num_draws", 0), ("max_candidates", 1), ("seed", 0)):
+            if not getattr(self, name) >= least:
+                raise OptionsError(f"{name}: expected at least {least}, got {getattr(self, name)}")
+        if not self.candidate_factor >= 1:
+            raise OptionsError(f"candidate_factor: expected at least 1, got {self.candidate_factor}")
+        if not 0 <= self.candidate_angle_deg <= 180:
+            raise OptionsError(f"candidate_angle_deg: expected 0 to 180, got {self.candidate_angle_deg}")
+        if not 0 < self.gap_tol < 1:
+            raise OptionsError(f"gap_tol: expected a number between 0 and 1, got {self.gap_tol}")
+        if self.time_limit_s is not None and not self.time_limit_s > 0:
+            raise OptionsError(f"time_limit_s: expected more than 0, got {self.time_limit_s}")
+        low, high = self.scale_range
+        if not (0 < low <= 1 <= high and np.isfinite(high)):
+            raise OptionsError(f"scale_range: expected limits around 1, got {self.scale_range}")
+        if self.estimate_scale and (self.certify or self.strategy == "relaxation"):
+            raise OptionsError(
+                "estimate_scale: no relaxation knows the scale; use strategy 'search', without certify"
+            )
