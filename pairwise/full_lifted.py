@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from pairwise.lifted_constraints import cvxpy_module
+from pairwise.cvxpy_solve import cvxpy_module
 from pairwise.problem import Problem
 from pairwise.reference import Model, build_model, solve_model
 from pairwise.results import RelaxationResult

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from data_tools.arrays import FloatArray, IntArray
+from pairwise.cvxpy_solve import cvxpy_module
 from pairwise.pattern import RotationPattern
 
 #: A polynomial in R of degree two: (coefficient, entry, entry or None for a linear term).
@@ -44,15 +44,10 @@ class LiftedEquations:
         return self.quadratic @ c.ravel() + self.linear @ entries - self.constant
 
 
-def cvxpy_module() -> Any:
-    """Return CVXPY, imported when first needed: it takes about a second, and its functions carry no types."""
-    return import_module("cvxpy")
-
-
 def orthogonality_equations(pattern: RotationPattern) -> LiftedEquations:
     """Return ``R R^T = I`` and ``R^T R = I`` as equations in C (Maron et al. 2016, eq. 8).
 
-    Both have the same trace on every connected component of the pattern, so one diagonal equation of each is left out.
+    Both have the same trace on every connected component of the pattern, so one diagonal equation each is left out.
     """
     d = pattern.dim
     redundant = {int(index[0]) for index in pattern.components}

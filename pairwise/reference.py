@@ -17,7 +17,6 @@ Only candidates get variables. Slow (seconds for 20 points) and general on purpo
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,10 +24,9 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.errors import OptionsError
+from pairwise.cvxpy_solve import cvxpy_module, solve_program
 from pairwise.lifted_constraints import (
     cross_product_equations,
-    cvxpy_module,
     hull_constraints,
     orthogonality_equations,
     quaternion_moments,
@@ -36,9 +34,6 @@ from pairwise.lifted_constraints import (
 from pairwise.problem import Problem
 from pairwise.results import RelaxationResult
 from pairwise.status import Status
-
-#: Iterations after which each solver gives up unless told otherwise.
-DEFAULT_MAX_ITERATIONS = {"scs": 100_000, "clarabel": 200}
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,35 +214,6 @@ def solve_model(
     )
 
 
-def solve_program(
-    program: Any,
-    *,
-    solver: str,
-    tol: float,
-    max_iterations: int | None = None,
-    time_limit_s: float | None = None,
-) -> Status:
-    """Run one of the two solvers on a CVXPY problem and say how it ended; the values stay in the problem."""
-    cp = cvxpy_module()
-
-    settings = _solver_settings(solver, tol, max_iterations, time_limit_s)
-    try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="Solution may be inaccurate")  # the status says so
-            program.solve(solver=solver.upper(), **settings)
-    except cp.error.SolverError:
-        return Status.FAILED
-    if program.status == cp.OPTIMAL:
-        return Status.CONVERGED
-    if program.status not in (cp.OPTIMAL_INACCURATE, cp.USER_LIMIT):
-        return Status.FAILED
-    stats = program.solver_stats
-    if time_limit_s is not None and (stats.solve_time or 0.0) >= 0.9 * time_limit_s:
-        return Status.TIME_LIMIT
-    limit = max_iterations or DEFAULT_MAX_ITERATIONS[solver]
-    return Status.ITERATION_LIMIT if (stats.num_iters or 0) >= limit else Status.STALLED
-
-
 def primal_residual(problem: Problem, x: FloatArray, b: FloatArray, c: FloatArray, entries: FloatArray) -> float:
     """Return the largest violation of any constraint at numbers, from the definitions.
 
@@ -295,25 +261,6 @@ def _objective(problem: Problem, i: IntArray, j: IntArray, x: Any, b: Any) -> tu
 def _incidence(labels: IntArray, num: int) -> csr_array:
     """Return the (num, m) matrix that sums candidates with the same label."""
     return coo_array((np.ones(len(labels)), (labels, np.arange(len(labels)))), shape=(num, len(labels))).tocsr()
-
-
-def _solver_settings(
-    solver: str, tol: float, max_iterations: int | None, time_limit_s: float | None
-) -> dict[str, float]:
-    if solver not in DEFAULT_MAX_ITERATIONS:
-        raise OptionsError(f"solver: expected 'scs' or 'clarabel', got {solver!r}")
-    if not 0 < tol < 1:
-        raise OptionsError(f"tol: expected a number between 0 and 1, got {tol}")
-    if max_iterations is not None and max_iterations < 1:
-        raise OptionsError(f"max_iterations: expected 1 or more, got {max_iterations}")
-    if time_limit_s is not None and not time_limit_s > 0:
-        raise OptionsError(f"time_limit_s: expected a positive number, got {time_limit_s}")
-    limit = max_iterations or DEFAULT_MAX_ITERATIONS[solver]
-    if solver == "scs":
-        settings = {"eps_abs": tol, "eps_rel": tol, "max_iters": limit}
-        return settings if time_limit_s is None else {**settings, "time_limit_secs": time_limit_s}
-    settings = {"tol_gap_abs": tol, "tol_gap_rel": tol, "tol_feas": tol, "max_iter": limit}
-    return settings if time_limit_s is None else {**settings, "time_limit": time_limit_s}
 
 
 def _failed(model: Model, status: Status) -> RelaxationResult:
