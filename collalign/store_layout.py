@@ -1,0 +1,76 @@
+"""The tables of a store, statement by statement, and what their rows mean; a file whose tables differ is refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+#: Kinds of records, each a table.
+KINDS = ("shapes", "pairs")
+#: Raised whenever the tables or the encoding of records change.
+FORMAT_VERSION = 1
+#: Marks an SQLite file as a store ("cola").
+APPLICATION_ID = 0x636F6C61
+
+_RECORDS = (
+    "CREATE TABLE {kind} (key TEXT PRIMARY KEY NOT NULL, label TEXT NOT NULL, seconds REAL, "
+    "digest BLOB NOT NULL, record BLOB NOT NULL)"
+)
+STATEMENTS = (
+    *(_RECORDS.format(kind=kind) for kind in KINDS),
+    "CREATE TABLE failures (kind TEXT NOT NULL, key TEXT NOT NULL, label TEXT NOT NULL, crashed INTEGER NOT NULL, "
+    "reason TEXT NOT NULL, PRIMARY KEY (kind, key)) WITHOUT ROWID",
+    "CREATE TABLE plan (kind TEXT NOT NULL, key TEXT NOT NULL, label TEXT NOT NULL, "
+    "PRIMARY KEY (kind, key)) WITHOUT ROWID",
+    "CREATE TABLE meta (name TEXT PRIMARY KEY NOT NULL, value TEXT NOT NULL) WITHOUT ROWID",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure:
+    """Why a shape or pair has no result.
+
+    Attributes
+    ----------
+    reason : str
+        One sentence.
+    label : str
+        What it is, for people.
+    crashed : bool
+        Whether a worker died or hung on it, which another run may survive, rather than an error that it raised.
+    """
+
+    reason: str
+    label: str
+    crashed: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Counts:
+    """How far a run is with one kind of record: ``planned == done + failed + left``."""
+
+    planned: int
+    done: int
+    failed: int
+    left: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Costs:
+    """What the finished records of one kind took: how many, mean seconds (NaN where unknown), mean bytes."""
+
+    num_records: int
+    mean_seconds: float
+    mean_bytes: float
+
+
+def table_of(kind: str) -> str:
+    """Return the table of a kind of records.
+
+    Raises
+    ------
+    ValueError
+        If there is no such kind; table names are never built from anything else.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"kind: expected one of {KINDS}, got {kind!r}")
+    return kind

@@ -1,0 +1,53 @@
+"""Functions for the tests of jobs: they live in a module so that worker processes can import them."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from collalign.records import Record
+
+
+def spectrum(payload: Any) -> NDArray[np.float64]:
+    """Matrix products, decompositions and random numbers: bytes that depend on the number of BLAS threads."""
+    rng = np.random.default_rng(payload)
+    matrix = rng.standard_normal((120, 120))
+    return np.linalg.eigh(matrix @ matrix.T)[1][:, :3].copy()
+
+
+def look_up(payload: str, shared: Mapping[str, Record]) -> float:
+    return float(shared[payload]["positions"].sum())
+
+
+def process_id(payload: Any) -> int:
+    time.sleep(0.02)
+    return os.getpid()
+
+
+def misbehave(payload: tuple[str, Any]) -> Any:
+    """Do what the payload says: return, raise, crash, hang, fill the memory, or be killed the first time only."""
+    action, value = payload
+    if action == "return":
+        time.sleep(0.01)
+    elif action == "raise":
+        raise ValueError(f"no answer for {value}")
+    elif action == "exit":
+        os._exit(3)
+    elif action == "segfault":
+        ctypes.string_at(0)
+    elif action == "hang":
+        ctypes.PyDLL(None).sleep(60)  # holds the interpreter lock
+    elif action == "fill":
+        np.ones(2**33)
+    elif action == "killed-once" and not Path(value).exists():
+        Path(value).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return value
