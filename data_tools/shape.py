@@ -27,6 +27,8 @@ class Shape:
         Where it was read from.
     notes : tuple of str
         What cleaning changed, one sentence each.
+    source_indices : ndarray of int, shape (v,), or None
+        Where cleaning removed vertices: each vertex's index in the file. Read-only. None: the same as here.
     """
 
     name: str
@@ -34,6 +36,7 @@ class Shape:
     faces: IntArray
     file: Path | None = None
     notes: tuple[str, ...] = field(default=())
+    source_indices: IntArray | None = None
 
     @classmethod
     def from_arrays(

@@ -1,0 +1,191 @@
+"""From a shape to what is matched: samples, their normalised positions, spectral coordinates and invariants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.errors import InputError
+from data_tools.invariants import (
+    NUM_SPECTRUM,
+    boundary_distance,
+    heat_kernel_signature,
+    standardised,
+    wave_kernel_signature,
+)
+from data_tools.laplacian import Spectrum
+from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.sampling import farthest_points
+from data_tools.shape import Shape
+from data_tools.working_surface import WorkingSurface
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Samples:
+    """A preprocessed shape: all that matching needs. Arrays are read-only.
+
+    Attributes
+    ----------
+    name : str
+        Of the shape.
+    vertex_indices : ndarray of int, shape (k,)
+        The samples, as vertices of the shape, in the order of farthest point sampling.
+    positions : ndarray, shape (k, 3)
+        ``(vertices[vertex_indices] - offset) / scale``; their mean is 0.
+    coordinates : ndarray, shape (k, d)
+        The positions, then the weighted Laplace-Beltrami block if there is one.
+    block_sizes : tuple of int
+        (3,) or (3, m): the diagonal blocks of R.
+    invariants : ndarray, shape (k, m)
+        Weighted; m may be 0. Their squared distance is what a match costs beside its position.
+    offset : ndarray, shape (3,)
+        Centroid of the samples, in units of the shape.
+    scale : float
+        Units of the shape per unit of ``positions``.
+    dense_indices : ndarray of int, shape (l,)
+        More samples, for refinement; l may be 0.
+    dense_positions : ndarray, shape (l, 3)
+        With the same offset and scale.
+    notes : tuple of str
+        What a user should know: decimated, which operators.
+    """
+
+    name: str
+    vertex_indices: IntArray
+    positions: FloatArray
+    coordinates: FloatArray
+    block_sizes: tuple[int, ...]
+    invariants: FloatArray
+    offset: FloatArray
+    scale: float
+    dense_indices: IntArray
+    dense_positions: FloatArray
+    notes: tuple[str, ...] = ()
+
+
+def sample_shape(
+    shape: Shape, sampling: SamplingOptions | None = None, embedding: EmbeddingOptions | None = None
+) -> Samples:
+    """Choose samples on a shape, normalise them and compute their coordinates.
+
+    Compare shapes sampled with the same options only: the unit of length depends on the number of samples.
+
+    Parameters
+    ----------
+    shape : Shape
+    sampling : SamplingOptions, optional
+    embedding : EmbeddingOptions, optional
+
+    Returns
+    -------
+    Samples
+
+    Raises
+    ------
+    InputError
+        If the shape has fewer points than samples, or no extent, or a surface too poor for the embedding.
+    """
+    sampling = SamplingOptions() if sampling is None else sampling
+    embedding = EmbeddingOptions() if embedding is None else embedding
+    surface = WorkingSurface(shape, sampling)
+    chosen = _choose_samples(surface, sampling)
+    indices = _distinct(surface.to_original[chosen], shape)
+    points = shape.vertices[indices]
+    offset = points.mean(axis=0)
+    scale = _unit_of_length(points - offset, surface, sampling)
+    positions = (points - offset) / scale
+    size = float(np.linalg.norm(positions))
+    eigen = _spectrum(surface, embedding)
+    coordinates, block_sizes = _coordinates(positions, size, eigen, chosen, embedding)
+    invariants = _invariants(surface, eigen, chosen, embedding) * size
+    dense = _dense_indices(shape, surface, sampling)
+    return Samples(
+        name=shape.name,
+        vertex_indices=read_only(indices),
+        positions=read_only(positions),
+        coordinates=read_only(coordinates),
+        block_sizes=block_sizes,
+        invariants=read_only(invariants),
+        offset=read_only(offset),
+        scale=scale,
+        dense_indices=read_only(dense),
+        dense_positions=read_only((shape.vertices[dense] - offset) / scale),
+        notes=shape.notes + surface.notes,
+    )
+
+
+def _choose_samples(surface: WorkingSurface, options: SamplingOptions) -> IntArray:
+    """Return the samples as vertices of the working surface."""
+    metric = options.metric
+    if metric == "auto":
+        metric = "geodesic" if surface.shape.is_mesh and not surface.is_open else "euclidean"
+    seeds = surface.seeds(options.num_points // 2) if options.seeds == "agd" else None
+    solver = surface.geodesics if metric == "geodesic" else None
+    return farthest_points(surface.shape, options.num_points, metric=metric, seeds=seeds, solver=solver)
+
+
+def _distinct(indices: IntArray, shape: Shape) -> IntArray:
+    if len(np.unique(indices)) < len(indices):
+        raise InputError(f"{shape.file or shape.name}: too few distinct vertices for {len(indices)} samples")
+    return indices
+
+
+def _unit_of_length(centred: FloatArray, surface: WorkingSurface, options: SamplingOptions) -> float:
+    size = float(np.linalg.norm(centred))
+    if not size > 0:
+        raise InputError(f"{surface.shape.file or surface.shape.name}: all samples lie in one point")
+    if options.normalisation == "centroid":
+        return size
+    return surface.area**0.5 if options.normalisation == "area" else 1.0
+
+
+def _spectrum(surface: WorkingSurface, options: EmbeddingOptions) -> Spectrum | None:
+    needs_signatures = options.has_invariants and (options.hks_weight > 0 or options.wks_weight > 0)
+    num = max(
+        NUM_SPECTRUM if needs_signatures else 0, options.num_eigenfunctions if options.has_eigenfunctions else 0
+    )
+    if options.has_eigenfunctions and options.num_eigenfunctions > len(surface.shape.vertices) - 2:
+        raise InputError(f"{surface.shape.name}: too few vertices for {options.num_eigenfunctions} eigenfunctions")
+    return surface.eigenfunctions(num) if num else None
+
+
+def _coordinates(
+    positions: FloatArray, size: float, eigen: Spectrum | None, chosen: IntArray, options: EmbeddingOptions
+) -> tuple[FloatArray, tuple[int, ...]]:
+    """Return positions and weighted eigenfunctions / sqrt(lambda) (Rustamov 2007), with the block sizes."""
+    if eigen is None or not options.has_eigenfunctions:
+        return positions.copy(), (3,)
+    num = options.num_eigenfunctions
+    block = eigen.functions[chosen, :num] / np.sqrt(np.maximum(eigen.values[:num], 1e-6))
+    block *= size * options.lb_weight**0.5 / np.linalg.norm(block)
+    return np.ascontiguousarray(np.hstack([positions, block])), (3, num)
+
+
+def _invariants(
+    surface: WorkingSurface, eigen: Spectrum | None, chosen: IntArray, options: EmbeddingOptions
+) -> FloatArray:
+    """Return the weighted invariants at the samples, for positions of unit norm, shape (k, m)."""
+    blocks = [np.empty((len(chosen), 0))]
+    if not options.has_invariants:
+        return blocks[0]
+    if options.hks_weight > 0 and eigen is not None:
+        blocks.append(options.hks_weight**0.5 * standardised(heat_kernel_signature(eigen), chosen))
+    if options.wks_weight > 0 and eigen is not None:
+        blocks.append(options.wks_weight**0.5 * standardised(wave_kernel_signature(eigen), chosen))
+    if options.agd_weight > 0:
+        blocks.append(options.agd_weight**0.5 * standardised(surface.agd[:, None], chosen))
+    if options.boundary_weight > 0:
+        distance = boundary_distance(surface.shape, surface.geodesics)[:, None]
+        blocks.append(options.boundary_weight**0.5 * standardised(distance, chosen))
+    return np.ascontiguousarray(np.hstack(blocks))
+
+
+def _dense_indices(shape: Shape, surface: WorkingSurface, options: SamplingOptions) -> IntArray:
+    num = min(options.num_dense_points, len(surface.shape.vertices))
+    if not num:
+        return np.empty(0, dtype=np.int64)
+    chosen = surface.to_original[farthest_points(surface.shape, num, metric="euclidean")]
+    _, first = np.unique(chosen, return_index=True)
+    return chosen[np.sort(first)]

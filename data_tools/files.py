@@ -1,0 +1,74 @@
+"""Files that are complete or not there at all, and folders in the order people expect."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from pathlib import Path
+
+from data_tools.errors import InputError
+
+
+def write_atomic(path: Path, content: bytes) -> Path:
+    """Write a file through a temporary neighbour and a rename: readers see all of it or nothing.
+
+    Parameters
+    ----------
+    path : Path
+        Its folder is made if it does not exist.
+    content : bytes
+
+    Returns
+    -------
+    Path
+        The same path.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    return path
+
+
+def natural_key(name: str) -> tuple[tuple[int, int | str], ...]:
+    """Return a sort key under which ``tooth2`` comes before ``tooth10``; case counts only between equals."""
+    parts = re.split(r"(\d+)", name.casefold())
+    runs = tuple((0, int(part)) if part.isdecimal() else (1, part) for part in parts if part)
+    return (*runs, (2, name))
+
+
+def existing_file(path: Path) -> Path:
+    """Return the path of a file that exists and is not empty.
+
+    Raises
+    ------
+    InputError
+        If it does not exist, is a folder, cannot be read or is empty.
+    """
+    path = Path(path)
+    try:
+        if not path.exists():
+            raise InputError(f"{path}: no such file")
+        if not path.is_file():
+            raise InputError(f"{path}: is not a file")
+        if path.stat().st_size == 0:
+            raise InputError(f"{path}: the file is empty")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    return path
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

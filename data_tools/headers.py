@@ -1,0 +1,126 @@
+"""Does a file hold what its header promises? Checked before any reader allocates memory or guesses."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from data_tools.errors import InputError
+
+_PLY_SIZES = {
+    **dict.fromkeys(("char", "uchar", "int8", "uint8"), 1),
+    **dict.fromkeys(("short", "ushort", "int16", "uint16"), 2),
+    **dict.fromkeys(("int", "uint", "int32", "uint32", "float", "float32"), 4),
+    **dict.fromkeys(("double", "float64", "int64", "uint64"), 8),
+}
+
+
+def check_ply(path: Path, content: bytes) -> None:
+    """Compare a PLY file's length with the counts of its header.
+
+    Raises
+    ------
+    InputError
+        If there is no PLY header, or the body is too short for it.
+    """
+    end = re.search(rb"end_header[ \t]*\r?\n?", content[:100_000])
+    if not content.startswith(b"ply") or end is None:
+        raise InputError(f"{path}: not a PLY file, it has no header from 'ply' to 'end_header'")
+    header = content[: end.start()].decode("ascii", errors="replace")
+    is_text = re.search(r"^format\s+ascii", header, re.MULTILINE) is not None
+    elements = _ply_elements(path, header)
+    body = content[end.end() :]
+    if is_text:
+        found = sum(1 for line in body.splitlines() if line.strip())
+        needed, unit = sum(count for _, count, _ in elements), "lines"
+    else:
+        found, unit = len(body), "bytes"
+        needed = sum(count * size for _, count, size in elements)
+    if found < needed:
+        raise InputError(
+            f"{path}: truncated, its header promises at least {needed} {unit} of data and {found} follow"
+        )
+    if not any(name == "vertex" and count > 0 for name, count, _ in elements):
+        raise InputError(f"{path}: its header lists no vertices")
+
+
+def check_off(path: Path, content: bytes) -> None:
+    """Compare an OFF file's length with the counts of its header.
+
+    Raises
+    ------
+    InputError
+        If there is no OFF header, or vertices or faces are missing.
+    """
+    text = content.decode("utf-8", errors="replace")
+    lines = [line for line in (raw.split("#", 1)[0].strip() for raw in text.splitlines()) if line]
+    match = re.match(r"(ST)?C?N?OFF\b", lines[0]) if lines else None
+    if match is None:
+        raise InputError(f"{path}: not an OFF file, its first word is not OFF")
+    rest = lines[0][match.end() :].split()
+    lines = lines[1:] if rest else lines[2:]
+    counts = rest or (text and _second_line(text))
+    if len(counts) < 2 or not all(c.isdecimal() for c in counts[:2]):
+        raise InputError(f"{path}: its OFF header holds no counts of vertices and faces")
+    needed = int(counts[0]) + int(counts[1])
+    if len(lines) < needed:
+        raise InputError(f"{path}: truncated, its header promises {needed} lines of data and {len(lines)} follow")
+
+
+def check_obj(path: Path, content: bytes) -> None:
+    """Check that an OBJ file has vertices, of three numbers each, and a complete last line.
+
+    Raises
+    ------
+    InputError
+        If not.
+    """
+    vertices = re.findall(rb"^[ \t]*v[ \t]+([^\r\n]*)", content, re.MULTILINE)
+    if not vertices:
+        raise InputError(f"{path}: not an OBJ file, it has no vertex lines 'v x y z'")
+    short = sum(1 for line in vertices if len(line.split()) < 3)
+    if short:
+        raise InputError(f"{path}: {short} vertex lines have fewer than three numbers (truncated?)")
+
+
+def check_stl(path: Path, content: bytes) -> None:
+    """Check the length of a binary STL file, or that a text one is complete.
+
+    Raises
+    ------
+    InputError
+        If the file is truncated, or neither.
+    """
+    if len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little"):
+        return
+    if content.lstrip()[:5].lower() != b"solid":
+        promised = int.from_bytes(content[80:84], "little") if len(content) >= 84 else 0
+        raise InputError(
+            f"{path}: not an STL file or truncated: no 'solid', and {len(content)} bytes where a binary header "
+            f"promises {promised} triangles"
+        )
+    lower = content.lower()
+    num_vertices, num_ends = len(re.findall(rb"\bvertex\b", lower)), len(re.findall(rb"\bendfacet\b", lower))
+    if num_vertices != 3 * num_ends or b"endsolid" not in lower:
+        raise InputError(f"{path}: truncated STL text, {num_vertices} vertices in {num_ends} complete triangles")
+
+
+def _ply_elements(path: Path, header: str) -> list[tuple[str, int, int]]:
+    """Return the name, count and least size in bytes of each element."""
+    elements: list[tuple[str, int, int]] = []
+    for line in header.splitlines():
+        words = line.split()
+        if words[:1] == ["element"]:
+            if len(words) != 3 or not words[2].isdecimal():
+                raise InputError(f"{path}: malformed PLY header line {line.strip()!r}")
+            elements.append((words[1], int(words[2]), 0))
+        elif words[:1] == ["property"] and elements:
+            size = _PLY_SIZES.get(words[2] if words[1:2] == ["list"] and len(words) > 2 else (words + [""])[1], 1)
+            name, count, total = elements[-1]
+            elements[-1] = (name, count, total + size)
+    return elements
+
+
+def _second_line(text: str) -> list[str]:
+    lines = [line for line in (raw.split("#", 1)[0].strip() for raw in text.splitlines()) if line]
+    return lines[1].split() if len(lines) > 1 else []

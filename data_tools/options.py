@@ -1,0 +1,133 @@
+"""How shapes are cleaned, sampled and embedded: every option, its default and why."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from data_tools.errors import OptionsError
+
+#: How distances between samples are measured.
+Metric = Literal["auto", "geodesic", "euclidean"]
+#: What one unit of length is after preprocessing.
+Normalisation = Literal["centroid", "area", "none"]
+#: Which evidence is matched.
+EmbeddingKind = Literal["xyz", "xyz+lb", "xyz+invariants", "all"]
+#: Where farthest point sampling starts.
+Seeds = Literal["agd", "centroid"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CleaningOptions:
+    """What is repaired when a file is read; every change is written to ``Shape.notes``."""
+
+    merge_vertices: bool = True
+    """Merge vertices at exactly the same place (STL files repeat each vertex in every triangle)."""
+
+    largest_component: bool = True
+    """Keep only the connected part of the largest area; fragments otherwise attract samples."""
+
+    def __post_init__(self) -> None:
+        _check_flag("merge_vertices", self.merge_vertices)
+        _check_flag("largest_component", self.largest_component)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SamplingOptions:
+    """Which points represent a shape."""
+
+    num_points: int = 64
+    """Samples per shape, matched exactly. 20 are quick, 64 are right more often."""
+
+    metric: Metric = "auto"
+    """Distance of farthest point sampling; "auto" is geodesic on closed surfaces (reaches the tips of limbs) and
+    Euclidean on open surfaces and point clouds (geodesic samples crowd at their boundary)."""
+
+    seeds: Seeds = "agd"
+    """First samples: extrema of the average geodesic distance, or the vertex farthest from the centroid."""
+
+    num_dense_points: int = 400
+    """Samples for the final refinement (Euclidean farthest points); 0 leaves it out."""
+
+    normalisation: Normalisation = "centroid"
+    """Unit of length: the centroid size of the samples, the square root of the surface area, or the file's own."""
+
+    max_faces: int = 100_000
+    """Larger meshes are decimated to this many triangles for preprocessing; samples stay vertices of the original."""
+
+    max_cloud_points: int = 20_000
+    """Larger point clouds are thinned to this many points for preprocessing; samples stay points of the original."""
+
+    def __post_init__(self) -> None:
+        _check_choice("metric", self.metric, get_args(Metric))
+        _check_choice("seeds", self.seeds, get_args(Seeds))
+        _check_choice("normalisation", self.normalisation, get_args(Normalisation))
+        _check_count("num_points", self.num_points, lower=4)
+        _check_count("num_dense_points", self.num_dense_points, lower=0)
+        _check_count("max_faces", self.max_faces, lower=1000)
+        _check_count("max_cloud_points", self.max_cloud_points, lower=1000)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmbeddingOptions:
+    """Which coordinates each sample has beside its position.
+
+    A weight is the squared norm of a block over all samples, relative to that of the positions. So 1 says that an
+    entirely wrong match costs as much by this block as by its position.
+    """
+
+    kind: EmbeddingKind = "xyz+invariants"
+    """xyz: positions; lb: Laplace-Beltrami eigenfunctions, rotated among themselves; invariants: descriptors that
+    no rotation changes; all: the three together."""
+
+    num_eigenfunctions: int = 4
+    """Size of the Laplace-Beltrami block (the paper's 7-dimensional embedding has 4)."""
+
+    lb_weight: float = 0.3
+    """Weight of the eigenfunctions divided by the square roots of their eigenvalues; .1 to .3 work, 3 hurts."""
+
+    hks_weight: float = 0.2
+    """Weight of the log heat kernel signature at times .003, .01, .03, .1 of the surface scaled to unit area."""
+
+    agd_weight: float = 0.0
+    """Weight of the average geodesic distance."""
+
+    wks_weight: float = 0.0
+    """Weight of the wave kernel signature."""
+
+    boundary_weight: float = 0.2
+    """Weight of the distance to the boundary; zero on closed surfaces, where there is none."""
+
+    def __post_init__(self) -> None:
+        _check_choice("kind", self.kind, get_args(EmbeddingKind))
+        _check_count("num_eigenfunctions", self.num_eigenfunctions, lower=1)
+        for name in ("lb_weight", "hks_weight", "agd_weight", "wks_weight", "boundary_weight"):
+            value = getattr(self, name)
+            if not isinstance(value, int | float) or not math.isfinite(value) or value < 0:
+                raise OptionsError(f"{name}: expected a number of at least 0, got {value!r}")
+
+    @property
+    def has_eigenfunctions(self) -> bool:
+        """Whether the Laplace-Beltrami block is asked for."""
+        return self.kind in ("xyz+lb", "all")
+
+    @property
+    def has_invariants(self) -> bool:
+        """Whether invariants are asked for."""
+        return self.kind in ("xyz+invariants", "all")
+
+
+def _check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise OptionsError(f"{name}: expected one of {', '.join(choices)}, got {value!r}")
+
+
+def _check_count(name: str, value: object, *, lower: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or value < lower:
+        raise OptionsError(f"{name}: expected an integer of at least {lower}, got {value!r}")
+
+
+def _check_flag(name: str, value: object) -> None:
+    if not isinstance(value, bool):
+        raise OptionsError(f"{name}: expected true or false, got {value!r}")

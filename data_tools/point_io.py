@@ -1,0 +1,90 @@
+"""Point formats: text tables, NPZ archives and PCD."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.errors import InputError
+from data_tools.pcd import read_pcd
+
+#: Names of the points in an NPZ archive, the first found is read.
+POINT_KEYS = ("vertices", "points", "positions", "xyz")
+#: Larger arrays in an archive are refused before they are unpacked, in bytes.
+MAX_ARRAY_BYTES = 1 << 30
+
+
+def read_text_points(path: Path) -> tuple[FloatArray, IntArray]:
+    """Return the points of a table of numbers; further columns (colours, normals) are ignored.
+
+    Columns are separated by blanks, tabs, commas or semicolons; ``#`` and ``//`` start comments. A first line of
+    words is a header: columns named x, y and z are taken, else the first three.
+    """
+    text = path.read_text(encoding="utf-8", errors="replace")
+    rows = [_words(line) for line in text.splitlines()]
+    numbered = [(number, words) for number, words in enumerate(rows, start=1) if words]
+    if not numbered:
+        raise InputError(f"{path}: holds no points")
+    columns = [0, 1, 2]
+    if not _is_number(numbered[0][1][0]):
+        columns = _header_columns(numbered[0][1])
+        numbered = numbered[1:]
+    width = len(numbered[0][1]) if numbered else 0
+    for number, words in numbered:
+        if len(words) != width or width <= max(columns):
+            raise InputError(
+                f"{path}: line {number} has {len(words)} columns, expected {max(width, max(columns) + 1)} (truncated?)"
+            )
+        if not all(_is_number(words[c]) for c in columns):
+            raise InputError(f"{path}: line {number} is not numbers: {' '.join(words)[:60]!r}")
+    points = np.array([[float(words[c]) for c in columns] for _, words in numbered]).reshape(-1, 3)
+    return points, np.empty((0, 3), dtype=np.int64)
+
+
+def read_npz(path: Path) -> tuple[FloatArray, IntArray]:
+    """Return ``vertices`` (or ``points``, ``positions``, ``xyz``) and ``faces`` if there are any; no pickles."""
+    if not zipfile.is_zipfile(path):
+        raise InputError(f"{path}: not an NPZ archive, or truncated")
+    with zipfile.ZipFile(path) as archive:
+        largest = max((info.file_size for info in archive.infolist()), default=0)
+    if largest > MAX_ARRAY_BYTES:
+        raise InputError(f"{path}: an array of {largest} bytes is larger than {MAX_ARRAY_BYTES}")
+    with np.load(path, allow_pickle=False) as arrays:
+        key = next((k for k in POINT_KEYS if k in arrays), None)
+        if key is None:
+            raise InputError(f"{path}: holds none of the arrays {', '.join(POINT_KEYS)}, but {', '.join(arrays)}")
+        return arrays[key], arrays["faces"] if "faces" in arrays else np.empty((0, 3), dtype=np.int64)
+
+
+def _words(line: str) -> list[str]:
+    content = re.split(r"#|//", line, maxsplit=1)[0].strip().strip("\ufeff")
+    return re.split(r"\s*[,;]\s*|\s+", content) if content else []
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _header_columns(words: list[str]) -> list[int]:
+    names = [word.strip("\"'").lower() for word in words]
+    if all(axis in names for axis in "xyz"):
+        return [names.index(axis) for axis in "xyz"]
+    return [0, 1, 2]
+
+
+#: Reader of each suffix.
+READERS = {
+    ".xyz": read_text_points,
+    ".txt": read_text_points,
+    ".csv": read_text_points,
+    ".npz": read_npz,
+    ".pcd": read_pcd,
+}

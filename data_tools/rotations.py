@@ -1,0 +1,103 @@
+"""Rotations of space: random ones, angles between them, and the one that landmarks ask for."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_tools.arrays import FloatArray, as_floats, as_points
+from data_tools.errors import InputError, OptionsError
+
+
+def random_rotation(rng: np.random.Generator, dim: int = 3, *, group: str = "SO") -> FloatArray:
+    """Draw a matrix uniformly from the rotations, or from all orthogonal matrices, shape (dim, dim).
+
+    QR of a Gaussian matrix with the signs of R's diagonal removed (Stewart 1980).
+
+    Raises
+    ------
+    OptionsError
+        If the group is neither "SO" nor "O".
+    """
+    if group not in ("SO", "O"):
+        raise OptionsError(f"group: expected 'SO' or 'O', got {group!r}")
+    q, r = np.linalg.qr(rng.standard_normal((dim, dim)))
+    q = q * np.sign(np.diag(r))
+    if group == "SO" and np.linalg.det(q) < 0:
+        q[:, 0] = -q[:, 0]
+    return np.ascontiguousarray(q)
+
+
+def rotation_angle_deg(a: ArrayLike, b: ArrayLike | None = None) -> FloatArray:
+    """Return the angle of the rotation between a and b (of a itself without b) in degrees, shape (...).
+
+    Between a rotation and a reflection there is none: NaN.
+
+    Parameters
+    ----------
+    a, b : array_like, shape (..., 3, 3)
+        Orthogonal.
+
+    Notes
+    -----
+    |a - b|_F^2 = 8 sin^2(angle / 2), which keeps full precision at small angles.
+    """
+    first = as_floats(a, "a")
+    second = np.eye(3) if b is None else as_floats(b, "b")
+    if first.shape[-2:] != (3, 3) or second.shape[-2:] != (3, 3):
+        raise InputError(f"expected 3 x 3 matrices, got shapes {first.shape} and {second.shape}")
+    distance = np.sqrt(((first - second) ** 2).sum(axis=(-1, -2)))
+    angle = np.degrees(2.0 * np.arcsin(np.clip(distance / np.sqrt(8.0), 0.0, 1.0)))
+    same_handed = np.linalg.det(first) * np.linalg.det(second) > 0
+    return np.where(same_handed, angle, np.nan)
+
+
+def landmark_rotation(target: ArrayLike, source: ArrayLike, *, group: str = "SO") -> FloatArray:
+    """Return the R_target_source that brings corresponding landmarks together best, shape (3, 3).
+
+    Orthogonal Procrustes of the centred landmarks (Kabsch 1976); scale does not matter.
+
+    Parameters
+    ----------
+    target, source : array_like, shape (l, 3)
+        Row i of one corresponds to row i of the other; rows with NaN (missing landmarks) are left out.
+    group : {"SO", "O"}
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, or fewer than three landmarks are common.
+    """
+    if group not in ("SO", "O"):
+        raise OptionsError(f"group: expected 'SO' or 'O', got {group!r}")
+    q, p = np.asarray(target, dtype=np.float64), np.asarray(source, dtype=np.float64)
+    if q.shape != p.shape or q.ndim != 2:
+        raise InputError(f"landmarks: expected two arrays of one shape (l, 3), got {q.shape} and {p.shape}")
+    common = ~(np.isnan(q).any(axis=1) | np.isnan(p).any(axis=1))
+    q = as_points(q[common], "common landmarks of the target", min_points=3)
+    p = as_points(p[common], "common landmarks of the source", min_points=3)
+    u, _, vt = np.linalg.svd((q - q.mean(axis=0)).T @ (p - p.mean(axis=0)))
+    if group == "SO" and np.linalg.det(u @ vt) < 0:
+        u[:, -1] = -u[:, -1]
+    return u @ vt
+
+
+def landmark_rotation_up_to_symmetry(
+    target: ArrayLike, source: ArrayLike, orbits: ArrayLike, *, group: str = "SO"
+) -> FloatArray:
+    """Return the rotations that landmarks ask for under each symmetry of their labels, shape (s, 3, 3).
+
+    Parameters
+    ----------
+    target, source : array_like, shape (l, 3)
+    orbits : array_like of int, shape (s, l)
+        Each row renames the source's landmarks: a permutation, the identity first.
+    group : {"SO", "O"}
+
+    Returns
+    -------
+    ndarray, shape (s, 3, 3)
+        The first is :func:`landmark_rotation`.
+    """
+    p = np.asarray(source, dtype=np.float64)
+    return np.stack([landmark_rotation(target, p[row], group=group) for row in np.asarray(orbits, dtype=np.int64)])

@@ -1,0 +1,96 @@
+"""What is connected to what in a triangle mesh: edges, boundary, components, defects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+
+#: A boundary shorter than this times the square root of the area is a hole in a closed surface, not its rim.
+OPEN_BOUNDARY = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """The undirected edges of a mesh.
+
+    Attributes
+    ----------
+    vertices : ndarray of int, shape (e, 2)
+        Smaller index first, in lexicographic order.
+    num_faces : ndarray of int, shape (e,)
+        In how many triangles each edge is: 1 on the boundary, more than 2 where the mesh is not a manifold.
+    consistent : ndarray of bool, shape (e,)
+        Whether an inner edge runs in opposite directions in its two triangles.
+    """
+
+    vertices: IntArray
+    num_faces: IntArray
+    consistent: BoolArray
+
+    @property
+    def boundary(self) -> IntArray:
+        """Edges of exactly one triangle, shape (b, 2)."""
+        return self.vertices[self.num_faces == 1]
+
+
+def mesh_edges(faces: IntArray) -> Edges:
+    """Return the edges of triangles given as an (f, 3) array."""
+    directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    forward = (directed[:, 0] < directed[:, 1]).astype(np.int64)
+    edges, inverse, counts = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True)
+    num_forward = np.bincount(inverse.ravel(), weights=forward, minlength=len(edges))
+    return Edges(edges, counts.astype(np.int64), num_forward * 2 == counts)
+
+
+def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return the triangles' areas, shape (f,)."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+def vertex_components(num_vertices: int, edges: IntArray) -> tuple[int, IntArray]:
+    """Return the number of connected components and each vertex's label, shape (v,)."""
+    graph = csr_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(num_vertices, num_vertices))
+    num, labels = connected_components(graph, directed=False)
+    return int(num), labels.astype(np.int64)
+
+
+def boundary_length(vertices: FloatArray, edges: Edges) -> float:
+    """Return the total length of the edges that belong to one triangle only."""
+    rim = edges.boundary
+    return float(np.linalg.norm(vertices[rim[:, 0]] - vertices[rim[:, 1]], axis=1).sum())
+
+
+def is_open_surface(vertices: FloatArray, faces: IntArray) -> bool:
+    """Whether a mesh has a rim: a boundary that is long compared with its size (small holes do not count)."""
+    if not len(faces):
+        return False
+    size = float(np.sqrt(face_areas(vertices, faces).sum()))
+    return boundary_length(vertices, mesh_edges(faces)) > OPEN_BOUNDARY * size
+
+
+def has_manifold_vertices(faces: IntArray, num_vertices: int) -> bool:
+    """Whether the triangles around every vertex form one fan (no two cones meet in a point).
+
+    Around a vertex, two triangles are neighbours when they share an edge at it. The mesh's edges must already be
+    manifold.
+    """
+    corners = np.arange(faces.size).reshape(faces.shape)
+    ends, pairs = [], []
+    for i in range(3):
+        a, b = faces[:, i], faces[:, (i + 1) % 3]
+        ends.append(np.column_stack([np.minimum(a, b), np.maximum(a, b)]))
+        at_a, at_b = corners[:, i], corners[:, (i + 1) % 3]
+        pairs.append(np.where((a < b)[:, None], np.column_stack([at_a, at_b]), np.column_stack([at_b, at_a])))
+    edges, half = np.concatenate(ends), np.concatenate(pairs)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges, half = edges[order], half[order]
+    same = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
+    links = np.concatenate([np.column_stack([half[same, s], half[same + 1, s]]) for s in (0, 1)])
+    num_fans, _ = vertex_components(faces.size, links)
+    return num_fans == len(np.unique(faces[(faces >= 0) & (faces < num_vertices)]))
