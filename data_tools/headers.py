@@ -114,10 +114,10 @@ def _ply_elements(path: Path, header: str) -> list[tuple[str, int, int]]:
             if len(words) != 3 or not words[2].isdecimal():
                 raise InputError(f"{path}: malformed PLY header line {line.strip()!r}")
             elements.append((words[1], int(words[2]), 0))
-        elif words[:1] == ["property"] and elements:
-            size = _PLY_SIZES.get(words[2] if words[1:2] == ["list"] and len(words) > 2 else (words + [""])[1], 1)
+        elif words[:1] == ["property"] and len(words) > 2 and elements:
+            kind = words[2] if words[1] == "list" else words[1]
             name, count, total = elements[-1]
-            elements[-1] = (name, count, total + size)
+            elements[-1] = (name, count, total + _PLY_SIZES.get(kind, 1))
     return elements
 
 

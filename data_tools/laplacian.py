@@ -181,7 +181,7 @@ def _cotangents(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 def _lumped_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     thirds = np.repeat(face_areas(vertices, faces) / 3.0, 3)
-    return np.bincount(faces.ravel(), weights=thirds, minlength=len(vertices))
+    return np.bincount(faces.ravel(), weights=thirds, minlength=len(vertices)).astype(np.float64)
 
 
 def _is_good(vertices: FloatArray, faces: IntArray) -> bool:

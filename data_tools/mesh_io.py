@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -123,12 +124,11 @@ def write_mesh(path: Path | str, shape: Shape) -> Path:
         raise InputError(f"{path}: cannot write {suffix!r}; writable are {', '.join(WRITABLE)}")
     if not shape.is_mesh and suffix not in (".ply", ".obj"):
         raise InputError(f"{path}: a point cloud can be written as .ply or .obj")
-    geometry: trimesh.Trimesh | trimesh.PointCloud
     if shape.is_mesh:
-        geometry = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+        geometry: Any = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
     else:
-        geometry = trimesh.PointCloud(shape.vertices)
-    content = geometry.export(file_type=suffix[1:])
+        geometry = trimesh.PointCloud(shape.vertices)  # type: ignore[no-untyped-call]
+    content: Any = geometry.export(file_type=suffix[1:])
     return write_atomic(path, content.encode() if isinstance(content, str) else content)
 
 

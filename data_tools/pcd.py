@@ -98,5 +98,5 @@ def _from_open3d(path: Path) -> FloatArray:
             f"{path}: compressed PCD files are read by Open3D, which cannot be imported ({error}); "
             "install it with: pip install 'collalign[open3d]'"
         ) from error
-    cloud = open3d.io.read_point_cloud(str(path), remove_nan_points=True)
+    cloud = open3d.io.read_point_cloud(path, remove_nan_points=True)
     return np.asarray(cloud.points, dtype=np.float64).reshape(-1, 3)

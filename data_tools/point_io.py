@@ -36,9 +36,8 @@ def read_text_points(path: Path) -> tuple[FloatArray, IntArray]:
     width = len(numbered[0][1]) if numbered else 0
     for number, words in numbered:
         if len(words) != width or width <= max(columns):
-            raise InputError(
-                f"{path}: line {number} has {len(words)} columns, expected {max(width, max(columns) + 1)} (truncated?)"
-            )
+            expected = max(width, max(columns) + 1)
+            raise InputError(f"{path}: line {number} has {len(words)} columns, expected {expected} (truncated?)")
         if not all(_is_number(words[c]) for c in columns):
             raise InputError(f"{path}: line {number} is not numbers: {' '.join(words)[:60]!r}")
     points = np.array([[float(words[c]) for c in columns] for _, words in numbered]).reshape(-1, 3)

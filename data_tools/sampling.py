@@ -50,6 +50,7 @@ def farthest_points(
     if num > len(shape.vertices):
         what = "vertices" if shape.is_mesh else "points"
         raise InputError(f"{shape.file or shape.name}: {len(shape.vertices)} {what}, {num} samples were asked for")
+    distance_from: Callable[[int], FloatArray]
     if metric == "geodesic":
         distance_from = (solver or GeodesicSolver(shape)).from_vertex
     elif metric == "euclidean":

@@ -202,7 +202,7 @@ def planted_collection(
         raise InputError("members: names repeat")
     shapes, origins = [], []
     rotations = np.stack([random_rotation(rng, group=group) for _ in members])
-    scales = np.exp(rng.uniform(*np.log(scale_range), len(members)))
+    scales = np.exp(rng.uniform(np.log(scale_range[0]), np.log(scale_range[1]), len(members)))
     translations = shift * rng.standard_normal((len(members), 3))
     for member, rotation, scale, translation in zip(members, rotations, scales, translations, strict=True):
         mixed, origin = shuffled(member, rng)
