@@ -1,0 +1,85 @@
+"""Which matches can occur at all: the part of a mask that lies in some feasible assignment.
+
+A convex relaxation over a mask has an interior point only on this part, so the solvers prune the rest first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
+
+from data_tools.arrays import BoolArray, IntArray
+from data_tools.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """The feasible part of an assignment problem's mask.
+
+    Attributes
+    ----------
+    allowed : ndarray of bool, shape (n, k)
+        Matches that occur in at least one feasible assignment.
+    always_full : ndarray of bool, shape (n,)
+        Rows that every feasible assignment fills to their capacity.
+    """
+
+    allowed: BoolArray
+    always_full: BoolArray
+
+
+def assignment_support(allowed: BoolArray, capacity: IntArray | None = None) -> Support:
+    """Prune a mask to the matches that some feasible assignment uses.
+
+    Alternating cycles through one feasible assignment: a match can occur iff its two ends lie in the same strongly
+    connected component of the residual graph (Dulmage and Mendelsohn 1958), where one more node stands for "left
+    free".
+
+    Parameters
+    ----------
+    allowed : ndarray of bool, shape (n, k)
+        Column j may go to row i. Every column must be assigned.
+    capacity : ndarray of int, shape (n,), optional
+        How many columns a row may take; one by default.
+
+    Raises
+    ------
+    InputError
+        If no assignment fits.
+    """
+    n, k = allowed.shape
+    copies = np.ones(n, dtype=np.int64) if capacity is None else np.minimum(capacity, k)
+    row_of_copy = np.repeat(np.arange(n), copies)
+    expanded = allowed[row_of_copy]
+    matched = maximum_bipartite_matching(csr_array(expanded), perm_type="row").astype(np.int64)
+    if (matched < 0).any():
+        raise InputError(f"candidates: no assignment fits them, {int((matched < 0).sum())} points are left over")
+    column_label, copy_label, free_label = _residual_components(expanded, matched)
+    usable = expanded & (copy_label[:, None] == column_label[None, :])
+    usable[matched, np.arange(k)] = True
+    taken = np.zeros(len(row_of_copy), dtype=bool)
+    taken[matched] = True
+    full_copy = taken & (copy_label != free_label)
+    always_full = np.ones(n, dtype=bool)
+    np.logical_and.at(always_full, row_of_copy, full_copy)
+    pruned = np.zeros((n, k), dtype=bool)
+    np.logical_or.at(pruned, row_of_copy, usable)
+    return Support(pruned, always_full)
+
+
+def _residual_components(expanded: BoolArray, matched: IntArray) -> tuple[IntArray, IntArray, int]:
+    """Return the strongly connected components of columns, row copies and the node "free"."""
+    num_copies, k = expanded.shape
+    free = k + num_copies
+    taken = np.zeros(num_copies, dtype=bool)
+    taken[matched] = True
+    rows, cols = np.nonzero(expanded)
+    tails = [cols, k + matched, k + np.flatnonzero(~taken), np.full(k, free)]
+    heads = [k + rows, np.arange(k), np.full(int((~taken).sum()), free), k + matched]
+    tail, head = np.concatenate(tails), np.concatenate(heads)
+    graph = coo_array((np.ones(len(tail)), (tail, head)), shape=(free + 1, free + 1)).tocsr()
+    _, labels = connected_components(graph, directed=True, connection="strong")
+    return labels[:k], labels[k:free], int(labels[free])
