@@ -175,7 +175,7 @@ class _Draws:
         problem = self.problem
         for _ in range(2):
             point_map = _assign(problem.assignment_costs(rotation))
-            rotation = problem.procrustes(point_map)
+            rotation = _procrustes_near(problem, point_map, rotation)
         gaps = np.linalg.norm(problem.source @ rotation.T - problem.target[point_map], axis=1)
         outside = np.abs(rotation[~problem.pattern.mask]).max(initial=0.0)
         if gaps.max() > self.tol or outside > SAME_ROTATION:
@@ -227,6 +227,26 @@ def _equal_norm_matches(problem: Problem, tol: float) -> BoolArray:
 def _has_map(possible: BoolArray) -> bool:
     target_index, source_index = linear_sum_assignment(~possible)
     return bool(possible[target_index, source_index].all())
+
+
+def _procrustes_near(problem: Problem, point_map: IntArray, rotation: FloatArray) -> FloatArray:
+    """Return the best R for a map that acts like ``rotation`` on the directions in which the points do not extend.
+
+    Points in a plane leave the sign of its normal open; plain Procrustes would pick one sign for both solutions.
+    """
+    correlation = problem.target[point_map].T @ (problem.weights[:, None] * problem.source)
+    correlation = np.where(_component_mask(problem), correlation, 0.0)
+    u, s, vt = np.linalg.svd(correlation)
+    null = s <= 1e-9 * s[0]
+    left, right = u[:, null] @ u[:, null].T, vt[null].T @ vt[null]
+    return problem.pattern.project(correlation + (s[0] or 1.0) * left @ rotation @ right)
+
+
+def _component_mask(problem: Problem) -> BoolArray:
+    mask = np.zeros((problem.dim, problem.dim), dtype=bool)
+    for component in problem.pattern.components:
+        mask[np.ix_(component, component)] = True
+    return mask
 
 
 def _assign(costs: FloatArray) -> IntArray:

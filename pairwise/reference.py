@@ -24,6 +24,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.errors import OptionsError
 from pairwise.cvxpy_solve import cvxpy_module, solve_program
 from pairwise.lifted_constraints import (
     cross_product_equations,
@@ -113,7 +114,7 @@ def solve_reference(
     Raises
     ------
     OptionsError
-        If the solver is unknown, or ``tol`` or a limit is not positive.
+        If the solver is unknown, ``tol`` or a limit is not positive, or source points may stay unmatched.
     """
     return solve_model(
         build_model(problem, cross_products=cross_products),
@@ -126,8 +127,9 @@ def solve_reference(
 
 def build_model(problem: Problem, *, cross_products: bool = False) -> Model:
     """Write PM-SDP of a problem in CVXPY, in the reduced form of the module's docstring."""
+    if problem.max_unmatched:
+        raise OptionsError("the CVXPY relaxation matches every source point: leave num_matches and penalties out")
     cp = cvxpy_module()
-
     j, i = np.nonzero(problem.candidates.T)
     r, m = problem.pattern.num_entries, len(i)
     x, b = cp.Variable(m, nonneg=True), cp.Variable((r, m))

@@ -1,0 +1,132 @@
+"""A catalogue of small Procrustes matching problems with known answers, shared by the tests of every solver."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pairwise.pattern import RotationPattern
+from pairwise.problem import Problem
+
+
+@dataclass(frozen=True)
+class KnownProblem:
+    """A problem, its optimal energy (NaN if only brute force knows it) and how many exact solutions it has.
+
+    ``num_solutions`` is 0 where no pose has zero energy and -1 where the exact solutions form a continuum.
+    """
+
+    name: str
+    problem: Problem
+    optimum: float
+    num_solutions: int
+
+
+def random_rotation(rng: np.random.Generator, dim: int, *, reflected: bool = False) -> NDArray[np.float64]:
+    """A matrix drawn uniformly from SO(d), or from the reflections."""
+    matrix, upper = np.linalg.qr(rng.standard_normal((dim, dim)))
+    matrix = matrix * np.sign(np.diag(upper))
+    if (np.linalg.det(matrix) < 0) != reflected:
+        matrix[:, 0] *= -1.0
+    return matrix
+
+
+def planted(
+    rng: np.random.Generator,
+    points: NDArray[np.float64],
+    *,
+    num_source: int | None = None,
+    rotation: NDArray[np.float64] | None = None,
+    noise: float = 0.0,
+    **options: Any,
+) -> Problem:
+    """A problem whose source is a rotated, relabelled, noisy part of the target; the map is drawn at random."""
+    rotation = random_rotation(rng, points.shape[1]) if rotation is None else rotation
+    kept = rng.permutation(len(points))[: num_source or len(points)]
+    source = points[kept] @ rotation + noise * rng.standard_normal((len(kept), points.shape[1]))
+    return Problem.from_user(points, source, **options)
+
+
+def chair(rng: np.random.Generator, num_half: int = 3) -> NDArray[np.float64]:
+    """Points with one mirror plane and no other symmetry, shape (2 * num_half, 3)."""
+    half = rng.random((num_half, 3)) + [0.2, 0.0, 0.0]
+    return np.concatenate([half, half * [-1.0, 1.0, 1.0]])
+
+
+def table(rng: np.random.Generator, num_quarter: int = 2) -> NDArray[np.float64]:
+    """Points with two mirror planes and the half turn that they compose to, shape (4 * num_quarter, 3)."""
+    quarter = rng.random((num_quarter, 3)) + [0.2, 0.5, 0.0]
+    return np.concatenate([quarter * [a, b, 1.0] for a in (1.0, -1.0) for b in (1.0, -1.0)])
+
+
+def catalogue(seed: int = 7) -> list[KnownProblem]:
+    """Every kind of problem once: groups, patterns, masks, weights, constants, symmetric and degenerate shapes."""
+    return [*_exact(seed), *_degenerate(seed), *_noisy(seed)]
+
+
+def _exact(seed: int) -> list[KnownProblem]:
+    rng = np.random.default_rng(seed)
+    cloud, flat, deep = rng.standard_normal((6, 3)), rng.standard_normal((5, 2)), rng.standard_normal((6, 5))
+    diagonal = np.diag(rng.choice([-1.0, 1.0], 4))
+    blocks = np.zeros((5, 5))
+    blocks[:3, :3], blocks[3:, 3:] = random_rotation(rng, 3), random_rotation(rng, 2, reflected=True)
+    mirror = random_rotation(rng, 3, reflected=True)
+    return [
+        KnownProblem("rotation", planted(rng, cloud), 0.0, 1),
+        KnownProblem("injective", planted(rng, cloud, num_source=4), 0.0, 1),
+        KnownProblem("plane", planted(rng, flat), 0.0, 1),
+        KnownProblem("mirrored", planted(rng, cloud, rotation=mirror, group="O"), 0.0, 1),
+        KnownProblem("diagonal", planted(rng, deep[:, :4], rotation=diagonal, rotation_pattern=0, group="O"), 0.0, 1),
+        KnownProblem("blocks", planted(rng, deep, rotation=blocks, rotation_pattern=[3, 2]), 0.0, 1),
+        KnownProblem("weights", planted(rng, cloud, weights=rng.random(6) + 0.1), 0.0, 1),
+        KnownProblem("chair", planted(rng, chair(rng), group="O"), 0.0, 2),
+        KnownProblem("chair turned", planted(rng, chair(rng)), 0.0, 1),
+        KnownProblem("table", planted(rng, table(rng), group="O"), 0.0, 4),
+        KnownProblem("table turned", planted(rng, table(rng)), 0.0, 2),
+    ]
+
+
+def _degenerate(seed: int) -> list[KnownProblem]:
+    rng = np.random.default_rng(seed + 1)
+    cloud = rng.standard_normal((5, 3))
+    coplanar, collinear = cloud * [1.0, 1.0, 0.0], cloud * [1.0, 0.0, 0.0]
+    apart = Problem.from_user([[3.0, 0.0, 0.0], [0.0, 7.0, 0.0]], [[0.0, 0.0, 2.0]])
+    on_line = Problem.from_user([[1.0], [-2.0], [4.0]], [[-1.0], [3.0]], group="O")
+    return [
+        KnownProblem("one point", apart, 1.0, 0),
+        KnownProblem("line", on_line, 1.0, 0),
+        KnownProblem("line turned", Problem.from_user([[1.0], [-2.0]], [[1.0], [3.0]]), 13.0, 0),
+        KnownProblem("coplanar", planted(rng, coplanar, group="O"), 0.0, 2),
+        KnownProblem("collinear", planted(rng, collinear), 0.0, -1),
+        KnownProblem("all equal", planted(rng, np.ones((4, 3))), 0.0, -1),
+        KnownProblem("all zero", Problem.from_user(np.zeros((3, 3)), np.zeros((3, 3))), 0.0, -1),
+        KnownProblem("repeated", planted(rng, cloud[[0, 0, 1, 2, 3]]), 0.0, 1),
+    ]
+
+
+def _noisy(seed: int) -> list[KnownProblem]:
+    rng = np.random.default_rng(seed + 2)
+    cloud, deep = rng.random((5, 3)), rng.random((5, 4))
+    mask = np.ones((5, 4), bool)
+    mask[rng.permutation(5)[:2], [0, 2]] = False
+    invariants = (rng.random((5, 2)), rng.random((5, 2)))
+    special_diagonal = RotationPattern(np.eye(3, dtype=bool), ((0, 1), (1, 2), (2, 3)))
+    options: dict[str, dict[str, Any]] = {
+        "noise": {},
+        "noise O": {"group": "O"},
+        "noise injective": {"num_source": 3},
+        "noise masked": {"num_source": 4, "candidates": mask},
+        "noise weights": {"weights": rng.random(5)},
+        "noise invariants": {"invariants": invariants},
+        "noise identity": {"rotation_pattern": special_diagonal},
+    }
+    noisy = [KnownProblem(name, planted(rng, cloud, noise=0.1, **kw), math.nan, 0) for name, kw in options.items()]
+    noisy.append(KnownProblem("noise blocks", planted(rng, deep, noise=0.1, rotation_pattern=[3, 1]), math.nan, 0))
+    noisy.append(
+        KnownProblem("noise diagonal", planted(rng, deep, noise=0.1, rotation_pattern=0, group="O"), math.nan, 0)
+    )
+    return noisy

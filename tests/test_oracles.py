@@ -1,0 +1,117 @@
+"""Each oracle accepts the right answer and rejects wrong ones; the catalogue's answers agree with brute force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pairwise.problem import Problem
+from pairwise.reference import solve_reference
+from tests.oracles import (
+    brute_force,
+    check_pose,
+    check_relaxation,
+    in_rotation_hull,
+    injective_maps,
+    isometries,
+)
+from tests.problems import KnownProblem, catalogue, chair, planted, random_rotation
+
+CATALOGUE = catalogue()
+
+
+@pytest.mark.parametrize("known", CATALOGUE, ids=lambda known: known.name)
+def test_catalogue_agrees_with_brute_force(known: KnownProblem) -> None:
+    optimum = (
+        brute_force(known.problem).energy
+        if known.problem.num_target <= 7
+        else known.problem.energy(*_isometric_pose(known))
+    )
+    if np.isnan(known.optimum):
+        assert optimum > 1e-3
+    else:
+        assert optimum == pytest.approx(known.optimum, abs=1e-9)
+
+
+def _isometric_pose(known: KnownProblem) -> tuple[np.ndarray, np.ndarray]:
+    maps = isometries(known.problem.target, known.problem.source)
+    rotations = [known.problem.procrustes(point_map) for point_map in maps]
+    energies = [known.problem.energy(r, m) for r, m in zip(rotations, maps, strict=True)]
+    best = int(np.argmin(energies))
+    return rotations[best], maps[best]
+
+
+def test_injective_maps_are_counted_by_hand() -> None:
+    assert len(injective_maps(np.ones((5, 3), bool))) == 60
+    assert len(injective_maps(np.eye(4, dtype=bool))) == 1
+    mask = np.ones((3, 3), bool)
+    mask[0, 0] = False
+    assert len(injective_maps(mask)) == 4
+
+
+def test_brute_force_beats_random_poses(rng: np.random.Generator) -> None:
+    problem = Problem.from_user(rng.random((5, 3)), rng.random((4, 3)), weights=rng.random(4))
+    best = brute_force(problem)
+    assert check_pose(problem, best.rotation, best.point_map, best.energy) == []
+    for _ in range(300):
+        point_map = rng.permutation(5)[:4]
+        assert problem.energy(random_rotation(rng, 3), point_map) >= best.energy
+        assert problem.energy(problem.procrustes(point_map), point_map) >= best.energy - 1e-12
+
+
+def test_brute_force_refuses_bands(rng: np.random.Generator) -> None:
+    problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)), rotation_pattern=1)
+    with pytest.raises(ValueError, match="blocks"):
+        brute_force(problem)
+
+
+def test_check_pose_rejects_wrong_poses(rng: np.random.Generator) -> None:
+    problem = Problem.from_user(
+        rng.random((5, 3)), rng.random((4, 3)), candidates=np.arange(5)[:, None] != np.arange(4)
+    )
+    best = brute_force(problem)
+    pose = (best.rotation, best.point_map, best.energy)
+    mirror, own, twice = np.diag([-1.0, 1.0, 1.0]), np.arange(4), best.point_map[[0, 0, 2, 3]]
+    assert "not orthogonal" in str(check_pose(problem, 1.01 * pose[0], *pose[1:]))
+    assert "reflection" in str(check_pose(problem, mirror @ pose[0], *pose[1:]))
+    assert "injective" in str(check_pose(problem, pose[0], twice, pose[2]))
+    assert "candidates" in str(check_pose(problem, pose[0], own, pose[2]))
+    assert "energy" in str(check_pose(problem, pose[0], pose[1], 0.99 * pose[2]))
+    diagonal = Problem.from_user(problem.target, problem.source, rotation_pattern=0)
+    assert "pattern" in str(check_pose(diagonal, *pose))
+
+
+def test_check_relaxation_rejects_wrong_solutions(rng: np.random.Generator) -> None:
+    problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)))
+    result = solve_reference(problem)
+    assert check_relaxation(problem, result, 1e-5) == []
+    assert "PSD" in str(check_relaxation(problem, replace(result, C=0.9 * result.C), 1e-5))
+    assert "C does not" in str(check_relaxation(problem, replace(result, C=1.01 * result.C), 1e-5))
+    assert "stochastic" in str(check_relaxation(problem, replace(result, X=1.01 * result.X), 1e-5))
+    assert "value" in str(check_relaxation(problem, replace(result, value=0.9 * result.value), 1e-5))
+    assert "hull" in str(check_relaxation(problem, replace(result, R=-np.eye(3)), 1e-5))
+    masked = Problem.from_user(problem.target, problem.source, candidates=result.X.max() > result.X)
+    assert "candidates" in str(check_relaxation(masked, result, 1e-5))
+
+
+def test_rotation_hull_by_definition(rng: np.random.Generator) -> None:
+    for dim in (2, 3):
+        weights = rng.dirichlet(np.ones(4))
+        inside = sum(w * random_rotation(rng, dim) for w in weights)
+        assert in_rotation_hull(inside, 1e-9)
+        assert not in_rotation_hull(random_rotation(rng, dim, reflected=True), 1e-3)
+        assert not in_rotation_hull(1.01 * random_rotation(rng, dim), 1e-3)
+    assert in_rotation_hull(np.diag([1.0, -1.0, -1.0]), 1e-9)
+    assert in_rotation_hull(-np.eye(3) / 3.0, 1e-9)
+    assert not in_rotation_hull(-np.eye(3) / 2.9, 1e-9)
+
+
+def test_isometries_are_the_symmetries(rng: np.random.Generator) -> None:
+    points = chair(rng)
+    problem = planted(rng, points)
+    assert len(isometries(points, problem.source)) == 2
+    assert len(isometries(points, problem.source * 1.01)) == 0
+    cube = np.array([[a, b, c] for a in (1, -1) for b in (1, -1) for c in (1, -1)], dtype=float)
+    assert len(isometries(cube, cube)) == 48
