@@ -82,22 +82,18 @@ def landmark_rotation(target: ArrayLike, source: ArrayLike, *, group: str = "SO"
     return u @ vt
 
 
-def landmark_rotation_up_to_symmetry(
-    target: ArrayLike, source: ArrayLike, orbits: ArrayLike, *, group: str = "SO"
-) -> FloatArray:
-    """Return the rotations that landmarks ask for under each symmetry of their labels, shape (s, 3, 3).
+def rotation_error_deg(estimate: ArrayLike, truth: ArrayLike, *, symmetries: ArrayLike | None = None) -> FloatArray:
+    """Return by how much an estimate of R_target_source is off in degrees, shape (...); NaN if of wrong handedness.
 
     Parameters
     ----------
-    target, source : array_like, shape (l, 3)
-    orbits : array_like of int, shape (s, l)
-        Each row renames the source's landmarks: a permutation, the identity first.
-    group : {"SO", "O"}
-
-    Returns
-    -------
-    ndarray, shape (s, 3, 3)
-        The first is :func:`landmark_rotation`.
+    estimate, truth : array_like, shape (..., 3, 3)
+        Orthogonal.
+    symmetries : array_like, shape (s, 3, 3), optional
+        Rotations under which the source looks the same: the error is the least of those against ``truth @ S``.
     """
-    p = np.asarray(source, dtype=np.float64)
-    return np.stack([landmark_rotation(target, p[row], group=group) for row in np.asarray(orbits, dtype=np.int64)])
+    exact = as_floats(truth, "truth")
+    if symmetries is None:
+        return rotation_angle_deg(estimate, exact)
+    group = as_floats(symmetries, "symmetries", shape=(None, 3, 3))
+    return np.min([rotation_angle_deg(estimate, exact @ s) for s in group], axis=0)

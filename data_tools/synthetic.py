@@ -145,9 +145,9 @@ class PlantedCollection:
     Attributes
     ----------
     shapes : tuple of Shape
-        The vertices of shape i are ``scales[i] * (unposed @ rotations[i].T) + translations[i]``.
+        The vertices of shape i are ``scales[i] * (unposed @ rotations[i]) + translations[i]``.
     rotations : ndarray, shape (N, 3, 3)
-        From the common frame to each shape; determinant -1 for mirrored ones.
+        R_common_shape: from each shape to the common frame; determinant -1 for mirrored shapes.
     scales : ndarray, shape (N,)
     translations : ndarray, shape (N, 3)
     origins : tuple of ndarray of int, each (v_i,)
@@ -167,7 +167,7 @@ class PlantedCollection:
 
     def relative_rotation(self, target: int, source: int) -> FloatArray:
         """Return R_target_source, shape (3, 3)."""
-        return self.rotations[target] @ self.rotations[source].T
+        return self.rotations[target].T @ self.rotations[source]
 
 
 def planted_collection(
@@ -207,7 +207,7 @@ def planted_collection(
     for member, rotation, scale, translation in zip(members, rotations, scales, translations, strict=True):
         mixed, origin = shuffled(member, rng)
         faces = mixed.faces if np.linalg.det(rotation) > 0 else mixed.faces[:, ::-1]
-        vertices = scale * (mixed.vertices @ rotation.T) + translation
+        vertices = scale * (mixed.vertices @ rotation) + translation
         shapes.append(Shape.from_arrays(vertices, faces, name=member.name))
         origins.append(origin)
     return PlantedCollection(
@@ -238,7 +238,7 @@ def demo_collection(*, seed: int = 0, num: int = 10, num_vertices: int = 1500) -
 def write_collection(folder: Path | str, collection: PlantedCollection, *, suffix: str = ".ply") -> tuple[Path, ...]:
     """Write each shape to ``folder`` and the truth to ``folder/truth.json``.
 
-    ``truth.json`` is ``{"shapes": [{"name", "file", "rotation": 3x3 from the common frame to the shape, "scale",
+    ``truth.json`` is ``{"shapes": [{"name", "file", "rotation": 3x3 from the shape to the common frame, "scale",
     "translation", "reflected"}]}``.
 
     Returns
