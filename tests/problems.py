@@ -53,13 +53,13 @@ def planted(
 
 def chair(rng: np.random.Generator, num_half: int = 3) -> NDArray[np.float64]:
     """Points with one mirror plane and no other symmetry, shape (2 * num_half, 3)."""
-    half = rng.random((num_half, 3)) + [0.2, 0.0, 0.0]
+    half = rng.random((num_half, 3)) + np.array([0.2, 0.0, 0.0])
     return np.concatenate([half, half * [-1.0, 1.0, 1.0]])
 
 
 def table(rng: np.random.Generator, num_quarter: int = 2) -> NDArray[np.float64]:
     """Points with two mirror planes and the half turn that they compose to, shape (4 * num_quarter, 3)."""
-    quarter = rng.random((num_quarter, 3)) + [0.2, 0.5, 0.0]
+    quarter = rng.random((num_quarter, 3)) + np.array([0.2, 0.5, 0.0])
     return np.concatenate([quarter * [a, b, 1.0] for a in (1.0, -1.0) for b in (1.0, -1.0)])
 
 
