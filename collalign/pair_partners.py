@@ -1,0 +1,111 @@
+"""The parts of a pair selection: nearest neighbours, random partners by hashing, landmarks, and graph repair."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+
+import networkx as nx
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.errors import OptionsError
+
+
+def all_pairs(num_shapes: int) -> IntArray:
+    """Return all pairs i < j, sorted, shape (N(N-1)/2, 2)."""
+    return np.stack(np.triu_indices(num_shapes, 1), axis=1).astype(np.int64).reshape(-1, 2)
+
+
+def normalised(edges: IntArray) -> IntArray:
+    """Return the pairs as rows i < j, sorted, each once and none with itself."""
+    rows = np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1)
+    return np.unique(rows, axis=0).reshape(-1, 2)
+
+
+def identity_hashes(num_shapes: int, identities: Sequence[str] | None, seed: int) -> NDArray[np.uint64]:
+    """Return a 64-bit hash of each shape's identity (its index where there are none) and the seed.
+
+    Raises
+    ------
+    OptionsError
+        If the identities are not distinct, or not one per shape.
+    """
+    names = [str(i) for i in range(num_shapes)] if identities is None else list(identities)
+    if len(names) != num_shapes or len(set(names)) != num_shapes:
+        raise OptionsError(
+            f"identities: expected {num_shapes} distinct ones, got {len(names)}, {len(set(names))} distinct"
+        )
+    digests = b"".join(hashlib.blake2b(f"{seed} {name}".encode(), digest_size=8).digest() for name in names)
+    return np.frombuffer(digests, dtype="<u8").astype(np.uint64)
+
+
+def pair_hashes(one: np.uint64, others: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Return a hash of (one, other) for each other: the finaliser of SplitMix64 (Steele, Lea, Flood 2014)."""
+    with np.errstate(over="ignore"):
+        x = others + one * np.uint64(0x9E3779B97F4A7C15)
+        x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        return x ^ (x >> np.uint64(31))
+
+
+def random_partners(ids: NDArray[np.uint64], shapes: IntArray, partners: IntArray, num: int) -> IntArray:
+    """Return, for each shape, pairs with the ``num`` partners of least hash, shape (len(shapes) * num, 2)."""
+    pairs = []
+    for shape in shapes:
+        others = partners[partners != shape]
+        order = np.argsort(pair_hashes(ids[shape], ids[others]), kind="stable")[:num]
+        pairs.append(np.stack([np.full(len(order), shape), others[order]], axis=1))
+    return np.concatenate(pairs) if pairs else np.empty((0, 2), dtype=np.int64)
+
+
+def near_partners(points: FloatArray, shapes: IntArray, partners: IntArray, num: int) -> IntArray:
+    """Return, for each shape, pairs with the ``num`` partners nearest in the descriptors."""
+    num = min(num + 1, len(partners))  # one more, since a shape may find itself
+    if not len(shapes) or not num:
+        return np.empty((0, 2), dtype=np.int64)
+    _, found = KDTree(points[partners]).query(points[shapes], k=num)
+    found = partners[np.asarray(found).reshape(len(shapes), num)]
+    rows = [found_of[found_of != shape][: max(num - 1, 1)] for shape, found_of in zip(shapes, found, strict=True)]
+    return np.concatenate(
+        [np.stack([np.full(len(row), shape), row], axis=1) for shape, row in zip(shapes, rows, strict=True)]
+    )
+
+
+def landmark_pairs(points: FloatArray, num_landmarks: int) -> IntArray:
+    """Return the pairs among farthest-point landmarks, and of every other shape with its nearest landmark."""
+    num = min(num_landmarks, len(points))
+    if num == 0:
+        return np.empty((0, 2), dtype=np.int64)
+    landmarks = [int(np.argmin(((points - np.median(points, axis=0)) ** 2).sum(axis=1)))]
+    distances = ((points - points[landmarks[0]]) ** 2).sum(axis=1)
+    while len(landmarks) < num:
+        landmarks.append(int(np.argmax(distances)))
+        distances = np.minimum(distances, ((points - points[landmarks[-1]]) ** 2).sum(axis=1))
+    chosen = np.array(landmarks, dtype=np.int64)
+    others = np.setdiff1d(np.arange(len(points)), chosen)
+    nearest = near_partners(points, others, chosen, 1)
+    return np.concatenate([chosen[all_pairs(num)], nearest])
+
+
+def without_bridges(num_shapes: int, edges: IntArray, points: FloatArray | None) -> IntArray:
+    """Add the fewest pairs that make the graph connected and free of bridges (networkx, Eswaran and Tarjan 1976)."""
+    graph = nx.Graph()
+    graph.add_nodes_from(range(num_shapes))
+    rows = normalised(edges)
+    graph.add_edges_from(rows.tolist())
+    components = [sorted(part) for part in nx.connected_components(graph)]
+    joins = [_closest(points, components[0], part) for part in components[1:]]
+    graph.add_edges_from(joins)
+    joins += [(int(i), int(j)) for i, j in nx.k_edge_augmentation(graph, k=2)]
+    return normalised(np.concatenate([rows, np.array(joins, dtype=np.int64).reshape(-1, 2)]))
+
+
+def _closest(points: FloatArray | None, part: list[int], other: list[int]) -> tuple[int, int]:
+    if points is None:
+        return part[0], other[0]
+    distances, found = KDTree(points[part]).query(points[other])
+    best = int(np.argmin(distances))
+    return part[int(found[best])], other[best]
