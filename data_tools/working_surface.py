@@ -60,7 +60,7 @@ class WorkingSurface:
         """Geodesic distances."""
         solver = GeodesicSolver(self.shape)
         if self.shape.is_mesh and solver.method != "heat":
-            self._notes.append("geodesics are shortest paths along edges, as the mesh is not a connected manifold")
+            self._notes.append("geodesics are shortest paths along edges, as the heat method does not suit the mesh")
         return solver
 
     @cached_property
