@@ -155,7 +155,8 @@ class _Draws:
         self.impossible = False
         self.model = build_model(problem, cross_products=True)
         self.energy = cp.Parameter(problem.pattern.num_entries)
-        objective = 1.0 + (self.model.scale / (self.model.constant or 1.0)) * self.model.objective
+        constant = self.model.constant
+        objective = (self.model.scale * self.model.objective + constant) / (constant or 1.0)
         self.program = cp.Problem(
             cp.Minimize(objective + self.energy @ self.model.entries), [*self.model.linear, *self.model.blocks]
         )
