@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.shape import Shape
-from data_tools.topology import face_areas, has_manifold_vertices, mesh_edges
+from data_tools.topology import face_areas, mesh_edges
 
 #: Neighbours of a point in clouds.
 NUM_NEIGHBOURS = 16
@@ -92,8 +92,8 @@ def cotangent_laplacian(vertices: FloatArray, faces: IntArray) -> SurfaceOperato
 def surface_operators(shape: Shape) -> SurfaceOperators:
     """Return the operators that suit a shape.
 
-    Cotangents on good meshes; the tufted Laplacian (Sharp and Crane 2020) on meshes that are not manifold or have
-    needle triangles, and its point cloud form without triangles.
+    Cotangents on good meshes; the tufted Laplacian (Sharp and Crane 2020) on meshes with edges of more than two
+    triangles or with needle triangles, and its point cloud form without triangles.
 
     Raises
     ------
@@ -187,6 +187,4 @@ def _lumped_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
 def _is_good(vertices: FloatArray, faces: IntArray) -> bool:
     with np.errstate(divide="ignore", invalid="ignore"):
         largest = np.abs(_cotangents(vertices, faces)).max()
-    if not largest < MAX_COTANGENT:
-        return False
-    return int(mesh_edges(faces).num_faces.max()) <= 2 and has_manifold_vertices(faces, len(vertices))
+    return bool(largest < MAX_COTANGENT) and int(mesh_edges(faces).num_faces.max()) <= 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,9 @@ import trimesh
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.headers import check_obj, check_off, check_ply, check_stl
+
+# What trimesh logs about damaged files is said by our own errors; without a handler Python would print it.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 
 def read_with_trimesh(path: Path) -> tuple[FloatArray, IntArray]:

@@ -72,25 +72,3 @@ def is_open_surface(vertices: FloatArray, faces: IntArray) -> bool:
         return False
     size = float(np.sqrt(face_areas(vertices, faces).sum()))
     return boundary_length(vertices, mesh_edges(faces)) > OPEN_BOUNDARY * size
-
-
-def has_manifold_vertices(faces: IntArray, num_vertices: int) -> bool:
-    """Whether the triangles around every vertex form one fan (no two cones meet in a point).
-
-    Around a vertex, two triangles are neighbours when they share an edge at it. The mesh's edges must already be
-    manifold.
-    """
-    corners = np.arange(faces.size).reshape(faces.shape)
-    ends, pairs = [], []
-    for i in range(3):
-        a, b = faces[:, i], faces[:, (i + 1) % 3]
-        ends.append(np.column_stack([np.minimum(a, b), np.maximum(a, b)]))
-        at_a, at_b = corners[:, i], corners[:, (i + 1) % 3]
-        pairs.append(np.where((a < b)[:, None], np.column_stack([at_a, at_b]), np.column_stack([at_b, at_a])))
-    edges, half = np.concatenate(ends), np.concatenate(pairs)
-    order = np.lexsort((edges[:, 1], edges[:, 0]))
-    edges, half = edges[order], half[order]
-    same = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
-    links = np.concatenate([np.column_stack([half[same, s], half[same + 1, s]]) for s in (0, 1)])
-    num_fans, _ = vertex_components(faces.size, links)
-    return num_fans == len(np.unique(faces[(faces >= 0) & (faces < num_vertices)]))

@@ -68,7 +68,7 @@ class WorkingSurface:
         """Stiffness and mass."""
         operators = surface_operators(self.shape)
         if operators.kind == "tufted":
-            self._notes.append("tufted Laplacian, as the mesh is not manifold or has needle triangles")
+            self._notes.append("tufted Laplacian, as the mesh has edges of more than two triangles, or needles")
         return operators
 
     @cached_property
