@@ -1,1 +1,17 @@
-"""Aligns a collection of shapes consistently."""
+"""Aligns a collection of 3D shapes consistently, and says how far each pose can be trusted.
+
+>>> import collalign
+>>> collection = collalign.align_collection("folder_of_meshes")  # doctest: +SKIP
+>>> collection.save("aligned")                                   # doctest: +SKIP
+"""
+
+from importlib.metadata import version
+
+from collalign.align import align_collection
+from collalign.collection import AlignedCollection
+from collalign.options import AlignOptions, RunOptions
+from collalign.synchronization import synchronize
+
+__version__ = version("collalign")
+
+__all__ = ["AlignOptions", "AlignedCollection", "RunOptions", "align_collection", "synchronize"]

@@ -110,6 +110,19 @@ class Store:
             return decode(data, name)
         return None
 
+    def require(self, kind: str, key: str) -> Record:
+        """Return a record that must be there.
+
+        Raises
+        ------
+        StoreError
+            If it is missing or damaged.
+        """
+        record = self.get(kind, key)
+        if record is None:
+            raise StoreError(f"{self._name}: {kind} {key} has vanished while the run was using it")
+        return record
+
     def put(self, kind: str, key: str, record: Record, *, label: str = "", seconds: float = float("nan")) -> None:
         """Keep a record and forget its failure, in one transaction.
 

@@ -1,0 +1,133 @@
+"""``collalign align``, ``collalign add`` and ``collalign demo``."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+from collalign.align import align_collection
+from collalign.collection import AlignedCollection
+from collalign.jobs_progress import ProgressBar
+from collalign.options import AlignOptions, RunOptions
+from collalign.outputs import ALIGNMENT_FILE
+from collalign.stage import ProgressFactory
+from data_tools.arrays import FloatArray
+from data_tools.errors import InputError
+from data_tools.rotations import rotation_angle_deg
+from data_tools.synthetic import PlantedCollection, demo_collection, write_collection
+
+#: Name of the store that a result's folder holds unless another one is named.
+STORE_FILE = "store.sqlite"
+#: Exit code of a run that left shapes or pairs out.
+INCOMPLETE = 3
+#: Shapes below this confidence are named.
+_DOUBT = 0.95
+
+
+def align(
+    folder: Path,
+    *,
+    out: Path,
+    options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
+    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+) -> int:
+    """Align all shapes of a folder.
+
+    Parameters
+    ----------
+    folder
+        Meshes and point clouds, in any poses.
+    out
+        Folder for the results; an interrupted run goes on from the store in it.
+    """
+    run = replace(run, store=run.store or _default_store(out))
+    collection = align_collection(folder, options=options, run=run, progress=_progress())
+    _finish(collection, collection.save(out))
+    return 0 if collection.complete else INCOMPLETE
+
+
+def demo(
+    *,
+    out: Path = Path("collalign-demo"),
+    num_shapes: int = 10,
+    options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
+    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+) -> int:
+    """Generate a small collection in random poses, align it, and compare with the truth.
+
+    Parameters
+    ----------
+    out
+        Folder for the generated shapes and the results.
+    num_shapes
+        How many shapes to generate.
+    """
+    start_s = time.perf_counter()
+    planted = demo_collection(seed=options.seed, num=num_shapes)
+    files = write_collection(out / "shapes", planted)
+    print(f"Generated {len(files)} shapes in random poses: {out / 'shapes'}")
+    code = align(out / "shapes", out=out / "aligned", options=options, run=run)
+    if code in (0, INCOMPLETE):
+        errors = _errors_deg(out / "aligned" / ALIGNMENT_FILE, planted)
+        print(f"Rotation error against the truth, over all pairs: median {np.median(errors):.2f} deg, ", end="")
+        print(f"worst {errors.max():.2f} deg")
+    print(f"Took {time.perf_counter() - start_s:.0f} s.")
+    return code
+
+
+def _errors_deg(alignment: Path, planted: PlantedCollection) -> FloatArray:
+    """Return the angle between found and true relative rotation of every pair."""
+    shapes = json.loads(alignment.read_text())["shapes"]
+    linear = {shape["name"]: np.array(shape["transform"])[:3, :3] for shape in shapes}
+    frames = {
+        i: linear[shape.name] / np.cbrt(np.linalg.det(linear[shape.name]))
+        for i, shape in enumerate(planted.shapes)
+        if shape.name in linear
+    }
+    return np.array(
+        [
+            rotation_angle_deg(frames[i].T @ frames[j], planted.relative_rotation(i, j))
+            for i, j in itertools.combinations(frames, 2)
+        ]
+    )
+
+
+def _progress() -> ProgressFactory | None:
+    return ProgressBar if sys.stderr.isatty() else None
+
+
+def _default_store(out: Path) -> Path:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be made ({error.strerror})") from None
+    return out / STORE_FILE
+
+
+def _finish(collection: AlignedCollection, written: Sequence[Path]) -> None:
+    """Say what came out, whom to doubt, what was left out, and where everything is."""
+    seconds = sum(collection.run.times_s.values())
+    print(f"Aligned {len(collection.names)} shapes by {len(collection.pairs)} pairs in {seconds:.1f} s", end="")
+    print(f" ({collection.run.num_reused} results reused)." if collection.run.num_reused else ".")
+    order = np.argsort(collection.confidence)
+    doubtful = [i for i in order if collection.confidence[i] < _DOUBT]
+    if doubtful:
+        named = ", ".join(f"{collection.names[i]} ({collection.confidence[i]:.2f})" for i in doubtful[:10])
+        print(f"Doubtful poses, look at them first: {named}{', ...' if len(doubtful) > 10 else ''}")
+    for note in collection.notes:
+        print(f"Note: {note}")
+    if collection.skipped:
+        print(f"Skipped, no shapes: {', '.join(collection.skipped)}")
+    for item in collection.excluded:
+        print(f"Left out: {item.file}: {item.reason}", file=sys.stderr)
+    for path in written:
+        print(path)

@@ -1,0 +1,85 @@
+"""``collalign match``: two shapes, the best pose and its alternatives."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from cyclopts import Parameter
+
+from collalign.options import AlignOptions
+from data_tools.embedding import Samples, sample_shape
+from data_tools.files import write_atomic
+from data_tools.mesh_io import read_shape
+from pairwise.match import match as match_points
+from pairwise.results import MatchResult
+
+
+def match(
+    target: Path,
+    source: Path,
+    *,
+    out: Path | None = None,
+    options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
+) -> int:
+    """Match the source's samples to the target's and print the pose, its alternatives and what is proven.
+
+    Parameters
+    ----------
+    target, source
+        Two mesh or point cloud files; the result takes the source to the target.
+    out
+        JSON file for the result; it is printed either way.
+    """
+    shapes = [read_shape(file, options.cleaning) for file in (target, source)]
+    samples = [sample_shape(shape, options.sampling, options.embedding) for shape in shapes]
+    result = match_points(
+        samples[0].coordinates,
+        samples[1].coordinates,
+        group=options.group,
+        rotation_pattern=samples[0].block_sizes if len(samples[0].block_sizes) > 1 else None,
+        invariants=(samples[0].invariants, samples[1].invariants),
+        options=replace(options.matching, seed=options.seed),
+    )
+    text = json.dumps(_record(target, source, samples, result), indent=1)
+    print(text)
+    if out is not None:
+        print(write_atomic(out, text.encode()))
+    return 0
+
+
+def _record(target: Path, source: Path, samples: list[Samples], result: MatchResult) -> dict[str, Any]:
+    """Return the result with poses as 4 x 4 transforms from the source file's coordinates to the target file's."""
+    to, of = samples
+    return {
+        "target": str(target),
+        "source": str(source),
+        "status": result.status.name,
+        "advice": result.status.value,
+        "energy": result.energy,
+        "lower_bound": None if np.isnan(result.lower_bound) else result.lower_bound,
+        "candidates": [
+            {
+                "transform": _transform(to, of, candidate.R_target_source[:3, :3]).tolist(),
+                "energy": candidate.energy,
+                "reflected": candidate.reflected,
+                "map_target_source": [
+                    int(to.vertex_indices[i]) if i >= 0 else -1 for i in candidate.map_target_source
+                ],
+            }
+            for candidate in result.candidates
+        ],
+        "source_vertices": of.vertex_indices.tolist(),
+    }
+
+
+def _transform(to: Samples, of: Samples, rotation: np.ndarray) -> np.ndarray:
+    """Return x -> scale_to * R (x - offset_of) / scale_of + offset_to as a 4 x 4 matrix."""
+    linear = rotation * (to.scale / of.scale)
+    transform = np.eye(4)
+    transform[:3, :3] = linear
+    transform[:3, 3] = to.offset - linear @ of.offset
+    return transform

@@ -1,0 +1,40 @@
+"""``collalign status``: how far a run is, while it runs or after it was interrupted."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from collalign.store import Store
+
+
+def status(store: Path, *, as_json: Annotated[bool, Parameter(name="--json", negative=())] = False) -> int:
+    """Say how much of a run is done, failed and left.
+
+    Parameters
+    ----------
+    store
+        The store file of the run (``OUT/store.sqlite`` unless ``--store`` named another).
+    as_json
+        Print one JSON object instead of text.
+    """
+    with Store.open(store, read_only=True) as opened:
+        counts = opened.status()
+        failures = {kind: opened.failures(kind) for kind in counts}
+    if as_json:
+        report = {
+            kind: asdict(count)
+            | {"failures": [{"label": f.label, "reason": f.reason} for f in failures[kind].values()]}
+            for kind, count in counts.items()
+        }
+        print(json.dumps(report, indent=1))
+        return 0
+    for kind, count in counts.items():
+        print(f"{kind}: {count.done} done, {count.failed} failed, {count.left} left of {count.planned}")
+        for failure in failures[kind].values():
+            print(f"  {failure.label}: {failure.reason}")
+    return 0

@@ -1,0 +1,124 @@
+"""Every option of an alignment, in one place: the command line and the TOML file are generated from these classes."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+from data_tools.errors import OptionsError
+from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
+from pairwise.options import MatchOptions
+
+#: Rotations only, or mirror images as well.
+Group = Literal["SO", "O"]
+#: Which pairs of shapes are matched.
+PairStrategy = Literal["auto", "all", "sparse", "adaptive"]
+#: How the pairs' rotations become one rotation per shape.
+Synchronizer = Literal["robust", "spectral"]
+#: Whether the common frame keeps the sizes of the shapes.
+Scaling = Literal["similarity", "rigid"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlignOptions:
+    """What decides the result of :func:`collalign.align_collection`.
+
+    Raises
+    ------
+    OptionsError
+        If a value is impossible.
+    """
+
+    group: Group = "SO"
+    """SO keeps every shape as it is; O may mirror shapes (left and right specimens in one folder)."""
+
+    scaling: Scaling = "similarity"
+    """similarity brings all shapes to one size; rigid keeps the sizes of the files."""
+
+    pairs: PairStrategy = "auto"
+    """Which pairs are matched: all, a sparse connected graph, or a sparse one that grows where poses are uncertain;
+    auto matches all pairs of up to 40 shapes and is adaptive beyond."""
+
+    synchronization: Synchronizer = "robust"
+    """robust chooses among the pairs' candidates and resists wrong pairs; spectral is the paper's eigenprojection."""
+
+    reference: str = ""
+    """Name of the shape whose orientation is the common frame's; the first one if empty."""
+
+    seed: int = 0
+    """Seed of everything random; the same seed gives the same bytes."""
+
+    strict: bool = False
+    """Stop at the first file or pair that fails instead of leaving it out."""
+
+    cleaning: CleaningOptions = field(default_factory=CleaningOptions)
+    """How meshes are repaired."""
+
+    sampling: SamplingOptions = field(default_factory=SamplingOptions)
+    """Which points represent a shape."""
+
+    embedding: EmbeddingOptions = field(default_factory=EmbeddingOptions)
+    """Which coordinates the points carry."""
+
+    matching: MatchOptions = field(default_factory=MatchOptions)
+    """How a pair is matched."""
+
+    def __post_init__(self) -> None:
+        for name, choices in (
+            ("group", Group),
+            ("scaling", Scaling),
+            ("pairs", PairStrategy),
+            ("synchronization", Synchronizer),
+        ):
+            if getattr(self, name) not in get_args(choices):
+                raise OptionsError(f"{name}: expected one of {get_args(choices)}, got {getattr(self, name)!r}")
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
+            raise OptionsError(f"seed: expected an integer of at least 0, got {self.seed!r}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """How the work is done; nothing here changes the result of what finishes.
+
+    Raises
+    ------
+    OptionsError
+        If a value is impossible.
+    """
+
+    jobs: int = -1
+    """Worker processes; -1 is one per core."""
+
+    store: Path | None = None
+    """SQLite file that keeps every finished shape and pair, so that an interrupted run can go on."""
+
+    scheduler: str | None = None
+    """Address of a Dask scheduler (tcp://...) that takes the jobs instead of this machine's processes."""
+
+    shape_time_limit_s: float = 300.0
+    """Seconds for preparing one shape before it is given up."""
+
+    pair_time_limit_s: float = 300.0
+    """Seconds for matching one pair before it is given up."""
+
+    memory_limit_gib: float = 8.0
+    """Memory of one worker before its task is given up."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.jobs, int) or self.jobs == 0 or self.jobs < -1:
+            raise OptionsError(f"jobs: expected -1 or a positive number of processes, got {self.jobs!r}")
+        for name in ("shape_time_limit_s", "pair_time_limit_s", "memory_limit_gib"):
+            if not getattr(self, name) > 0:
+                raise OptionsError(f"{name}: expected more than 0, got {getattr(self, name)!r}")
+
+    @property
+    def num_workers(self) -> int:
+        """Worker processes, at least one."""
+        return max(1, os.cpu_count() or 1) if self.jobs == -1 else self.jobs
+
+    @property
+    def memory_limit_bytes(self) -> int:
+        """Memory of one worker in bytes."""
+        return int(self.memory_limit_gib * 2**30)

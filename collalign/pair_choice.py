@@ -1,0 +1,84 @@
+"""Chooses the pairs and matches them: at once, or in rounds that add pairs where synchronization is uncertain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from collalign.collection import Excluded
+from collalign.descriptor import shape_descriptor
+from collalign.options import AlignOptions, RunOptions
+from collalign.pair_selection import adaptive_pairs, select_pairs
+from collalign.pairs import MatchedPair, match_pairs, pair_key, synchronize_pairs
+from collalign.prepare import PreparedShapes
+from collalign.stage import ProgressFactory
+from collalign.store import Store
+from data_tools.arrays import IntArray
+from data_tools.embedding import Samples
+
+#: Collections up to this size match all their pairs with ``pairs="auto"``.
+MAX_ALL_PAIRS = 40
+#: How often pairs are added where synchronization is uncertain.
+MAX_ROUNDS = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MatchedPairs:
+    """The pairs that were matched, those that failed, and how many came out of the store."""
+
+    pairs: list[MatchedPair]
+    failed: list[Excluded]
+    num_reused: int
+
+
+def choose_and_match(
+    shapes: PreparedShapes,
+    samples: Sequence[Samples],
+    options: AlignOptions,
+    run: RunOptions,
+    store: Store,
+    *,
+    progress: ProgressFactory | None = None,
+) -> MatchedPairs:
+    """Match the pairs that ``options.pairs`` asks for.
+
+    Parameters
+    ----------
+    shapes : PreparedShapes
+    samples : sequence of Samples
+    options : AlignOptions
+    run : RunOptions
+    store : Store
+    progress : callable, optional
+    """
+    num = len(samples)
+    strategy = options.pairs
+    if strategy == "auto":
+        strategy = "all" if num <= MAX_ALL_PAIRS else "adaptive"
+    descriptors = np.stack([shape_descriptor(item) for item in samples])
+    edges = select_pairs(num, strategy=strategy, descriptors=descriptors, identities=shapes.keys, seed=options.seed)
+    before = store.keys("pairs")
+    pairs, failed = match_pairs(shapes, edges, options, run, store, progress=progress)
+    for _ in range(MAX_ROUNDS if strategy == "adaptive" else 0):
+        solution = synchronize_pairs(pairs, num, options)
+        added = adaptive_pairs(
+            num,
+            edges,
+            solution.confidence,
+            descriptors=descriptors,
+            groups=solution.groups,
+            identities=shapes.keys,
+            seed=options.seed,
+        )
+        if not len(added):
+            break
+        edges = _merged(edges, added)
+        pairs, failed = match_pairs(shapes, edges, options, run, store, progress=progress)
+    reused = [1 for i, j in edges.tolist() if pair_key(shapes, i, j, options) in before]
+    return MatchedPairs(pairs=pairs, failed=failed, num_reused=len(reused))
+
+
+def _merged(edges: IntArray, added: IntArray) -> IntArray:
+    return np.unique(np.concatenate([edges, added]), axis=0)
