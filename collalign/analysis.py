@@ -1,0 +1,229 @@
+"""Shape statistics of an aligned collection: generalised Procrustes mean, principal components, Procrustes distances.
+
+Everything here takes samples with consistent labels, shape (N, k, 3): row b of every shape is the same landmark.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_tools.arrays import BoolArray, FloatArray, as_floats, read_only
+from data_tools.errors import InputError, OptionsError
+
+Distance = Literal["partial", "full", "riemannian"]
+#: Fewest common labels from which a pose in space is determined.
+MIN_LABELS = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProcrustesMean:
+    """A generalised Procrustes superimposition.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (k, 3)
+        Of unit centroid size where sizes were removed.
+    aligned : ndarray, shape (N, k, 3)
+        The superimposed shapes.
+    rotations : ndarray, shape (N, 3, 3)
+        ``aligned[n] = factor_n * (samples[n] - centroid_n) @ rotations[n].T``.
+    centroid_sizes : ndarray, shape (N,)
+        Before superimposition, in the units of the samples.
+    iterations : int
+    converged : bool
+    """
+
+    mean: FloatArray
+    aligned: FloatArray
+    rotations: FloatArray
+    centroid_sizes: FloatArray
+    iterations: int
+    converged: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PrincipalComponents:
+    """Principal components of superimposed shapes.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (k, 3)
+    axes : ndarray, shape (m, k, 3)
+        Orthonormal as vectors of 3k numbers, largest variance first; the largest entry of each is positive.
+    variances : ndarray, shape (m,)
+        Along each axis, with N - 1 in the denominator.
+    shares : ndarray, shape (m,)
+        Of the total variance.
+    scores : ndarray, shape (N, m)
+    """
+
+    mean: FloatArray
+    axes: FloatArray
+    variances: FloatArray
+    shares: FloatArray
+    scores: FloatArray
+
+    def shape_at(self, component: int, deviations: float) -> FloatArray:
+        """Return the shape ``deviations`` standard deviations from the mean along a component, shape (k, 3)."""
+        return self.mean + deviations * np.sqrt(self.variances[component]) * self.axes[component]
+
+
+def common_labels(samples: ArrayLike) -> BoolArray:
+    """Labels that every shape has, shape (k,): those without NaN in any shape."""
+    points = np.asarray(samples, dtype=np.float64)
+    return np.asarray(~np.isnan(points).any(axis=(0, 2)))
+
+
+def generalized_procrustes(
+    samples: ArrayLike, *, scale: bool = True, tol: float = 1e-12, max_iterations: int = 200
+) -> ProcrustesMean:
+    """Superimpose all shapes on their mean, repeatedly, until the mean stands still.
+
+    Rotations only: shapes of opposite handedness must have been mirrored before, as aligned samples are.
+
+    Parameters
+    ----------
+    samples : array_like, shape (N, k, 3)
+        Complete; see :func:`common_labels`.
+    scale : bool
+        Whether shapes are brought to unit centroid size first (partial Procrustes superimposition).
+    tol : float
+        Stop when the squared movement of the mean, relative to its squared size, is below this.
+    max_iterations : int
+
+    Returns
+    -------
+    ProcrustesMean
+
+    Raises
+    ------
+    InputError
+        If samples are missing or a shape is a single point.
+
+    References
+    ----------
+    Gower, Generalized Procrustes analysis, Psychometrika 40 (1975). Rohlf and Slice, Extensions of the Procrustes
+    method for the optimal superimposition of landmarks, Systematic Zoology 39 (1990).
+    """
+    centred, sizes = _centred(as_floats(samples, "samples", shape=(None, None, 3)))
+    if not len(centred):
+        raise InputError("samples: no shapes")
+    shapes = centred / sizes[:, None, None] if scale else centred
+    mean = shapes[0]
+    iterations, converged = 0, False
+    while not converged and iterations < max_iterations:
+        iterations += 1
+        rotations = best_rotations(mean, shapes)
+        aligned = shapes @ np.swapaxes(rotations, 1, 2)
+        new = aligned.mean(axis=0)
+        if scale:
+            new /= np.linalg.norm(new)
+        converged = bool(np.sum((new - mean) ** 2) <= tol * np.sum(mean**2))
+        mean = new
+    return ProcrustesMean(
+        mean=read_only(mean),
+        aligned=read_only(aligned),
+        rotations=read_only(rotations),
+        centroid_sizes=read_only(sizes),
+        iterations=iterations,
+        converged=converged,
+    )
+
+
+def best_rotations(targets: FloatArray, sources: FloatArray) -> FloatArray:
+    """Rotations that bring sources closest to targets, shape (..., 3, 3); both centred, determinant +1.
+
+    Kabsch's solution; ``targets`` and ``sources`` broadcast against each other.
+    """
+    U, _, Vt = np.linalg.svd(np.swapaxes(targets, -1, -2) @ sources)
+    signs = np.ones(U.shape[:-1])
+    signs[..., 2] = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    return (U * signs[..., None, :]) @ Vt
+
+
+def principal_components(aligned: ArrayLike, *, num_components: int | None = None) -> PrincipalComponents:
+    """Principal components of superimposed shapes, shape (N, k, 3), at least two of them.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two shapes or samples are missing.
+    """
+    points = as_floats(aligned, "aligned", shape=(None, None, 3))
+    if len(points) < 2:
+        raise InputError(f"aligned: principal components need at least two shapes, got {len(points)}")
+    mean = points.mean(axis=0)
+    left, singular, axes = np.linalg.svd((points - mean).reshape(len(points), -1), full_matrices=False)
+    count = min(len(points) - 1, axes.shape[0]) if num_components is None else num_components
+    rows = np.arange(len(axes))
+    flip = np.sign(axes[rows, np.abs(axes).argmax(axis=1)])
+    variances = singular**2 / (len(points) - 1)
+    total = float(variances.sum())
+    return PrincipalComponents(
+        mean=read_only(mean),
+        axes=read_only((axes * flip[:, None])[:count].reshape(count, -1, 3)),
+        variances=read_only(variances[:count]),
+        shares=read_only(variances[:count] / total if total > 0 else np.zeros(count)),
+        scores=read_only((left * singular * flip)[:, :count]),
+    )
+
+
+def procrustes_distances(samples: ArrayLike, *, kind: Distance = "partial") -> FloatArray:
+    """Procrustes distances of all pairs, each pair superimposed by itself on the labels that both have.
+
+    Parameters
+    ----------
+    samples : array_like, shape (N, k, 3)
+        NaN where a shape has no such label.
+    kind : {"partial", "full", "riemannian"}
+        With rho = arccos of the summed singular values of the two unit-size configurations: ``2 sin(rho / 2)``,
+        ``sin(rho)`` and ``rho`` (Dryden and Mardia, Statistical Shape Analysis, chapter 4).
+
+    Returns
+    -------
+    ndarray, shape (N, N)
+        Symmetric, zero diagonal; NaN for pairs with fewer than three labels in common.
+    """
+    if kind not in ("partial", "full", "riemannian"):
+        raise OptionsError(f"kind: expected 'partial', 'full' or 'riemannian', got {kind!r}")
+    points = np.array(samples, dtype=np.float64)
+    if points.ndim != 3 or points.shape[2] != 3:
+        raise InputError(f"samples: expected shape (N, k, 3), got {points.shape}")
+    present = np.asarray(~np.isnan(points).any(axis=2))
+    cosines = np.ones((len(points), len(points)))
+    for i in range(len(points) - 1):
+        cosines[i, i + 1 :] = cosines[i + 1 :, i] = _cosines(
+            points[i], points[i + 1 :], present[i] & present[i + 1 :]
+        )
+    rho = np.arccos(np.clip(cosines, -1.0, 1.0))
+    np.fill_diagonal(rho, 0.0)
+    return {"partial": 2 * np.sin(rho / 2), "full": np.sin(rho), "riemannian": rho}[kind]
+
+
+def _centred(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    centred = points - points.mean(axis=1, keepdims=True)
+    sizes = np.sqrt((centred**2).sum(axis=(1, 2)))
+    if (sizes <= 0).any():
+        raise InputError(f"samples: shape {int(sizes.argmin())} is a single point and has no size")
+    return centred, sizes
+
+
+def _cosines(one: FloatArray, others: FloatArray, common: BoolArray) -> FloatArray:
+    """Summed signed singular values of ``one`` against each of ``others`` on common labels, NaN where too few."""
+    counts = common.sum(axis=1)
+    mask = common[:, :, None].astype(np.float64)
+    num = np.maximum(counts, 1)[:, None, None]
+    a = np.nan_to_num(one)[None] * mask
+    b = np.nan_to_num(others) * mask
+    a = (a - a.sum(axis=1, keepdims=True) / num) * mask
+    b = (b - b.sum(axis=1, keepdims=True) / num) * mask
+    norms = np.linalg.norm(a, axis=(1, 2)) * np.linalg.norm(b, axis=(1, 2))
+    cross = np.swapaxes(a, 1, 2) @ b
+    singular = np.linalg.svd(cross, compute_uv=False)
+    singular[:, 2] *= np.sign(np.linalg.det(cross))
+    usable = (counts >= MIN_LABELS) & (norms > 0)
+    return np.where(usable, singular.sum(axis=1) / np.where(norms > 0, norms, 1.0), np.nan)

@@ -1,0 +1,119 @@
+"""Tables of labels: one row per shape, one column per kind of label (taxon, side, sex, ...)."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from data_tools.errors import InputError
+
+#: Values that mean "not known", compared without regard to case.
+UNKNOWN = frozenset({"", "na", "n/a", "nan", "none", "unknown", "?"})
+#: Columns that may hold the shapes' names, the first found counts; otherwise it is the first column.
+NAME_COLUMNS = ("name", "shape", "specimen", "id", "file")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Labels:
+    """A table of labels by shape.
+
+    Attributes
+    ----------
+    source : str
+        The file it came from, for messages.
+    columns : mapping of str to mapping of str to str
+        Column name, then shape name, to the value; ``""`` where unknown.
+    """
+
+    source: str
+    columns: Mapping[str, Mapping[str, str]]
+
+    def column(self, by: str, names: Sequence[str]) -> tuple[str, ...]:
+        """Values of one column for the named shapes, ``""`` where the table has no row for a shape.
+
+        Raises
+        ------
+        InputError
+            If there is no such column, or not a single one of the shapes has a value in it.
+        """
+        if by not in self.columns:
+            raise InputError(
+                f"{self.source}: no column {by!r}; it has {', '.join(map(repr, self.columns)) or 'none'}"
+            )
+        values = tuple(self.columns[by].get(name, "") for name in names)
+        if not any(values):
+            raise InputError(
+                f"{self.source}: column {by!r} has no value for any of the {len(names)} shapes; "
+                f"its names must be those of the shapes ({', '.join(names[:3])}, ...)"
+            )
+        return values
+
+    def columns_for(self, names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+        """All columns that say something about the named shapes."""
+        found = {by: tuple(values.get(name, "") for name in names) for by, values in self.columns.items()}
+        return {by: values for by, values in found.items() if any(values)}
+
+
+def read_labels(path: Path | str) -> Labels:
+    """Read a CSV file with one row per shape and a heading.
+
+    Names are compared without folder and without a mesh file's ending. Values such as ``NA`` count as unknown.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read as such a table, or names a shape twice with different values.
+    """
+    source = Path(path)
+    try:
+        text = source.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{source}: cannot be read as text ({error}); save the table as CSV in UTF-8") from error
+    dialect = _dialect(text)
+    rows = list(csv.reader(text.splitlines(), dialect))
+    if len(rows) < 2 or len(rows[0]) < 2:
+        raise InputError(
+            f"{source}: expected a heading and rows with a name and at least one label, separated by commas"
+        )
+    heading = [cell.strip() for cell in rows[0]]
+    lower = [cell.lower() for cell in heading]
+    at_name = next((lower.index(name) for name in NAME_COLUMNS if name in lower), 0)
+    columns: dict[str, dict[str, str]] = {column: {} for at, column in enumerate(heading) if at != at_name and column}
+    for number, row in enumerate(rows[1:], start=2):
+        if not any(cell.strip() for cell in row):
+            continue
+        if len(row) != len(heading):
+            raise InputError(f"{source}, line {number}: {len(row)} cells under {len(heading)} headings")
+        name = shape_name(row[at_name])
+        for column, cell in zip(heading, row, strict=True):
+            if column in columns:
+                _enter(columns[column], name, known_label(cell), f"{source}, line {number}: {name!r} is listed twice")
+    return Labels(source=str(source), columns=columns)
+
+
+def shape_name(text: str) -> str:
+    """Name of a shape as a table may write it: without folder, without the ending of a mesh or point file."""
+    name = text.strip().replace("\\", "/").rsplit("/", 1)[-1]
+    stem, dot, ending = name.rpartition(".")
+    return stem if dot and ending.lower() in ("ply", "obj", "stl", "off", "vtk", "vtp", "xyz", "npz", "npy") else name
+
+
+def _dialect(text: str) -> type[csv.Dialect]:
+    try:
+        return csv.Sniffer().sniff(text[:4096], delimiters=",;\t")
+    except csv.Error:
+        return csv.excel
+
+
+def known_label(cell: str) -> str:
+    """Label without surrounding blanks, ``""`` if it says that nothing is known."""
+    value = cell.strip()
+    return "" if value.lower() in UNKNOWN else value
+
+
+def _enter(column: dict[str, str], name: str, value: str, problem: str) -> None:
+    if column.get(name, value) != value:
+        raise InputError(f"{problem} with different labels; keep one row per shape")
+    column[name] = value

@@ -1,0 +1,101 @@
+"""Pictures of a distance matrix: multidimensional scaling and the cophenetic tree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.cluster.hierarchy import cophenet, leaves_list, linkage
+from scipy.spatial.distance import squareform
+
+from data_tools.arrays import FloatArray, IntArray, as_floats, read_only
+from data_tools.errors import InputError
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tree:
+    """A hierarchical clustering of shapes.
+
+    Attributes
+    ----------
+    linkage : ndarray, shape (N - 1, 4)
+        In SciPy's form: the two clusters joined, their distance, the number of shapes.
+    order : ndarray of int, shape (N,)
+        Leaves as drawn from top to bottom.
+    cophenetic : ndarray, shape (N, N)
+        Height at which two shapes are first joined.
+    correlation : float
+        Between cophenetic and given distances: how much of them a tree can show; NaN for fewer than three shapes.
+    """
+
+    linkage: FloatArray
+    order: IntArray
+    cophenetic: FloatArray
+    correlation: float
+
+
+def classical_mds(distances: ArrayLike, *, num_dimensions: int = 2) -> tuple[FloatArray, FloatArray]:
+    """Classical multidimensional scaling (principal coordinates) of a complete distance matrix.
+
+    Parameters
+    ----------
+    distances : array_like, shape (N, N)
+    num_dimensions : int
+
+    Returns
+    -------
+    coordinates : ndarray, shape (N, num_dimensions)
+        The largest entry of each column is positive.
+    shares : ndarray, shape (num_dimensions,)
+        Part of the sum of positive eigenvalues that each axis shows.
+
+    References
+    ----------
+    Torgerson, Multidimensional scaling: I. Theory and method, Psychometrika 17 (1952).
+    """
+    squared = as_floats(distances, "distances") ** 2
+    centring = np.eye(len(squared)) - 1.0 / len(squared)
+    values, vectors = np.linalg.eigh(-0.5 * centring @ squared @ centring)
+    values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
+    coordinates = np.zeros((len(squared), num_dimensions))
+    count = min(num_dimensions, len(squared))
+    coordinates[:, :count] = (vectors * np.sqrt(values))[:, :count]
+    largest = np.abs(coordinates).argmax(axis=0)
+    coordinates *= np.where(coordinates[largest, np.arange(num_dimensions)] < 0, -1.0, 1.0)
+    shares = np.zeros(num_dimensions)
+    shares[:count] = values[:count] / max(float(values.sum()), np.finfo(float).tiny)
+    return coordinates, shares
+
+
+def cophenetic_tree(distances: ArrayLike, *, method: str = "average") -> Tree:
+    """Cluster shapes hierarchically by a complete distance matrix; ``"average"`` is UPGMA.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two shapes, or distances are missing.
+    """
+    matrix = as_floats(distances, "distances")
+    if len(matrix) < 2:
+        raise InputError(f"distances: a tree needs at least two shapes, got {len(matrix)}")
+    condensed = squareform(matrix, checks=False)
+    joined = linkage(condensed, method=method)
+    heights = cophenet(joined)
+    spread = min(float(np.ptp(condensed)), float(np.ptp(heights)))
+    return Tree(
+        linkage=read_only(joined),
+        order=read_only(leaves_list(joined).astype(np.int64)),
+        cophenetic=read_only(squareform(heights)),
+        correlation=float(np.corrcoef(condensed, heights)[0, 1]) if spread > 0 else float("nan"),
+    )
+
+
+def newick(tree: Tree, names: tuple[str, ...]) -> str:
+    """Write a tree in Newick form; a branch is half the difference of heights, so that every tip is equally deep."""
+    quoted = ["'" + name.replace("'", "''") + "'" for name in names]
+    parts = [(text, 0.0) for text in quoted]
+    for left, right, height, _ in tree.linkage:
+        branches = [f"{text}:{(height - low) / 2!r}" for text, low in (parts[int(left)], parts[int(right)])]
+        parts.append((f"({','.join(branches)})", float(height)))
+    return parts[-1][0] + ";"

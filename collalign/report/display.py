@@ -1,0 +1,48 @@
+"""Meshes for looking at: few triangles, the same outline."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray
+
+#: A report holds about this many triangles in all, but each shape between the two limits.
+_FACES_IN_ALL = 500_000
+_FEWEST, _MOST = 1_500, 6_000
+
+
+def faces_per_shape(num_shapes: int) -> int:
+    """Triangles per shape that keep a report of ``num_shapes`` shapes small enough to send."""
+    return int(np.clip(_FACES_IN_ALL // max(num_shapes, 1), _FEWEST, _MOST))
+
+
+def display_mesh(vertices: FloatArray, faces: IntArray, *, max_faces: int) -> tuple[FloatArray, IntArray]:
+    """Decimate a mesh by edge collapses, or thin out a point cloud evenly.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (v, 3)
+    faces : ndarray of int, shape (f, 3)
+        Empty for a point cloud.
+    max_faces : int
+        Triangles (points for a cloud) to keep, about.
+
+    Returns
+    -------
+    vertices : ndarray, shape (w, 3)
+    faces : ndarray of int, shape (g, 3)
+    """
+    if not len(faces):
+        stride = -(-len(vertices) // max_faces)
+        return np.ascontiguousarray(vertices[::stride]), np.empty((0, 3), dtype=np.int64)
+    if len(faces) <= max_faces:
+        return vertices, faces
+    import fast_simplification
+
+    centre = vertices.mean(axis=0)
+    few, triangles = fast_simplification.simplify(
+        np.ascontiguousarray(vertices - centre, dtype=np.float32),
+        np.ascontiguousarray(faces, dtype=np.int32),
+        target_count=max_faces,
+    )
+    return few.astype(np.float64) + centre, triangles.astype(np.int64)

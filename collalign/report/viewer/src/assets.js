@@ -1,0 +1,87 @@
+// Turns layers (which mesh, where, in which colour) into three.js objects, sharing geometries and materials.
+
+import {
+  BufferAttribute, BufferGeometry, Color, DoubleSide, Group, InstancedMesh, Matrix4, Mesh, MeshLambertMaterial, Points, PointsMaterial,
+  SphereGeometry, Vector3,
+} from "three";
+import { viridis } from "./colors.js";
+
+export class Assets {
+  constructor(collection) {
+    this.collection = collection;
+    this.geometries = new Map();
+    this.materials = new Map();
+    this.dot = new SphereGeometry(0.03, 10, 8);
+  }
+
+  async group(layers) {
+    const group = new Group();
+    for (const layer of layers) group.add(...(await this.objects(layer)));
+    return group;
+  }
+
+  // A layer: { mesh, matrix, color, opacity, points (a colour or null per sample), surface }.
+  async objects({ mesh: id, matrix, color, opacity = 1, points, surface = true }) {
+    const mesh = await this.collection.mesh(id);
+    const out = [];
+    if (surface) {
+      const geometry = this.geometry(id, mesh);
+      const object = mesh.faces.length
+        ? new Mesh(geometry, this.surfaceMaterial(mesh.scalars.length ? null : color, opacity))
+        : new Points(geometry, this.pointMaterial(color));
+      object.matrixAutoUpdate = false;
+      object.matrix.copy(matrix);
+      out.push(object);
+    }
+    if (points) out.push(this.dots(mesh.samples, points, matrix));
+    return out;
+  }
+
+  geometry(id, mesh) {
+    if (!this.geometries.has(id)) {
+      const geometry = new BufferGeometry();
+      geometry.setAttribute("position", new BufferAttribute(mesh.vertices, 3));
+      if (mesh.scalars.length) {
+        const colors = [...mesh.scalars].flatMap((value) => viridis(value / 255).toArray());
+        geometry.setAttribute("color", new BufferAttribute(new Float32Array(colors), 3));
+      }
+      if (mesh.faces.length) {
+        geometry.setIndex(new BufferAttribute(mesh.faces, 1));
+        geometry.computeVertexNormals();
+      }
+      this.geometries.set(id, geometry);
+    }
+    return this.geometries.get(id);
+  }
+
+  surfaceMaterial(color, opacity) {
+    return this.shared(`surface ${color} ${opacity}`, () => {
+      const paint = color ? { color: new Color(color) } : { vertexColors: true };
+      const clear = opacity < 1 ? { transparent: true, opacity, depthWrite: false } : {};
+      return new MeshLambertMaterial({ side: DoubleSide, ...paint, ...clear });
+    });
+  }
+
+  pointMaterial(color) {
+    return this.shared(`points ${color}`, () => new PointsMaterial({ color: new Color(color), size: 2.5, sizeAttenuation: false }));
+  }
+
+  shared(key, make) {
+    if (!this.materials.has(key)) this.materials.set(key, make());
+    return this.materials.get(key);
+  }
+
+  // Small spheres of fixed size on the display, whatever the scale of the shape.
+  dots(samples, colors, matrix) {
+    const shown = colors.map((color, label) => [color, label]).filter(([color, label]) => color && !Number.isNaN(samples[3 * label]));
+    const material = this.shared("dots", () => new MeshLambertMaterial());
+    const dots = new InstancedMesh(this.dot, material, shown.length);
+    shown.forEach(([color, label], at) => {
+      const place = new Vector3(...samples.subarray(3 * label, 3 * label + 3)).applyMatrix4(matrix);
+      dots.setMatrixAt(at, new Matrix4().makeTranslation(place));
+      dots.setColorAt(at, color);
+    });
+    dots.frustumCulled = false;
+    return dots;
+  }
+}

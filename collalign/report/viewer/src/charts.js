@@ -1,0 +1,85 @@
+// The cophenetic tree, the cycle histogram, and the shapes along the principal components.
+
+import { Matrix4 } from "three";
+import { el, number, select, svg, table } from "./dom.js";
+import { labelColors } from "./shape_map.js";
+import { poseMatrix } from "./data.js";
+
+const ROW = 15;
+const TREE_WIDTH = 900;
+const TREE_NAMES = 230;
+
+// Linkage rows (left, right, height) over n leaves in drawing order.
+function branches(linkage, order) {
+  const high = Math.max(...linkage.map(([, , height]) => height)) || 1;
+  const nodes = new Map(order.map((leaf, row) => [leaf, { x: 0, y: (row + 0.5) * ROW }]));
+  const place = (height) => 4 + (1 - height / high) * (TREE_WIDTH - TREE_NAMES - 8);
+  return linkage.map(([left, right, height], at) => {
+    const [a, b] = [nodes.get(left), nodes.get(right)];
+    nodes.set(order.length + at, { x: height, y: (a.y + b.y) / 2 });
+    return `M${place(a.x).toFixed(1)} ${a.y.toFixed(1)}H${place(height).toFixed(1)}V${b.y.toFixed(1)}H${place(b.x).toFixed(1)}`;
+  });
+}
+
+export function treeSection(app) {
+  const { map, shapes, labels } = app.collection;
+  if (!map.tree) return [el("p", null, map.problem ?? "A tree needs at least two shapes.")];
+  const { linkage, order, correlation } = map.tree;
+  const picture = el("div", { class: "picture scroll", tabindex: 0, role: "region", "aria-label": "Tree of shapes" });
+  const show = (column) => {
+    const values = map.members.map((index) => (column ? labels[column][index] : ""));
+    const { color } = labelColors(values);
+    const names = order.map((leaf, row) => svg("text", { x: TREE_WIDTH - TREE_NAMES + 4, y: (row + 0.5) * ROW + 4, fill: values[leaf] && color(values[leaf]) },
+      [shapes[map.members[leaf]].name, values[leaf]].filter(Boolean).join(" · ")));
+    picture.replaceChildren(svg("svg", { class: "tree", viewBox: `0 0 ${TREE_WIDTH} ${order.length * ROW}`, role: "img", "aria-label": `Tree of ${order.length} shapes` },
+      svg("path", { d: branches(linkage, order).join("") }), ...names));
+  };
+  const columns = Object.keys(labels);
+  show(columns[0] ?? "");
+  return [
+    el("p", { class: "muted" }, `Average linkage (UPGMA) of the Procrustes distances; cophenetic correlation ${number(correlation)}.`),
+    columns.length ? el("div", { class: "row tools" }, select("Colour by", [...columns.map((key) => [key, key]), ["", "nothing"]], show, columns[0])) : "",
+    picture,
+  ];
+}
+
+export function cycleSection(app) {
+  const { edges, counts, words } = app.collection.cycles;
+  if (!counts.length) return [el("p", null, words)];
+  const [width, height, foot] = [900, 240, 34];
+  const top = Math.max(...counts);
+  const step = width / counts.length;
+  const bars = counts.map((count, at) => {
+    const tall = (count / top) * (height - 12);
+    return svg("g", null, svg("title", null, `${edges[at]}° to ${edges[at + 1]}°: ${count}`),
+      svg("rect", { x: at * step + 1, y: height - tall, width: step - 2, height: tall }));
+  });
+  const every = Math.ceil(counts.length / 12);
+  const ticks = edges.map((edge, at) => (at % every ? null : svg("text", { x: Math.min(width - 14, Math.max(6, at * step)), y: height + 18, "text-anchor": "middle" }, `${edge}°`)));
+  const rows = counts.map((count, at) => [`${edges[at]}° to ${edges[at + 1]}°`, String(count)]);
+  return [
+    el("p", null, words),
+    svg("svg", { class: "histogram", viewBox: `0 0 ${width} ${height + foot}`, role: "img", "aria-label": `Histogram of cycle errors. ${words}` }, ...bars, ...ticks.filter(Boolean)),
+    el("details", null, el("summary", null, "As a table"), table("Cycle errors", ["Angle", "Cycles"], rows)),
+  ];
+}
+
+export function componentsSection(app) {
+  const { stage } = app;
+  const { components, problem } = app.collection.variation;
+  if (!components) return [el("p", null, problem)];
+  const unit = { centroid: [0, 0, 0], scale: 1 };
+  const draw = (parent, mesh, caption) => {
+    const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": `${caption}; arrow keys turn` });
+    parent.append(el("figure", null, canvas, el("figcaption", null, caption)));
+    stage.add(canvas, () => [{ mesh, matrix: poseMatrix(unit, new Matrix4()), color: "#d9c8a5" }], { zoomable: true });
+  };
+  const rows = components.map(({ share, low, high }, at) => {
+    const row = el("div", { class: "figures" });
+    draw(row, low, `component ${at + 1} (${number(100 * share)} % of the variance), −2 sd`);
+    draw(row, app.collection.variation.mean, "mean");
+    draw(row, high, `component ${at + 1}, +2 sd`);
+    return row;
+  });
+  return [el("p", { class: "muted" }, app.collection.variation.words), ...rows];
+}

@@ -1,0 +1,82 @@
+// Elements without a framework. Text always goes in as text nodes, so names from files are never read as markup.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+function fill(node, properties, children) {
+  for (const [key, value] of Object.entries(properties ?? {})) {
+    if (value === undefined || value === null || value === false) continue;
+    if (key.startsWith("on")) node.addEventListener(key.slice(2), value);
+    else node.setAttribute(key, value === true ? "" : value);
+  }
+  node.append(...children.flat().filter((child) => child !== null && child !== undefined));
+  return node;
+}
+
+export function el(tag, properties, ...children) {
+  return fill(document.createElement(tag), properties, children);
+}
+
+export function svg(tag, properties, ...children) {
+  return fill(document.createElementNS(SVG, tag), properties, children);
+}
+
+export function table(caption, head, rows, properties) {
+  const header = head.map((text) => el("th", { scope: "col" }, text));
+  const body = rows.map((row) =>
+    el("tr", null, ...row.map((cell, at) => (at === 0 ? el("th", { scope: "row" }, cell) : el("td", null, cell)))),
+  );
+  return el(
+    "div",
+    { class: "scroll", tabindex: 0, role: "region", "aria-label": caption },
+    el("table", properties, el("caption", null, caption), el("thead", null, el("tr", null, ...header)), el("tbody", null, ...body)),
+  );
+}
+
+export function select(label, options, onchange, value) {
+  const box = el(
+    "select",
+    { onchange: (event) => onchange(event.target.value) },
+    ...options.map(([key, text]) => el("option", { value: key, selected: key === value }, text)),
+  );
+  return el("label", { class: "field" }, el("span", null, label), box);
+}
+
+export function button(text, onclick, properties) {
+  return el("button", { type: "button", onclick, ...properties }, text);
+}
+
+// A modal dialog with a heading and a close button; the focus returns to where it was when it closes.
+export function modal(onclose) {
+  const heading = el("h2", { id: `dialog-title-${modal.count++}`, tabindex: -1 });
+  const body = el("div", { class: "dialog-body" });
+  const dialog = el("dialog", { "aria-labelledby": heading.id });
+  const close = button("Close", () => dialog.close(), { class: "close" });
+  dialog.append(el("div", { class: "dialog-head" }, heading, close), body);
+  dialog.addEventListener("close", () => {
+    onclose?.();
+    body.replaceChildren();
+  });
+  dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
+  document.body.append(dialog);
+  return {
+    dialog,
+    body,
+    show(title) {
+      heading.replaceChildren(title);
+      if (!dialog.open) dialog.showModal();
+      dialog.scrollTop = 0;
+      heading.focus();
+    },
+  };
+}
+modal.count = 0;
+
+export function number(value, digits = 3) {
+  if (value === null || value === undefined || Number.isNaN(value)) return "–";
+  if (value !== 0 && (Math.abs(value) < 1e-3 || Math.abs(value) >= 1e5)) return value.toExponential(digits - 1);
+  return Number(value.toPrecision(digits)).toString();
+}
+
+export function degrees(value) {
+  return Number.isNaN(value) || value === null ? "–" : `${value.toFixed(1)}°`;
+}

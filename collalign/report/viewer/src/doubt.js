@@ -1,0 +1,38 @@
+// How far each shape's pose can be trusted, most doubtful first.
+
+import { button, degrees, el, number, table } from "./dom.js";
+import { meter, tags } from "./gallery.js";
+
+function evidence(app, index) {
+  const { pairs, shapes } = app.collection;
+  const angles = [];
+  let [left, count] = [0, 0];
+  for (let other = 0; other < shapes.length; other++) {
+    const pair = app.collection.pairAt(index, other);
+    if (pair < 0) continue;
+    count++;
+    if (!pairs.inlier[pair]) left++;
+    if (!Number.isNaN(pairs.disagreement[pair])) angles.push(pairs.disagreement[pair]);
+  }
+  angles.sort((a, b) => a - b);
+  return { count, left, median: angles.length ? angles[Math.floor(angles.length / 2)] : NaN };
+}
+
+export function doubtSection(app) {
+  const { shapes, doubtThreshold } = app.collection;
+  const order = shapes.map((_, index) => index).sort((a, b) => shapes[a].confidence - shapes[b].confidence);
+  const doubtful = order.filter((index) => shapes[index].confidence < doubtThreshold).length;
+  const cells = order.map((index) => {
+    const { count, left, median } = evidence(app, index);
+    const marks = el("span", { class: "tags" }, ...tags(app, index));
+    app.corrections.onchange((changed) => changed === index && marks.replaceChildren(...tags(app, index)));
+    const open = button(shapes[index].name, () => app.openShape(index), { class: "link" });
+    const share = count ? `${left} of ${count}` : "–";
+    return [open, meter(app, shapes[index]), degrees(median), share, String(shapes[index].alternatives.length), marks];
+  });
+  const words = doubtful === 0
+    ? "No shape is below the threshold of doubt."
+    : `${doubtful} of ${shapes.length} shapes are below the threshold of ${number(doubtThreshold)}: open them, compare with the reference, and choose the right pose.`;
+  const head = ["Shape", "Confidence", "Median disagreement of its pairs", "Pairs left out", "Other poses", "Marks"];
+  return [el("p", null, words), table("Shapes by confidence", head, cells, { class: "doubt" })];
+}

@@ -1,0 +1,74 @@
+// All shapes, before and after, turning together.
+
+import { button, el, select } from "./dom.js";
+import { after, before, percent } from "./layers.js";
+
+export function meter(app, shape) {
+  const doubtful = shape.confidence < app.collection.doubtThreshold;
+  return el(
+    "span",
+    { class: doubtful ? "meter doubtful" : "meter" },
+    el("span", { class: "bar", "aria-hidden": "true" }, el("span", { style: `width:${(100 * shape.confidence).toFixed(1)}%` })),
+    el("span", { class: "meter-text" }, percent(shape.confidence)),
+  );
+}
+
+export function tags(app, index) {
+  const shape = app.collection.shapes[index];
+  const words = [];
+  if (shape.confidence < app.collection.doubtThreshold) words.push(["doubtful", "warn"]);
+  if (shape.reflected) words.push(["mirrored", ""]);
+  if (app.collection.numGroups > 1) words.push([`group ${shape.group + 1}`, ""]);
+  const decided = app.corrections.words(index);
+  if (decided) words.push([decided, "good"]);
+  return words.map(([text, kind]) => el("span", { class: `tag ${kind}` }, text));
+}
+
+function card(app, index) {
+  const { stage, corrections, collection } = app;
+  const shape = collection.shapes[index];
+  const canvases = [el("canvas", { "aria-hidden": "true" }), el("canvas", { "aria-hidden": "true" })];
+  const label = `${shape.name}, confidence ${percent(shape.confidence)}, before and after; open the shape`;
+  const tile = button("", () => app.openShape(index), { class: "tile", "aria-label": label });
+  tile.append(...canvases);
+  stage.add(canvases[0], () => [before(app, index)], { handle: tile });
+  const right = stage.add(canvases[1], () => [after(app, index)], { handle: null });
+  const box = el("input", { type: "checkbox", onchange: (event) => app.overlay.toggle(index, event.target.checked) });
+  app.overlay.onchange((chosen) => (box.checked = chosen.has(index)));
+  const marks = el("span", { class: "tags" }, ...tags(app, index));
+  corrections.onchange((changed) => {
+    if (changed !== index) return;
+    marks.replaceChildren(...tags(app, index));
+    stage.refresh(right);
+  });
+  const name = el("span", { class: "name", title: shape.file }, shape.name);
+  const foot = el("div", { class: "row" }, meter(app, shape), marks, el("label", { class: "check" }, box, "overlay"));
+  return el("li", { class: "card", "data-name": shape.name.toLowerCase(), "data-index": index }, tile, name, foot);
+}
+
+export function gallerySection(app) {
+  const { shapes, labels } = app.collection;
+  const list = el("ul", { class: "gallery" });
+  const shown = el("span", { role: "status", class: "muted" });
+  const cards = shapes.map((_, index) => card(app, index));
+  const orders = {
+    doubt: (a, b) => shapes[a].confidence - shapes[b].confidence,
+    name: (a, b) => shapes[a].name.localeCompare(shapes[b].name, "en", { numeric: true }),
+  };
+  for (const column of Object.keys(labels)) orders[`label ${column}`] = (a, b) => labels[column][a].localeCompare(labels[column][b]);
+  const order = (key) => list.append(...[...cards].sort((a, b) => orders[key](+a.dataset.index, +b.dataset.index)));
+  const filter = (text) => {
+    cards.forEach((one) => (one.hidden = !one.dataset.name.includes(text.trim().toLowerCase())));
+    const visible = cards.filter((one) => !one.hidden).length;
+    shown.textContent = visible === cards.length ? `${visible} shapes` : `${visible} of ${cards.length} shapes`;
+  };
+  const search = el("input", { type: "search", oninput: (event) => filter(event.target.value), placeholder: "part of a name" });
+  const choices = [["doubt", "most doubtful first"], ["name", "name"], ...Object.keys(labels).map((column) => [`label ${column}`, column])];
+  order("doubt");
+  filter("");
+  return [
+    el("p", { class: "muted" }, "Grey: as in the file. Bone: aligned. Drag a shape, or focus it and use the arrow keys, to turn all of them together; click or press Enter to open it."),
+    el("div", { class: "row tools" }, el("label", { class: "field" }, el("span", null, "Find"), search), select("Order by", choices, order, "doubt"), shown),
+    list,
+  ];
+}

@@ -1,0 +1,24 @@
+// What is drawn of a shape: before, after (with decisions made by hand), in any other pose.
+
+import { Matrix4 } from "three";
+import { poseMatrix } from "./data.js";
+import { BONE, GREY } from "./colors.js";
+
+export function before(app, index) {
+  const shape = app.collection.shapes[index];
+  return { mesh: shape.mesh, matrix: poseMatrix(shape, new Matrix4()), color: GREY };
+}
+
+export function after(app, index, look = {}) {
+  const shape = app.collection.shapes[index];
+  return { mesh: shape.mesh, matrix: poseMatrix(shape, app.corrections.rotation(index), shape.offset), color: BONE, ...look };
+}
+
+export function posed(app, index, R, look = {}) {
+  const shape = app.collection.shapes[index];
+  return { mesh: shape.mesh, matrix: poseMatrix(shape, R), color: BONE, ...look };
+}
+
+export function percent(confidence) {
+  return `${Math.floor(100 * confidence)} %`;
+}

@@ -1,0 +1,86 @@
+// Builds the page from the embedded data. Every part stands alone: one that fails says so and leaves the others.
+
+import { Collection } from "./data.js";
+import { Corrections, correctionBar } from "./corrections.js";
+import { Overlay, overlaySection } from "./overlay.js";
+import { Stage } from "./stage.js";
+import { button, el } from "./dom.js";
+import { componentsSection, cycleSection, treeSection } from "./charts.js";
+import { doubtSection } from "./doubt.js";
+import { excludedSection, runSection } from "./tables.js";
+import { gallerySection } from "./gallery.js";
+import { mapSection } from "./shape_map.js";
+import { pairDialog, shapeDialog } from "./dialogs.js";
+import { pairsSection } from "./matrix.js";
+
+const SECTIONS = [
+  ["gallery", "Gallery", gallerySection],
+  ["overlay", "Overlay", overlaySection],
+  ["confidence", "Confidence", doubtSection],
+  ["pairs", "Pairs", pairsSection],
+  ["map", "Shape map", mapSection],
+  ["components", "Variation", componentsSection],
+  ["tree", "Tree", treeSection],
+  ["cycles", "Cycle consistency", cycleSection],
+  ["excluded", "Left out", excludedSection],
+  ["run", "This run", runSection],
+];
+
+function themeButton() {
+  const themes = ["auto", "light", "dark"];
+  let at = 0;
+  const change = () => {
+    at = (at + 1) % themes.length;
+    if (at) document.documentElement.dataset.theme = themes[at];
+    else delete document.documentElement.dataset.theme;
+    box.textContent = `Theme: ${themes[at]}`;
+  };
+  const box = button("Theme: auto", change, { id: "theme" });
+  return box;
+}
+
+function spinButton(stage) {
+  const box = button("Spin", () => {
+    stage.spin(!stage.spinning);
+    box.setAttribute("aria-pressed", String(stage.spinning));
+  }, { id: "spin", "aria-pressed": "false" });
+  return box;
+}
+
+function build(app, main) {
+  for (const [id, title, make] of SECTIONS) {
+    const section = el("section", { id, "aria-labelledby": `${id}-title` }, el("h2", { id: `${id}-title` }, title));
+    main.append(section);
+    try {
+      section.append(...make(app));
+    } catch (error) {
+      console.error(error);
+      section.append(el("p", { class: "problem" }, `This part could not be shown (${error.message}). The other parts are complete.`));
+    }
+  }
+}
+
+async function start() {
+  const collection = new Collection();
+  await collection.loadPairs();
+  const stage = new Stage(collection);
+  const app = { collection, stage, corrections: new Corrections(collection), overlay: new Overlay(collection) };
+  app.openPair = pairDialog(app);
+  app.openShape = shapeDialog(app);
+  const main = document.querySelector("main");
+  const nav = document.querySelector("nav");
+  nav.append(...SECTIONS.map(([id, title]) => el("a", { href: `#${id}` }, title)), el("span", { class: "push" }), spinButton(stage), themeButton());
+  if (!stage.works) {
+    main.append(el("p", { class: "problem", role: "alert" }, "This browser offers no WebGL, so shapes cannot be drawn; tables and charts are complete. Another browser, or hardware acceleration in the settings, will show them."));
+  }
+  build(app, main);
+  main.append(correctionBar(app.corrections, collection));
+  app.overlay.set(app.overlay.presets()[0][2]);
+  document.documentElement.dataset.ready = "yes";
+}
+
+start().catch((error) => {
+  console.error(error);
+  const text = `The report could not be opened (${error.message}). It needs a browser of 2023 or later; if the file was sent, it may be cut short.`;
+  document.querySelector("main").append(el("p", { class: "problem", role: "alert" }, text));
+});

@@ -1,0 +1,89 @@
+// Scatter of the shapes by Procrustes distance, coloured by a label. One stop for the tab key; arrow keys walk from shape to shape.
+
+import { categorical } from "./colors.js";
+import { el, select, svg } from "./dom.js";
+
+const [WIDTH, HEIGHT, MARGIN] = [900, 560, 46];
+const NAMED = 60;
+
+export function labelColors(values) {
+  const kinds = [...new Set(values)].filter(Boolean).sort();
+  return { kinds, color: (value) => (value ? categorical(kinds.indexOf(value)) : "var(--muted)") };
+}
+
+function scaler(points) {
+  const bounds = [0, 1].map((axis) => [Math.min(...points.map((p) => p[axis])), Math.max(...points.map((p) => p[axis]))]);
+  const unit = Math.min(...bounds.map(([low, high], axis) => ([WIDTH, HEIGHT][axis] - 2 * MARGIN) / (high - low || 1)));
+  const middle = bounds.map(([low, high]) => (low + high) / 2);
+  return ([x, y]) => [WIDTH / 2 + (x - middle[0]) * unit, HEIGHT / 2 - (y - middle[1]) * unit];
+}
+
+// The closest point in the direction of the arrow, sideways distance counting double.
+function neighbour(places, from, [dx, dy]) {
+  let [best, nearest] = [from, Infinity];
+  places.forEach(([x, y], at) => {
+    const [ahead, aside] = [(x - places[from][0]) * dx + (y - places[from][1]) * dy, Math.abs((x - places[from][0]) * dy) + Math.abs((y - places[from][1]) * dx)];
+    if (at !== from && ahead > 0 && ahead + 2 * aside < nearest) [best, nearest] = [at, ahead + 2 * aside];
+  });
+  return best;
+}
+
+function scatter(app, method, column) {
+  const { members, axes, points } = app.collection.map;
+  const { shapes, labels } = app.collection;
+  const values = members.map((index) => (column ? labels[column][index] : ""));
+  const { color } = labelColors(values);
+  const place = scaler(points[method]);
+  const places = points[method].map(place);
+  const dots = places.map(([x, y], at) => {
+    const shape = shapes[members[at]];
+    const name = [shape.name, values[at]].filter(Boolean).join(", ");
+    const doubtful = shape.confidence < app.collection.doubtThreshold;
+    const fill = column ? color(values[at]) : "var(--accent)";
+    return svg("g", { class: doubtful ? "dot doubtful" : "dot", role: "button", tabindex: at ? -1 : 0, "aria-label": `${name}${doubtful ? ", doubtful" : ""}`, transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})` },
+      svg("title", null, name), svg("circle", { r: 6, fill }), svg("text", { x: 9, y: 4 }, shape.name));
+  });
+  const focus = (at) => {
+    dots.forEach((dot, other) => dot.setAttribute("tabindex", other === at ? 0 : -1));
+    dots[at].focus();
+  };
+  const keys = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+  dots.forEach((dot, at) => {
+    dot.addEventListener("click", () => app.openShape(members[at]));
+    dot.addEventListener("keydown", (event) => {
+      if (event.key === "Enter" || event.key === " ") app.openShape(members[at]);
+      else if (keys[event.key]) focus(neighbour(places, at, keys[event.key]));
+      else return;
+      event.preventDefault();
+    });
+  });
+  const titles = [svg("text", { x: WIDTH / 2, y: HEIGHT - 8, "text-anchor": "middle", class: "axis" }, axes[method][0]),
+    svg("text", { x: 14, y: HEIGHT / 2, "text-anchor": "middle", class: "axis", transform: `rotate(-90 14 ${HEIGHT / 2})` }, axes[method][1])];
+  const kind = members.length > NAMED ? "map crowded" : "map";
+  return svg("svg", { class: kind, viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "group", "aria-label": `Shape map, ${members.length} shapes` }, ...titles, ...dots);
+}
+
+function legend(app, column) {
+  const { kinds, color } = labelColors(app.collection.map.members.map((index) => app.collection.labels[column][index]));
+  const items = kinds.map((kind) => el("li", { class: "chip" }, el("span", { class: "dot", style: `background:${color(kind)}` }), kind));
+  return el("ul", { class: "chips", "aria-label": `Colours of ${column}` }, ...items);
+}
+
+export function mapSection(app) {
+  const { collection } = app;
+  const { map, labels } = collection;
+  if (!map.members) return [el("p", null, map.problem)];
+  const columns = Object.keys(labels);
+  let [method, column] = [Object.keys(map.points)[0], columns[0] ?? ""];
+  const picture = el("div", { class: "picture" });
+  const show = () => picture.replaceChildren(scatter(app, method, column), column ? legend(app, column) : "");
+  const methods = Object.keys(map.points).map((key) => [key, key]);
+  show();
+  return [
+    el("div", { class: "row tools" },
+      select("Method", methods, (key) => { method = key; show(); }, method),
+      columns.length ? select("Colour by", [...columns.map((key) => [key, key]), ["", "nothing"]], (key) => { column = key; show(); }, column) : "",
+      el("span", { class: "muted" }, map.words)),
+    picture,
+  ];
+}

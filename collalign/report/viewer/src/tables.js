@@ -1,0 +1,24 @@
+// What was left out and why, and how the run was made.
+
+import { el, number, table } from "./dom.js";
+
+export function excludedSection({ collection }) {
+  if (!collection.excluded.length) return [el("p", null, "Nothing: every file was read and aligned.")];
+  return [table(`${collection.excluded.length} files left out`, ["File", "Why, and what to do"], collection.excluded)];
+}
+
+function flatten(value, prefix = "") {
+  if (value === null || typeof value !== "object" || Array.isArray(value)) return [[prefix, Array.isArray(value) ? JSON.stringify(value) : String(value ?? "not set")]];
+  return Object.entries(value).flatMap(([key, inner]) => flatten(inner, prefix ? `${prefix}.${key}` : key));
+}
+
+export function runSection({ collection }) {
+  const { options, versions, timings } = collection;
+  const total = Object.values(timings).reduce((sum, value) => sum + value, 0);
+  const parts = [
+    [table("Options", ["Option", "Value"], flatten(options)), Object.keys(options).length],
+    [table("Versions", ["Software", "Version"], Object.entries(versions)), Object.keys(versions).length],
+    [table(`Time, ${number(total)} s in all`, ["Stage", "Seconds"], Object.entries(timings).map(([key, value]) => [key, number(value)])), Object.keys(timings).length],
+  ];
+  return [el("div", { class: "columns" }, ...parts.filter(([, size]) => size).map(([part]) => part))];
+}

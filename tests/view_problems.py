@@ -1,0 +1,105 @@
+"""Generated collections as the report and the exports receive them, with everything known."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from collalign.view_data import CollectionView, Pair, PairPose, Pose
+from data_tools.arrays import FloatArray
+
+NUM_SAMPLES = 24
+
+
+def bumpy_shapes(num_shapes: int, *, seed: int = 0, subdivisions: int = 2) -> tuple[FloatArray, FloatArray]:
+    """Bodies with three unequal axes and a few bumps that vary from shape to shape.
+
+    Returns
+    -------
+    vertices : ndarray, shape (num_shapes, v, 3)
+        In correspondence and in the common frame.
+    faces : ndarray of int, shape (f, 3)
+    """
+    rng = np.random.default_rng(seed)
+    sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
+    base = np.asarray(sphere.vertices)
+    centres = Rotation.random(5, random_state=3).apply([0, 0, 1])
+    heights = 0.25 + 0.1 * rng.standard_normal((num_shapes, 5))
+    bumps = np.exp(-12 * (1 - base @ centres.T))
+    radii = 1 + np.einsum("nb,vb->nv", heights, bumps)
+    axes = np.array([1.0, 0.7, 0.45]) * (1 + 0.05 * rng.standard_normal((num_shapes, 1, 3)))
+    return radii[..., None] * base * axes, np.asarray(sphere.faces)
+
+
+def view_of(num_shapes: int = 10, *, seed: int = 0, num_missing: int = 0, subdivisions: int = 2) -> CollectionView:
+    """A collection with a doubtful shape, a mirrored one, failed and wrong pairs, labels and exclusions."""
+    rng = np.random.default_rng(seed)
+    common, faces = bumpy_shapes(num_shapes, seed=seed, subdivisions=subdivisions)
+    chosen = np.linspace(0, common.shape[1] - 1, NUM_SAMPLES).astype(np.int64)
+    R = Rotation.random(num_shapes, random_state=seed).as_matrix()
+    R[min(2, num_shapes - 1)] *= -1
+    scales = rng.uniform(0.05, 20.0, num_shapes)
+    shifts = rng.standard_normal((num_shapes, 3))
+    transforms = np.tile(np.eye(4), (num_shapes, 1, 1))
+    transforms[:, :3, :3] = scales[:, None, None] * R
+    transforms[:, :3, 3] = shifts
+    inverse = np.linalg.inv(transforms)
+    raw = common @ np.swapaxes(inverse[:, :3, :3], 1, 2) + inverse[:, None, :3, 3]
+    samples = raw[:, chosen].copy()
+    for at in range(num_missing):
+        samples[at % num_shapes, at % NUM_SAMPLES] = np.nan
+    confidence = rng.uniform(0.8, 1.0, num_shapes)
+    confidence[1] = 0.21
+    half_turn = np.diag([1.0, -1.0, -1.0])
+    kinds = tuple(f"taxon {'ABC'[at % 3]}" for at in range(num_shapes))
+    return CollectionView(
+        names=tuple(f"shape_{at:03d}" for at in range(num_shapes)),
+        files=tuple(f"folder/shape_{at:03d}.ply" for at in range(num_shapes)),
+        transforms=transforms,
+        confidence=confidence,
+        samples=samples,
+        vertices=tuple(raw),
+        faces=(faces,) * num_shapes,
+        pairs=_pairs(R, rng),
+        alternatives=tuple((Pose(R=half_turn @ R[at], score=-0.7),) if at == 1 else () for at in range(num_shapes)),
+        labels={"taxon": kinds, "side": tuple("left" if at % 2 else "right" for at in range(num_shapes))},
+        excluded=(("folder/broken.ply", "no vertices: export it again from the program that made it"),),
+        options={"seed": 0, "sampling": {"num_samples": NUM_SAMPLES}},
+        versions={"collalign": "0.1.0", "numpy": np.__version__},
+        timings_s={"read": 0.5, "pairs": 12.25},
+        cycle_errors_deg=np.abs(rng.normal(0, 12, 400)),
+        notes=("One shape is mirrored against the others.",),
+    )
+
+
+def _pairs(R: FloatArray, rng: np.random.Generator) -> tuple[Pair, ...]:
+    """All pairs; every seventh is wrong by a half turn, the very last one failed."""
+    num = len(R)
+    half_turn = np.diag([-1.0, -1.0, 1.0])
+    pairs = []
+    for i in range(num):
+        for j in range(i + 1, num):
+            wrong = len(pairs) % 7 == 3
+            right = R[i].T @ R[j]
+            poses = [right, half_turn @ right]
+            energy = float(rng.uniform(0.5, 1.0))
+            first, second = (poses[1], poses[0]) if wrong else (poses[0], poses[1])
+            order = np.arange(NUM_SAMPLES)
+            order[:2] = order[1::-1]
+            pairs.append(
+                Pair(
+                    i=i,
+                    j=j,
+                    energy=energy,
+                    lower_bound=0.9 * energy,
+                    disagreement_deg=180.0 if wrong else float(rng.uniform(0, 15)),
+                    inlier=not wrong,
+                    status="Locally optimal.",
+                    candidates=(PairPose(R_i_j=first, energy=energy), PairPose(R_i_j=second, energy=1.4 * energy)),
+                    map_i_j=order if wrong else None,
+                )
+            )
+    last = pairs[-1]
+    pairs[-1] = Pair(i=last.i, j=last.j, energy=float("nan"), inlier=False, status="Time limit reached.")
+    return tuple(pairs)
