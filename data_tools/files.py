@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-import tempfile
+import secrets
 from pathlib import Path
 
 from data_tools.errors import InputError
@@ -26,25 +26,23 @@ def write_atomic(path: Path, content: bytes) -> Path:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}")
     try:
-        with os.fdopen(handle, "wb") as stream:
+        with temporary.open("xb") as stream:
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
-        os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)
     except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
     return path
 
 
-def natural_key(name: str) -> tuple[tuple[int, int | str], ...]:
+def natural_key(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
     """Return a sort key under which ``tooth2`` comes before ``tooth10``; case counts only between equals."""
     parts = re.split(r"(\d+)", name.casefold())
-    runs = tuple((0, int(part)) if part.isdecimal() else (1, part) for part in parts if part)
-    return (*runs, (2, name))
+    return tuple((0, int(part)) if part.isdecimal() else (1, part) for part in parts if part), name
 
 
 def existing_file(path: Path) -> Path:
@@ -66,9 +64,3 @@ def existing_file(path: Path) -> Path:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
     return path
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -15,8 +15,8 @@ _PLY_SIZES = {
 }
 
 
-def check_ply(path: Path, content: bytes) -> None:
-    """Compare a PLY file's length with the counts of its header.
+def check_ply(path: Path, content: bytes) -> dict[str, int]:
+    """Compare a PLY file's length with the counts of its header, and return them by element.
 
     Raises
     ------
@@ -42,33 +42,11 @@ def check_ply(path: Path, content: bytes) -> None:
         )
     if not any(name == "vertex" and count > 0 for name, count, _ in elements):
         raise InputError(f"{path}: its header lists no vertices")
-
-
-def check_off(path: Path, content: bytes) -> None:
-    """Compare an OFF file's length with the counts of its header.
-
-    Raises
-    ------
-    InputError
-        If there is no OFF header, or vertices or faces are missing.
-    """
-    text = content.decode("utf-8", errors="replace")
-    lines = [line for line in (raw.split("#", 1)[0].strip() for raw in text.splitlines()) if line]
-    match = re.match(r"(ST)?C?N?OFF\b", lines[0]) if lines else None
-    if match is None:
-        raise InputError(f"{path}: not an OFF file, its first word is not OFF")
-    rest = lines[0][match.end() :].split()
-    lines = lines[1:] if rest else lines[2:]
-    counts = rest or (text and _second_line(text))
-    if len(counts) < 2 or not all(c.isdecimal() for c in counts[:2]):
-        raise InputError(f"{path}: its OFF header holds no counts of vertices and faces")
-    needed = int(counts[0]) + int(counts[1])
-    if len(lines) < needed:
-        raise InputError(f"{path}: truncated, its header promises {needed} lines of data and {len(lines)} follow")
+    return {name: count for name, count, _ in elements}
 
 
 def check_obj(path: Path, content: bytes) -> None:
-    """Check that an OBJ file has vertices, of three numbers each, and a complete last line.
+    """Check that an OBJ file has vertices, of three numbers each.
 
     Raises
     ------
@@ -119,8 +97,3 @@ def _ply_elements(path: Path, header: str) -> list[tuple[str, int, int]]:
             name, count, total = elements[-1]
             elements[-1] = (name, count, total + _PLY_SIZES.get(kind, 1))
     return elements
-
-
-def _second_line(text: str) -> list[str]:
-    lines = [line for line in (raw.split("#", 1)[0].strip() for raw in text.splitlines()) if line]
-    return lines[1].split() if len(lines) > 1 else []

@@ -12,7 +12,8 @@ import trimesh
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
-from data_tools.headers import check_obj, check_off, check_ply, check_stl
+from data_tools.headers import check_obj, check_ply, check_stl
+from data_tools.off import read_off
 
 # What trimesh logs about damaged files is said by our own errors; without a handler Python would print it.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -26,7 +27,9 @@ def read_with_trimesh(path: Path) -> tuple[FloatArray, IntArray]:
     """
     kind = path.suffix[1:].lower()
     content = path.read_bytes()
-    _CHECKS.get(kind, _no_check)(path, content)
+    promised = check_ply(path, content) if kind == "ply" else {}
+    if kind in ("obj", "stl"):
+        (check_obj if kind == "obj" else check_stl)(path, content)
     resolver = _SiblingResolver(path.parent) if kind == "gltf" else None
     options: dict[str, Any] = {"process": False, "validate": False}
     if kind in ("obj", "glb", "gltf"):
@@ -38,7 +41,13 @@ def read_with_trimesh(path: Path) -> tuple[FloatArray, IntArray]:
         parts.append(_part(path, scene.geometry[geometry_name], transform))
     if not parts:
         raise InputError(f"{path}: holds no geometry")
-    return _concatenate(parts)
+    vertices, faces = _concatenate(parts)
+    if len(vertices) != promised.get("vertex", len(vertices)) or (promised.get("face") and not len(faces)):
+        raise InputError(
+            f"{path}: its header promises {promised['vertex']} vertices and {promised.get('face', 0)} faces, "
+            f"{len(vertices)} and {len(faces)} could be read"
+        )
+    return vertices, faces
 
 
 def _part(path: Path, geometry: Any, transform: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -63,33 +72,18 @@ def _concatenate(parts: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, 
     return vertices, faces
 
 
-class _SiblingResolver(trimesh.resolvers.Resolver):
-    """Opens buffers named by a GLTF file, in the same folder only."""
+class _SiblingResolver:
+    """Opens the buffers that a GLTF file names, in the same folder only (what trimesh calls a resolver)."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder.resolve()
 
-    def get(self, name: str) -> bytes:
+    def __getitem__(self, name: str) -> bytes:
         path = (self._folder / name.strip()).resolve()
         if path.parent != self._folder:
-            raise InputError(f"{name}: named by a file outside of its folder")
+            raise InputError(f"{self._folder}: a file in it names {name!r}, which is outside of its folder")
         return path.read_bytes()
 
-    def write(self, name: str, data: Any) -> None:
-        raise InputError(f"{name}: files are not written while reading")
-
-    def namespaced(self, namespace: str) -> _SiblingResolver:
-        raise InputError(f"{namespace}: folders are not followed")
-
-    def keys(self) -> list[str]:
-        return []
-
-
-def _no_check(path: Path, content: bytes) -> None:
-    """GLB and GLTF state their lengths, and trimesh checks them."""
-
-
-_CHECKS = {"ply": check_ply, "off": check_off, "obj": check_obj, "stl": check_stl}
 
 #: Reader of each suffix.
-READERS = {f".{kind}": read_with_trimesh for kind in ("ply", "off", "obj", "stl", "glb", "gltf")}
+READERS = {**dict.fromkeys((".ply", ".obj", ".stl", ".glb", ".gltf"), read_with_trimesh), ".off": read_off}

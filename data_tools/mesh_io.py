@@ -127,7 +127,7 @@ def write_mesh(path: Path | str, shape: Shape) -> Path:
     if shape.is_mesh:
         geometry: Any = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
     else:
-        geometry = trimesh.PointCloud(shape.vertices)  # type: ignore[no-untyped-call]
+        geometry = trimesh.PointCloud(shape.vertices)
     content: Any = geometry.export(file_type=suffix[1:])
     return write_atomic(path, content.encode() if isinstance(content, str) else content)
 
