@@ -117,7 +117,7 @@ def match_pairs(
 
     Raises
     ------
-    CollalignError
+    InputError
         With ``options.strict``, at the first pair that fails.
     CollectionError
         If no pair is left.

@@ -118,7 +118,7 @@ def prepare_shapes(
 
     Raises
     ------
-    CollalignError
+    InputError
         With ``options.strict``, for the first file that cannot be prepared.
     CollectionError
         If fewer than two shapes remain.

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 from collalign.jobs import JobResult, SharedTable, run_jobs
 from collalign.options import RunOptions
 from collalign.store import Store
-from data_tools.errors import CollalignError
+from data_tools.errors import InputError
 
 #: Makes a progress display from (description, total, done): :class:`collalign.jobs_progress.ProgressBar`.
 ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[[JobResult], None]]]
@@ -48,7 +48,7 @@ def run_stage(
 
     Raises
     ------
-    CollalignError
+    InputError
         With ``strict``, at the first failure.
     """
     store.plan(kind, {key: label for key, (label, _) in tasks.items()})
@@ -74,4 +74,4 @@ def run_stage(
             store.put_failure(kind, job.key, job.failure, label=label, crashed=job.crashed)
             if strict:
                 jobs.close()
-                raise CollalignError(f"{label}: {job.failure}")
+                raise InputError(f"{label}: {job.failure}")

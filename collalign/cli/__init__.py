@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import sys
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,7 +20,7 @@ from collalign import __version__
 from collalign.cli.align import align, demo
 from collalign.cli.match import match
 from collalign.cli.status import status
-from data_tools.errors import CollalignError
+from data_tools.errors import CollalignError, InputError
 
 INTERRUPTED = 130
 
@@ -49,9 +50,18 @@ def _launch(
         Say what is being done, and show the whole traceback of an error.
     """
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s", stream=sys.stderr)
-    if config is not None:
-        app.config = Toml(config, must_exist=True, search_parents=False, use_commands_as_keys=False)
+    app.config = () if config is None else (_checked_toml(config),)
     return app(tokens, exit_on_error=False)
+
+
+def _checked_toml(path: Path) -> Toml:
+    try:
+        tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise InputError(f"--config {path}: cannot be read ({error.strerror})") from None
+    except ValueError as error:
+        raise InputError(f"--config {path}: not TOML ({error})") from None
+    return Toml(path, must_exist=True, search_parents=False, use_commands_as_keys=False)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

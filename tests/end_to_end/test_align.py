@@ -1,0 +1,222 @@
+"""Folders of meshes through the whole line, as a user runs it."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign import AlignOptions, RunOptions, align_collection
+from collalign.cli import main
+from collalign.collection import AlignedCollection
+from data_tools.errors import CollectionError, InputError
+from data_tools.mesh_io import read_shape
+from data_tools.options import SamplingOptions
+from data_tools.rotations import rotation_angle_deg
+from data_tools.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
+from data_tools.synthetic_shapes import chair
+
+OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
+FLAGS = ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--jobs", "1"]
+
+
+@pytest.fixture(scope="module")
+def planted() -> PlantedCollection:
+    rng = np.random.default_rng(5)
+    family = deformed_family(chair(rng, resolution=1), 5, rng, rms=0.02)
+    return planted_collection(family, rng, scale_range=(0.5, 2.0))
+
+
+@pytest.fixture(scope="module")
+def folder(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("shapes")
+    write_collection(path, planted)
+    return path
+
+
+@pytest.fixture(scope="module")
+def aligned(folder: Path) -> AlignedCollection:
+    return align_collection(folder, options=OPTIONS, run=RunOptions(jobs=1))
+
+
+def worst_error_deg(rotations: np.ndarray, planted: PlantedCollection) -> float:
+    pairs = itertools.combinations(range(len(rotations)), 2)
+    errors = [rotation_angle_deg(rotations[i].T @ rotations[j], planted.relative_rotation(i, j)) for i, j in pairs]
+    return float(np.max(errors))
+
+
+def test_rotations_are_recovered_up_to_one_common_rotation(
+    aligned: AlignedCollection, planted: PlantedCollection
+) -> None:
+    assert worst_error_deg(aligned.rotations, planted) < 15
+    assert aligned.complete
+    assert np.allclose(aligned.rotations[0], np.eye(3))
+
+
+def test_the_error_measure_sees_a_wrong_rotation(aligned: AlignedCollection, planted: PlantedCollection) -> None:
+    turned = aligned.rotations.copy()
+    turned[2] = np.diag([1.0, -1.0, -1.0]) @ turned[2]
+    assert worst_error_deg(turned, planted) > 150
+
+
+def test_transforms_bring_the_shapes_onto_each_other(aligned: AlignedCollection, planted: PlantedCollection) -> None:
+    placed = []
+    for transform, shape, origin in zip(aligned.transforms, planted.shapes, planted.origins, strict=True):
+        moved = shape.vertices @ transform[:3, :3].T + transform[:3, 3]
+        placed.append(moved[np.argsort(origin)])
+    placed_array = np.array(placed)
+    spread = np.sqrt(((placed_array - placed_array.mean(axis=0)) ** 2).sum(axis=2).mean())
+    size = np.sqrt((placed_array.mean(axis=0) ** 2).sum(axis=1).mean())
+    assert spread < 0.25 * size
+
+
+def test_maps_are_consistent_and_samples_lie_on_the_shapes(
+    aligned: AlignedCollection, planted: PlantedCollection
+) -> None:
+    a, b, c = aligned.names[:3]
+    assert np.array_equal(aligned.maps[a, b][aligned.maps[b, c]], aligned.maps[a, c])
+    assert np.array_equal(aligned.maps[a, a], np.arange(24))
+    vertices = planted.shapes[1].vertices[aligned.samples[1]]
+    transform = aligned.transforms[1]
+    assert np.allclose(vertices @ transform[:3, :3].T + transform[:3, 3], aligned.positions[1])
+    with pytest.raises(InputError, match="no shape is called"):
+        aligned.maps["nobody", a]
+
+
+def test_rigid_keeps_sizes(folder: Path, planted: PlantedCollection) -> None:
+    rigid = align_collection(folder, options=replace(OPTIONS, scaling="rigid"), run=RunOptions(jobs=1))
+    assert np.allclose(np.linalg.det(rigid.transforms[:, :3, :3]), 1)
+
+
+def test_a_reference_and_fixed_poses_are_respected(folder: Path, aligned: AlignedCollection) -> None:
+    name = aligned.names[3]
+    other = align_collection(folder, options=replace(OPTIONS, reference=name), run=RunOptions(jobs=1))
+    assert np.allclose(other.rotations[3], np.eye(3))
+    pose = np.diag([-1.0, -1.0, 1.0])
+    fixed = align_collection(folder, options=OPTIONS, run=RunOptions(jobs=1), fixed={name: pose})
+    assert np.allclose(fixed.rotations[3], pose)
+    with pytest.raises(InputError, match="nobody"):
+        align_collection(folder, options=OPTIONS, run=RunOptions(jobs=1), fixed={"nobody": pose})
+
+
+def test_command_line_writes_everything_and_reads_like_the_library(
+    folder: Path, aligned: AlignedCollection, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["align", str(folder), "--out", str(out), *FLAGS]) == 0
+    printed = capsys.readouterr().out
+    record = json.loads((out / "alignment.json").read_text())
+    assert [s["name"] for s in record["shapes"]] == list(aligned.names)
+    assert np.array_equal([s["transform"] for s in record["shapes"]], aligned.transforms)
+    assert set(record["shapes"][0]) == {"name", "file", "transform", "reflected", "confidence"}
+    with np.load(out / "correspondences.npz") as arrays:
+        assert np.array_equal(arrays["labels"], aligned.maps.labels)
+        assert np.array_equal(arrays["vertex_indices"], aligned.samples)
+    with open(out / "pairs.csv", newline="") as table:
+        assert len(list(csv.DictReader(table))) == 10
+    mesh = read_shape(out / "meshes" / f"{aligned.names[1]}.ply")
+    original = read_shape(folder / f"{aligned.names[1]}.ply")
+    moved = original.vertices @ aligned.transforms[1, :3, :3].T + aligned.transforms[1, :3, 3]
+    assert np.allclose(mesh.vertices, moved, atol=1e-5)
+    assert (out / "contact_sheet.png").read_bytes().startswith(b"\x89PNG")
+    for name in ("alignment.json", "correspondences.npz", "pairs.csv", "meshes", "contact_sheet.png"):
+        assert str(out / name) in printed
+    assert not list(out.glob(".collalign-*"))
+
+
+def test_second_run_reuses_everything_and_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = ["align", str(folder), "--out", str(out), *FLAGS]
+    assert main(command) == 0
+    first = (out / "alignment.json").read_bytes(), (out / "correspondences.npz").read_bytes()
+    assert main(command) == 0
+    assert ((out / "alignment.json").read_bytes(), (out / "correspondences.npz").read_bytes()) == first
+    assert json.loads((out / "run.json").read_text())["num_reused"] == 15
+
+
+def test_two_workers_give_the_bytes_of_one(folder: Path, tmp_path: Path) -> None:
+    bytes_of = []
+    for jobs in ("1", "2"):
+        out = tmp_path / jobs
+        assert main(["align", str(folder), "--out", str(out), *FLAGS[:-1], jobs]) == 0
+        bytes_of.append((out / "alignment.json").read_bytes())
+    assert bytes_of[0] == bytes_of[1]
+
+
+def test_one_bad_file_is_left_out_and_named(
+    folder: Path, planted: PlantedCollection, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mixed = tmp_path / "mixed"
+    write_collection(mixed, planted)
+    (mixed / "broken.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 3\n")
+    (mixed / "notes.md").write_text("not a shape")
+    out = tmp_path / "out"
+    assert main(["align", str(mixed), "--out", str(out), *FLAGS]) == 3
+    captured = capsys.readouterr()
+    assert "broken.ply" in captured.err
+    assert "notes.md" in captured.out
+    record = json.loads((out / "alignment.json").read_text())
+    assert [item["file"] for item in record["excluded"]] == ["broken.ply"]
+    assert len(record["shapes"]) == 5
+    assert main(["align", str(mixed), "--out", str(tmp_path / "strict"), "--strict", *FLAGS]) == 2
+    assert not (tmp_path / "strict" / "alignment.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["align", "nowhere", "--out", "out"], "nowhere"),
+        (["align", ".", "--out", "out", "--sampling.num-points", "1"], "num_points"),
+        (["align", ".", "--out", "out", "--group", "U"], "group"),
+        (["align", ".", "--out", "out", "--unknown", "1"], "--unknown"),
+        (["align", ".", "--out", "out", "--jobs", "0"], "jobs"),
+        (["status", "nothing.sqlite"], "nothing.sqlite"),
+        (["--config", "missing.toml", "align", ".", "--out", "out"], "missing.toml"),
+    ],
+)
+def test_bad_arguments_exit_with_2_and_name_the_cause(
+    arguments: list[str],
+    word: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    captured = capfd.readouterr()
+    assert word in (captured.err + captured.out).lower()
+
+
+def test_config_file_is_overruled_by_the_command_line_and_checked(
+    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "options.toml"
+    config.write_text('seed = 7\n[sampling]\nnum_points = 24\nmetric = "euclidean"\n')
+    out = tmp_path / "out"
+    flags = ["--sampling.num-dense-points", "0", "--jobs", "1", "--seed", "3"]
+    assert main(["--config", str(config), "align", str(folder), "--out", str(out), *flags]) == 0
+    options = json.loads((out / "alignment.json").read_text())["options"]
+    assert (options["seed"], options["sampling"]["metric"]) == (3, "euclidean")
+    config.write_text("sead = 7\n")
+    assert main(["--config", str(config), "align", str(folder), "--out", str(out)]) == 2
+    assert "sead" in "".join(capfd.readouterr())
+
+
+def test_fewer_than_two_shapes_is_an_error_that_lists_the_reasons(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_bytes(b"rubbish")
+    with pytest.raises(CollectionError, match=r"a\.ply"):
+        align_collection(tmp_path, options=OPTIONS, run=RunOptions(jobs=1))
+
+
+def test_status_counts(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert main(["align", str(folder), "--out", str(out), *FLAGS]) == 0
+    capsys.readouterr()
+    assert main(["status", str(out / "store.sqlite"), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["shapes"]["done"], report["pairs"]["done"], report["pairs"]["left"]) == (5, 10, 0)
