@@ -45,22 +45,6 @@ def check_ply(path: Path, content: bytes) -> dict[str, int]:
     return {name: count for name, count, _ in elements}
 
 
-def check_obj(path: Path, content: bytes) -> None:
-    """Check that an OBJ file has vertices, of three numbers each.
-
-    Raises
-    ------
-    InputError
-        If not.
-    """
-    vertices = re.findall(rb"^[ \t]*v[ \t]+([^\r\n]*)", content, re.MULTILINE)
-    if not vertices:
-        raise InputError(f"{path}: not an OBJ file, it has no vertex lines 'v x y z'")
-    short = sum(1 for line in vertices if len(line.split()) < 3)
-    if short:
-        raise InputError(f"{path}: {short} vertex lines have fewer than three numbers (truncated?)")
-
-
 def check_stl(path: Path, content: bytes) -> None:
     """Check the length of a binary STL file, or that a text one is complete.
 

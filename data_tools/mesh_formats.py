@@ -1,4 +1,4 @@
-"""Mesh formats, read by trimesh; what it would accept silently is refused here."""
+"""Mesh formats. PLY, STL, GLB and GLTF go through trimesh; what it would accept silently is refused here."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import trimesh
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
-from data_tools.headers import check_obj, check_ply, check_stl
+from data_tools.headers import check_ply, check_stl
+from data_tools.obj import read_obj
 from data_tools.off import read_off
 
 # What trimesh logs about damaged files is said by our own errors; without a handler Python would print it.
@@ -28,11 +29,11 @@ def read_with_trimesh(path: Path) -> tuple[FloatArray, IntArray]:
     kind = path.suffix[1:].lower()
     content = path.read_bytes()
     promised = check_ply(path, content) if kind == "ply" else {}
-    if kind in ("obj", "stl"):
-        (check_obj if kind == "obj" else check_stl)(path, content)
+    if kind == "stl":
+        check_stl(path, content)
     resolver = _SiblingResolver(path.parent) if kind == "gltf" else None
     options: dict[str, Any] = {"process": False, "validate": False}
-    if kind in ("obj", "glb", "gltf"):
+    if kind in ("glb", "gltf"):
         options["skip_materials"] = True
     scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=resolver, **options)
     parts = []
@@ -86,4 +87,8 @@ class _SiblingResolver:
 
 
 #: Reader of each suffix.
-READERS = {**dict.fromkeys((".ply", ".obj", ".stl", ".glb", ".gltf"), read_with_trimesh), ".off": read_off}
+READERS = {
+    **dict.fromkeys((".ply", ".stl", ".glb", ".gltf"), read_with_trimesh),
+    ".off": read_off,
+    ".obj": read_obj,
+}

@@ -40,10 +40,13 @@ MALFORMED = [
     ("no_header.ply", TRIANGLE, "not a PLY file"),
     ("header_only.ply", "ply\nformat ascii 1.0\n", "not a PLY file"),
     ("binary.ply", PLY.format(10**9, "").replace("ascii", "binary_little_endian") + "xyz", "truncated"),
-    ("index99.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99\n", "not a readable OBJ"),
+    ("index99.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99\n", "names vertex 99, there are 3"),
+    ("zero.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "no corner of a face"),
+    ("below.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -9 1 2\n", "there are 3"),
+    ("cut.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n", "face of 2 corners"),
     ("nan.obj", "v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n", "NaN"),
-    ("short.obj", "v 0 0 0\nv 1 0 0\nv 0 1\nf 1 2 3\n", "fewer than three numbers"),
-    ("flat.obj", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "fewer than three numbers"),
+    ("short.obj", "v 0 0 0\nv 1 0 0\nv 0 1\nf 1 2 3\n", "no vertex of three numbers"),
+    ("flat.obj", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "no vertex of three numbers"),
     ("garbage.obj", "\x00\x01 not a mesh", "no vertex lines"),
     ("garbage.stl", "not a mesh", "not an STL file or truncated"),
     ("cut.stl", "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n", "truncated STL text"),
@@ -138,6 +141,17 @@ def test_polygons_become_triangles(tmp_path: Path) -> None:
     path.write_text("OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n")
     assert read_shape(path).faces.shape == (2, 3)
     assert read_shape(path).area == pytest.approx(1.0)
+
+
+def test_obj_keeps_vertex_order_through_groups_textures_and_negative_indices(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(
+        "mtllib ../m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1 # top\nvt 0 0\nvn 0 0 1\nusemtl a\nf 4/1/1 2/1/1 \\\n"
+        "3/1/1\ng b\nusemtl c\nf 1//1 3//1 2//1\nf -4 -3 -1 -2\n"
+    )
+    shape = read_shape(path)
+    np.testing.assert_array_equal(shape.vertices[1:], np.eye(3))
+    np.testing.assert_array_equal(shape.faces, [[3, 1, 2], [0, 2, 1], [0, 1, 3], [0, 3, 2]])
 
 
 def test_header_variants_of_off(tmp_path: Path) -> None:
