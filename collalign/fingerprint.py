@@ -73,7 +73,8 @@ def pair_seed(seed: int, target: str, source: str) -> int:
     int
         In [0, 2^63), for :func:`numpy.random.default_rng`.
     """
-    content = encode({"seed": int(seed), "target": target, "source": source})
+    names = [name.encode("utf-8", "surrogateescape") for name in (target, source)]
+    content = encode({"seed": int(seed), "names": names})
     return int.from_bytes(hashlib.sha256(content).digest()[:8], "big") >> 1
 
 

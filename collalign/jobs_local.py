@@ -7,8 +7,10 @@ import re
 import shutil
 import tempfile
 import threading
+import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
 
@@ -95,10 +97,11 @@ class _LocalRun:
         while True:
             feed = _Round(tasks)
             try:
-                for outcome in self._parallel(feed, self._num_jobs, self._batch_size):
-                    feed.received(outcome.token)
-                    stalls = 0
-                    yield outcome
+                with _closing(self._parallel(feed, self._num_jobs, self._batch_size)) as outcomes:
+                    for outcome in outcomes:
+                        feed.received(outcome.token)
+                        stalls = 0
+                        yield outcome
                 feed.close()
                 return
             except BrokenProcessPool as error:
@@ -165,6 +168,17 @@ class _LocalRun:
         if trace.is_file() and trace.stat().st_size:
             return f"ran past the time limit of {self._call.limits.time_limit_s:g} s"
         return _cause(error)
+
+
+@contextmanager
+def _closing(outcomes: Generator[Outcome]) -> Iterator[Generator[Outcome]]:
+    """Close joblib's generator at the end, without its advice about results that the caller did not wait for."""
+    try:
+        yield outcomes
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            outcomes.close()
 
 
 def _crash(task: Task, reason: str) -> Outcome:

@@ -38,7 +38,9 @@ def identity_hashes(num_shapes: int, identities: Sequence[str] | None, seed: int
         raise OptionsError(
             f"identities: expected {num_shapes} distinct ones, got {len(names)}, {len(set(names))} distinct"
         )
-    digests = b"".join(hashlib.blake2b(f"{seed} {name}".encode(), digest_size=8).digest() for name in names)
+    digests = b"".join(
+        hashlib.blake2b(f"{seed} {name}".encode("utf-8", "surrogateescape"), digest_size=8).digest() for name in names
+    )
     return np.frombuffer(digests, dtype="<u8").astype(np.uint64)
 
 

@@ -39,8 +39,6 @@ def misbehave(payload: tuple[str, Any]) -> Any:
         time.sleep(0.01)
     elif action == "raise":
         raise ValueError(f"no answer for {value}")
-    elif action == "exit":
-        os._exit(3)
     elif action == "segfault":
         ctypes.string_at(0)
     elif action == "hang":
