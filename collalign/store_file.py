@@ -6,7 +6,7 @@ import sqlite3
 import warnings
 from pathlib import Path
 
-from collalign.store_layout import APPLICATION_ID, FORMAT_VERSION, STATEMENTS
+from collalign.store_layout import APPLICATION_ID, FORMAT_VERSION, PAGE_SIZE, STATEMENTS
 from data_tools.errors import StoreError
 
 #: Largest row, in bytes: bounds what a damaged length field can make SQLite allocate.
@@ -35,6 +35,7 @@ def open_connection(path: Path, *, read_only: bool) -> sqlite3.Connection:
     try:
         _harden(connection)
         if not read_only:
+            connection.execute(f"PRAGMA page_size = {PAGE_SIZE}")  # of a new file; does nothing to others
             _set_journal(connection, path)
             _create_tables(connection)
         _check_layout(connection, path)
