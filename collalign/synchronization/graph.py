@@ -177,29 +177,40 @@ class PairGraph:
         Parameters
         ----------
         fixed : mapping of int to ndarray (d, d)
-            ``R_common_i`` of each fixed shape. Held edges join the first of them to each other one and replace a
-            measured pair between the same shapes.
+            ``R_common_i`` of each fixed shape. Held edges join the first of them to each other one; a measured pair
+            of the same shapes becomes the held edge, in its place, the others are appended.
         """
         shapes = sorted(fixed)
-        held_pairs = np.array([(shapes[0], s) for s in shapes[1:]], dtype=np.int64).reshape(-1, 2)
-        if not len(held_pairs):
-            return self
-        stated = np.stack([fixed[i].T @ fixed[j] for i, j in held_pairs])
-        key = np.sort(self.edges, axis=1) @ [self.num_shapes, 1]
-        free = ~np.isin(key, np.sort(held_pairs, axis=1) @ [self.num_shapes, 1])
-        m, count = self.candidates.shape[1], len(held_pairs)
-        only_first = np.tile(np.arange(m) == 0, (count, 1))
-        energies = None
-        if self.energies is not None:
-            energies = np.concatenate([self.energies[free], np.where(only_first, 0.0, np.inf)])
+        first = shapes[0] if shapes else 0
+        row = {frozenset(pair): e for e, pair in enumerate(self.edges.tolist())}
+        fresh = [(first, other) for other in shapes[1:] if frozenset((first, other)) not in row]
+        grown = self._with_empty_edges(np.array(fresh, dtype=np.int64).reshape(-1, 2))
+        candidates, present, held = grown.candidates.copy(), grown.present.copy(), grown.held.copy()
+        energies = None if grown.energies is None else grown.energies.copy()
+        for other in shapes[1:]:
+            pair = frozenset((first, other))
+            edge = row[pair] if pair in row else self.num_edges + fresh.index((first, other))
+            i, j = grown.edges[edge]
+            candidates[edge] = fixed[int(i)].T @ fixed[int(j)]
+            present[edge] = np.arange(present.shape[1]) == 0
+            held[edge] = True
+            if energies is not None:
+                energies[edge] = np.where(present[edge], 0.0, np.inf)
+        return replace(grown, candidates=candidates, present=present, energies=energies, held=held)
+
+    def _with_empty_edges(self, pairs: IntArray) -> PairGraph:
+        """Return the graph with edges appended whose candidates are not set yet."""
+        count, m = len(pairs), self.candidates.shape[1]
+        empty = np.zeros((count, m, self.dim, self.dim))
+        weight = float(self.weights.max(initial=0.0)) or 1.0
         return replace(
             self,
-            edges=np.concatenate([self.edges[free], held_pairs]),
-            candidates=np.concatenate([self.candidates[free], np.repeat(stated[:, None], m, axis=1)]),
-            present=np.concatenate([self.present[free], only_first]),
-            energies=energies,
-            weights=np.concatenate([self.weights[free], np.ones(count)]),
-            held=np.concatenate([self.held[free], np.ones(count, dtype=bool)]),
+            edges=np.concatenate([self.edges, pairs]),
+            candidates=np.concatenate([self.candidates, empty]),
+            present=np.concatenate([self.present, np.zeros((count, m), dtype=bool)]),
+            energies=None if self.energies is None else np.concatenate([self.energies, np.zeros((count, m))]),
+            weights=np.concatenate([self.weights, np.full(count, weight)]),
+            held=np.concatenate([self.held, np.zeros(count, dtype=bool)]),
         )
 
 

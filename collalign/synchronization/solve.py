@@ -11,6 +11,7 @@ from collalign.synchronization.certificate import certify_frames, combine_certif
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.geometry import angles_rad, relative, transposed
 from collalign.synchronization.graph import PairGraph, check_pattern
+from collalign.synchronization.outcome import connectivity_warnings, reflected_shapes, robust_synchronization
 from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.spectral import spectral_frames
 from data_tools.arrays import FloatArray, as_rotations, read_only
@@ -18,7 +19,7 @@ from data_tools.errors import InputError, OptionsError
 from pairwise.pattern import PatternLike
 from pairwise.status import Status
 
-METHODS = ("spectral",)
+METHODS = ("robust", "spectral")
 
 #: The spectral baseline calls a pair an inlier within this angle of its answer.
 SPECTRAL_INLIER_RAD = np.deg2rad(30.0)
@@ -31,7 +32,7 @@ def synchronize(
     energies: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     group: str = "SO",
-    method: str = "spectral",
+    method: str = "robust",
     num_shapes: int | None = None,
     rotation_pattern: PatternLike = None,
     fixed: Mapping[int, ArrayLike] | None = None,
@@ -51,8 +52,10 @@ def synchronize(
         Prior trust in each pair, all equal by default.
     group : {"SO", "O"}
         Whether the rotation block has determinant +1; with ``"O"`` shapes may come out mirrored.
-    method : {"spectral"}
-        ``"spectral"`` is the eigenprojection of appendix B of Maron et al. (2016) of each pair's best candidate.
+    method : {"robust", "spectral"}
+        ``"robust"`` finds the most likely poses under a model whose noise, outliers and use of energies are estimated
+        from the pairs. ``"spectral"`` is the eigenprojection of appendix B of Maron et al. (2016) of each pair's
+        best candidate.
     num_shapes : int, optional
         N; one more than the largest index by default.
     rotation_pattern : optional
@@ -87,8 +90,10 @@ def synchronize(
     )
     if not 0 <= reference < graph.num_shapes:
         raise InputError(f"reference: shape {reference} of {graph.num_shapes}")
-    held = _checked_fixed(fixed, graph)
-    return _spectral(graph, held, reference)
+    anchors = _checked_fixed(fixed, graph)
+    if method == "spectral":
+        return _spectral(graph, anchors, reference)
+    return robust_synchronization(graph, anchors, reference)
 
 
 def _spectral(graph: PairGraph, fixed: dict[int, FloatArray], reference: int) -> SynchronizationResult:
@@ -104,7 +109,6 @@ def _spectral(graph: PairGraph, fixed: dict[int, FloatArray], reference: int) ->
             certificates.append(certify_frames(part, chosen[kept], part.weights, frames[members]))
     poses = fix_gauge(transposed(frames), components, reference=reference, fixed=fixed, pattern=graph.pattern)
     misfit = angles_rad(transposed(chosen) @ relative(transposed(poses), graph.edges))
-    block = _rotation_block(graph)
     return SynchronizationResult(
         rotations=read_only(poses),
         confidence=read_only(np.full(graph.num_shapes, np.nan)),
@@ -116,24 +120,13 @@ def _spectral(graph: PairGraph, fixed: dict[int, FloatArray], reference: int) ->
         components=components,
         weak_cuts=(),
         alternatives=((),) * graph.num_shapes,
-        reflected=read_only(np.linalg.det(poses[:, block, block]) < 0),
+        reflected=read_only(reflected_shapes(poses, graph.pattern)),
         symmetries=(),
         noise_rad=float("nan"),
         certificate=combine_certificates(certificates),
         status=Status.CONVERGED,
-        warnings=_connectivity_warnings(len(components)),
+        warnings=connectivity_warnings(len(components)),
     )
-
-
-def _rotation_block(graph: PairGraph) -> slice:
-    """Return the coordinates of the rotation block: the pattern's first component."""
-    return slice(0, len(graph.pattern.components[0]))
-
-
-def _connectivity_warnings(num_components: int) -> tuple[str, ...]:
-    if num_components == 1:
-        return ()
-    return (f"The pairs leave {num_components} groups unconnected: poses are comparable within each group only.",)
 
 
 def _checked_fixed(fixed: Mapping[int, ArrayLike] | None, graph: PairGraph) -> dict[int, FloatArray]:

@@ -1,0 +1,140 @@
+"""Finding the poses of one connected group: several starts, discrete turns by beliefs, continuous refinement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from collalign.synchronization.graph import PairGraph, tree_rotations
+from collalign.synchronization.labels import propagate_beliefs
+from collalign.synchronization.model import EdgeModel, squared_distances
+from collalign.synchronization.robust import (
+    maximise_likelihood,
+    reweighted_frames,
+    weighted_start,
+)
+from collalign.synchronization.turns import aligned_candidates, propose_turns, turn_costs
+from data_tools.arrays import BoolArray, FloatArray
+
+#: Noise is this many times larger where turns are chosen: frames fitted to one choice of candidates fit their noise
+#: too, which would count as evidence for the choice.
+LABEL_NOISE_FACTOR = 3.0
+
+#: Rounds of choosing turns and refining, per start.
+MAX_ROUNDS = 4
+
+#: Starts from random poses, tried where the pairs leave shapes in doubt.
+RANDOM_STARTS = 4
+
+#: A shape whose turn has at least this probability is not in doubt.
+SETTLED = 0.98
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """Poses of a group with the model fitted to them.
+
+    Attributes
+    ----------
+    model : EdgeModel
+    frames : ndarray, shape (N, d, d)
+    beliefs : ndarray, shape (N, L)
+        Probability of each turn before the last refinement; turn 0 is the pose itself.
+    turns : ndarray, shape (N, L, d, d)
+        Turns of the common frame, ``frames @ turns`` are the alternatives.
+    cost : float
+        Minus the log-likelihood of the pairs at the noise by which turns are chosen.
+    """
+
+    model: EdgeModel
+    frames: FloatArray
+    beliefs: FloatArray
+    turns: FloatArray
+    cost: float
+
+
+def find_poses(graph: PairGraph, held: Mapping[int, FloatArray]) -> list[State]:
+    """Return the states that several starts lead to, the most likely one first.
+
+    Parameters
+    ----------
+    graph : PairGraph
+        Connected, with at least one pair.
+    held : mapping of int to ndarray (d, d)
+        Frames that do not move; at least one.
+    """
+    free = np.ones(graph.num_shapes, dtype=bool)
+    free[list(held)] = False
+    states: list[State] = []
+    for frames in _starts(graph, free):
+        states.append(improve(EdgeModel(graph=graph), _anchored(frames, held, graph), free))
+        best = min(states, key=lambda state: state.cost)
+        if best.beliefs[:, 0].min() >= SETTLED:
+            break
+    return sorted(states, key=lambda state: state.cost)
+
+
+def improve(model: EdgeModel, frames: FloatArray, free: BoolArray) -> State:
+    """Alternate turns chosen by beliefs with refinement, from given frames, while the likelihood grows."""
+    model, frames = maximise_likelihood(model, frames, free, estimate=False)
+    state = _with_beliefs(model, frames, free)
+    for _ in range(MAX_ROUNDS):
+        shapes = np.arange(len(frames))
+        chosen = np.where(free, np.argmax(state.beliefs, axis=1), 0)
+        moved = state.frames @ state.turns[shapes, chosen]
+        model, frames = maximise_likelihood(state.model, moved, free)
+        fresh = _with_beliefs(model, frames, free)
+        settled = not chosen.any()
+        if fresh.cost >= state.cost - 1e-6 and _ > 0:
+            break
+        state = fresh
+        if settled and not np.argmax(state.beliefs, axis=1).any():
+            break
+    return state
+
+
+def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray) -> State:
+    """Return the state with the beliefs about every shape's turns."""
+    graph = model.graph
+    aligned = aligned_candidates(graph, frames)
+    turns, offered = propose_turns(model, aligned)
+    blurred = model.with_noise(LABEL_NOISE_FACTOR * model.noise_rad)
+    costs = turn_costs(blurred, aligned, turns, offered)
+    start = np.full(turns.shape[:2], 0.1 / (turns.shape[1] - 1))
+    start[:, 0] = 0.9
+    beliefs = propagate_beliefs(graph.edges, costs, graph.num_shapes, start=start, clamped=np.flatnonzero(~free))
+    cost = float(blurred.costs(squared_distances(graph, frames)).sum())
+    return State(model=model, frames=frames, beliefs=beliefs, turns=turns, cost=cost)
+
+
+def _starts(graph: PairGraph, free: BoolArray) -> Iterator[FloatArray]:
+    """Yield frames to start from: reweighted averaging, weighted eigenprojection, best tree, random poses."""
+    model = EdgeModel(graph=graph)
+    rotations = graph.chosen(graph.best_choice)
+    spectral = weighted_start(model)
+    yield reweighted_frames(graph, rotations, 1.0 / model.variances, spectral, free)
+    yield spectral
+    yield tree_rotations(graph, rotations, _tree_costs(graph))
+    generator = np.random.default_rng(0)
+    for _ in range(RANDOM_STARTS):
+        random = generator.standard_normal((graph.num_shapes, graph.dim, graph.dim))
+        yield graph.pattern.project(random)
+
+
+def _anchored(frames: FloatArray, held: Mapping[int, FloatArray], graph: PairGraph) -> FloatArray:
+    """Return the frames in the gauge of the held ones, which get exactly their values."""
+    turn = graph.pattern.project(sum(frames[i].T @ held[i] for i in held))
+    anchored = frames @ turn
+    for i, frame in held.items():
+        anchored[i] = frame
+    return anchored
+
+
+def _tree_costs(graph: PairGraph) -> FloatArray:
+    """Return the lowest energy of each pair over its weight; the held ones first."""
+    lowest = np.ones(graph.num_edges)
+    if graph.energies is not None:
+        lowest = np.where(graph.present, graph.energies, np.inf).min(axis=1)
+    return np.where(graph.held, -1.0, lowest / np.maximum(graph.weights, 1e-12))

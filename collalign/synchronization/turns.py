@@ -1,0 +1,158 @@
+"""The discrete side of poses: for each shape, turns of the common frame that its pairs propose (flips, mostly)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from collalign.synchronization.graph import PairGraph
+from collalign.synchronization.model import EdgeModel
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from pairwise.pattern import RotationPattern
+
+#: Turns closer than this (squared Frobenius distance, 30 degrees) are one turn.
+SAME_TURN = 8.0 * np.sin(np.deg2rad(15.0)) ** 2
+
+#: Cost of a turn that is not offered.
+FORBIDDEN = 1e4
+
+#: Proposals looked at per shape, and for the whole collection, at most.
+SHAPE_PROPOSALS, GLOBAL_PROPOSALS = 48, 400
+
+
+def aligned_candidates(graph: PairGraph, frames: FloatArray) -> FloatArray:
+    """Return ``P_i^T R_k P_j``, the identity for a consistent candidate, shape (E, m, d, d)."""
+    left, right = frames[graph.edges[:, 0]], frames[graph.edges[:, 1]]
+    return np.swapaxes(left, 1, 2)[:, None] @ graph.candidates @ right[:, None]
+
+
+def propose_turns(
+    model: EdgeModel, aligned: FloatArray, *, num_global: int = 3, num_turns: int = 6
+) -> tuple[FloatArray, BoolArray]:
+    """Return turns ``T`` of each shape, the identity first, so that ``P_i T`` are its candidate poses.
+
+    The modes of all pairs' turns come first, because a block of shapes can turn as one only by a turn that all its
+    members have; then the modes of the shape's own pairs that are not among them.
+
+    Parameters
+    ----------
+    model : EdgeModel
+    aligned : ndarray, shape (E, m, d, d)
+        From :func:`aligned_candidates`.
+    num_global : int
+        Most turns taken from the whole collection.
+    num_turns : int
+        L, turns per shape.
+
+    Returns
+    -------
+    turns : ndarray, shape (N, L, d, d)
+        Shapes with fewer turns repeat the identity.
+    offered : ndarray of bool, shape (N, L)
+        False for the repetitions.
+    """
+    graph = model.graph
+    common = global_turns(model, aligned, num_global)
+    chance = np.exp(model.log_prior)
+    turns = np.tile(np.eye(graph.dim), (graph.num_shapes, num_turns, 1, 1))
+    turns[:, 1 : 1 + len(common)] = common
+    offered = np.zeros(turns.shape[:2], dtype=bool)
+    offered[:, : 1 + len(common)] = True
+    if num_turns == 1 + len(common):
+        return turns, offered
+    owner, edge, side = _incidence(graph)
+    starts = np.searchsorted(owner, np.arange(graph.num_shapes + 1))
+    for shape in range(graph.num_shapes):
+        part = slice(starts[shape], starts[shape + 1])
+        mine = aligned[edge[part]]
+        mine = np.where(side[part][:, None, None, None] == 0, mine, np.swapaxes(mine, 2, 3))
+        known = turns[shape, : 1 + len(common)]
+        own = _modes(
+            mine.reshape(-1, graph.dim, graph.dim),
+            chance[edge[part]].ravel(),
+            4.0 * model.noise_rad**2,
+            num_turns - len(known),
+            known,
+            graph.pattern,
+            SHAPE_PROPOSALS,
+        )
+        turns[shape, len(known) : len(known) + len(own)] = own
+        offered[shape, len(known) : len(known) + len(own)] = True
+    return turns, offered
+
+
+def global_turns(model: EdgeModel, aligned: FloatArray, count: int) -> FloatArray:
+    """Return the most frequent turns over all pairs, in both directions, shape (at most count, d, d)."""
+    graph = model.graph
+    flat = aligned.reshape(-1, graph.dim, graph.dim)
+    chance = np.exp(model.log_prior).ravel()
+    far = ((flat - np.eye(graph.dim)) ** 2).sum(axis=(1, 2)) > SAME_TURN
+    far &= chance > 0
+    chosen = np.flatnonzero(far)
+    if len(chosen) > 4 * GLOBAL_PROPOSALS:
+        chosen = chosen[np.linspace(0, len(chosen) - 1, 4 * GLOBAL_PROPOSALS).astype(np.int64)]
+    both = np.concatenate([flat[chosen], np.swapaxes(flat[chosen], 1, 2)])
+    weights = np.tile(chance[chosen], 2)
+    known = np.eye(graph.dim)[None]
+    return _modes(both, weights, 8.0 * model.noise_rad**2, count, known, graph.pattern, GLOBAL_PROPOSALS)
+
+
+def _modes(
+    turns: FloatArray,
+    weights: FloatArray,
+    bandwidth: float,
+    count: int,
+    known: FloatArray,
+    pattern: RotationPattern,
+    num_proposals: int,
+) -> FloatArray:
+    """Return the strongest modes of weighted turns, none near a known one or another, shape (at most count, d, d).
+
+    Kernel density at the proposals (the heaviest, evenly thinned), greedy with suppression, then one mean-shift step.
+    """
+    dim = turns.shape[-1]
+    flat = turns.reshape(len(turns), dim * dim)
+    distance = 2.0 * dim - 2.0 * flat @ known.reshape(len(known), -1).T
+    proposals = np.flatnonzero((distance.min(axis=1, initial=np.inf) > SAME_TURN) & (weights > 0))
+    if len(proposals) > num_proposals:
+        proposals = proposals[np.linspace(0, len(proposals) - 1, num_proposals).astype(np.int64)]
+    kernel = np.exp(-(2.0 * dim - 2.0 * flat[proposals] @ flat.T) / (4.0 * bandwidth)) * weights
+    density = kernel.sum(axis=1)
+    found: list[FloatArray] = []
+    while len(found) < count and len(proposals) and density.max() > 0:
+        top = int(np.argmax(density))
+        mean = pattern.project((kernel[top] @ flat).reshape(dim, dim))
+        found.append(mean)
+        density[2.0 * dim - 2.0 * flat[proposals] @ mean.ravel() <= SAME_TURN] = 0.0
+        density[top] = 0.0
+    return np.array(found).reshape(-1, dim, dim)
+
+
+def _incidence(graph: PairGraph) -> tuple[IntArray, IntArray, IntArray]:
+    """Return shape, edge and side of every end of an edge, sorted by shape."""
+    owner = graph.edges.T.ravel()
+    edge = np.tile(np.arange(graph.num_edges), 2)
+    side = np.repeat([0, 1], graph.num_edges)
+    order = np.argsort(owner, kind="stable")
+    return owner[order], edge[order], side[order]
+
+
+def turn_costs(model: EdgeModel, aligned: FloatArray, turns: FloatArray, offered: BoolArray) -> FloatArray:
+    """Return each pair's cost for every combination of its shapes' turns, shape (E, L, L).
+
+    Parameters
+    ----------
+    model : EdgeModel
+    aligned : ndarray, shape (E, m, d, d)
+    turns, offered
+        From :func:`propose_turns`; a turn that is not offered costs ``FORBIDDEN`` at every pair.
+    """
+    graph = model.graph
+    count, dim, num = graph.num_edges, graph.dim, turns.shape[1]
+    left = np.swapaxes(turns[graph.edges[:, 0]], 2, 3)
+    right = np.swapaxes(turns[graph.edges[:, 1]], 2, 3).reshape(count, num, -1)
+    turned = left[:, None] @ aligned[:, :, None]
+    inner = turned.reshape(count, -1, dim * dim) @ np.swapaxes(right, 1, 2)
+    squared = np.maximum(2.0 * dim - 2.0 * inner.reshape(count, -1, num, num), 0.0)
+    costs = model.costs(squared)
+    left_out, right_out = ~offered[graph.edges[:, 0]], ~offered[graph.edges[:, 1]]
+    return np.where(left_out[:, :, None] | right_out[:, None], FORBIDDEN, costs)
