@@ -2,9 +2,29 @@
 
 from __future__ import annotations
 
+import hashlib
+import zipfile
 from dataclasses import dataclass
+from os import PathLike
+from typing import Any
 
-from data_tools.arrays import FloatArray
+import numpy as np
+from numpy.typing import NDArray
+
+from data_tools.arrays import read_only
+from data_tools.errors import InputError
+from pairwise.problem import Problem
+
+#: Written into every file; a file of another version is refused.
+FORMAT = "collalign certificate 1"
+
+KINDS = ("pm-sdp", "quaternion", "tight")
+
+#: The problem's arrays within ``Certificate.arrays``, in the order in which they are hashed.
+PROBLEM_ARRAYS = ("candidates", "weights", "constant_cost", "pattern", "special_blocks")
+
+#: The same, present only where source points may stay unmatched: what that costs (k,), and how many may (scalar).
+PARTIAL_ARRAYS = ("unmatched_costs", "max_unmatched")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,6 +44,75 @@ class Certificate:
     """
 
     kind: str
-    arrays: dict[str, FloatArray]
+    arrays: dict[str, NDArray[Any]]
     problem_hash: str
     bound: float
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the certificate as an npz archive without pickled objects.
+
+        Parameters
+        ----------
+        path : path
+            Its directory must exist. NumPy appends ``.npz`` where it is missing.
+        """
+        header: dict[str, Any] = {
+            "format": FORMAT,
+            "kind": self.kind,
+            "problem_hash": self.problem_hash,
+            "bound": self.bound,
+        }
+        header |= {f"array_{name}": values for name, values in self.arrays.items()}
+        np.savez(path, allow_pickle=False, **header)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Certificate:
+        """Read a certificate; its numbers are checked by :func:`pairwise.verify_certificate`, not here.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged, or not a certificate.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                content = {name: archive[name] for name in archive.files}
+        except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+            raise InputError(f"{path}: cannot be read as a certificate ({error})") from error
+        if str(content.get("format")) != FORMAT:
+            raise InputError(f"{path}: not a certificate of this version, expected the entry format = {FORMAT!r}")
+        missing = {"kind", "problem_hash", "bound"} - content.keys()
+        if missing or content["bound"].shape != () or content["bound"].dtype.kind != "f":
+            raise InputError(
+                f"{path}: damaged certificate, missing or malformed entries {sorted(missing) or 'bound'}"
+            )
+        arrays = {name[6:]: read_only(values) for name, values in content.items() if name.startswith("array_")}
+        return cls(
+            kind=str(content["kind"]),
+            arrays=arrays,
+            problem_hash=str(content["problem_hash"]),
+            bound=float(content["bound"]),
+        )
+
+
+def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
+    """Return the part of a problem that travels in its certificates: all but the points."""
+    return {
+        "candidates": problem.candidates,
+        "weights": problem.weights,
+        "constant_cost": problem.constant_cost,
+        "pattern": problem.pattern.mask,
+        "special_blocks": np.array(problem.pattern.special_blocks, dtype=np.int64).reshape(-1, 2),
+    }
+
+
+def hash_problem(target: NDArray[np.float64], source: NDArray[np.float64], arrays: dict[str, NDArray[Any]]) -> str:
+    """Return the SHA-256 of the points and of the problem's arrays, with shapes and types."""
+    digest = hashlib.sha256()
+    names = [*PROBLEM_ARRAYS, *(name for name in PARTIAL_ARRAYS if name in arrays)]
+    named = {"target": target, "source": source, **{name: arrays[name] for name in names}}
+    for name, values in named.items():
+        little_endian = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
+        digest.update(f"{name} {values.dtype.kind}{values.dtype.itemsize} {values.shape};".encode())
+        digest.update(little_endian.tobytes())
+    return digest.hexdigest()

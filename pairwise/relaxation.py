@@ -1,7 +1,7 @@
 """The mathematics of PM-SDP: the lifted rotation, its linear equations, and the costs of a Procrustes matching.
 
 Symbols (Maron et al. 2016): P, Q the points as columns, X the assignment, R the rotation, [R] the stack of its free
-entries. Write every free entry as plus or minus one of the variables ``rho`` (or 1), so that patterns, SO(2) and SO(1)
+entries. Write every free entry as plus or minus one of the variables ``rho`` (or 1): patterns, SO(2) and SO(1)
 blocks need no equations of their own. The *moment matrix* is ``M = E[(1, rho)(1, rho)^T]`` with M_00 = 1; the
 paper's C is its lower right part. Orthogonality and the cross-product identities are quadratic in R, so they are
 linear in M: ``<A_m, M> = 0``. The relaxation over X, B, M reads
