@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Sequence
 
 import networkx as nx
@@ -28,18 +29,22 @@ def normalised(edges: IntArray) -> IntArray:
 def identity_hashes(num_shapes: int, identities: Sequence[str] | None, seed: int) -> NDArray[np.uint64]:
     """Return a 64-bit hash of each shape's identity (its index where there are none) and the seed.
 
+    Shapes of the same identity, for instance of the same content, are told apart by their order.
+
     Raises
     ------
     OptionsError
-        If the identities are not distinct, or not one per shape.
+        If there is not one identity per shape.
     """
     names = [str(i) for i in range(num_shapes)] if identities is None else list(identities)
-    if len(names) != num_shapes or len(set(names)) != num_shapes:
-        raise OptionsError(
-            f"identities: expected {num_shapes} distinct ones, got {len(names)}, {len(set(names))} distinct"
-        )
+    if len(names) != num_shapes:
+        raise OptionsError(f"identities: expected {num_shapes}, got {len(names)}")
+    seen: Counter[str] = Counter()
+    for i, name in enumerate(names):
+        seen[name] += 1
+        names[i] = f"{seed} {seen[name]} {name}"
     digests = b"".join(
-        hashlib.blake2b(f"{seed} {name}".encode("utf-8", "surrogateescape"), digest_size=8).digest() for name in names
+        hashlib.blake2b(name.encode("utf-8", "surrogateescape"), digest_size=8).digest() for name in names
     )
     return np.frombuffer(digests, dtype="<u8").astype(np.uint64)
 

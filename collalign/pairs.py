@@ -15,9 +15,10 @@ from collalign.prepare import PreparedShapes, samples_of
 from collalign.records import Record
 from collalign.stage import ProgressFactory, run_stage
 from collalign.store import Store
+from collalign.stored_types import poses_from_record, poses_to_record
 from collalign.synchronization import SynchronizationResult, synchronize
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.errors import CollectionError, StoreError
+from data_tools.errors import CollectionError
 from pairwise.match import match
 from pairwise.options import MatchOptions
 
@@ -79,13 +80,7 @@ def match_pair(task: PairTask, shared: SharedTable) -> Record:
         invariants=(target.invariants, source.invariants),
         options=task.options,
     )
-    return {
-        "rotations": np.stack([c.R_target_source for c in result.candidates]),
-        "maps": np.stack([c.map_target_source for c in result.candidates]),
-        "energies": np.array([c.energy for c in result.candidates]),
-        "lower_bound": float(result.lower_bound),
-        "status": result.status.name,
-    }
+    return poses_to_record(result)
 
 
 def match_pairs(
@@ -224,7 +219,4 @@ def _task(shapes: PreparedShapes, i: int, j: int, options: AlignOptions) -> Pair
 
 
 def _matched(record: Record, target: int, source: int) -> MatchedPair:
-    try:
-        return MatchedPair(target=target, source=source, **record)
-    except TypeError as error:
-        raise StoreError(f"a pair's record in the store is not that of a pair ({error})") from None
+    return MatchedPair(target=target, source=source, **poses_from_record(record, f"pair {target}, {source}"))

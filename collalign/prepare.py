@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from collalign.collection import Excluded
 from collalign.fingerprint import fingerprint, hash_file
@@ -12,8 +11,9 @@ from collalign.options import AlignOptions, RunOptions
 from collalign.records import Record
 from collalign.stage import ProgressFactory, run_stage
 from collalign.store import Store
+from collalign.stored_types import samples_from_record, samples_to_record
 from data_tools.embedding import Samples, sample_shape
-from data_tools.errors import CollectionError, InputError, StoreError
+from data_tools.errors import CollectionError, InputError
 from data_tools.mesh_io import FolderListing, read_shape
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 
@@ -64,7 +64,7 @@ def prepare_shape(task: ShapeTask) -> Record:
     """
     shape = read_shape(task.path, task.cleaning, name=task.name)
     samples = sample_shape(shape, task.sampling, task.embedding)
-    return {field.name: getattr(samples, field.name) for field in fields(Samples) if field.name != "name"}
+    return samples_to_record(samples)
 
 
 def samples_of(record: Record, name: str) -> Samples:
@@ -73,15 +73,9 @@ def samples_of(record: Record, name: str) -> Samples:
     Raises
     ------
     StoreError
-        If the record lacks a field.
+        If a field is missing or impossible.
     """
-    values: dict[str, Any] = dict(record)
-    try:
-        values["block_sizes"] = tuple(int(size) for size in values["block_sizes"])
-        values["notes"] = tuple(values["notes"])
-        return Samples(name=name, **values)
-    except (KeyError, TypeError, ValueError) as error:
-        raise StoreError(f"{name}: its record in the store is not that of a shape ({error})") from None
+    return samples_from_record(record, name)
 
 
 def stored_samples(store: Store, shapes: PreparedShapes) -> list[Samples]:

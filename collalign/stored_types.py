@@ -1,4 +1,4 @@
-"""Preprocessed shapes and matches as records of the store, and back with every value checked.
+"""Preprocessed shapes and poses of pairs as records of the store, and back with every value checked.
 
 What a record says is used only after its shapes, index ranges, finiteness and orthogonality have been checked, so
 that a store made by somebody else can be wrong but not harmful. Names and timings are not part of a record: a shape's
@@ -19,14 +19,13 @@ from data_tools.arrays import (
     IntArray,
     as_floats,
     as_indices,
-    as_mask,
     as_points,
     as_rotations,
     read_only,
 )
 from data_tools.embedding import Samples
-from data_tools.errors import InputError, StoreError
-from pairwise.results import Candidate, MatchResult
+from data_tools.errors import InputError, SolveFailed, StoreError
+from pairwise.results import MatchResult
 from pairwise.status import Status
 
 _MAX_INDEX = 2**31
@@ -88,87 +87,64 @@ def samples_from_record(record: Record, name: str) -> Samples:
         )
 
 
-def match_to_record(result: MatchResult) -> Record:
-    """Return a match as a record, without its timings; candidates are stacked along the first axis."""
+def poses_to_record(result: MatchResult) -> Record:
+    """Return the distinct poses of a match as a record, stacked along the first axis, the best one first.
+
+    Raises
+    ------
+    SolveFailed
+        If the match has no pose.
+    """
     poses = result.candidates
-    dim = result.R_target_source.shape[-1]
-    num_points = len(result.map_target_source)
-    rotations = [pose.R_target_source for pose in poses]
-    maps = [pose.map_target_source for pose in poses]
+    if not poses:
+        raise SolveFailed(result.status.value, result)
+    dim, num_points = result.R_target_source.shape[-1], len(result.map_target_source)
+    rotations = np.array([pose.R_target_source for pose in poses], dtype=np.float64)
+    maps = np.array([pose.map_target_source for pose in poses], dtype=np.int32)
     return {
-        "R": result.R_target_source,
-        "map": result.map_target_source.astype(np.int32),
-        "energy": float(result.energy),
+        "rotations": rotations.reshape(len(poses), dim, dim),
+        "maps": maps.reshape(len(poses), num_points),
+        "energies": np.array([pose.energy for pose in poses], dtype=np.float64),
         "lower_bound": float(result.lower_bound),
         "status": result.status.name,
-        "candidate_R": np.array(rotations, dtype=np.float64).reshape(len(poses), dim, dim),
-        "candidate_map": np.array(maps, dtype=np.int32).reshape(len(poses), num_points),
-        "candidate_energy": np.array([pose.energy for pose in poses], dtype=np.float64),
-        "candidate_scale": np.array([pose.scale for pose in poses], dtype=np.float64),
-        "candidate_reflected": np.array([pose.reflected for pose in poses], dtype=np.bool_),
-        "candidate_origin": [pose.origin for pose in poses],
     }
 
 
-def match_from_record(record: Record, name: str, *, num_target: int = _MAX_INDEX) -> MatchResult:
-    """Check a record and return the match; its ``times_s`` is empty.
+def poses_from_record(record: Record, name: str) -> Record:
+    """Check a record of a pair's poses and return its fields.
 
     Parameters
     ----------
     record : dict
-        From :func:`match_to_record`, or anything else.
+        From :func:`poses_to_record`, or anything else.
     name : str
         Names the pair in the message.
-    num_target : int
-        Number of target points, which indices have to stay below.
+
+    Returns
+    -------
+    dict
+        ``rotations`` (m, d, d), ``maps`` (m, k) of int64 with -1 where unmatched, ``energies`` (m,), ``lower_bound``
+        (NaN where nothing is proven), ``status``; m >= 1.
 
     Raises
     ------
     StoreError
-        If a field is missing, of another shape, or impossible; NaN is accepted where the status is FAILED only.
+        If a field is missing, of another shape, or impossible.
     """
     with _as_store_error(name):
-        status = _status(record["status"])
-        num_points = len(np.atleast_1d(record["map"]))
-        R = np.array(record["R"], dtype=np.float64)
-        if status is not Status.FAILED or np.isfinite(R).all():
-            R = as_rotations(R, "R")
-        candidates = _candidates(record, R.shape, num_points, num_target)
-        return MatchResult(
-            R_target_source=read_only(R),
-            map_target_source=_point_map(record["map"], "map", (num_points,), num_target),
-            energy=_number(record["energy"], "energy", allow_nan=status is Status.FAILED),
-            lower_bound=_number(record["lower_bound"], "lower_bound", allow_nan=True),
-            candidates=candidates,
-            status=status,
-        )
-
-
-def _candidates(
-    record: Record, rotation_shape: tuple[int, ...], num_points: int, num_target: int
-) -> tuple[Candidate, ...]:
-    energies = as_floats(record["candidate_energy"], "candidate_energy", shape=(None,))
-    num = len(energies)
-    scales = as_floats(record["candidate_scale"], "candidate_scale", shape=(num,))
-    reflected = as_mask(record["candidate_reflected"], "candidate_reflected", shape=(num,))
-    rotations = as_floats(record["candidate_R"], "candidate_R", shape=(num, *rotation_shape))
-    maps = _point_map(record["candidate_map"], "candidate_map", (num, num_points), num_target)
-    origins = _listed(record["candidate_origin"], "candidate_origin")
-    if len(origins) != num:
-        raise InputError(f"candidate_origin: {len(origins)} of {num}")
-    if num:
-        rotations = as_rotations(rotations, "candidate_R")
-    return tuple(
-        Candidate(
-            R_target_source=read_only(rotations[i].copy()),
-            map_target_source=read_only(maps[i].copy()),
-            energy=float(energies[i]),
-            reflected=bool(reflected[i]),
-            origin=_text(origins[i], "candidate_origin"),
-            scale=float(scales[i]),
-        )
-        for i in range(num)
-    )
+        energies = _floats(record["energies"], "energies", (None,))
+        num_poses = len(energies)
+        rotations = as_rotations(_floats(record["rotations"], "rotations", (num_poses, None, None)), "rotations")
+        maps = as_indices(record["maps"], "maps", lower=-1, upper=_MAX_INDEX, shape=(num_poses, None))
+        if num_poses == 0:
+            raise InputError("holds no pose")
+        return {
+            "rotations": read_only(rotations),
+            "maps": read_only(maps),
+            "energies": energies,
+            "lower_bound": _number(record["lower_bound"], "lower_bound", allow_nan=True),
+            "status": _status(record["status"]).name,
+        }
 
 
 @contextmanager
@@ -188,10 +164,6 @@ def _floats(value: Any, name: str, shape: tuple[int | None, ...]) -> FloatArray:
 
 def _indices(value: Any, name: str, num: int | None = None) -> IntArray:
     return read_only(as_indices(value, name, upper=_MAX_INDEX, shape=(num,)))
-
-
-def _point_map(value: Any, name: str, shape: tuple[int, ...], num_target: int) -> IntArray:
-    return read_only(as_indices(value, name, lower=-1, upper=num_target, shape=shape))
 
 
 def _number(value: Any, name: str, *, allow_nan: bool = False) -> float:

@@ -92,6 +92,12 @@ def test_the_selection_follows_the_shapes_and_not_their_order(rng: np.random.Gen
     assert as_set(one) != as_set(select_pairs(50, strategy="sparse", descriptors=descriptors, seed=1))
 
 
+def test_shapes_of_the_same_identity_are_told_apart() -> None:
+    edges = select_pairs(30, strategy="sparse", identities=["same content"] * 30, degree=8)
+    assert nx.is_connected(check_pairs(edges, 30))
+    assert len(edges) < 30 * 29 / 4
+
+
 def test_landmarks_shorten_the_paths(rng: np.random.Generator) -> None:
     descriptors = rng.standard_normal((150, 3))
     plain = select_pairs(150, strategy="sparse", descriptors=descriptors)
@@ -163,7 +169,6 @@ def test_extending_joins_new_shapes_to_old_ones(strategy: str, num_old: int, rng
         {"degree": 3},
         {"num_landmarks": -1},
         {"num_landmarks": 2},
-        {"identities": ["a"] * 30},
         {"identities": ["a"]},
     ],
 )
