@@ -55,16 +55,7 @@ class Classification:
 
     def as_dict(self) -> dict[str, Any]:
         """The result in JSON types, with every wrongly classified shape."""
-        wrong = [
-            {
-                "shape": self.names[at],
-                "label": self.labels[at],
-                "nearest": self.names[near],
-                "predicted": self.labels[near],
-            }
-            for at, near in enumerate(self.nearest.tolist())
-            if self.scored[at] and (near < 0 or self.labels[near] != self.labels[at])
-        ]
+        wrong = [self._mistake(at) for at in range(len(self.names)) if self.scored[at] and not self._right(at)]
         return {
             "accuracy": self.accuracy if self.num_scored else None,
             "correct": self.num_correct,
@@ -75,6 +66,14 @@ class Classification:
             "statement": self.statement,
             "wrong": wrong,
         }
+
+    def _right(self, at: int) -> bool:
+        return self.nearest[at] >= 0 and self.labels[self.nearest[at]] == self.labels[at]
+
+    def _mistake(self, at: int) -> dict[str, str | None]:
+        near = int(self.nearest[at])
+        shape, predicted = (self.names[near], self.labels[near]) if near >= 0 else (None, None)
+        return {"shape": self.names[at], "label": self.labels[at], "nearest": shape, "predicted": predicted}
 
     def table(self) -> str:
         """The result as plain text, one line per label."""

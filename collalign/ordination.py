@@ -95,7 +95,7 @@ def newick(tree: Tree, names: tuple[str, ...]) -> str:
     """Write a tree in Newick form; a branch is half the difference of heights, so that every tip is equally deep."""
     quoted = ["'" + name.replace("'", "''") + "'" for name in names]
     parts = [(text, 0.0) for text in quoted]
-    for left, right, height, _ in tree.linkage:
+    for left, right, height, _ in tree.linkage.tolist():
         branches = [f"{text}:{(height - low) / 2!r}" for text, low in (parts[int(left)], parts[int(right)])]
-        parts.append((f"({','.join(branches)})", float(height)))
+        parts.append((f"({','.join(branches)})", height))
     return parts[-1][0] + ";"
