@@ -19,7 +19,7 @@ from pairwise.options import MatchOptions, Strategy
 from pairwise.pattern import PatternLike
 from pairwise.problem import Problem
 from pairwise.results import Candidate, MatchResult
-from pairwise.search import distinct, mirror_rotations, of_chirality, rotation_block, search
+from pairwise.search import distinct, explore, look_around, mirror_rotations, of_chirality, rotation_block
 from pairwise.status import Status
 
 
@@ -105,13 +105,18 @@ def match_problem(problem: Problem, options: MatchOptions) -> MatchResult:
     """Match as :func:`match` does, from a checked problem."""
     times_s: dict[str, float] = {}
     scale_range = options.scale_range if options.estimate_scale else None
+    parts = {reflected: of_chirality(problem, reflected=reflected) for reflected in _chiralities(problem)}
+    start_s = time.perf_counter()
+    minima = {
+        reflected: explore(part, num_rotations=options.num_rotations, seed=options.seed, scale_range=scale_range)
+        for reflected, part in parts.items()
+    }
+    least = min(float(m.energies[0]) for m in minima.values())
     found: list[Candidate] = []
-    for reflected in _chiralities(problem):
-        part = of_chirality(problem, reflected=reflected)
-        start_s = time.perf_counter()
-        minima = search(part, num_rotations=options.num_rotations, seed=options.seed, scale_range=scale_range)
-        times_s["search"] = times_s.get("search", 0.0) + time.perf_counter() - start_s
-        found += _candidates(part, minima, options, reflected=reflected)
+    for reflected, part in parts.items():
+        seen = look_around(part, minima[reflected], least, seed=options.seed, scale_range=scale_range)
+        found += _candidates(part, seen, options, reflected=reflected)
+    times_s["search"] = time.perf_counter() - start_s
     ranked = _rank(found, options)
     best = ranked[0]
     return MatchResult(

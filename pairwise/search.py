@@ -1,4 +1,4 @@
-"""Search over the rotation block: an even set of rotations, the principal axes, and a second look around the best.
+"""Search over the rotation block: an even set of rotations screened cheaply, the principal axes, a second look.
 
 The rotation block of an embedding is its first block; for given rotation of it the other blocks follow in closed form
 from the map that the rotation block alone finds best.
@@ -9,22 +9,28 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import OptionsError
 from pairwise.local_search import LocalMinima, MatchingCosts, merge, minimise, procrustes
 from pairwise.pattern import RotationPattern
 from pairwise.problem import Problem
-from pairwise.starts import principal_frame, rotation_angles, rotation_set, sign_rotations, small_rotations
+from pairwise.screening import screen
+from pairwise.starts import principal_frame, rotation_set, sign_rotations, small_rotations
 
 #: Largest number of principal-axis starts; 4 in three dimensions.
 _MAX_SIGN_STARTS = 16
-#: Size of the set of rotations by dimension of the rotation block.
-_NUM_ROTATIONS = {1: 1, 2: 48, 3: 160}
-_NUM_ROTATIONS_ABOVE = 200
-#: The second look: around how many distinct minima, with how many rotations each, by which angle.
-_NUM_CENTRES, _NUM_AROUND, _ANGLE_AROUND_RAD = 6, 12, np.deg2rad(15.0)
+#: Size of the set of rotations by dimension of the rotation block, and above.
+_NUM_ROTATIONS = {1: 1, 2: 96, 3: 500}
+_NUM_ROTATIONS_ABOVE = 500
+#: Screened rotations closer than this are one.
+_SAME_RAD = np.deg2rad(4.0)
+#: Share of the rotations that meet exact assignment, for so many steps; share of these that are minimised to the end.
+_TRIED, _TRIAL_STEPS, _KEPT = 0.16, 2, 0.25
+_LEAST_TRIED, _LEAST_KEPT = 20, 12
+#: The second look: around how many distinct minima, up to which multiple of the least energy, with how many rotations
+#: each, by which angle.
+_NUM_CENTRES, _CENTRE_FACTOR, _NUM_AROUND, _ANGLE_AROUND_RAD = 6, 1.25, 12, np.deg2rad(15.0)
 
 
 def rotation_block(pattern: RotationPattern) -> int:
@@ -89,7 +95,7 @@ def leading_problem(problem: Problem) -> Problem:
 def search(
     problem: Problem, *, num_rotations: int = 0, seed: int = 0, scale_range: tuple[float, float] | None = None
 ) -> LocalMinima:
-    """Return the local minima that an even set of starts leads to.
+    """Return the local minima that an even set of rotations leads to: :func:`explore`, then :func:`look_around`.
 
     Parameters
     ----------
@@ -101,47 +107,83 @@ def search(
         For rotation blocks of more than three dimensions.
     scale_range : pair of float, optional
         Estimate the scale too, within these limits.
+    """
+    minima = explore(problem, num_rotations=num_rotations, seed=seed, scale_range=scale_range)
+    return look_around(problem, minima, float(minima.energies[0]), seed=seed, scale_range=scale_range)
 
-    Returns
-    -------
-    LocalMinima
-        Found from ``"axes"``, ``"search"``, or by looking ``"around"`` the best of these.
+
+def explore(
+    problem: Problem, *, num_rotations: int = 0, seed: int = 0, scale_range: tuple[float, float] | None = None
+) -> LocalMinima:
+    """Return local minima found from the principal axes and an even set of rotations; parameters as :func:`search`.
+
+    All rotations take a step of nearest-neighbour ICP; the most promising distinct ones, two steps with exact
+    assignment; the best distinct ones of these are minimised to the end. The set is laid in the frames of the
+    principal axes, so that the answer turns with the points.
     """
     lead = leading_problem(problem)
-    frames = principal_frame(lead.target, np.ones(lead.num_target)), principal_frame(lead.source, lead.weights)
     axes = sign_rotations(lead.dim, _MAX_SIGN_STARTS, seed=seed)
-    even = rotation_set(lead.dim, num_rotations or _NUM_ROTATIONS.get(lead.dim, _NUM_ROTATIONS_ABOVE), seed=seed)
-    starts = frames[0] @ np.concatenate([axes, even]) @ frames[1].T
-    origins = np.repeat(["axes", "search"], [len(axes), len(even)])
-    minima = descend(problem, lead, starts, origins, scale_range=scale_range)
-    centres = distinct(minima.rotations[:, : lead.dim, : lead.dim], _ANGLE_AROUND_RAD / 2.0, _NUM_CENTRES)
-    around = small_rotations(lead.dim, _NUM_AROUND, _ANGLE_AROUND_RAD, seed=seed)
-    rotations = minima.rotations[centres, : lead.dim, : lead.dim]
-    starts = (around @ rotations[:, None]).reshape(-1, lead.dim, lead.dim)
-    return merge([minima, descend(problem, lead, starts, "around", scale_range=scale_range)])
-
-
-def descend(
-    problem: Problem,
-    lead: Problem,
-    starts: FloatArray,
-    origins: str | NDArray[np.str_],
-    *,
-    scale_range: tuple[float, float] | None = None,
-) -> LocalMinima:
-    """Minimise from rotations of the rotation block alone, the other blocks following in closed form."""
+    num = num_rotations or _NUM_ROTATIONS.get(lead.dim, _NUM_ROTATIONS_ABOVE)
+    even = rotation_set(lead.dim, num, seed=seed)
+    if lead.pattern.mask.all():
+        ones = np.ones(lead.num_target)
+        frames = principal_frame(lead.target, ones), principal_frame(lead.source, lead.weights)
+        axes, even = (frames[0] @ starts @ frames[1].T for starts in (axes, even))
+    else:
+        even = lead.pattern.project(even)
+    screened, _ = screen(lead, np.concatenate([axes, even]), num_steps=1)
+    num_tried = max(_LEAST_TRIED, round(_TRIED * num))
+    tried = screened[distinct(screened, _SAME_RAD, num_tried)]
+    starts = np.concatenate([axes, tried])
+    origins = np.repeat(["axes", "search"], [len(axes), len(tried)])
     if lead is not problem:
         maps = MatchingCosts(lead).assign(starts, np.ones(len(starts)))
         starts, _ = procrustes(problem, maps)
-    return minimise(problem, starts, scale_range=scale_range, origins=origins)
+    trials = minimise(problem, starts, max_iterations=_TRIAL_STEPS, scale_range=scale_range, origins=origins)
+    num_kept = max(_LEAST_KEPT, round(_KEPT * num_tried))
+    kept = distinct(trials.rotations[:, : lead.dim, : lead.dim], _SAME_RAD, num_kept)
+    return minimise(problem, trials.rotations[kept], scale_range=scale_range, origins=trials.origins[kept])
+
+
+def look_around(
+    problem: Problem,
+    minima: LocalMinima,
+    least_energy: float,
+    *,
+    seed: int = 0,
+    scale_range: tuple[float, float] | None = None,
+) -> LocalMinima:
+    """Return the minima and those found by turning the best distinct ones a little: many basins are small.
+
+    Parameters
+    ----------
+    problem : Problem
+    minima : LocalMinima
+        Best first.
+    least_energy : float
+        The least energy known, of either chirality; only minima not far above it are worth the look.
+    seed, scale_range
+        As in :func:`search`.
+    """
+    block = rotation_block(problem.pattern)
+    centres = distinct(minima.rotations[:, :block, :block], _ANGLE_AROUND_RAD / 2.0, _NUM_CENTRES)
+    centres = centres[minima.energies[centres] <= _CENTRE_FACTOR * least_energy]
+    turns = np.tile(np.eye(problem.dim), (_NUM_AROUND, 1, 1))
+    turns[:, :block, :block] = small_rotations(block, _NUM_AROUND, _ANGLE_AROUND_RAD, seed=seed)
+    starts = (turns @ minima.rotations[centres, None]).reshape(-1, problem.dim, problem.dim)
+    return merge([minima, minimise(problem, starts, scale_range=scale_range, origins="around")])
 
 
 def distinct(rotations: FloatArray, angle_rad: float, num: int) -> IntArray:
     """Return positions of the first ``num`` rotations that are pairwise at least ``angle_rad`` apart, in order."""
+    flat = rotations.reshape(len(rotations), -1)
+    free = np.ones(len(rotations), dtype=bool)
     kept: list[int] = []
+    traces = rotations.shape[-1] - 2.0 * (1.0 - np.cos(angle_rad))
     for position in range(len(rotations)):
         if len(kept) == num:
             break
-        if not kept or rotation_angles(rotations[kept], rotations[position]).min() >= angle_rad:
+        if free[position]:
             kept.append(position)
+            free &= flat @ flat[position] <= traces
     return np.array(kept, dtype=np.int64)

@@ -120,14 +120,14 @@ def rotation_angles(first: FloatArray, second: FloatArray) -> FloatArray:
 def small_rotations(dim: int, num: int, angle_rad: float, *, seed: int = 0) -> FloatArray:
     """Return rotations by one angle about even axes, shape (num, d, d): how to look around a pose.
 
-    The axes are a Fibonacci sphere for d = 3 (d = 2 has the two senses only); above, random generators of the same
+    The axes are a Fibonacci sphere for d = 3 (d = 2 has two senses only); above, random generators of the same
     Frobenius norm. Cayley transform of skew-symmetric matrices.
     """
     if dim == 1:
-        return np.ones((1, 1, 1))
+        return np.ones((num, 1, 1))
     upper = np.triu_indices(dim, 1)
     if dim == 2:
-        generators = np.array([[1.0], [-1.0]])
+        generators = np.array([[1.0], [-1.0]])[np.arange(num) % 2]
     elif dim == 3:
         height = 1.0 - (2.0 * np.arange(num) + 1.0) / num
         turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(num)
