@@ -1,0 +1,121 @@
+"""Runs a command to its end while killing it, or one of its workers, at random instants."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass
+class FaultLog:
+    """How often each kind of process was killed, and how often the command ended by itself."""
+
+    parents: int = 0
+    workers: int = 0
+    endings: list[int] = field(default_factory=list)
+
+    @property
+    def kills(self) -> int:
+        return self.parents + self.workers
+
+
+def run_with_kills(
+    command: Sequence[str],
+    num_kills: int,
+    rng: np.random.Generator,
+    *,
+    delay_s: tuple[float, float],
+    parent_share: float = 0.3,
+    resume_codes: Sequence[int] = (),
+    cwd: Path | None = None,
+) -> FaultLog:
+    """Run a command until it ends by itself with code 0, with up to ``num_kills`` SIGKILLs on the way.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Resumes where it was killed.
+    num_kills : int
+    rng : Generator
+    delay_s : tuple of float
+        Between kills, uniformly.
+    parent_share : float
+        Probability that the command itself is killed rather than one of its workers.
+    resume_codes : sequence of int
+        Exit codes after which the command is started again, as a user would where something was left out.
+    cwd : Path, optional
+
+    Raises
+    ------
+    RuntimeError
+        If the command ends with an error.
+    """
+    log = FaultLog()
+    while True:
+        process = subprocess.Popen(command, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        with process:
+            _kill_at_random(process, num_kills, rng, log, delay_s, parent_share)
+            errors = process.stderr.read().decode(errors="replace") if process.stderr else ""
+        if process.returncode == -signal.SIGKILL:
+            continue
+        log.endings.append(process.returncode)
+        if process.returncode in resume_codes:
+            continue
+        if process.returncode != 0:
+            raise RuntimeError(f"{command[0]} ended with code {process.returncode}: {errors[-2000:]}")
+        return log
+
+
+def _kill_at_random(
+    process: subprocess.Popen[bytes],
+    num_kills: int,
+    rng: np.random.Generator,
+    log: FaultLog,
+    delay_s: tuple[float, float],
+    parent_share: float,
+) -> None:
+    """Kill until the command is gone or enough has been killed."""
+    while log.kills < num_kills:
+        try:
+            process.wait(timeout=rng.uniform(*delay_s))
+            return
+        except subprocess.TimeoutExpired:
+            pass
+        workers = worker_processes(process.pid)
+        if rng.random() < parent_share:
+            log.parents += 1
+            process.kill()
+            return
+        if workers:
+            log.workers += kill(int(rng.choice(workers)))
+
+
+def kill(pid: int) -> bool:
+    """Kill a process with SIGKILL; returns whether it was there."""
+    try:
+        os.kill(pid, signal.SIGKILL)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def worker_processes(parent: int) -> list[int]:
+    """Return the process ids of joblib's workers of a process."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            parent_pid = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            words = (entry / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if parent_pid == parent and b"popen_loky" in words:
+            found.append(int(entry.name))
+    return sorted(found)
