@@ -109,7 +109,9 @@ def _reduce(shape: Shape, options: SamplingOptions) -> tuple[Shape, IntArray, st
 
 def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, str]:
     """Quadric decimation (Garland and Heckbert 1997); vertices map back to the nearest original one."""
-    vertices, faces = fast_simplification.simplify(shape.vertices, shape.faces, target_count=max_faces)
+    vertices, faces = fast_simplification.simplify(
+        shape.vertices.copy(), shape.faces.astype(np.int32), target_count=max_faces
+    )
     small = clean(Shape.from_arrays(vertices, faces, name=shape.name, file=shape.file))
     used = np.unique(shape.faces)
     _, nearest = cKDTree(shape.vertices[used]).query(small.vertices)

@@ -1,0 +1,43 @@
+import dataclasses
+
+import pytest
+
+from data_tools.errors import OptionsError
+from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
+
+
+@pytest.mark.parametrize("kind", [CleaningOptions, SamplingOptions, EmbeddingOptions])
+def test_defaults_are_valid_frozen_and_keyword_only(kind: type) -> None:
+    options = kind()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(options, dataclasses.fields(kind)[0].name, None)
+    with pytest.raises(TypeError):
+        kind(True)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("num_points", 3), ("num_points", 20.0), ("num_points", True), ("num_dense_points", -1), ("max_faces", 10),
+        ("max_cloud_points", 0), ("metric", "taxicab"), ("seeds", "random"), ("normalisation", "volume"),
+    ],
+)  # fmt: skip
+def test_impossible_sampling_is_refused_by_name(field: str, value: object) -> None:
+    with pytest.raises(OptionsError, match=field):
+        SamplingOptions(**{field: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("kind", "xyz+normals"), ("num_eigenfunctions", 0), ("lb_weight", -0.1), ("hks_weight", float("nan")),
+     ("agd_weight", float("inf")), ("wks_weight", "a"), ("boundary_weight", None)],
+)  # fmt: skip
+def test_impossible_embeddings_are_refused_by_name(field: str, value: object) -> None:
+    with pytest.raises(OptionsError, match=field):
+        EmbeddingOptions(**{field: value})  # type: ignore[arg-type]
+
+
+def test_kinds_say_what_they_need() -> None:
+    needs = {kind: EmbeddingOptions(kind=kind) for kind in ("xyz", "xyz+lb", "xyz+invariants", "all")}  # type: ignore[arg-type]
+    assert [o.has_eigenfunctions for o in needs.values()] == [False, True, False, True]
+    assert [o.has_invariants for o in needs.values()] == [False, False, True, True]

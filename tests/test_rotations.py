@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from data_tools.errors import InputError, OptionsError
+from data_tools.rotations import landmark_rotation, random_rotation, rotation_angle_deg, rotation_error_deg
+
+
+def about_z(degrees: float) -> np.ndarray:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+
+
+def test_random_rotations_are_orthogonal_and_of_the_group(rng: np.random.Generator) -> None:
+    for dim in (2, 3, 5):
+        drawn = np.stack([random_rotation(rng, dim, group="O") for _ in range(40)])
+        np.testing.assert_allclose(
+            drawn @ drawn.transpose(0, 2, 1), np.broadcast_to(np.eye(dim), drawn.shape), atol=1e-12
+        )
+        assert set(np.sign(np.linalg.det(drawn))) == {-1.0, 1.0}
+        assert np.linalg.det(random_rotation(rng, dim)) > 0
+    with pytest.raises(OptionsError, match="group"):
+        random_rotation(rng, group="U")
+
+
+def test_random_rotations_are_uniform(rng: np.random.Generator) -> None:
+    drawn = np.stack([random_rotation(rng) for _ in range(3000)])
+    assert np.abs(drawn.mean(axis=0)).max() < 0.05
+    np.testing.assert_allclose((drawn**2).mean(axis=0), 1 / 3, atol=0.03)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-6, 1.0, 90.0, 179.9999, 180.0])
+def test_angles_of_known_turns(angle: float) -> None:
+    assert rotation_angle_deg(about_z(angle)) == pytest.approx(angle, rel=1e-6, abs=1e-9)
+    assert rotation_angle_deg(about_z(20), about_z(20 + angle)) == pytest.approx(angle, rel=1e-6, abs=1e-6)
+
+
+def test_no_angle_between_hands() -> None:
+    assert np.isnan(rotation_angle_deg(-np.eye(3)))
+    assert rotation_angle_deg(-np.eye(3), -np.eye(3)) == 0
+
+
+def test_landmarks_give_back_the_planted_rotation(rng: np.random.Generator) -> None:
+    source = rng.standard_normal((8, 3))
+    for group in ("SO", "O"):
+        truth = random_rotation(rng, group=group)
+        target = 3.0 * source @ truth.T + [1, 2, 3]
+        target[2] = np.nan
+        np.testing.assert_allclose(landmark_rotation(target, source, group=group), truth, atol=1e-12)
+
+
+def test_mirrored_landmarks_differ_by_group(rng: np.random.Generator) -> None:
+    source = rng.standard_normal((8, 3))
+    target = source * [-1, 1, 1]
+    assert np.linalg.det(landmark_rotation(target, source)) == pytest.approx(1)
+    np.testing.assert_allclose(landmark_rotation(target, source, group="O"), np.diag([-1.0, 1, 1]), atol=1e-12)
+
+
+def test_landmarks_are_checked(rng: np.random.Generator) -> None:
+    points = rng.standard_normal((4, 3))
+    with pytest.raises(InputError, match="one shape"):
+        landmark_rotation(points, points[:3])
+    missing = points.copy()
+    missing[:2] = np.nan
+    with pytest.raises(InputError, match="2 points, at least 3"):
+        landmark_rotation(points, missing)
+    with pytest.raises(OptionsError, match="group"):
+        landmark_rotation(points, points, group="so")
+
+
+def test_error_up_to_symmetry() -> None:
+    square = np.stack([about_z(90 * i) for i in range(4)])
+    assert rotation_error_deg(about_z(95), np.eye(3)) == pytest.approx(95)
+    assert rotation_error_deg(about_z(95), np.eye(3), symmetries=square) == pytest.approx(5)
+    assert rotation_error_deg(about_z(45), np.eye(3), symmetries=square) == pytest.approx(45)
