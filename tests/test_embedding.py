@@ -51,10 +51,6 @@ def test_positions_undo_to_vertices(shape: Shape) -> None:
     assert np.linalg.norm(sample_shape(shape, FEW).positions) == pytest.approx(1.0)
 
 
-def back_to(samples: Samples, shape: Shape) -> np.ndarray:
-    return shape.vertices[samples.vertex_indices] - samples.offset
-
-
 def test_weights_are_squared_norms_relative_to_positions() -> None:
     options = EmbeddingOptions(kind="all", lb_weight=0.5, hks_weight=0.2, boundary_weight=0.4)
     for normalisation in ("centroid", "none"):
