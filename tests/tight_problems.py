@@ -1,0 +1,63 @@
+"""Small random and degenerate problems over SO(2), SO(3), O(2), O(3), whose optimum brute force can find."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pairwise.problem import Problem
+
+#: How the points lie.
+SHAPES = ("general", "coplanar", "collinear", "symmetric", "repeated", "one place", "noise-free")
+
+
+def small_problem(seed: int, *, max_target: int = 6) -> Problem:
+    """A problem that depends on the seed alone: kind of points, group, sizes, candidates, weights, invariants."""
+    rng = np.random.default_rng([seed, 1207])
+    shape = SHAPES[seed % len(SHAPES)]
+    dim = int(rng.choice([2, 3, 3]))
+    n = int(rng.integers(2, max_target + 1))
+    k = n if rng.random() < 0.5 else int(rng.integers(1, n + 1))
+    target = _points(shape, n, dim, rng)
+    rotation = np.linalg.qr(rng.standard_normal((dim, dim)))[0]
+    noise = 0.0 if shape == "noise-free" else rng.choice([0.02, 0.1, 0.3])
+    source = (target[rng.permutation(n)[:k]] + noise * rng.standard_normal((k, dim))) @ rotation
+    optional: dict[str, object] = {"group": str(rng.choice(["SO", "O"]))}
+    if rng.random() < 0.3:
+        allowed = rng.random((n, k)) < 0.6
+        allowed[rng.permutation(n)[:k], np.arange(k)] = True
+        optional["candidates"] = allowed
+    if rng.random() < 0.3:
+        optional["weights"] = rng.choice([0.0, 0.5, 1.0, 2.0], size=k) + 0.1
+    if rng.random() < 0.3:
+        optional["invariants"] = (rng.standard_normal((n, 1)), rng.standard_normal((k, 1)))
+    return Problem.from_user(target, source, **optional)  # type: ignore[arg-type]
+
+
+def planted_cube(
+    num: int, noise: float, seed: int, *, num_source: int | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Uniform points in the unit cube and their noisy, rotated, shuffled copy, both centred: target and source."""
+    rng = np.random.default_rng([seed, num, 55])
+    target = rng.uniform(size=(num, 3))
+    rotation = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    rotation[:, 0] *= np.linalg.det(rotation)
+    source = (target + noise * rng.standard_normal((num, 3))) @ rotation
+    source = source[rng.permutation(num)[:num_source]]
+    return target - target.mean(axis=0), source - source.mean(axis=0)
+
+
+def _points(shape: str, n: int, dim: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    points = rng.uniform(-0.5, 0.5, size=(n, dim))
+    if shape == "coplanar":
+        points[:, -1] = 0.0
+    elif shape == "collinear":
+        points = points[:, :1] * rng.standard_normal(dim)
+    elif shape == "symmetric":
+        half = points[: (n + 1) // 2]
+        points = np.concatenate([half, half * np.where(np.arange(dim) < 2, -1.0, 1.0)])[:n]
+    elif shape == "repeated":
+        points = points[rng.integers(0, max(1, n // 2), size=n)]
+    elif shape == "one place":
+        points[:] = points[0]
+    return points
