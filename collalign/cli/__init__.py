@@ -73,6 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ``sys.argv[1:]`` by default.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    app.config = ()  # an earlier call may have set one
     try:
         code = app.meta(words, exit_on_error=False)
     except CycloptsError:
