@@ -1,0 +1,112 @@
+"""Evidence for a map that the matching energy does not see: curvature, commutativity, orientation, coverage.
+
+The energy prefers maps that squeeze the shapes into each other over true ones, so candidates are judged by what it
+does not contain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from collalign.nonrigid.geometry import NUM_FORM_FUNCTIONS
+from collalign.nonrigid.surface import SpectralShape
+from data_tools.arrays import FloatArray, IntArray
+from pairwise.functional_map import FunctionalMap
+
+#: Floor of a disagreement inside its logarithm.
+FLOOR = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """How well a map of the dense samples agrees with what the shapes are.
+
+    Attributes
+    ----------
+    curvature : float
+        1 - correlation of the smoothed mean curvatures at matched points; NaN without normals.
+    commutativity : float
+        Share of the functional map that does not commute with the two Laplacians, in [0, 1].
+    orientation : float
+        Correlation of the orientation forms: near 1 keeps left and right, near -1 swaps them, near 0 mixes them; NaN
+        without normals.
+    coverage : float
+        Share of the target's dense samples that are some point's image.
+    bijectivity : float
+        Share of the source's dense samples that come back, by map and inverse, to a point nearer than 0.1 sqrt(area).
+    """
+
+    curvature: float
+    commutativity: float
+    orientation: float
+    coverage: float
+    bijectivity: float
+
+    @property
+    def score(self) -> float:
+        """Log of the disagreements plus what the orientation leaves open; the lower the better."""
+        total = np.log(max(self.commutativity, FLOOR))
+        if np.isfinite(self.curvature):
+            total += np.log(max(self.curvature, FLOOR))
+        if np.isfinite(self.orientation):
+            total += 1.0 - abs(self.orientation)
+        return float(total)
+
+
+def judge(target: SpectralShape, source: SpectralShape, refined: FunctionalMap) -> Evidence:
+    """Return the evidence for a refined map of the dense samples (all of them or the first ones)."""
+    forward, backward = refined.map_target_source, refined.map_source_target
+    on_target, on_source = target.dense[: len(backward)], source.dense[: len(forward)]
+    returned = source.vertices[on_source[backward[forward]]] - source.vertices[on_source]
+    return Evidence(
+        curvature=_curvature_gap(target.curvature[on_target[forward]], source.curvature[on_source]),
+        commutativity=_commutativity_gap(refined.C_source_target, target.eigenvalues, source.eigenvalues),
+        orientation=orientation_of(target, source, refined.C_source_target, forward),
+        coverage=len(np.unique(forward)) / len(backward),
+        bijectivity=float((np.linalg.norm(returned, axis=1) <= 0.1 * source.area**0.5).mean()),
+    )
+
+
+def orientation_of(
+    target: SpectralShape, source: SpectralShape, c_source_target: FloatArray, map_target_source: IntArray
+) -> float:
+    """Return the correlation of the source's orientation form of pulled-back functions with the target's form.
+
+    Parameters
+    ----------
+    target, source : SpectralShape
+    c_source_target : ndarray, shape (m, m)
+        Functional map with the constant function first.
+    map_target_source : ndarray of int
+        Of the first dense samples of the source into those of the target.
+    """
+    on_source = source.orientation[: len(map_target_source)]
+    on_target = target.orientation[map_target_source]
+    size = on_source.shape[1]
+    few = min(NUM_FORM_FUNCTIONS, size)
+    pull = c_source_target[1 : size + 1, 1 : few + 1]
+    pulled = np.einsum("ab,xac,cd->xbd", pull, on_source[:, : len(pull), : len(pull)], pull, optimize=True)
+    upper = np.triu_indices(few, 1)
+    first, second = pulled[:, upper[0], upper[1]], on_target[:, upper[0], upper[1]]
+    norm = np.linalg.norm(first) * np.linalg.norm(second)
+    return float((first * second).sum() / norm) if norm > 0 else float("nan")
+
+
+def _curvature_gap(of_target: FloatArray, of_source: FloatArray) -> float:
+    """Return 1 - the mean correlation of matched curvatures over the heat times."""
+    first, second = of_target - of_target.mean(axis=0), of_source - of_source.mean(axis=0)
+    norms = np.linalg.norm(first, axis=0) * np.linalg.norm(second, axis=0)
+    correlations = (first * second).sum(axis=0) / np.where(norms > 0, norms, 1.0)
+    return float(1.0 - correlations.mean())
+
+
+def _commutativity_gap(c: FloatArray, target_values: FloatArray, source_values: FloatArray) -> float:
+    """Return ``|Lambda_S C - C Lambda_T| / (|Lambda_S C| + |C Lambda_T|)`` in Frobenius norms."""
+    size = len(c)
+    of_target = np.concatenate([[0.0], target_values])[:size]
+    of_source = np.concatenate([[0.0], source_values])[:size]
+    left, right = of_source[:, None] * c, c * of_target
+    total = np.linalg.norm(left) + np.linalg.norm(right)
+    return float(np.linalg.norm(left - right) / total) if total > 0 else 1.0

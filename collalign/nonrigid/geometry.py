@@ -1,0 +1,94 @@
+"""What the outside of a surface adds to its inside: normals, smoothed mean curvature, and orientation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+
+from data_tools.arrays import FloatArray, read_only
+from data_tools.laplacian import Spectrum
+from data_tools.shape import Shape
+
+#: Lowest functions of the target whose orientation is compared; the source needs more to represent them.
+NUM_FORM_FUNCTIONS = 6
+
+
+def outward(shape: Shape) -> Shape:
+    """Return the mesh with its triangles counterclockwise from outside, judged by the sign of its volume."""
+    if signed_volume(shape) >= 0:
+        return shape
+    return replace(shape, faces=read_only(np.ascontiguousarray(shape.faces[:, ::-1])))
+
+
+def signed_volume(shape: Shape) -> float:
+    """Return the volume inside a mesh (of an open one, of the cone from its centroid); negative if inside out."""
+    a, b, c = (shape.vertices[shape.faces[:, i]] - shape.vertices.mean(axis=0) for i in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
+
+
+def vertex_normals(shape: Shape) -> FloatArray:
+    """Return unit normals, the area-weighted mean of those of the triangles around a vertex, shape (v, 3)."""
+    normals = _around(shape) @ _doubled_normals(shape)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals / np.where(lengths > 0, lengths, 1.0)
+
+
+def smoothed_curvature(shape: Shape, eigen: Spectrum, *, time: float) -> FloatArray:
+    """Return the mean curvature after a heat flow, times sqrt(area), shape (v,); positive where convex.
+
+    The curvature is half the normal part of the Laplacian of the positions. Laplacian and smoothing are both taken
+    in the spectrum, so that the triangulation hardly matters.
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh with outward normals.
+    eigen : Spectrum
+        Of the shape scaled to unit area.
+    time : float
+        Heat time at unit area: features larger than about sqrt(time) survive.
+    """
+    positions = shape.vertices / np.sqrt(shape.area)
+    coefficients = eigen.functions.T @ (eigen.mass[:, None] * positions)
+    damping = eigen.values * np.exp(-time * eigen.values)
+    bending = eigen.functions @ (damping[:, None] * coefficients)
+    return 0.5 * (bending * vertex_normals(shape)).sum(axis=1)
+
+
+def orientation_form(shape: Shape, functions: FloatArray) -> FloatArray:
+    """Return n . (grad f_a x grad f_b), times the area, at every vertex for all pairs of functions, shape (v, m, m).
+
+    Antisymmetric in (a, b). A map that preserves orientation pulls the form of one shape back to that of the other,
+    a mirrored map to its negative (Ren et al. 2018 use the same form as an operator).
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh with outward normals.
+    functions : ndarray, shape (v, m)
+        A few smooth functions.
+    """
+    values = functions[shape.faces]
+    along, across = values[:, 1] - values[:, 0], values[:, 2] - values[:, 0]
+    wedge = along[:, :, None] * across[:, None, :]
+    wedge = wedge - np.swapaxes(wedge, 1, 2)
+    around = _around(shape)
+    doubled_areas = around @ np.linalg.norm(_doubled_normals(shape), axis=1)
+    sums = (around @ wedge.reshape(len(wedge), -1)).reshape(-1, *wedge.shape[1:])
+    return sums * (shape.area / np.where(doubled_areas > 0, doubled_areas, 1.0))[:, None, None]
+
+
+def _doubled_normals(shape: Shape) -> FloatArray:
+    """Return the normals of the triangles, as long as twice their areas, shape (f, 3)."""
+    a, b, c = (shape.vertices[shape.faces[:, i]] for i in range(3))
+    return np.cross(b - a, c - a)
+
+
+def _around(shape: Shape) -> csr_array:
+    """Return the (v, f) matrix that sums over the triangles around each vertex."""
+    num_faces = len(shape.faces)
+    columns = np.repeat(np.arange(num_faces), 3)
+    entries = (np.ones(3 * num_faces), (shape.faces.ravel(), columns))
+    return coo_array(entries, shape=(len(shape.vertices), num_faces)).tocsr()

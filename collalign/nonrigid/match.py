@@ -1,0 +1,168 @@
+"""Non-rigid matching of two shapes, from files to a map of all vertices; reads like section 6.1 of the paper."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.paper import paper_candidates
+from collalign.nonrigid.portfolio import Refined, find_candidates
+from collalign.nonrigid.prepare import prepare_file
+from collalign.nonrigid.refine import dense_point_maps
+from collalign.nonrigid.result import MIXED_ORIENTATION, NonrigidCandidate, NonrigidMatch
+from collalign.nonrigid.surface import SpectralShape
+from data_tools.arrays import IntArray, read_only
+from data_tools.errors import InputError, OptionsError
+
+#: Difference of scores at which the better candidate is right e times as often as the other.
+SCORE_SCALE = 0.12
+#: Eigenfunctions in which the energies of candidates are compared.
+ENERGY_DIM = 30
+
+
+def match_shapes(
+    target_file: Path | str,
+    source_file: Path | str,
+    *,
+    nonrigid: bool = True,
+    options: NonrigidOptions | None = None,
+    surface_options: SurfaceOptions | None = None,
+    cache: Path | str | None = None,
+) -> NonrigidMatch:
+    """Match two deformable shapes: one target vertex for each source vertex.
+
+    Parameters
+    ----------
+    target_file, source_file : Path or str
+        Meshes or point clouds; vertex indices are those of the files.
+    nonrigid : bool
+        Must be true here; rigid poses are the task of :func:`pairwise.match.match`.
+    options : NonrigidOptions, optional
+    surface_options : SurfaceOptions, optional
+    cache : Path or str, optional
+        Folder that keeps the prepared shapes for other pairs.
+
+    Returns
+    -------
+    NonrigidMatch
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or is too small for the functions asked for.
+    OptionsError
+        If ``nonrigid`` is false.
+
+    Examples
+    --------
+    >>> result = match_shapes("sitting.off", "standing.off")  # doctest: +SKIP
+    >>> result.point_map_target_source                        # doctest: +SKIP
+    """
+    if not nonrigid:
+        raise OptionsError("match_shapes: rigid poses come from pairwise.match, or from collalign match A B")
+    started = time.perf_counter()
+    target = prepare_file(target_file, surface_options, cache=cache)
+    source = prepare_file(source_file, surface_options, cache=cache)
+    prepared = time.perf_counter() - started
+    return match_prepared(target, source, options, prepared_s=prepared)
+
+
+def match_prepared(
+    target: SpectralShape, source: SpectralShape, options: NonrigidOptions | None = None, *, prepared_s: float = 0.0
+) -> NonrigidMatch:
+    """Match two prepared shapes; see :func:`match_shapes`.
+
+    Parameters
+    ----------
+    target, source : SpectralShape
+        Of the same number of functions and samples.
+    options : NonrigidOptions, optional
+    prepared_s : float
+        Seconds that preparation took, for the record.
+    """
+    options = options or NonrigidOptions()
+    _check_fit(target, source, options)
+    started = time.perf_counter()
+    if options.is_portfolio:
+        found, status = find_candidates(target, source, options)
+        found = chosen_first(found, options)
+    else:
+        found, status = paper_candidates(target, source, options)
+    searched = time.perf_counter()
+    c_source_target = found[0].functional_map.C_source_target
+    forward, backward = dense_point_maps(target, source, c_source_target, with_curvature=not options.ends_with_icp)
+    finished = time.perf_counter()
+    return NonrigidMatch(
+        target_name=target.name,
+        source_name=source.name,
+        point_map_target_source=read_only(_in_files(forward, target, source)),
+        point_map_source_target=read_only(_in_files(backward, source, target)),
+        functional_map=read_only(c_source_target),
+        candidates=tuple(_public(target, source, candidate) for candidate in found[: options.num_candidates]),
+        dense_source=read_only(source.to_original[source.dense]),
+        confidence=confidence(found, options),
+        status=status,
+        times_s={"prepare": prepared_s, "candidates": searched - started, "vertices": finished - searched},
+        notes=tuple(f"{s.name}: {note}" for s in (target, source) for note in s.notes),
+    )
+
+
+def chosen_first(found: list[Refined], options: NonrigidOptions) -> list[Refined]:
+    """Return candidates with those of the wanted orientation in front, each group in its order.
+
+    Where normals tell, that are the maps that keep left and right; if there is none, nothing changes.
+    """
+    if options.orientation == "any":
+        return found
+    return sorted(found, key=lambda c: c.evidence.orientation < MIXED_ORIENTATION)
+
+
+def confidence(found: list[Refined], options: NonrigidOptions) -> float:
+    """Return how probable the chosen candidate is among those of its orientation, by their scores."""
+    rivals = found[:1] + [c for c in found[1:] if _can_rival(c, found[0], options)]
+    scores = np.array([candidate.score for candidate in rivals])
+    odds = np.exp(-(scores - scores[0]) / SCORE_SCALE)
+    return float(1.0 / odds.sum())
+
+
+def _can_rival(candidate: Refined, chosen: Refined, options: NonrigidOptions) -> bool:
+    if options.orientation == "any":
+        return abs(candidate.evidence.orientation) > MIXED_ORIENTATION or np.isnan(candidate.evidence.orientation)
+    return not candidate.evidence.orientation < min(MIXED_ORIENTATION, chosen.evidence.orientation)
+
+
+def _public(target: SpectralShape, source: SpectralShape, candidate: Refined) -> NonrigidCandidate:
+    forward = candidate.functional_map.map_target_source
+    images = target.functions[target.dense[forward], :ENERGY_DIM]
+    own = source.functions[source.dense[: len(forward)], :ENERGY_DIM]
+    u, _, vt = np.linalg.svd(images.T @ own)
+    residuals = own @ (u @ vt).T - images
+    return NonrigidCandidate(
+        functional_map=read_only(candidate.functional_map.C_source_target),
+        map_target_source=read_only(target.to_original[target.dense[forward]]),
+        energy=float((residuals**2).mean()),
+        evidence=candidate.evidence,
+        origin=candidate.origin,
+    )
+
+
+def _in_files(working_map: IntArray, to: SpectralShape, of: SpectralShape) -> IntArray:
+    """Return a map between working vertices as one between the vertices of the files, -1 where there is none."""
+    images = to.to_original[working_map][of.to_working]
+    return np.where(of.to_working >= 0, images, -1)
+
+
+def _check_fit(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> None:
+    if len(target.eigenvalues) != len(source.eigenvalues):
+        raise InputError(
+            f"{target.name} has {len(target.eigenvalues)} eigenfunctions, {source.name} {len(source.eigenvalues)}: "
+            "prepare both with the same options"
+        )
+    if options.num_source > min(len(target.samples), len(source.samples)):
+        raise InputError(
+            f"num_source is {options.num_source}, but the shapes have {len(target.samples)} and "
+            f"{len(source.samples)} samples"
+        )

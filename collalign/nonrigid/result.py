@@ -1,0 +1,137 @@
+"""What non-rigid matching returns: a map of all vertices, its alternatives, and how far it can be trusted."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from collalign.nonrigid.evidence import Evidence
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.files import write_atomic
+from pairwise.status import Status
+
+#: Below this absolute correlation of orientation forms, left and right are mixed.
+MIXED_ORIENTATION = 0.4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NonrigidCandidate:
+    """One way to match two shapes.
+
+    Attributes
+    ----------
+    functional_map : ndarray, shape (m, m)
+        C_source_target, the constant function first.
+    map_target_source : ndarray of int, shape (s,)
+        Vertex of the target file for each of ``NonrigidMatch.dense_source``.
+    energy : float
+        Procrustes energy of this map in the lowest 30 eigenfunctions, per sample and function: comparable between
+        candidates of a pair, and not what they are selected by.
+    evidence : Evidence
+    origin : str
+        "signs", "descriptors", "relaxation", "paper" or "fast"; with "mirrored" if it was composed with the symmetry
+        of the target.
+    """
+
+    functional_map: FloatArray
+    map_target_source: IntArray
+    energy: float
+    evidence: Evidence
+    origin: str
+
+    @property
+    def orientation(self) -> str:
+        """One of "preserving", "reversing", "mixed" (part of it each), or "unknown" without normals."""
+        value = self.evidence.orientation
+        if not np.isfinite(value):
+            return "unknown"
+        if abs(value) < MIXED_ORIENTATION:
+            return "mixed"
+        return "preserving" if value > 0 else "reversing"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NonrigidMatch:
+    """The map between two shapes and what is known about it.
+
+    Attributes
+    ----------
+    target_name, source_name : str
+    point_map_target_source : ndarray of int, shape (number of source vertices,)
+        One vertex of the target file for each vertex of the source file; -1 outside the largest component.
+    point_map_source_target : ndarray of int, shape (number of target vertices,)
+        The inverse direction, found in the same way; not necessarily the inverse permutation.
+    functional_map : ndarray, shape (m, m)
+        C_source_target: coefficients on the target to coefficients on the source.
+    candidates : tuple of NonrigidCandidate
+        Distinct maps, the chosen one first, then by score.
+    dense_source : ndarray of int, shape (s,)
+        Vertices of the source file at which the candidates are given.
+    confidence : float
+        In [0, 1]: near 1 where no distinct candidate has nearly as good evidence, near 1 / 2 where one is as good.
+    status : Status
+    times_s : dict of str to float
+    notes : tuple of str
+    """
+
+    target_name: str
+    source_name: str
+    point_map_target_source: IntArray
+    point_map_source_target: IntArray
+    functional_map: FloatArray
+    candidates: tuple[NonrigidCandidate, ...]
+    dense_source: IntArray
+    confidence: float
+    status: Status
+    times_s: dict[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def orientation(self) -> str:
+        """Orientation of the chosen map, see :attr:`NonrigidCandidate.orientation`."""
+        return self.candidates[0].orientation
+
+    @property
+    def bijectivity(self) -> float:
+        """Share of the source's samples that come back near themselves by map and inverse."""
+        return self.candidates[0].evidence.bijectivity
+
+    def save(self, folder: Path | str) -> tuple[Path, Path]:
+        """Write ``map.npz`` and ``map.txt``, each complete or not at all.
+
+        ``map.npz`` holds the arrays under the names of the attributes, and of the candidates ``candidate_maps``,
+        ``candidate_energies``, ``candidate_scores``, ``candidate_orientations`` and ``candidate_origins``.
+        ``map.txt`` has one line for each vertex of the source: the vertex of the target, counted from 0, or -1.
+        """
+        folder = Path(folder)
+        return self.save_npz(folder / "map.npz"), self.save_text(folder / "map.txt")
+
+    def save_npz(self, path: Path | str) -> Path:
+        """Write the arrays of the match."""
+        buffer = io.BytesIO()
+        np.savez_compressed(
+            buffer,
+            target_name=self.target_name,
+            source_name=self.source_name,
+            point_map_target_source=self.point_map_target_source,
+            point_map_source_target=self.point_map_source_target,
+            functional_map=self.functional_map,
+            dense_source=self.dense_source,
+            candidate_maps=np.stack([c.map_target_source for c in self.candidates]),
+            candidate_energies=np.array([c.energy for c in self.candidates]),
+            candidate_scores=np.array([c.evidence.score for c in self.candidates]),
+            candidate_orientations=np.array([c.evidence.orientation for c in self.candidates]),
+            candidate_origins=np.array([c.origin for c in self.candidates]),
+            confidence=self.confidence,
+            status=self.status.name,
+            notes=np.array(self.notes, dtype=np.str_),
+        )
+        return write_atomic(Path(path), buffer.getvalue())
+
+    def save_text(self, path: Path | str) -> Path:
+        """Write the point map as plain text, one target vertex per line."""
+        lines = "\n".join(str(index) for index in self.point_map_target_source.tolist())
+        return write_atomic(Path(path), f"{lines}\n".encode("ascii"))

@@ -1,0 +1,219 @@
+"""One shape prepared for non-rigid matching: eigenfunctions, samples, descriptors; everything pairs share."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from collalign.nonrigid.geometry import orientation_form, outward, smoothed_curvature
+from collalign.nonrigid.graph_operator import graph_spectrum
+from collalign.nonrigid.options import SurfaceOptions
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.errors import InputError
+from data_tools.files import existing_file, write_atomic
+from data_tools.invariants import NUM_SPECTRUM, wave_kernel_signature
+from data_tools.laplacian import Spectrum
+from data_tools.options import SamplingOptions
+from data_tools.sampling import farthest_points
+from data_tools.shape import Shape
+from data_tools.topology import face_areas, mesh_edges, vertex_components
+from data_tools.working_surface import WorkingSurface
+
+#: Extrema of the average geodesic distance that start the sampling.
+NUM_SEEDS = 10
+#: Energies of the wave kernel signature.
+NUM_WAVES = 40
+#: Low functions whose orientation form is kept.
+NUM_ORIENTATION = 12
+#: Heat times of the curvature that is compared, at unit area.
+CURVATURE_TIMES = (0.001, 0.004)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SpectralShape:
+    """A shape prepared for non-rigid matching.
+
+    Attributes
+    ----------
+    name : str
+    vertices, faces : ndarray, shapes (w, 3) and (f, 3)
+        The working surface, in the units of the file: the largest component, decimated if it was large.
+    to_working : ndarray of int, shape (v,)
+        For each vertex of the file the vertex of the working surface that stands for it, -1 for none.
+    to_original : ndarray of int, shape (w,)
+        For each vertex of the working surface its vertex of the file.
+    area : float
+        In squared units of the file.
+    eigenvalues : ndarray, shape (m,)
+        Of the surface scaled to unit area, without the constant one.
+    functions : ndarray, shape (w, m)
+        Orthonormal in ``mass``.
+    mass : ndarray, shape (w,)
+        Sums to one.
+    agd : ndarray, shape (w,)
+        Average geodesic distance over sqrt(area).
+    waves : ndarray, shape (w, e)
+        Wave kernel signature.
+    curvature : ndarray, shape (w, t)
+        Smoothed mean curvatures; NaN for a point cloud.
+    samples, dense : ndarray of int
+        Working vertices: geodesic farthest points in order, and Euclidean farthest points.
+    orientation : ndarray, shape (len(dense), q, q)
+        Orientation form of the lowest functions; NaN for a point cloud.
+    mirror : ndarray, shape (q, q)
+        Functional map of the mirror symmetry of the shape to itself; of shape (0, 0) if it has none.
+    notes : tuple of str
+        What a user should know about the preparation.
+    """
+
+    name: str
+    vertices: FloatArray
+    faces: IntArray
+    to_working: IntArray
+    to_original: IntArray
+    area: float
+    eigenvalues: FloatArray
+    functions: FloatArray
+    mass: FloatArray
+    agd: FloatArray
+    waves: FloatArray
+    curvature: FloatArray
+    samples: IntArray
+    dense: IntArray
+    orientation: FloatArray
+    mirror: FloatArray
+    notes: tuple[str, ...]
+
+    @property
+    def basis(self) -> FloatArray:
+        """The constant function and the eigenfunctions, shape (w, m + 1)."""
+        return np.column_stack([np.ones(len(self.functions)), self.functions])
+
+    @property
+    def working_shape(self) -> Shape:
+        """The working surface as a shape."""
+        return Shape.from_arrays(self.vertices, self.faces, name=self.name)
+
+    def save(self, path: Path | str) -> Path:
+        """Write everything to an ``.npz`` file, complete or not at all."""
+        arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        buffer = io.BytesIO()
+        np.savez(buffer, **arrays)
+        return write_atomic(Path(path), buffer.getvalue())
+
+    @classmethod
+    def load(cls, path: Path | str) -> SpectralShape:
+        """Read what :meth:`save` wrote.
+
+        Raises
+        ------
+        InputError
+            If the file is missing or holds something else.
+        """
+        try:
+            with np.load(existing_file(Path(path)), allow_pickle=False) as archive:
+                values: dict[str, Any] = {f.name: read_only(archive[f.name]) for f in fields(cls)}
+        except (ValueError, KeyError, OSError, EOFError) as error:
+            raise InputError(f"{path}: not a prepared shape ({error})") from error
+        values.update(name=str(values["name"]), area=float(values["area"]))
+        values["notes"] = tuple(str(note) for note in values["notes"])
+        return cls(**values)
+
+
+def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> SpectralShape:
+    """Prepare everything but the mirror symmetry, which is found with the help of the rest.
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh or point cloud as stored: several components, isolated vertices, holes and non-manifold edges are
+        allowed; the largest component is used.
+    options : SurfaceOptions, optional
+
+    Raises
+    ------
+    InputError
+        If the largest component has too few vertices for the functions or samples asked for.
+    """
+    options = options or SurfaceOptions()
+    part, kept, notes = _largest_part(shape)
+    surface = WorkingSurface(part, SamplingOptions(max_faces=options.max_faces))
+    working = outward(surface.shape) if surface.shape.is_mesh else surface.shape
+    num = len(working.vertices)
+    if num < options.num_functions + 2 or num < options.num_samples:
+        raise InputError(
+            f"{shape.file or shape.name}: its largest part has {num} vertices; {options.num_functions} functions and "
+            f"{options.num_samples} samples need more: refine the mesh, or lower num_functions and num_samples"
+        )
+    dense = farthest_points(working, min(options.num_dense, num), metric="euclidean")
+    eigen = _eigen(surface, dense, options)
+    samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_SEEDS), solver=surface.geodesics)
+    to_working = np.full(len(shape.vertices), -1, dtype=np.int64)
+    to_working[kept] = cKDTree(working.vertices).query(part.vertices)[1]
+    curvature, orientation = _outside(working, eigen, dense)
+    return SpectralShape(
+        name=shape.name,
+        vertices=working.vertices,
+        faces=working.faces,
+        to_working=read_only(to_working),
+        to_original=read_only(kept[surface.to_original]),
+        area=surface.area,
+        eigenvalues=eigen.values,
+        functions=eigen.functions,
+        mass=eigen.mass,
+        agd=read_only(surface.agd),
+        waves=read_only(wave_kernel_signature(_lowest(eigen, NUM_SPECTRUM), NUM_WAVES)),
+        curvature=read_only(curvature),
+        samples=samples,
+        dense=dense,
+        orientation=read_only(orientation),
+        mirror=read_only(np.empty((0, 0))),
+        notes=(*notes, *surface.notes),
+    )
+
+
+def _largest_part(shape: Shape) -> tuple[Shape, IntArray, list[str]]:
+    """Return the component of the largest area without loose vertices, its vertices in the file, and notes."""
+    if not shape.is_mesh:
+        return shape, np.arange(len(shape.vertices)), []
+    faces = shape.faces[face_areas(shape.vertices, shape.faces) > 0]
+    if not len(faces):
+        raise InputError(f"{shape.file or shape.name}: all its triangles are degenerate")
+    num_vertices = len(shape.vertices)
+    _, labels = vertex_components(num_vertices, mesh_edges(faces).vertices)
+    areas = np.bincount(labels[faces[:, 0]], weights=face_areas(shape.vertices, faces))
+    chosen = int(areas.argmax())
+    faces = faces[labels[faces[:, 0]] == chosen]
+    kept = np.unique(faces)
+    notes = []
+    if len(kept) < num_vertices:
+        notes.append(
+            f"matched {len(kept)} of {num_vertices} vertices, the largest of {int((areas > 0).sum())} components; "
+            "the others have no counterpart"
+        )
+    part = Shape.from_arrays(shape.vertices[kept], np.searchsorted(kept, faces), name=shape.name, file=shape.file)
+    return part, kept, notes
+
+
+def _eigen(surface: WorkingSurface, dense: IntArray, options: SurfaceOptions) -> Spectrum:
+    if options.operator == "graph":
+        return graph_spectrum(surface.shape, surface.geodesics, dense, options.num_functions)
+    return surface.eigenfunctions(options.num_functions)
+
+
+def _outside(working: Shape, eigen: Spectrum, dense: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return curvatures and the orientation form at the dense samples; NaN where there are no normals."""
+    num = min(NUM_ORIENTATION, len(eigen.values))
+    if not working.is_mesh:
+        return np.full((len(working.vertices), len(CURVATURE_TIMES)), np.nan), np.full((len(dense), num, num), np.nan)
+    curvature = np.column_stack([smoothed_curvature(working, eigen, time=t) for t in CURVATURE_TIMES])
+    return curvature, orientation_form(working, eigen.functions[:, :num])[dense]
+
+
+def _lowest(eigen: Spectrum, num: int) -> Spectrum:
+    return Spectrum(eigen.values[:num], eigen.functions[:, :num], eigen.mass, eigen.kind)

@@ -1,0 +1,219 @@
+"""Functional maps: from matched samples to all vertices, by ICP or ZoomOut in the eigenfunctions of both shapes.
+
+A functional map takes functions on the target to functions on the source by composition with the point map:
+``C_source_target`` (m, m) takes coefficients on the target to coefficients on the source, so that
+
+    basis_target[map_target_source]  ~  basis_source @ C_source_target.
+
+Its transpose is the R_target_source of Procrustes matching. A basis has one row per vertex and orthonormal columns of
+ascending frequency; for ZoomOut the constant function comes first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.errors import InputError, OptionsError
+
+#: Rows of a distance matrix that are held at once.
+_BLOCK_ROWS = 128
+#: Distance matrices with more entries than this are computed in single precision.
+_SINGLE_PRECISION_ENTRIES = 16_000_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FunctionalMap:
+    """A functional map and the point maps that belong to it.
+
+    Attributes
+    ----------
+    C_source_target : ndarray, shape (m, m)
+        Coefficients on the target to coefficients on the source.
+    map_target_source : ndarray of int, shape (v,)
+        One row of the target's basis for each row of the source's.
+    map_source_target : ndarray of int, shape (u,)
+        One row of the source's basis for each row of the target's.
+    iterations : int
+    """
+
+    C_source_target: FloatArray
+    map_target_source: IntArray
+    map_source_target: IntArray
+    iterations: int
+
+
+def nearest_rows(points: FloatArray, queries: FloatArray) -> IntArray:
+    """Return for each query the index of the nearest point, both given as rows; ties go to the first.
+
+    By matrix products in blocks: in thirty and more dimensions that beats any tree. Single precision is enough for
+    large sets, because the functions themselves carry errors of the discretisation.
+    """
+    return _nearest(points, queries, both=False)[0]
+
+
+def mutual_nearest_rows(target: FloatArray, source: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return the nearest target row of each source row and the nearest source row of each target row."""
+    return _nearest(target, source, both=True)
+
+
+def _nearest(points: FloatArray, queries: FloatArray, *, both: bool) -> tuple[IntArray, IntArray]:
+    """Maximise ``-|point - query|^2 / 2``, a product of rows with two more columns, in blocks that fit into caches."""
+    dtype: Any = np.float32 if len(points) * len(queries) > _SINGLE_PRECISION_ENTRIES else np.float64
+    columns = np.vstack([points.T, -0.5 * (points**2).sum(axis=1), np.ones(len(points))]).astype(dtype)
+    squares = -0.5 * (queries**2).sum(axis=1, keepdims=True)
+    rows = np.hstack([queries, np.ones((len(queries), 1)), squares]).astype(dtype)
+    forward = np.empty(len(queries), dtype=np.int64)
+    backward, closest = np.zeros(len(points), dtype=np.int64), np.full(len(points), -np.inf, dtype=dtype)
+    buffer: Any = np.empty((_BLOCK_ROWS, len(points)), dtype=dtype)
+    for first in range(0, len(queries), _BLOCK_ROWS):
+        block = rows[first : first + _BLOCK_ROWS]
+        closeness = np.dot(block, columns, out=buffer[: len(block)])
+        forward[first : first + len(block)] = closeness.argmax(axis=1)
+        if both:
+            best = closeness.max(axis=0)
+            nearer = np.flatnonzero(best > closest)
+            backward[nearer] = first + closeness[:, nearer].argmax(axis=0)
+            closest[nearer] = best[nearer]
+    return forward, backward
+
+
+def point_map_of(basis_target: FloatArray, basis_source: FloatArray, c_source_target: FloatArray) -> IntArray:
+    """Return the point map of a functional map: the row of the target nearest to each ``basis_source[x] @ C``."""
+    size = len(c_source_target)
+    return nearest_rows(basis_target[:, :size], basis_source[:, :size] @ c_source_target)
+
+
+def icp(
+    basis_target: FloatArray,
+    basis_source: FloatArray,
+    rotation_target_source: FloatArray,
+    *,
+    tol: float = 1e-10,
+    max_iterations: int = 1000,
+) -> FunctionalMap:
+    """Refine a rotation of the eigenfunctions by nearest neighbours and orthogonal projection in turn.
+
+    Functional-map ICP (Ovsjanikov et al. 2012, section 6; Maron et al. 2016, section 6.1).
+
+    Parameters
+    ----------
+    basis_target, basis_source : ndarray, shapes (u, d) and (v, d)
+        Eigenfunctions at the vertices used, as many as the rotation has columns.
+    rotation_target_source : ndarray, shape (d, d)
+        Where to start.
+    tol : float
+        Ends when no entry of the rotation changes by more.
+    max_iterations : int
+
+    Returns
+    -------
+    FunctionalMap
+        With ``C_source_target`` the transpose of the final rotation.
+    """
+    _check_bases(basis_target, basis_source, len(rotation_target_source))
+    rotation = rotation_target_source
+    iterations, change = 0, np.inf
+    while change > tol and iterations < max_iterations:
+        iterations += 1
+        point_map = nearest_rows(basis_target, basis_source @ rotation.T)
+        u, _, vt = np.linalg.svd(basis_target[point_map].T @ basis_source)
+        change = float(np.abs(u @ vt - rotation).max())
+        rotation = u @ vt
+    moved = basis_source @ rotation.T
+    return FunctionalMap(
+        C_source_target=np.ascontiguousarray(rotation.T),
+        map_target_source=nearest_rows(basis_target, moved),
+        map_source_target=nearest_rows(moved, basis_target),
+        iterations=iterations,
+    )
+
+
+class ZoomOut:
+    """ZoomOut in both directions between the same two sets of samples, from any number of starting maps.
+
+    Spectral upsampling (Melzi et al. 2019): fit the functional map in the first k functions, read off the point maps,
+    increase k. Each fit uses the map and its inverse together (as Ren et al. 2021 do for the discrete maps), which
+    keeps the alternation from sliding along the surface; descriptors, where given, count in the nearest neighbours.
+
+    Parameters
+    ----------
+    basis_target, basis_source : ndarray, shapes (u, m) and (v, m)
+        Functions at the samples of both shapes, the constant one first.
+    sizes : sequence of int
+        Numbers of functions, ascending, at most m.
+    descriptors : pair of ndarray, shapes (u, t) and (v, t), optional
+        Descriptors of target and source, each column of unit variance.
+    descriptor_weight : float
+        Root mean square weight of a descriptor relative to that of one function.
+    """
+
+    def __init__(
+        self,
+        basis_target: FloatArray,
+        basis_source: FloatArray,
+        sizes: Sequence[int],
+        *,
+        descriptors: tuple[FloatArray, FloatArray] | None = None,
+        descriptor_weight: float = 0.3,
+    ) -> None:
+        if not sizes or list(sizes) != sorted(sizes) or sizes[0] < 1:
+            raise OptionsError(f"sizes: expected ascending positive numbers of functions, got {list(sizes)}")
+        _check_bases(basis_target, basis_source, sizes[-1])
+        if len(basis_source) + len(basis_target) < 2 * sizes[-1]:
+            raise InputError(f"{len(basis_source)} samples are too few for {sizes[-1]} functions")
+        self._target, self._source, self._sizes = basis_target, basis_source, list(sizes)
+        none = (np.zeros((len(basis_target), 0)), np.zeros((len(basis_source), 0)))
+        self._extra_target, self._extra_source = (descriptor_weight * x for x in descriptors or none)
+
+    def refine(self, map_target_source: IntArray, map_source_target: IntArray | None = None) -> FunctionalMap:
+        """Refine a map of the samples.
+
+        Parameters
+        ----------
+        map_target_source : ndarray of int, shape (v,)
+            One target sample for each source sample, -1 where it is unknown.
+        map_source_target : ndarray of int, shape (u,), optional
+            Its inverse, -1 where it is unknown.
+        """
+        forward = map_target_source
+        backward = np.full(len(self._target), -1) if map_source_target is None else map_source_target
+        for size in self._sizes:
+            c = self._fit(forward, backward, size)
+            rows_target = np.hstack([self._target[:, :size], np.sqrt(size) * self._extra_target])
+            rows_source = np.hstack([self._source[:, :size] @ c, np.sqrt(size) * self._extra_source])
+            forward, backward = mutual_nearest_rows(rows_target, rows_source)
+        c = self._fit(forward, backward, self._sizes[-1])
+        return FunctionalMap(
+            C_source_target=c, map_target_source=forward, map_source_target=backward, iterations=len(self._sizes)
+        )
+
+    def _fit(self, forward: IntArray, backward: IntArray, size: int) -> FloatArray:
+        """Return the least-squares functional map of both point maps, shape (size, size)."""
+        known, known_back = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
+        rows = np.vstack([self._source[known, :size], self._source[backward[known_back], :size]])
+        images = np.vstack([self._target[forward[known], :size], self._target[known_back, :size]])
+        gram = rows.T @ rows
+        gram[np.diag_indices(size)] += 1e-9 * np.trace(gram)
+        return np.asarray(np.linalg.solve(gram, rows.T @ images), dtype=np.float64)
+
+
+def zoomout_sizes(first: int, last: int, *, factor: float = 1.15) -> list[int]:
+    """Return numbers of functions from ``first`` to ``last`` that grow by a factor, at least by one each."""
+    if not 1 <= first <= last or factor < 1.0:
+        raise OptionsError(
+            f"zoomout_sizes: expected 1 <= first <= last and factor >= 1, got {first}, {last}, {factor}"
+        )
+    sizes = [first]
+    while sizes[-1] < last:
+        sizes.append(min(last, max(sizes[-1] + 1, round(sizes[-1] * factor))))
+    return sizes
+
+
+def _check_bases(target: FloatArray, source: FloatArray, size: int) -> None:
+    if target.ndim != 2 or source.ndim != 2 or min(target.shape[1], source.shape[1]) < size:
+        raise InputError(f"bases of shapes {target.shape} and {source.shape} do not hold {size} functions each")
