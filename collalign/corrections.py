@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray, as_rotations, read_only
+from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.errors import InputError
 
 FORMAT = "collalign-corrections"
@@ -29,22 +29,25 @@ class Decision:
         Whether another pose was chosen or the present one called right.
     R_common_shape : ndarray, shape (3, 3)
         The right pose, in the common frame of the result in which it was decided.
+    compared_with : str or None
+        The shape that it was compared with by eye; None for a shape that is alone in its group.
     """
 
     shape: str
     kind: Literal["pose", "confirmed"]
     R_common_shape: FloatArray
+    compared_with: str | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Corrections:
-    """Decisions and the frame that they refer to.
+    """Decisions and the poses that they refer to.
 
     Attributes
     ----------
     decisions : tuple of Decision
     frame : dict of str to ndarray, shape (3, 3)
-        Rotation of every shape in the result that was looked at. A decision only means something relative to it.
+        ``R_common_shape`` of the shapes compared with, in the result that was looked at.
     source : str
         The file, for messages.
     """
@@ -53,8 +56,12 @@ class Corrections:
     frame: dict[str, FloatArray]
     source: str = "corrections"
 
-    def fixed(self, names: Sequence[str]) -> tuple[IntArray, FloatArray]:
-        """Decided shapes and their rotations, all in the frame of the result that was looked at.
+    def fixed(self, names: Sequence[str]) -> dict[str, FloatArray]:
+        """Poses that synchronization must keep, for :func:`collalign.align_collection`.
+
+        Poses mean something only relative to each other: a single fixed shape would choose the common frame and
+        change nothing. So the shapes that were compared with are fixed as well, where they were seen or, if they were
+        decided on themselves, where they were put.
 
         Parameters
         ----------
@@ -63,54 +70,23 @@ class Corrections:
 
         Returns
         -------
-        indices : ndarray of int, shape (m,)
-        rotations : ndarray, shape (m, 3, 3)
+        dict of str to ndarray, shape (3, 3)
+            ``R_common_shape`` by name.
 
         Raises
         ------
         InputError
-            If a decided shape is not in the collection.
+            If a shape decided on or compared with is not in the collection.
         """
-        place = {name: at for at, name in enumerate(names)}
-        for decision in self.decisions:
-            if decision.shape not in place:
+        poses = {name: self.frame[name] for one in self.decisions if (name := one.compared_with) is not None}
+        poses |= {one.shape: one.R_common_shape for one in self.decisions}
+        for name in poses:
+            if name not in names:
                 raise InputError(
-                    f"{self.source}: {decision.shape!r} is no shape of this collection; "
-                    "use the report of the same folder, or delete this decision from the file"
+                    f"{self.source}: {name!r} is no shape of this collection; "
+                    "use the report of the same folder, or delete the decision on it from the file"
                 )
-        indices = np.array([place[decision.shape] for decision in self.decisions], dtype=np.int64)
-        rotations = np.array([decision.R_common_shape for decision in self.decisions]).reshape(-1, 3, 3)
-        return read_only(indices), read_only(rotations)
-
-    def constraints(self, names: Sequence[str]) -> tuple[IntArray, FloatArray]:
-        """Relative rotations that the decisions demand, whatever gauge the next result has.
-
-        A decided shape a is held against every shape b that the report showed, at its decided pose if there is one
-        and at its shown pose otherwise: ``R_a_b = R_common_a.T @ R_common_b``.
-
-        Parameters
-        ----------
-        names : sequence of str
-
-        Returns
-        -------
-        edges : ndarray of int, shape (E, 2)
-            Rows (a, b); every unordered pair at most once.
-        rotations : ndarray, shape (E, 3, 3)
-            ``R_a_b``, taking b's coordinates to a's.
-
-        Raises
-        ------
-        InputError
-            If a decided shape is not in the collection.
-        """
-        indices, rotations = self.fixed(names)
-        pose = {at: self.frame[name] for at, name in enumerate(names) if name in self.frame}
-        decided = dict(zip(indices.tolist(), rotations, strict=True))
-        pose |= decided
-        edges = [(a, b) for a in sorted(decided) for b in sorted(pose) if b != a and not (b in decided and b < a)]
-        relative = np.array([pose[a].T @ pose[b] for a, b in edges]).reshape(-1, 3, 3)
-        return read_only(np.array(edges, dtype=np.int64).reshape(-1, 2)), read_only(relative)
+        return poses
 
 
 def read_corrections(path: Path | str) -> Corrections:
@@ -141,17 +117,24 @@ def read_corrections(path: Path | str) -> Corrections:
     if twice:
         raise InputError(f"{source}: two decisions about {twice[0]!r}; keep one")
     poses = {str(name): _rotation(matrix, f"{source}, frame of {name!r}") for name, matrix in frame.items()}
-    missing = [name for name in names if name not in poses]
+    missing = [
+        one.compared_with for one in decisions if one.compared_with is not None and one.compared_with not in poses
+    ]
     if missing:
-        raise InputError(f"{source}: the frame lacks {missing[0]!r}, about which it decides; download the file again")
+        raise InputError(
+            f"{source}: the frame lacks {missing[0]!r}, to which a decision refers; download the file again"
+        )
     return Corrections(decisions=decisions, frame=poses, source=str(source))
 
 
 def _decision(entry: Any, where: str) -> Decision:
     if not isinstance(entry, dict) or not isinstance(entry.get("shape"), str) or entry.get("decision") not in _KINDS:
         raise InputError(f"{where}: expected 'shape', 'decision' ({' or '.join(_KINDS)}) and 'rotation'")
+    compared = entry.get("compared_with")
+    if compared is not None and not isinstance(compared, str):
+        raise InputError(f"{where}: 'compared_with' must be the name of a shape or null")
     matrix = _rotation(entry.get("rotation"), f"{where} ({entry['shape']})")
-    return Decision(shape=entry["shape"], kind=entry["decision"], R_common_shape=matrix)
+    return Decision(shape=entry["shape"], kind=entry["decision"], R_common_shape=matrix, compared_with=compared)
 
 
 def _rotation(matrix: Any, where: str) -> FloatArray:

@@ -59,7 +59,8 @@ class Labels:
 def read_labels(path: Path | str) -> Labels:
     """Read a CSV file with one row per shape and a heading.
 
-    Names are compared without folder and without a mesh file's ending. Values such as ``NA`` count as unknown.
+    Names are compared without folder and without a mesh file's ending; where there is a column ``file`` beside the
+    names, both lead to the row. Values such as ``NA`` count as unknown.
 
     Raises
     ------
@@ -80,16 +81,20 @@ def read_labels(path: Path | str) -> Labels:
     heading = [cell.strip() for cell in rows[0]]
     lower = [cell.lower() for cell in heading]
     at_name = next((lower.index(name) for name in NAME_COLUMNS if name in lower), 0)
-    columns: dict[str, dict[str, str]] = {column: {} for at, column in enumerate(heading) if at != at_name and column}
+    at_file = [at for at, name in enumerate(lower) if name == "file"]
+    columns: dict[str, dict[str, str]] = {
+        column: {} for at, column in enumerate(heading) if column and at not in (at_name, *at_file)
+    }
     for number, row in enumerate(rows[1:], start=2):
         if not any(cell.strip() for cell in row):
             continue
         if len(row) != len(heading):
             raise InputError(f"{source}, line {number}: {len(row)} cells under {len(heading)} headings")
-        name = shape_name(row[at_name])
-        for column, cell in zip(heading, row, strict=True):
-            if column in columns:
-                _enter(columns[column], name, known_label(cell), f"{source}, line {number}: {name!r} is listed twice")
+        for name in {shape_name(row[at]) for at in (at_name, *at_file)}:
+            for column, cell in zip(heading, row, strict=True):
+                if column in columns:
+                    problem = f"{source}, line {number}: {name!r} is listed twice"
+                    _enter(columns[column], name, known_label(cell), problem)
     return Labels(source=str(source), columns=columns)
 
 

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from collalign.report.display import display_mesh, faces_per_shape
+from collalign.report.poses import angle_deg
 from collalign.view_data import CollectionView, Pair, PairPose, Pose
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.shape import Shape
+from pairwise.status import Status
 
 if TYPE_CHECKING:
     from collalign.collection import AlignedCollection, PairEvidence
@@ -135,24 +137,28 @@ def _pair(pair: PairEvidence, rotations: FloatArray, labels: IntArray) -> Pair:
     i, j = pair.target, pair.source
     angle, mirrored = float("nan"), False
     if len(pair.rotations):
-        relative = pair.rotations[0].T @ rotations[i].T @ rotations[j]
-        mirrored = bool(np.linalg.det(relative) < 0)
-        proper = -relative if mirrored else relative
-        angle = float(np.degrees(np.arccos(np.clip((np.trace(proper) - 1) / 2, -1.0, 1.0))))
+        angle = angle_deg(pair.rotations[0], rotations[i].T @ rotations[j])
+        mirrored = bool(np.isinf(angle))
     return Pair(
         i=i,
         j=j,
         energy=float(pair.energies[0]) if len(pair.energies) else float("nan"),
         lower_bound=pair.lower_bound,
-        disagreement_deg=angle,
+        disagreement_deg=180.0 if mirrored else angle,
         mirrored=mirrored,
         inlier=pair.inlier,
-        status=pair.status,
+        choice=pair.choice,
+        status=_advice(pair.status),
         candidates=tuple(
             PairPose(R_i_j=R, energy=float(energy)) for R, energy in zip(pair.rotations, pair.energies, strict=True)
         ),
         map_i_j=_label_map(pair.map_target_source, labels[i], labels[j], int(labels.max(initial=-1)) + 1),
     )
+
+
+def _advice(status: str) -> str:
+    """What the status of a pair says to a person; text that is no status's name stays as it is."""
+    return Status[status].value if status in Status.__members__ else status
 
 
 def _label_map(map_i_j: IntArray, labels_i: IntArray, labels_j: IntArray, num_labels: int) -> IntArray | None:

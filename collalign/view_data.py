@@ -26,7 +26,7 @@ class Pose:
     R : ndarray, shape (3, 3)
         Takes the shape's coordinates, centred and scaled, to the common frame.
     score : float
-        Larger is more plausible; comparable between the poses of one shape only. NaN where unknown.
+        Log-odds against the present pose: 0 is a tie, negative is less plausible. NaN where unknown.
     origin : str
         What proposed it: ``"candidates"`` of the pairs, ``"half turn"``, ...
     """
@@ -65,11 +65,14 @@ class Pair:
     lower_bound : float
         No pose has a smaller energy; NaN where nothing was proven.
     disagreement_deg : float
-        Angle between the pair's own rotation and the one of the collection, 180 at most; NaN where the pair failed.
+        Angle between the pair's own best pose and the one of the collection; 180 where they disagree on handedness,
+        NaN where the pair failed.
     mirrored : bool
         Whether pair and collection disagree on handedness.
     inlier : bool
         Whether synchronization trusted this pair.
+    choice : int
+        The candidate that synchronization used, -1 for none.
     status : str
         Advice in words, for failed pairs the reason.
     candidates : tuple of PairPose
@@ -86,6 +89,7 @@ class Pair:
     disagreement_deg: float = float("nan")
     mirrored: bool = False
     inlier: bool = True
+    choice: int = 0
     status: str = ""
     candidates: tuple[PairPose, ...] = ()
     map_i_j: IntArray | None = None

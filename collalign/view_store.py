@@ -151,6 +151,7 @@ def _pair_arrays(pairs: tuple[Pair, ...], num_samples: int) -> dict[str, NDArray
     arrays: dict[str, NDArray[Any]] = {
         "pair_indices": np.array([(pair.i, pair.j) for pair in pairs], dtype=np.int64).reshape(-1, 2),
         "pair_maps": maps,
+        "pair_choice": np.array([pair.choice for pair in pairs], dtype=np.int64),
         "pair_status": np.frombuffer(status.encode(), dtype=np.uint8),
         "pose_starts": np.cumsum([0, *counts]).astype(np.int64),
         "pose_R_i_j": np.array([pose.R_i_j for pose in poses], dtype=np.float64).reshape(-1, 3, 3),
@@ -186,6 +187,7 @@ def _pairs(data: dict[str, NDArray[Any]]) -> tuple[Pair, ...]:
                 disagreement_deg=float(data["pair_disagreement_deg"][row]),
                 mirrored=bool(data["pair_mirrored"][row]),
                 inlier=bool(data["pair_inlier"][row]),
+                choice=int(data["pair_choice"][row]),
             )
         )
     return tuple(pairs)

@@ -57,3 +57,9 @@ def test_missing_files_columns_and_names_are_refused(tmp_path: Path) -> None:
         labels.column("genus", ["a"])
     with pytest.raises(InputError, match="must be those of the shapes"):
         labels.column("taxon", ["b", "c"])
+
+
+def test_a_file_column_leads_to_the_row_as_well(tmp_path: Path) -> None:
+    labels = read_labels(table(tmp_path, "name,file,genus\nB03,B03_scan.off,X\n"))
+    assert labels.column("genus", ["B03_scan"]) == labels.column("genus", ["B03"]) == ("X",)
+    assert list(labels.columns) == ["genus"]

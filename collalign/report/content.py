@@ -121,6 +121,8 @@ def _pairs(view: CollectionView) -> tuple[Fields, str, list[str]]:
             "bound": column("lower_bound", np.float32),
             "disagreement": column("disagreement_deg", np.float32),
             "inlier": column("inlier", np.uint8),
+            "mirrored": column("mirrored", np.uint8),
+            "choice": column("choice", np.int16),
             "status": np.array([number[pair.status] for pair in pairs], dtype=np.uint16),
             "poseCount": np.array([min(len(pair.candidates), MOST_PAIR_POSES) for pair in pairs], dtype=np.uint8),
             "poseEnergy": np.array([pose.energy for pose in poses], dtype=np.float32),

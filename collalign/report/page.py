@@ -75,11 +75,13 @@ def _summary(view: CollectionView) -> str:
     doubtful = int(np.sum(np.nan_to_num(view.confidence) < view.doubt_threshold))
     groups = len(np.unique(view.groups))
     left = sum(not pair.inlier for pair in view.pairs)
+    other = sum(pair.inlier and pair.choice > 0 for pair in view.pairs)
     facts = [
         (view.num_shapes, "shapes aligned", False),
         (doubtful, "doubtful", doubtful > 0),
         (int(view.reflected.sum()), "mirrored", False),
         (len(view.pairs), "pairs compared", False),
+        (other, "pairs used at another than their best pose", False),
         (left, "pairs left out as inconsistent", False),
         (len(view.excluded), "files or pairs excluded", len(view.excluded) > 0),
     ]

@@ -101,3 +101,18 @@ def quaternions(rotations: FloatArray) -> tuple[FloatArray, NDArray[np.uint8]]:
     mirrored = np.linalg.det(rotations) < 0
     proper = np.where(mirrored[:, None, None], -rotations, rotations)
     return Rotation.from_matrix(proper).as_quat(), mirrored.astype(np.uint8)
+
+
+def sample_colors(aligned: FloatArray) -> FloatArray:
+    """One colour per label by its mean place in the common frame, so that neighbours look alike, shape (k, 3).
+
+    Parameters
+    ----------
+    aligned : ndarray, shape (N, k, 3)
+        NaN where missing.
+    """
+    known = np.asarray(~np.isnan(aligned).any(axis=2))
+    totals = np.where(known[..., None], aligned, 0.0).sum(axis=0)
+    means = totals / np.maximum(known.sum(axis=0), 1)[:, None]
+    low, high = means.min(axis=0), means.max(axis=0)
+    return np.asarray(0.08 + 0.84 * (means - low) / np.where(high > low, high - low, 1.0))

@@ -139,6 +139,6 @@ def cycle_histogram(view: CollectionView) -> dict[str, Any]:
     words = (
         f"Going around {len(errors)} cycles of three pairs, the rotations found pair by pair leave an error of "
         f"{np.median(errors):.1f}° in the median; {100 * np.mean(errors > 30):.1f} % of the cycles leave more "
-        "than 30°, which takes at least one wrong pair."
+        "than 30°, which takes at least one wrong pair. Cycles that mirror count as 180°."
     )
     return {"edges": edges.tolist(), "counts": counts.tolist(), "words": words}

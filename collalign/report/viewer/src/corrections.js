@@ -46,12 +46,15 @@ export class Corrections {
 
   text() {
     const { shapes } = this.collection;
-    const decisions = [...this.chosen.keys()].sort((a, b) => a - b).map((index) => ({
+    const made = [...this.chosen.keys()].sort((a, b) => a - b);
+    const compared = (index) => shapes[this.collection.reference(index)];
+    const decisions = made.map((index) => ({
       shape: shapes[index].name,
       decision: this.chosen.get(index) < 0 ? "confirmed" : "pose",
       rotation: this.rows(index),
+      compared_with: compared(index)?.name ?? null,
     }));
-    const frame = Object.fromEntries(shapes.map((shape) => [shape.name, shape.R]));
+    const frame = Object.fromEntries(made.map(compared).filter(Boolean).map((shape) => [shape.name, shape.R]));
     return JSON.stringify({ format: "collalign-corrections", version: 1, decisions, frame }, null, 1);
   }
 

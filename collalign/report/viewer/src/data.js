@@ -1,6 +1,7 @@
 // Decodes what Python packed: JSON for the small, gzip + base64 of typed arrays for the large, each decoded when first asked for.
 
 import { Matrix3, Matrix4, Quaternion, Vector3 } from "three";
+import { degrees } from "./dom.js";
 
 const TYPES = { int8: Int8Array, uint8: Uint8Array, int16: Int16Array, uint16: Uint16Array, int32: Int32Array, uint32: Uint32Array, float32: Float32Array };
 const MISSING = -32768;
@@ -67,6 +68,13 @@ export class Collection {
     this.pairs = { ...arrays, starts, at };
   }
 
+  // The most certain shape of the same group: what a shape is compared with by eye.
+  reference(index) {
+    const { group } = this.shapes[index];
+    const others = this.shapes.map((_, at) => at).filter((at) => at !== index && this.shapes[at].group === group);
+    return others.sort((a, b) => this.shapes[b].confidence - this.shapes[a].confidence)[0];
+  }
+
   pairAt(a, b) {
     return this.pairs.at[a * this.shapes.length + b];
   }
@@ -81,6 +89,18 @@ export class Collection {
       poses.push({ R, energy: poseEnergy[at] });
     }
     return poses;
+  }
+
+  // How far the pair's own best pose is from the collection's, in words.
+  disagreement(pair) {
+    return this.pairs.mirrored[pair] ? "mirrored" : degrees(this.pairs.disagreement[pair]);
+  }
+
+  // What synchronization made of a pair, in words.
+  use(pair) {
+    const { inlier, choice } = this.pairs;
+    if (!inlier[pair]) return "left out";
+    return choice[pair] > 0 ? `used at alternative ${choice[pair]}` : "used";
   }
 
   // Label on shape i of each sample of shape j by the pair's own matching; equal labels where it kept none.

@@ -60,12 +60,12 @@ export function pairDialog(app) {
       const choose = () => { pose = one; moving.forEach(({ tile }) => stage.refresh(tile)); };
       const radio = el("input", { type: "radio", name: "pair-pose", checked: at === 0, onchange: choose });
       const ratio = number(one.energy / poses[0].energy);
-      return [el("label", { class: "check" }, radio, one.text), number(one.energy), ratio, `${degrees(angle)}${mirrored ? ", mirrored" : ""}`];
+      return [el("label", { class: "check" }, radio, one.text), number(one.energy), ratio, mirrored ? "mirrored" : degrees(angle)];
     });
     const bound = pairs.bound[pair];
     const facts = [
       Number.isNaN(bound) ? "No lower bound was asked for." : `Lower bound ${number(bound)}: no pose has a smaller energy (gap ${number(100 * (1 - bound / pairs.energy[pair]))} %).`,
-      pairs.inlier[pair] ? "Synchronization used this pair." : "Synchronization left this pair out.",
+      `Synchronization: ${collection.use(pair)}.`,
       collection.statuses[pairs.status[pair]],
     ];
     box.body.replaceChildren(
@@ -76,13 +76,6 @@ export function pairDialog(app) {
   };
 }
 
-// The most certain shape of the same group, to compare with.
-function reference(collection, index) {
-  const { shapes } = collection;
-  const others = shapes.map((_, at) => at).filter((at) => at !== index && shapes[at].group === shapes[index].group);
-  return others.sort((a, b) => shapes[b].confidence - shapes[a].confidence)[0];
-}
-
 function pairRows(app, index, openPair) {
   const { pairs, shapes } = app.collection;
   const own = [...pairs.i.keys()].filter((pair) => pairs.i[pair] === index || pairs.j[pair] === index);
@@ -90,7 +83,7 @@ function pairRows(app, index, openPair) {
   return own.slice(0, WORST).map((pair) => {
     const other = pairs.i[pair] === index ? pairs.j[pair] : pairs.i[pair];
     const open = button(shapes[other].name, () => openPair(index, other), { class: "link" });
-    return [open, degrees(pairs.disagreement[pair]), number(pairs.energy[pair]), pairs.inlier[pair] ? "used" : "left out"];
+    return [open, app.collection.disagreement(pair), number(pairs.energy[pair]), app.collection.use(pair)];
   });
 }
 
@@ -117,7 +110,8 @@ export function shapeDialog(app) {
     add("present pose", () => [posed(app, index, rotationMatrix(shape.R)), ...ghost()], -1);
     shape.alternatives.forEach(({ R, score, origin }, at) => {
       const { angle, mirrored } = angleDeg(rotationMatrix(shape.R), rotationMatrix(R));
-      const words = [`pose ${at + 1}: turned ${degrees(angle)}`, mirrored && "mirrored", origin, score !== null && `score ${number(score)}`];
+      const turned = origin === "candidates" ? (mirrored ? "mirrored" : `turned by ${degrees(angle)}`) : origin;
+      const words = [`pose ${at + 1}: ${turned}`, score !== null && `log-odds ${number(score)}`];
       add(words.filter(Boolean).join(", "), () => [posed(app, index, rotationMatrix(R)), ...ghost()], at);
     });
   };
@@ -125,7 +119,7 @@ export function shapeDialog(app) {
   return (index) => {
     drawn.clear();
     const shape = collection.shapes[index];
-    const compare = reference(collection, index);
+    const compare = collection.reference(index);
     const row = el("div", { class: "figures" });
     drawn.add(row, "as in the file", () => [before(app, index)]);
     const ghost = () => (compare === undefined ? [] : [posed(app, compare, corrections.rotation(compare), { color: GREY, opacity: 0.3 })]);

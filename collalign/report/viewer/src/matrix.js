@@ -69,8 +69,8 @@ export class PairMatrix {
     if (a === b) this.say.textContent = a;
     else if (pair < 0) this.say.textContent = `${a} – ${b}: not compared`;
     else {
-      const trust = pairs.inlier[pair] ? "" : ", left out by synchronization";
-      this.say.textContent = `${a} – ${b}: energy ${number(pairs.energy[pair])}, disagreement ${degrees(pairs.disagreement[pair])}${trust}`;
+      const { collection } = this.app;
+      this.say.textContent = `${a} – ${b}: energy ${number(pairs.energy[pair])}, disagreement ${collection.disagreement(pair)}, ${collection.use(pair)}`;
     }
     this.draw();
   }
@@ -127,7 +127,7 @@ function worstPairs(app) {
   const rows = order.map((pair) => {
     const [a, b] = [pairs.i[pair], pairs.j[pair]];
     const open = button(`${shapes[a].name} – ${shapes[b].name}`, () => app.openPair(a, b), { class: "link" });
-    return [open, degrees(pairs.disagreement[pair]), number(pairs.energy[pair]), pairs.inlier[pair] ? "used" : "left out"];
+    return [open, app.collection.disagreement(pair), number(pairs.energy[pair]), app.collection.use(pair)];
   });
   return table(`The ${rows.length} pairs that disagree most`, ["Pair", "Disagreement", "Energy", "Synchronization"], rows);
 }

@@ -51,7 +51,7 @@ export class Overlay {
 
 export function overlaySection(app) {
   const { stage, overlay, collection } = app;
-  let [opacity, points] = [0.45, false];
+  let [opacity, points] = [0.35, false];
   const canvas = el("canvas", { class: "large", tabindex: 0, role: "img" });
   const colorOf = (index) => categorical([...overlay.chosen].indexOf(index));
   const layers = () => [...overlay.chosen].map((index) => after(app, index, {
