@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.records import Record
+from data_tools.errors import InputError
 
 
 def spectrum(payload: Any) -> NDArray[np.float64]:
@@ -49,3 +50,17 @@ def misbehave(payload: tuple[str, Any]) -> Any:
         Path(value).touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return value
+
+
+def end_as_told(payload: tuple[str, bytes]) -> int:
+    """Raise, crash or hang, as the first byte of a file says."""
+    kind = payload[1][:1]
+    if kind == b"r":
+        raise KeyError("something inside")
+    if kind == b"i":
+        raise InputError("bad file")
+    if kind == b"c":
+        os._exit(1)
+    if kind == b"h":
+        time.sleep(60)
+    return 1

@@ -24,6 +24,7 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--shapes", type=int, default=24)
     parser.add_argument("--points", type=int, default=40)
+    parser.add_argument("--delay", type=float, nargs=2, default=(1.0, 8.0), help="seconds between kills")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
@@ -41,7 +42,8 @@ def compare(folder: Path, options: argparse.Namespace, rng: np.random.Generator)
     while total.kills < options.kills:
         out, store = folder / f"out{rounds}", folder / f"killed{rounds}.store"
         left = options.kills - total.kills
-        log = run_with_kills(command(folder, out, store, options), left, rng, delay_s=(0.5, 4.0), resume_codes=(3,))
+        words, delay_s = command(folder, out, store, options), tuple(options.delay)
+        log = run_with_kills(words, left, rng, delay_s=delay_s, resume_codes=(3,))
         total.parents += log.parents
         total.workers += log.workers
         rounds += 1

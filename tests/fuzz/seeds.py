@@ -1,0 +1,96 @@
+"""Small good files of every kind that the project reads, to be damaged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from collalign.fingerprint import fingerprint
+from collalign.store import Store
+from collalign.stored_types import poses_to_record, samples_to_record
+from data_tools.embedding import sample_shape
+from data_tools.mesh_io import WRITABLE, write_mesh
+from data_tools.options import SamplingOptions
+from data_tools.shape import Shape
+from data_tools.synthetic_shapes import crown
+from pairwise import match, solve_relaxation
+
+CONFIG = """
+group = "O"
+pairs = "sparse"
+seed = 3
+reference = "a"
+[sampling]
+num_points = 24
+metric = "euclidean"
+[embedding]
+hks_weight = 0.1
+[matching]
+strategy = "portfolio"
+"""
+
+
+def shape_files(folder: Path) -> dict[str, bytes]:
+    """Return files of every readable format by name; the formats that are not written here are spelt out."""
+    mesh = crown(np.random.default_rng(0), num_vertices=80)
+    for suffix in WRITABLE:
+        write_mesh(folder / f"mesh{suffix}", mesh)
+    write_mesh(folder / "cloud.ply", Shape.from_arrays(mesh.vertices))
+    np.savez(folder / "mesh.npz", vertices=mesh.vertices, faces=mesh.faces)
+    points = mesh.vertices
+    rows = [" ".join(f"{x:.6f}" for x in point) for point in points]
+    header = "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+    header += f"WIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\n"
+    (folder / "ascii.pcd").write_text(header + "DATA ascii\n" + "\n".join(rows) + "\n")
+    (folder / "binary.pcd").write_bytes(header.encode() + b"DATA binary\n" + points.astype("<f4").tobytes())
+    (folder / "points.xyz").write_text("\n".join(rows))
+    (folder / "points.txt").write_text("\n".join(rows))
+    (folder / "points.csv").write_text("x,y,z\n" + "\n".join(row.replace(" ", ",") for row in rows))
+    ascii_ply = "ply\nformat ascii 1.0\n" + f"element vertex {len(points)}\n"
+    ascii_ply += "property float x\nproperty float y\nproperty float z\n" + f"element face {len(mesh.faces)}\n"
+    ascii_ply += "property list uchar int vertex_indices\nend_header\n" + "\n".join(rows) + "\n"
+    (folder / "ascii.ply").write_text(ascii_ply + "\n".join(f"3 {a} {b} {c}" for a, b, c in mesh.faces) + "\n")
+    facets = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in triangle)
+        + "endloop\nendfacet\n"
+        for triangle in points[mesh.faces]
+    )
+    (folder / "ascii.stl").write_text(f"solid a\n{facets}endsolid a\n")
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def store_file(folder: Path) -> bytes:
+    """Return a store with shapes, pairs, a failure, a plan and options."""
+    path = folder / "seed.store"
+    samples = [
+        sample_shape(
+            crown(np.random.default_rng(i), num_vertices=80), SamplingOptions(num_points=8, num_dense_points=9)
+        )
+        for i in range(2)
+    ]
+    keys = [fingerprint("1", {}, str(i)) for i in range(3)]
+    with Store.open(path) as store:
+        for key, item in zip(keys, samples, strict=False):
+            store.put("shapes", key, samples_to_record(item), label=item.name, seconds=0.1)
+        store.put("pairs", keys[0], poses_to_record(match(samples[0].positions, samples[1].positions)), label="a - b")
+        store.put_failure("pairs", keys[1], "took too long", label="a - c", crashed=True)
+        store.plan("pairs", dict.fromkeys(keys, "pair"))
+        store.set_meta("options", {"seed": 0})
+    return path.read_bytes()
+
+
+def certificate_problem() -> tuple[np.ndarray, np.ndarray]:
+    """Return the target and source of :func:`certificate_file`."""
+    rng = np.random.default_rng(1)
+    return rng.standard_normal((5, 3)), rng.standard_normal((5, 3))
+
+
+def certificate_file(folder: Path) -> bytes:
+    """Return a certificate of a small problem."""
+    certificate = solve_relaxation(*certificate_problem(), max_iterations=50).certificate
+    if certificate is None:
+        raise RuntimeError("the relaxation gave no certificate")
+    certificate.save(folder / "seed.npz")
+    return (folder / "seed.npz").read_bytes()

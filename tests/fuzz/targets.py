@@ -1,0 +1,70 @@
+"""What is done to a damaged file: each ends in a value, or in an error that the project raises on purpose."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import tempfile
+from pathlib import Path
+
+from collalign.cli import main
+from collalign.store import Store
+from collalign.stored_types import poses_from_record, samples_from_record
+from data_tools.embedding import sample_shape
+from data_tools.errors import InputError
+from data_tools.mesh_io import read_shape
+from data_tools.options import SamplingOptions
+from pairwise import verify_certificate
+from pairwise.certificate import Certificate
+from tests.fuzz.seeds import certificate_problem
+
+SAMPLING = SamplingOptions(num_points=8, num_dense_points=10)
+
+
+def read_and_sample(payload: tuple[str, bytes]) -> int:
+    """Read a shape file and prepare it for matching; returns the number of vertices."""
+    with _as_file(payload) as path:
+        shape = read_shape(path)
+        sample_shape(shape, SAMPLING)
+        return len(shape.vertices)
+
+
+def read_store(payload: tuple[str, bytes]) -> int:
+    """Open a store, read all that is in it, and open it for writing; returns the number of records."""
+    with _as_file(payload) as path:
+        with Store.open(path, read_only=True) as store:
+            store.status()
+            store.get_meta("options")
+            for kind, check in (("shapes", samples_from_record), ("pairs", poses_from_record)):
+                store.failures(kind)
+                store.costs(kind)
+                for key in sorted(store.keys(kind)):
+                    check(store.require(kind, key), key)
+        with Store.open(path) as store:
+            store.put("pairs", "new", {"x": 1})
+            return len(store.keys("pairs"))
+
+
+def read_certificate(payload: tuple[str, bytes]) -> float:
+    """Load a certificate and verify it; returns the bound."""
+    with _as_file(payload) as path:
+        return verify_certificate(*certificate_problem(), Certificate.load(path))
+
+
+def read_config(payload: tuple[str, bytes]) -> int:
+    """Run the command line with a configuration file on a folder that holds no shapes; returns the exit code."""
+    with _as_file(payload) as path, contextlib.redirect_stderr(io.StringIO()) as text:
+        with contextlib.redirect_stdout(text):
+            code = main(["--config", str(path), "align", str(path.parent), "--out", str(path.parent / "out")])
+        if code == 2:
+            raise InputError(text.getvalue()[-300:])
+        return code
+
+
+@contextlib.contextmanager
+def _as_file(payload: tuple[str, bytes]):  # type: ignore[no-untyped-def]
+    name, data = payload
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        path.write_bytes(data)
+        yield path

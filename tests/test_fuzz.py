@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from data_tools.errors import InputError
+from tests.fuzz import seeds, targets
+from tests.fuzz.harness import damaged, fuzz
+from tests.fuzz.mutations import CHANGES
+from tests.job_functions import end_as_told
+
+GOOD_ENDINGS = {"valid", "clear errors"}
+
+
+@pytest.fixture(scope="module")
+def shape_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    return seeds.shape_files(tmp_path_factory.mktemp("shapes"))
+
+
+def test_the_undamaged_files_are_good(shape_files: dict[str, bytes], tmp_path: Path) -> None:
+    for name, data in shape_files.items():
+        assert targets.read_and_sample((name, data)) > 20
+    assert targets.read_store(("a.store", seeds.store_file(tmp_path))) == 2
+    assert targets.read_certificate(("a.npz", seeds.certificate_file(tmp_path))) >= 0.0
+    with pytest.raises(InputError, match="holds no shape file"):  # and not that an option is wrong
+        targets.read_config(("a.toml", seeds.CONFIG.encode()))
+
+
+def test_damaged_shapes_end_in_a_clear_error_or_a_shape(shape_files: dict[str, bytes]) -> None:
+    report = fuzz(targets.read_and_sample, shape_files, 150, seed=7)
+    assert report.bad == {}
+    assert report.counts.keys() == GOOD_ENDINGS
+
+
+def test_damaged_stores_certificates_and_configurations_end_in_a_clear_error_or_a_value(tmp_path: Path) -> None:
+    for target, files, num in (
+        (targets.read_store, {"a.store": seeds.store_file(tmp_path)}, 60),
+        (targets.read_certificate, {"a.npz": seeds.certificate_file(tmp_path)}, 60),
+        (targets.read_config, {"a.toml": seeds.CONFIG.encode()}, 20),
+    ):
+        report = fuzz(target, files, num, seed=7)  # type: ignore[arg-type]
+        assert report.bad == {}
+        assert report.counts.keys() <= GOOD_ENDINGS
+
+
+def test_damage_is_damage_and_repeats_with_its_seed(shape_files: dict[str, bytes]) -> None:
+    one = [damaged(shape_files, 0, i) for i in range(50)]
+    assert one == [damaged(shape_files, 0, i) for i in range(50)]
+    assert one != [damaged(shape_files, 1, i) for i in range(50)]
+    assert sum(data == shape_files[name] for name, data in one) < 10
+    assert len(CHANGES) == 10
+
+
+def test_the_harness_notices_every_bad_ending(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("tests.fuzz.harness.TIME_LIMIT_S", 0.5)
+    monkeypatch.setattr("tests.fuzz.harness.damaged", lambda files, seed, i: ("a.x", b"richv"[i : i + 1]))
+    report = fuzz(end_as_told, {"a.x": b""}, 5, keep=tmp_path / "bad")
+    assert report.counts == {"valid": 1, "clear errors": 1, "unclear errors": 1, "crashes": 1, "hangs": 1}
+    assert len(report.bad) == len(list((tmp_path / "bad").iterdir())) == 3
+    assert "5 files" in str(report)
