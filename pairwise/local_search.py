@@ -98,8 +98,8 @@ class MatchingCosts:
         """Return costs with the same best maps that the assignment solver is faster at.
 
         Rows and, where every column is used, columns are reduced by their minima: the solver starts from dual
-        variables zero, and these are better ones. Columns for staying unmatched are appended; where the number of matches is
-        fixed these are cheaper than any match, so that all of them are used.
+        variables zero, and these are better ones. Columns for staying unmatched are appended; where the number of
+        matches is fixed these are cheaper than any match, so that all of them are used.
         """
         spare = self.problem.max_unmatched
         if not spare:

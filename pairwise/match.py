@@ -1,7 +1,7 @@
 """Match two point sets: the best pose found, the plausible alternatives, and what is proven about them.
 
-The steps are public functions of :mod:`pairwise.search`, :mod:`pairwise.rounding` and :mod:`pairwise.local_search`;
-this module composes them.
+The steps are public functions of :mod:`pairwise.portfolio`, :mod:`pairwise.search`, :mod:`pairwise.rounding` and
+:mod:`pairwise.local_search`; this module composes them.
 """
 
 from __future__ import annotations
@@ -13,14 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_tools.arrays import read_only
-from pairwise.local_search import LocalMinima
+from data_tools.arrays import FloatArray, as_rotations
+from pairwise.branch_and_bound import can_certify
+from pairwise.branch_and_bound import certify as prove_by_branching
+from pairwise.candidates import with_better
 from pairwise.options import MatchOptions, Strategy
 from pairwise.pattern import PatternLike
+from pairwise.portfolio import find_poses, relax, wants_relaxation
 from pairwise.problem import Problem
-from pairwise.results import Candidate, MatchResult
-from pairwise.search import distinct, explore, look_around, mirror_rotations, of_chirality, rotation_block
+from pairwise.results import Candidate, MatchResult, RelaxationResult
 from pairwise.status import Status
+
+#: Energies below this share of the points' squared sizes are rounding errors.
+_ROUNDING_SHARE = 1e-9
 
 
 def match(
@@ -34,6 +39,7 @@ def match(
     weights: ArrayLike | None = None,
     num_matches: int | None = None,
     unmatched_penalty: float | None = None,
+    starts: ArrayLike | None = None,
     strategy: Strategy | None = None,
     certify: bool | None = None,
     time_limit_s: float | None = None,
@@ -63,13 +69,18 @@ def match(
         Two-way partial matching with that many matches.
     unmatched_penalty : float, optional
         Two-way partial matching: what each source point left out costs, in squared units of the points.
+    starts : array_like, shape (m, d, d), optional
+        Poses to descend from as well.
     strategy, certify, time_limit_s, seed : optional
         Override the fields of ``options`` of the same names.
     options : MatchOptions, optional
+        The other ones.
 
     Returns
     -------
     MatchResult
+        Its ``lower_bound`` is the relaxation's where that was solved, or the proof's with ``certify``; NaN otherwise,
+        and for banded patterns, whose bound is one for banded R only, while poses are any rotations.
 
     Raises
     ------
@@ -98,66 +109,51 @@ def match(
     )
     given: dict[str, Any] = {"strategy": strategy, "certify": certify, "time_limit_s": time_limit_s, "seed": seed}
     changes = {name: value for name, value in given.items() if value is not None}
-    return match_problem(problem, replace(options or MatchOptions(), **changes))
+    poses = None
+    if starts is not None:
+        poses = as_rotations(starts, "starts", group=group, dim=problem.dim).reshape(-1, problem.dim, problem.dim)
+    return match_problem(problem, replace(options or MatchOptions(), **changes), starts=poses)
 
 
-def match_problem(problem: Problem, options: MatchOptions) -> MatchResult:
-    """Match as :func:`match` does, from a checked problem."""
-    times_s: dict[str, float] = {}
-    scale_range = options.scale_range if options.estimate_scale else None
-    parts = {reflected: of_chirality(problem, reflected=reflected) for reflected in _chiralities(problem)}
-    start_s = time.perf_counter()
-    minima = {
-        reflected: explore(part, num_rotations=options.num_rotations, seed=options.seed, scale_range=scale_range)
-        for reflected, part in parts.items()
-    }
-    least = min(float(m.energies[0]) for m in minima.values())
-    found: list[Candidate] = []
-    for reflected, part in parts.items():
-        seen = look_around(part, minima[reflected], least, seed=options.seed, scale_range=scale_range)
-        found += _candidates(part, seen, options, reflected=reflected)
-    times_s["search"] = time.perf_counter() - start_s
-    ranked = _rank(found, options)
+def match_problem(problem: Problem, options: MatchOptions, *, starts: FloatArray | None = None) -> MatchResult:
+    """Match as :func:`match` does, from a checked problem and checked starts (m, d, d)."""
+    begin_s = time.perf_counter()
+    relaxation = relax(problem, options) if wants_relaxation(problem, options) else None
+    relaxed_s = time.perf_counter()
+    ranked = find_poses(problem, options, relaxation=relaxation, starts=starts)
+    found_s = time.perf_counter()
+    bound, status = _proven(problem, relaxation, ranked[0], options)
+    if options.certify and status is not Status.PROVEN_OPTIMAL and can_certify(problem):
+        left_s = None if options.time_limit_s is None else max(options.time_limit_s - (found_s - begin_s), 1e-3)
+        proven, better, status = prove_by_branching(problem, ranked, tol=options.gap_tol, time_limit_s=left_s)
+        ranked = with_better(ranked, better, problem.pattern, options)
+        bound = min(float(np.fmax(bound, proven)), ranked[0].energy)
     best = ranked[0]
     return MatchResult(
         R_target_source=best.R_target_source,
         map_target_source=best.map_target_source,
         energy=best.energy,
-        lower_bound=float("nan"),
+        scale=best.scale,
+        lower_bound=bound,
         candidates=ranked,
-        status=Status.LOCAL_OPTIMUM,
-        times_s=times_s,
+        status=status,
+        times_s={
+            "relaxation": relaxed_s - begin_s,
+            "search": found_s - relaxed_s,
+            "certify": time.perf_counter() - found_s,
+        },
+        certificate=None if relaxation is None else relaxation.certificate,
     )
 
 
-def _chiralities(problem: Problem) -> tuple[bool, ...]:
-    """Return whether to look for proper poses, reflected ones, or both."""
-    return (False,) if problem.pattern.special_blocks else (False, True)
-
-
-def _candidates(problem: Problem, minima: LocalMinima, options: MatchOptions, *, reflected: bool) -> list[Candidate]:
-    """Return the distinct poses of one chirality, best first, in the coordinates of the unmirrored source."""
-    block = rotation_block(problem.pattern)
-    angle_rad = np.deg2rad(options.candidate_angle_deg)
-    kept = distinct(minima.rotations[:, :block, :block], angle_rad, options.max_candidates)
-    chosen = minima.take(kept)
-    rotations = mirror_rotations(chosen.rotations) if reflected else chosen.rotations
-    return [
-        Candidate(
-            R_target_source=read_only(rotations[c].copy()),
-            map_target_source=read_only(chosen.maps[c].copy()),
-            energy=float(chosen.energies[c]),
-            reflected=reflected,
-            origin=str(chosen.origins[c]),
-            scale=float(chosen.scales[c]),
-        )
-        for c in range(len(chosen))
-    ]
-
-
-def _rank(found: list[Candidate], options: MatchOptions) -> tuple[Candidate, ...]:
-    """Sort by energy and drop what is far worse than the best, but keep the best of each chirality."""
-    ranked = sorted(found, key=lambda c: c.energy)
-    limit = options.candidate_factor * ranked[0].energy
-    firsts = {c.reflected: c for c in reversed(ranked)}
-    return tuple(c for c in ranked if c.energy <= limit or c is firsts[c.reflected])
+def _proven(
+    problem: Problem, relaxation: RelaxationResult | None, best: Candidate, options: MatchOptions
+) -> tuple[float, Status]:
+    """Return the relaxation's bound, NaN without one, and whether it proves the best pose."""
+    if relaxation is None or not problem.pattern.is_block_diagonal:
+        return float("nan"), Status.LOCAL_OPTIMUM
+    bound = min(max(relaxation.lower_bound, 0.0), best.energy)
+    size = (problem.weights * (problem.source**2).sum(axis=1)).sum() + (problem.target**2).sum()
+    if bound >= (1.0 - options.gap_tol) * best.energy - _ROUNDING_SHARE * size:
+        return bound, Status.PROVEN_OPTIMAL
+    return bound, Status.LOCAL_OPTIMUM

@@ -48,6 +48,11 @@ class MatchOptions:
     seed: int = 0
     """Seed of the random draws."""
 
+    @property
+    def scale_limits(self) -> tuple[float, float] | None:
+        """Limits of the scale, or None where it is fixed."""
+        return self.scale_range if self.estimate_scale else None
+
     def __post_init__(self) -> None:
         if self.strategy not in get_args(Strategy):
             raise OptionsError(f"strategy: expected one of {get_args(Strategy)}, got {self.strategy!r}")

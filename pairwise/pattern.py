@@ -93,6 +93,11 @@ class RotationPattern:
         _, labels = connected_components(self.mask | self.mask.T, directed=False)
         return tuple(np.flatnonzero(labels == c) for c in range(labels.max() + 1))
 
+    @property
+    def is_block_diagonal(self) -> bool:
+        """Whether all orthogonal matrices of the components fit the mask: false for bands, true for blocks."""
+        return all(bool(self.mask[np.ix_(index, index)].all()) for index in self.components)
+
     def pack(self, matrix: FloatArray) -> FloatArray:
         """Return [R], the free entries of (..., d, d) matrices, shape (..., r)."""
         rows, cols = self.entries

@@ -57,6 +57,10 @@ class MatchResult:
     status : Status
     times_s : dict of str to float
         Seconds per stage.
+    scale : float
+        Factor of the source's points at this pose; 1 unless it was estimated.
+    certificate : Certificate or None
+        Of the relaxation, where one was solved.
     """
 
     R_target_source: FloatArray
@@ -66,6 +70,8 @@ class MatchResult:
     candidates: tuple[Candidate, ...]
     status: Status
     times_s: dict[str, float] = field(default_factory=dict)
+    scale: float = 1.0
+    certificate: Certificate | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

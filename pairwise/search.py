@@ -122,15 +122,15 @@ def explore(
     principal axes, so that the answer turns with the points.
     """
     lead = leading_problem(problem)
-    axes = sign_rotations(lead.dim, _MAX_SIGN_STARTS, seed=seed)
     num = num_rotations or _NUM_ROTATIONS.get(lead.dim, _NUM_ROTATIONS_ABOVE)
     even = rotation_set(lead.dim, num, seed=seed)
+    axes = sign_rotations(lead.dim, _MAX_SIGN_STARTS, seed=seed)
     if lead.pattern.mask.all():
         ones = np.ones(lead.num_target)
         frames = principal_frame(lead.target, ones), principal_frame(lead.source, lead.weights)
         axes, even = (frames[0] @ starts @ frames[1].T for starts in (axes, even))
     else:
-        even = lead.pattern.project(even)
+        even = np.concatenate([sign_rotations(lead.dim, num, seed=seed), lead.pattern.project(even)])
     screened, _ = screen(lead, np.concatenate([axes, even]), num_steps=1)
     num_tried = max(_LEAST_TRIED, round(_TRIED * num))
     tried = screened[distinct(screened, _SAME_RAD, num_tried)]

@@ -1,0 +1,74 @@
+"""The plausible poses of a pair: distinct local minima, the best of each chirality always among them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from data_tools.arrays import read_only
+from pairwise.local_search import LocalMinima
+from pairwise.options import MatchOptions
+from pairwise.pattern import RotationPattern
+from pairwise.results import Candidate
+from pairwise.search import distinct, mirror_rotations, rotation_block
+from pairwise.starts import rotation_angles
+
+
+def distinct_candidates(
+    pattern: RotationPattern, minima: LocalMinima, options: MatchOptions, *, reflected: bool
+) -> list[Candidate]:
+    """Return the distinct poses of one chirality, best first, at most ``max_candidates``.
+
+    Parameters
+    ----------
+    pattern : RotationPattern
+        Poses whose rotation blocks are closer than ``candidate_angle_deg`` are one.
+    minima : LocalMinima
+        Of the problem of that chirality (:func:`pairwise.search.of_chirality`), best first.
+    options : MatchOptions
+    reflected : bool
+        Whether these minima are for the mirrored source; they are returned for the source itself.
+    """
+    block = rotation_block(pattern)
+    angle_rad = np.deg2rad(options.candidate_angle_deg)
+    chosen = minima.take(distinct(minima.rotations[:, :block, :block], angle_rad, options.max_candidates))
+    rotations = mirror_rotations(chosen.rotations) if reflected else chosen.rotations
+    return [
+        Candidate(
+            R_target_source=read_only(rotations[c].copy()),
+            map_target_source=read_only(chosen.maps[c].copy()),
+            energy=float(chosen.energies[c]),
+            reflected=reflected,
+            origin=str(chosen.origins[c]),
+            scale=float(chosen.scales[c]),
+        )
+        for c in range(len(chosen))
+    ]
+
+
+def rank(candidates: Iterable[Candidate], options: MatchOptions) -> tuple[Candidate, ...]:
+    """Sort by energy, drop poses beyond ``candidate_factor`` times the best, keep the best of each chirality."""
+    ranked = sorted(candidates, key=lambda c: c.energy)
+    limit = options.candidate_factor * ranked[0].energy
+    firsts = {c.reflected: c for c in reversed(ranked)}
+    return tuple(c for c in ranked if c.energy <= limit or c is firsts[c.reflected])
+
+
+def with_better(
+    ranked: tuple[Candidate, ...], better: Candidate, pattern: RotationPattern, options: MatchOptions
+) -> tuple[Candidate, ...]:
+    """Return the candidates with a pose found later, in place of those that it is not distinct from.
+
+    A pose that is no better than the best one changes nothing.
+    """
+    if better.energy >= ranked[0].energy:
+        return ranked
+    block = rotation_block(pattern)
+    angle_rad = np.deg2rad(options.candidate_angle_deg)
+
+    def is_apart(other: Candidate) -> bool:
+        first, second = (c.R_target_source[:block, :block] for c in (better, other))
+        return bool(rotation_angles(first, second) >= angle_rad)
+
+    return rank([better, *(c for c in ranked if is_apart(c))], options)

@@ -1,0 +1,105 @@
+"""The portfolio: search, roundings of the relaxation and given starts compete on energy.
+
+When the relaxation is solved: always with strategy ``"relaxation"``, never with ``"search"``. With ``"portfolio"``
+where the rotation block has more than three dimensions: up to three, an even set of rotations finds the best pose on
+measured data in a fraction of the relaxation's time; above, no set of rotations covers the group, and roundings find
+poses that search does not. And with ``certify`` where branch and bound does not apply.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data_tools.arrays import FloatArray
+from pairwise.branch_and_bound import can_certify
+from pairwise.candidates import distinct_candidates, rank
+from pairwise.local_search import LocalMinima, merge, minimise
+from pairwise.options import MatchOptions
+from pairwise.problem import Problem
+from pairwise.results import Candidate, RelaxationResult
+from pairwise.rounding import appendix_starts, draw_rotations
+from pairwise.search import explore, look_around, mirror_rotations, of_chirality, rotation_block
+from pairwise.solve import solve_pm_sdp
+
+#: Largest dimension of the rotation block that a set of rotations covers.
+_MAX_COVERED_DIM = 3
+
+
+def wants_relaxation(problem: Problem, options: MatchOptions) -> bool:
+    """Whether the relaxation is solved, by the rule above."""
+    if options.estimate_scale:
+        return False
+    uncovered = rotation_block(problem.pattern) > _MAX_COVERED_DIM
+    by_strategy = {"search": False, "relaxation": True, "portfolio": uncovered}[options.strategy]
+    return by_strategy or (options.certify and not can_certify(problem))
+
+
+def relax(problem: Problem, options: MatchOptions) -> RelaxationResult:
+    """Solve PM-SDP of the problem, with its unmatched points, to the gap that counts as proven."""
+    unmatched = np.full(problem.num_source, problem.unmatched_cost) if problem.max_unmatched else None
+    return solve_pm_sdp(
+        problem,
+        tol=options.gap_tol,
+        time_limit_s=options.time_limit_s,
+        unmatched_costs=unmatched,
+        max_unmatched=problem.max_unmatched,
+    )
+
+
+def find_poses(
+    problem: Problem,
+    options: MatchOptions,
+    *,
+    relaxation: RelaxationResult | None = None,
+    starts: FloatArray | None = None,
+) -> tuple[Candidate, ...]:
+    """Return the distinct locally optimal poses, best first.
+
+    Parameters
+    ----------
+    problem : Problem
+    options : MatchOptions
+    relaxation : RelaxationResult, optional
+        Rounded if given.
+    starts : ndarray, shape (m, d, d), optional
+        Poses to descend from as well.
+    """
+    chiralities = (False,) if problem.pattern.special_blocks else (False, True)
+    parts = {reflected: of_chirality(problem, reflected=reflected) for reflected in chiralities}
+    matrices, origins = _given_starts(problem, options, relaxation, starts)
+    minima: dict[bool, LocalMinima] = {}
+    for reflected, part in parts.items():
+        turned = part.pattern.project(mirror_rotations(matrices) if reflected else matrices)
+        minima[reflected] = _descend(part, options, turned, origins)
+    least = min(float(m.energies[0]) for m in minima.values())
+    found: list[Candidate] = []
+    for reflected, part in parts.items():
+        polished = look_around(part, minima[reflected], least, seed=options.seed, scale_range=options.scale_limits)
+        found += distinct_candidates(part.pattern, polished, options, reflected=reflected)
+    return rank(found, options)
+
+
+def _given_starts(
+    problem: Problem, options: MatchOptions, relaxation: RelaxationResult | None, starts: FloatArray | None
+) -> tuple[FloatArray, list[str]]:
+    """Return matrices to project, beside the search's own rotations, and what gave each."""
+    matrices = [np.zeros((0, problem.dim, problem.dim)) if starts is None else starts]
+    origins = ["start"] * len(matrices[0])
+    if relaxation is not None and np.isfinite(relaxation.R).all():
+        rng = np.random.default_rng(options.seed)
+        matrices.append(appendix_starts(problem, relaxation))
+        matrices.append(draw_rotations(problem, relaxation, options.num_draws, rng))
+        origins += ["relaxation"] * (len(matrices[-2]) + len(matrices[-1]))
+    return np.concatenate(matrices), origins
+
+
+def _descend(problem: Problem, options: MatchOptions, starts: FloatArray, origins: list[str]) -> LocalMinima:
+    """Return the local minima of one chirality, from the given starts and, unless excluded, from the search."""
+    parts = []
+    if len(starts):
+        parts.append(minimise(problem, starts, scale_range=options.scale_limits, origins=np.array(origins)))
+    if options.strategy != "relaxation" or not parts:
+        parts.append(
+            explore(problem, num_rotations=options.num_rotations, seed=options.seed, scale_range=options.scale_limits)
+        )
+    return merge(parts)
