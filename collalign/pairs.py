@@ -11,11 +11,11 @@ from collalign.collection import Excluded
 from collalign.fingerprint import fingerprint, pair_seed
 from collalign.jobs import SharedTable
 from collalign.options import AlignOptions, RunOptions
-from collalign.prepare import PreparedShapes, samples_of
+from collalign.prepare import PreparedShapes
 from collalign.records import Record
 from collalign.stage import ProgressFactory, run_stage
 from collalign.store import Store
-from collalign.stored_types import poses_from_record, poses_to_record
+from collalign.stored_types import poses_from_record, poses_to_record, samples_from_record
 from collalign.synchronization import SynchronizationResult, synchronize
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import CollectionError
@@ -71,7 +71,7 @@ def match_pair(task: PairTask, shared: SharedTable) -> Record:
     dict
         ``rotations`` (m, d, d), ``maps`` (m, k), ``energies`` (m,), ``lower_bound``, ``status``.
     """
-    target, source = (samples_of(shared[key], key) for key in (task.target_key, task.source_key))
+    target, source = (samples_from_record(shared[key], key) for key in (task.target_key, task.source_key))
     result = match(
         target.coordinates,
         source.coordinates,
@@ -133,7 +133,7 @@ def match_pairs(
             progress=progress,
         )
     failures, done = store.failures("pairs"), store.keys("pairs")
-    pairs = [_matched(store.require("pairs", key), i, j) for key, i, j in keyed if key in done]
+    pairs = [_matched(store.require("pairs", key), i, j, _label(shapes, i, j)) for key, i, j in keyed if key in done]
     failed = [
         Excluded(file=_label(shapes, i, j), reason=failures[key].reason) for key, i, j in keyed if key not in done
     ]
@@ -218,5 +218,5 @@ def _task(shapes: PreparedShapes, i: int, j: int, options: AlignOptions) -> Pair
     )
 
 
-def _matched(record: Record, target: int, source: int) -> MatchedPair:
-    return MatchedPair(target=target, source=source, **poses_from_record(record, f"pair {target}, {source}"))
+def _matched(record: Record, target: int, source: int, label: str) -> MatchedPair:
+    return MatchedPair(target=target, source=source, **poses_from_record(record, label))

@@ -63,19 +63,7 @@ def prepare_shape(task: ShapeTask) -> Record:
         The fields of :class:`data_tools.embedding.Samples` as a record, without the name.
     """
     shape = read_shape(task.path, task.cleaning, name=task.name)
-    samples = sample_shape(shape, task.sampling, task.embedding)
-    return samples_to_record(samples)
-
-
-def samples_of(record: Record, name: str) -> Samples:
-    """Return the samples that a record of :func:`prepare_shape` holds; their name belongs to the run.
-
-    Raises
-    ------
-    StoreError
-        If a field is missing or impossible.
-    """
-    return samples_from_record(record, name)
+    return samples_to_record(sample_shape(shape, task.sampling, task.embedding))
 
 
 def stored_samples(store: Store, shapes: PreparedShapes) -> list[Samples]:
@@ -87,7 +75,7 @@ def stored_samples(store: Store, shapes: PreparedShapes) -> list[Samples]:
         If a record is damaged or missing.
     """
     named = zip(shapes.keys, shapes.names, strict=True)
-    return [samples_of(store.require("shapes", key), name) for key, name in named]
+    return [samples_from_record(store.require("shapes", key), name) for key, name in named]
 
 
 def prepare_shapes(

@@ -43,6 +43,7 @@ def samples_to_record(samples: Samples) -> Record:
         "scale": float(samples.scale),
         "dense_indices": samples.dense_indices,
         "dense_positions": samples.dense_positions,
+        "dense_normals": samples.dense_normals,
         "notes": list(samples.notes),
     }
 
@@ -83,6 +84,7 @@ def samples_from_record(record: Record, name: str) -> Samples:
             scale=scale,
             dense_indices=dense_indices,
             dense_positions=_floats(record["dense_positions"], "dense_positions", (len(dense_indices), 3)),
+            dense_normals=_normals(record["dense_normals"], len(dense_indices)),
             notes=tuple(_text(note, "notes") for note in _listed(record["notes"], "notes")),
         )
 
@@ -164,6 +166,13 @@ def _floats(value: Any, name: str, shape: tuple[int | None, ...]) -> FloatArray:
 
 def _indices(value: Any, name: str, num: int | None = None) -> IntArray:
     return read_only(as_indices(value, name, upper=_MAX_INDEX, shape=(num,)))
+
+
+def _normals(value: Any, num: int) -> FloatArray:
+    normals = _floats(value, "dense_normals", (None, 3))
+    if len(normals) not in (0, num):
+        raise InputError(f"dense_normals: expected none or {num}, got {len(normals)}")
+    return normals
 
 
 def _number(value: Any, name: str, *, allow_nan: bool = False) -> float:

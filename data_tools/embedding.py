@@ -16,6 +16,7 @@ from data_tools.invariants import (
     wave_kernel_signature,
 )
 from data_tools.laplacian import Spectrum
+from data_tools.normals import outward_normals
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.sampling import farthest_points
 from data_tools.shape import Shape
@@ -48,6 +49,8 @@ class Samples:
         More samples, for refinement; l may be 0.
     dense_positions : ndarray, shape (l, 3)
         With the same offset and scale.
+    dense_normals : ndarray, shape (l, 3) or (0, 3)
+        Outward unit normals there; empty where the shape has no oriented surface.
     notes : tuple of str
         What a user should know: decimated, which operators.
     """
@@ -62,6 +65,7 @@ class Samples:
     scale: float
     dense_indices: IntArray
     dense_positions: FloatArray
+    dense_normals: FloatArray
     notes: tuple[str, ...] = ()
 
 
@@ -101,6 +105,7 @@ def sample_shape(
     coordinates, block_sizes = _coordinates(positions, size, eigen, chosen, embedding)
     invariants = _invariants(surface, eigen, chosen, embedding) * size
     dense = _dense_indices(shape, surface, sampling)
+    normals = outward_normals(shape)
     return Samples(
         name=shape.name,
         vertex_indices=read_only(indices),
@@ -112,6 +117,7 @@ def sample_shape(
         scale=scale,
         dense_indices=read_only(dense),
         dense_positions=read_only((shape.vertices[dense] - offset) / scale),
+        dense_normals=read_only(normals[dense] if len(normals) else normals),
         notes=shape.notes + surface.notes,
     )
 

@@ -32,6 +32,7 @@ def make_samples(
         scale=2.5,
         dense_indices=np.arange(7),
         dense_positions=rng.standard_normal((7, 3)),
+        dense_normals=rng.standard_normal((7, 3)),
         notes=("decimated",),
     )
 
