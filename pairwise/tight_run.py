@@ -50,7 +50,8 @@ class TightRun:
         What proves ``bound``: the last stage its own, every earlier one that the matches which the next one lacks
         cost at least that.
     bound, value, upper : float
-        The lower bound, the primal value of the splitting, and the energy of the best pose found.
+        The lower bound, the relaxation's value (that of the splitting, moved between the other two where it is not),
+        and the energy of the best pose found.
     rotation, map : ndarray, shapes (d, d) and (k,)
         The best pose found.
     is_settled : bool
@@ -92,6 +93,7 @@ class TightRun:
             self.value = float((self.splitting.x * self.splitting.blocks.costs).sum())
             self._record(stage)
             self._descend(self._rounding())
+            self.value = min(max(self.value, self.bound), self.upper)
             if self._has_ended() or (self.eliminate and self._drop(stage)):
                 self.status = Status.CONVERGED
                 break

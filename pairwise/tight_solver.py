@@ -60,8 +60,9 @@ def solve_tight(
     RelaxationResult
         ``lower_bound`` is proven by ``certificate``. ``moments`` is E[(1, [R]) (1, [R])^T], (10, 10) for d = 3 and
         (5, 5) for d = 2; the quaternion form determines R only, and there it is that of the spectral measure of its
-        4 x 4 block, one measure with that R. Over O(d) the primal arrays are those of the better chirality. The
-        dual residual is 0 because every multiplier gives a feasible dual point.
+        4 x 4 block, one measure with that R. Over O(d) the primal arrays are those of the chirality with the lower
+        value, on a tie with the better pose. The dual residual is 0 because every multiplier gives a feasible dual
+        point.
 
     Raises
     ------
@@ -105,7 +106,8 @@ def run_tight(
 
 
 def _result(problem: Problem, form: str, runs: list[tuple[bool, TightRun]]) -> RelaxationResult:
-    reflected, run = min(runs, key=lambda item: item[1].value)
+    is_lower = runs[-1][1].value < runs[0][1].value - runs[0][1].gap_tol
+    reflected, run = runs[-1 if is_lower else 0]
     signs = mirror(problem.dim) if reflected else np.ones(problem.dim)
     columns = np.repeat(signs, problem.dim)
     moments = run.lift.full_moments(run.mean_block())

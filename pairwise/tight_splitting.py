@@ -174,4 +174,4 @@ class Splitting:
             difference = (self.x @ basis.T).reshape(self.v.shape) - self.psd
             self.dual = self.psd - self.v
             self.v = self.v + RELAXATION * difference
-        self.residual = float(np.linalg.norm(difference) / max(np.linalg.norm(self.psd), self.lift.trace))
+        self.residual = float(np.linalg.norm(difference)) / max(float(np.linalg.norm(self.psd)), self.lift.trace)
