@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -95,9 +94,9 @@ def load_view(folder: Path | str) -> CollectionView:
                     "run `collalign align` again"
                 )
             return _from_arrays({name: data[name] for name in data.files})
-    except (zipfile.BadZipFile, KeyError, ValueError, EOFError, OSError) as error:
-        if isinstance(error, InputError):
-            raise
+    except InputError:
+        raise
+    except Exception as error:  # damaged archives fail in every way there is
         raise InputError(
             f"{path}: damaged or not written by collalign ({error}); run `collalign align` again"
         ) from error
