@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,12 +12,13 @@ from collalign.synchronization.certificate import (
     certify_frames,
     combine_certificates,
 )
+from collalign.synchronization.confidence import Doubts, assess, doubt_sentences
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.geometry import angles_rad, relative, transposed
 from collalign.synchronization.graph import PairGraph, degrees
 from collalign.synchronization.least_squares import polish
 from collalign.synchronization.model import best_candidates, squared_distances
-from collalign.synchronization.result import SynchronizationResult
+from collalign.synchronization.result import PoseAlternative, SynchronizationResult, WeakCut
 from collalign.synchronization.search import State, find_poses
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from pairwise.pattern import RotationPattern
@@ -104,64 +105,137 @@ def robust_synchronization(
     """
     full = graph.with_constraints(fixed)
     components = full.connected_groups()
-    frames = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
-    choice = full.best_choice.copy()
-    weights, inlier = np.zeros(full.num_edges), np.zeros(full.num_edges, dtype=bool)
-    confidence = np.ones(graph.num_shapes)
-    noise, certificates = [], []
+    draft = _Draft.empty(full)
     for members in components:
         part, kept = full.subgraph(members)
-        if not part.num_edges:
-            continue
         local = {int(np.searchsorted(members, i)): fixed[i].T for i in fixed if i in members}
-        for number, index in enumerate(graph.pattern.components):
-            block = restricted(part, index, choice[kept] if number else None)
-            anchors = {i: frame[index[:, None], index] for i, frame in local.items()}
-            found = solve_block(block, anchors)
-            frames[np.ix_(members, index, index)] = found.frames
-            certificates.append(found.certificate)
-            if number == 0:
-                choice[kept], weights[kept], inlier[kept] = found.choice, found.weights, found.inlier
-                confidence[members] = found.states[0].beliefs[:, 0]
-                noise.append(found.states[0].model.noise_rad)
-    poses = fix_gauge(transposed(frames), components, reference=reference, fixed=fixed, pattern=graph.pattern)
-    return _result(graph, full, poses, choice, weights, inlier, confidence, components, noise, certificates)
+        if part.num_edges:
+            _solve_group(draft, part, members, kept, local)
+        else:
+            draft.groups.append(members)
+    poses = fix_gauge(transposed(draft.frames), components, reference=reference, fixed=fixed, pattern=graph.pattern)
+    return _result(graph, full, draft, poses, components)
+
+
+@dataclass(kw_only=True, eq=False)
+class _Draft:
+    """The result while it is filled group by group; frames and what is said about them have no common gauge yet."""
+
+    frames: FloatArray
+    choice: IntArray
+    weights: FloatArray
+    inlier: BoolArray
+    confidence: FloatArray
+    alternatives: list[tuple[PoseAlternative, ...]]
+    groups: list[IntArray] = field(default_factory=list)
+    cuts: list[WeakCut] = field(default_factory=list)
+    symmetries: list[tuple[int, FloatArray]] = field(default_factory=list)
+    noise: list[float] = field(default_factory=list)
+    certificates: list[SynchronizationCertificate] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    @classmethod
+    def empty(cls, graph: PairGraph) -> _Draft:
+        return cls(
+            frames=np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1)),
+            choice=graph.best_choice.copy(),
+            weights=np.zeros(graph.num_edges),
+            inlier=np.zeros(graph.num_edges, dtype=bool),
+            confidence=np.full(graph.num_shapes, np.nan),
+            alternatives=[()] * graph.num_shapes,
+        )
+
+
+def _solve_group(
+    draft: _Draft, part: PairGraph, members: IntArray, kept: IntArray, anchors: dict[int, FloatArray]
+) -> None:
+    """Solve one connected group: the rotation block with its doubts, then the other blocks by the same candidates."""
+    for number, index in enumerate(part.pattern.components):
+        block = restricted(part, index, draft.choice[kept] if number else None)
+        found = solve_block(block, {i: frame[index[:, None], index] for i, frame in anchors.items()})
+        draft.frames[np.ix_(members, index, index)] = found.frames
+        draft.certificates.append(found.certificate)
+        if number:
+            continue
+        draft.choice[kept], draft.weights[kept], draft.inlier[kept] = found.choice, found.weights, found.inlier
+        free = np.ones(len(members), dtype=bool)
+        free[list(anchors)] = False
+        _note_doubts(draft, assess(found.states, found.frames, free), members)
+        draft.noise.append(found.states[0].model.noise_rad)
+
+
+def _note_doubts(draft: _Draft, doubts: Doubts, members: IntArray) -> None:
+    """Write the doubts about a group's rotation block, in the group's own frame, into the draft."""
+    draft.confidence[members] = doubts.confidence
+    for shape, alternatives in zip(members, doubts.alternatives, strict=True):
+        draft.alternatives[shape] = alternatives
+    draft.groups.extend(members[group] for group in doubts.groups)
+    draft.symmetries.extend((int(members[0]), turn.T) for turn in doubts.symmetries)
+    draft.cuts.extend(
+        WeakCut(
+            members=members[cut.members],
+            rotation=cut.turn.T,
+            log_odds=cut.log_odds,
+            pairs_for=cut.votes_for,
+            pairs_against=cut.votes_against,
+            doubted=cut.doubted,
+        )
+        for cut in doubts.cuts
+    )
+    draft.warnings.extend(s for s in doubt_sentences(doubts) if s not in draft.warnings)
 
 
 def _result(
-    graph: PairGraph,
-    full: PairGraph,
-    poses: FloatArray,
-    choice: IntArray,
-    weights: FloatArray,
-    inlier: BoolArray,
-    confidence: FloatArray,
-    components: tuple[IntArray, ...],
-    noise: list[float],
-    certificates: list[SynchronizationCertificate],
+    graph: PairGraph, full: PairGraph, draft: _Draft, poses: FloatArray, components: tuple[IntArray, ...]
 ) -> SynchronizationResult:
-    count = graph.num_edges
+    """Bring what the draft says to the reported gauge."""
+    count, index = graph.num_edges, graph.pattern.components[0]
     nearest = np.argmin(np.where(graph.present, squared_distances(graph, transposed(poses)), np.inf), axis=1)
-    choice, weights, inlier = np.where(full.held[:count], nearest, choice[:count]), weights[:count], inlier[:count]
+    choice = np.where(full.held[:count], nearest, draft.choice[:count])
     misfit = angles_rad(transposed(graph.chosen(choice)) @ relative(transposed(poses), graph.edges))
+    gauge = (poses @ draft.frames)[:, index[:, None], index]
+    alternatives = tuple(
+        tuple(
+            PoseAlternative(
+                rotation=_embedded(gauge[shape] @ other.rotation, poses[shape], index), log_odds=other.log_odds
+            )
+            for other in others
+        )
+        for shape, others in enumerate(draft.alternatives)
+    )
+    identity = np.eye(graph.dim)
+    cuts = [
+        replace(cut, rotation=_embedded(gauge[s] @ cut.rotation @ gauge[s].T, identity, index))
+        for cut in draft.cuts
+        for s in cut.members[:1]
+    ]
     return SynchronizationResult(
         rotations=read_only(poses),
-        confidence=read_only(confidence),
-        edge_inlier=read_only(inlier),
+        confidence=read_only(draft.confidence),
+        edge_inlier=read_only(draft.inlier[:count]),
         edge_choice=read_only(choice),
         edge_inconsistency_rad=read_only(misfit),
-        edge_weights=read_only(weights),
-        groups=components,
+        edge_weights=read_only(draft.weights[:count]),
+        groups=tuple(sorted(draft.groups, key=lambda part: int(part[0]))),
         components=components,
-        weak_cuts=(),
-        alternatives=((),) * graph.num_shapes,
+        weak_cuts=tuple(cuts),
+        alternatives=alternatives,
         reflected=read_only(reflected_shapes(poses, graph.pattern)),
-        symmetries=(),
-        noise_rad=max(noise, default=float("nan")),
-        certificate=combine_certificates(certificates),
+        symmetries=tuple(
+            _embedded(gauge[shape] @ turn @ gauge[shape].T, identity, index) for shape, turn in draft.symmetries
+        ),
+        noise_rad=max(draft.noise, default=float("nan")),
+        certificate=combine_certificates(draft.certificates),
         status=Status.CONVERGED,
-        warnings=connectivity_warnings(len(components)),
+        warnings=(*connectivity_warnings(len(components)), *draft.warnings),
     )
+
+
+def _embedded(block: FloatArray, around: FloatArray, index: IntArray) -> FloatArray:
+    """Return a copy of a (d, d) matrix with one diagonal block replaced, read-only."""
+    matrix = around.copy()
+    matrix[index[:, None], index] = block
+    return read_only(matrix)
 
 
 def reflected_shapes(poses: FloatArray, pattern: RotationPattern) -> BoolArray:

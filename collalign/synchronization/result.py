@@ -38,7 +38,9 @@ class WeakCut:
     log_odds : float
         Log of how much more probable the reported pose is.
     pairs_for, pairs_against : int
-        How many pairs across the cut have a candidate that agrees with the reported pose, and with the alternative.
+        How many pairs across the cut clearly prefer the reported pose, and the alternative.
+    doubted : bool
+        Whether the pairs leave it open, or contradict it in a way that chance does not explain.
     """
 
     members: IntArray
@@ -46,6 +48,7 @@ class WeakCut:
     log_odds: float
     pairs_for: int
     pairs_against: int
+    doubted: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,7 +75,7 @@ class SynchronizationResult:
     components : tuple of ndarray of int
         Connected parts of the graph of pairs.
     weak_cuts : tuple of WeakCut
-        The weakest cut of each connected part that has one worth naming, least certain first.
+        The weakest blocks of each connected part under each common turn; those that are doubted come first.
     alternatives : tuple of tuple of PoseAlternative
         For each shape its best other poses, most probable first.
     reflected : ndarray of bool, shape (N,)

@@ -7,15 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from collalign.synchronization.blocks import turn_differences, weak_cuts
 from collalign.synchronization.graph import PairGraph, tree_rotations
 from collalign.synchronization.labels import propagate_beliefs
-from collalign.synchronization.model import EdgeModel, squared_distances
+from collalign.synchronization.model import EdgeModel
 from collalign.synchronization.robust import (
     maximise_likelihood,
     reweighted_frames,
     weighted_start,
 )
-from collalign.synchronization.turns import aligned_candidates, propose_turns, turn_costs
+from collalign.synchronization.turns import TurnSet, aligned_candidates, propose_turns, turn_costs
 from data_tools.arrays import BoolArray, FloatArray
 
 #: Noise is this many times larger where turns are chosen: frames fitted to one choice of candidates fit their noise
@@ -27,6 +28,9 @@ MAX_ROUNDS = 4
 
 #: Starts from random poses, tried where the pairs leave shapes in doubt.
 RANDOM_STARTS = 4
+
+#: Most blocks of shapes turned at the end.
+MAX_BLOCK_MOVES = 5
 
 #: A shape whose turn has at least this probability is not in doubt.
 SETTLED = 0.98
@@ -42,8 +46,7 @@ class State:
     frames : ndarray, shape (N, d, d)
     beliefs : ndarray, shape (N, L)
         Probability of each turn before the last refinement; turn 0 is the pose itself.
-    turns : ndarray, shape (N, L, d, d)
-        Turns of the common frame, ``frames @ turns`` are the alternatives.
+    alternatives : TurnSet
     cost : float
         Minus the log-likelihood of the pairs at the noise by which turns are chosen.
     """
@@ -51,8 +54,13 @@ class State:
     model: EdgeModel
     frames: FloatArray
     beliefs: FloatArray
-    turns: FloatArray
+    alternatives: TurnSet
     cost: float
+
+    @property
+    def blurred(self) -> EdgeModel:
+        """The model at the noise by which turns are chosen."""
+        return self.model.with_noise(LABEL_NOISE_FACTOR * self.model.noise_rad)
 
 
 def find_poses(graph: PairGraph, held: Mapping[int, FloatArray]) -> list[State]:
@@ -73,7 +81,27 @@ def find_poses(graph: PairGraph, held: Mapping[int, FloatArray]) -> list[State]:
         best = min(states, key=lambda state: state.cost)
         if best.beliefs[:, 0].min() >= SETTLED:
             break
-    return sorted(states, key=lambda state: state.cost)
+    states.sort(key=lambda state: state.cost)
+    states[0] = turn_blocks(states[0], free)
+    return states
+
+
+def turn_blocks(state: State, free: BoolArray) -> State:
+    """Return the state after turning whole blocks of shapes as long as that makes the pairs more likely."""
+    for _ in range(MAX_BLOCK_MOVES):
+        common = state.alternatives.common
+        differences = turn_differences(state.blurred, state.frames, state.alternatives)
+        cuts = weak_cuts(state.model.graph, differences, common, ~free)
+        cheapest = min(cuts, key=lambda cut: cut.log_odds, default=None)
+        if cheapest is None or cheapest.log_odds >= 0.0:
+            break
+        frames = state.frames.copy()
+        frames[cheapest.members] = frames[cheapest.members] @ cheapest.turn
+        moved = improve(state.model, frames, free)
+        if moved.cost >= state.cost - 1e-6:
+            break
+        state = moved
+    return state
 
 
 def improve(model: EdgeModel, frames: FloatArray, free: BoolArray) -> State:
@@ -83,7 +111,7 @@ def improve(model: EdgeModel, frames: FloatArray, free: BoolArray) -> State:
     for _ in range(MAX_ROUNDS):
         shapes = np.arange(len(frames))
         chosen = np.where(free, np.argmax(state.beliefs, axis=1), 0)
-        moved = state.frames @ state.turns[shapes, chosen]
+        moved = state.frames @ state.alternatives.turns[shapes, chosen]
         model, frames = maximise_likelihood(state.model, moved, free)
         fresh = _with_beliefs(model, frames, free)
         settled = not chosen.any()
@@ -99,14 +127,14 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray) -> Stat
     """Return the state with the beliefs about every shape's turns."""
     graph = model.graph
     aligned = aligned_candidates(graph, frames)
-    turns, offered = propose_turns(model, aligned)
+    alternatives = propose_turns(model, aligned)
     blurred = model.with_noise(LABEL_NOISE_FACTOR * model.noise_rad)
-    costs = turn_costs(blurred, aligned, turns, offered)
-    start = np.full(turns.shape[:2], 0.1 / (turns.shape[1] - 1))
+    costs = turn_costs(blurred, aligned, alternatives)
+    start = np.full((graph.num_shapes, costs.shape[2]), 0.1 / (costs.shape[2] - 1))
     start[:, 0] = 0.9
     beliefs = propagate_beliefs(graph.edges, costs, graph.num_shapes, start=start, clamped=np.flatnonzero(~free))
-    cost = float(blurred.costs(squared_distances(graph, frames)).sum())
-    return State(model=model, frames=frames, beliefs=beliefs, turns=turns, cost=cost)
+    cost = float(costs[:, 0, 0].sum())
+    return State(model=model, frames=frames, beliefs=beliefs, alternatives=alternatives, cost=cost)
 
 
 def _starts(graph: PairGraph, free: BoolArray) -> Iterator[FloatArray]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from collalign.synchronization.graph import PairGraph
@@ -25,9 +27,30 @@ def aligned_candidates(graph: PairGraph, frames: FloatArray) -> FloatArray:
     return np.swapaxes(left, 1, 2)[:, None] @ graph.candidates @ right[:, None]
 
 
-def propose_turns(
-    model: EdgeModel, aligned: FloatArray, *, num_global: int = 3, num_turns: int = 6
-) -> tuple[FloatArray, BoolArray]:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TurnSet:
+    """The discrete alternatives of every shape.
+
+    Attributes
+    ----------
+    turns : ndarray, shape (N, L, d, d)
+        Turns ``T`` of each shape, the identity first: ``P_i T`` are its candidate poses. Shapes with fewer than L
+        repeat the identity.
+    offered : ndarray of bool, shape (N, L)
+        False for the repetitions.
+    common : ndarray, shape (G, d, d)
+        Turns that many pairs propose, the same for all shapes; they follow the identity in ``turns``.
+    rates : ndarray, shape (G,)
+        Share of the pairs whose best candidate is wrong by that turn and that have no right one.
+    """
+
+    turns: FloatArray
+    offered: BoolArray
+    common: FloatArray
+    rates: FloatArray
+
+
+def propose_turns(model: EdgeModel, aligned: FloatArray, *, num_global: int = 3, num_turns: int = 6) -> TurnSet:
     """Return turns ``T`` of each shape, the identity first, so that ``P_i T`` are its candidate poses.
 
     The modes of all pairs' turns come first, because a block of shapes can turn as one only by a turn that all its
@@ -42,13 +65,6 @@ def propose_turns(
         Most turns taken from the whole collection.
     num_turns : int
         L, turns per shape.
-
-    Returns
-    -------
-    turns : ndarray, shape (N, L, d, d)
-        Shapes with fewer turns repeat the identity.
-    offered : ndarray of bool, shape (N, L)
-        False for the repetitions.
     """
     graph = model.graph
     common = global_turns(model, aligned, num_global)
@@ -57,8 +73,6 @@ def propose_turns(
     turns[:, 1 : 1 + len(common)] = common
     offered = np.zeros(turns.shape[:2], dtype=bool)
     offered[:, : 1 + len(common)] = True
-    if num_turns == 1 + len(common):
-        return turns, offered
     owner, edge, side = _incidence(graph)
     starts = np.searchsorted(owner, np.arange(graph.num_shapes + 1))
     for shape in range(graph.num_shapes):
@@ -77,7 +91,7 @@ def propose_turns(
         )
         turns[shape, len(known) : len(known) + len(own)] = own
         offered[shape, len(known) : len(known) + len(own)] = True
-    return turns, offered
+    return TurnSet(turns=turns, offered=offered, common=common, rates=_flip_rates(model, aligned, common))
 
 
 def global_turns(model: EdgeModel, aligned: FloatArray, count: int) -> FloatArray:
@@ -136,23 +150,49 @@ def _incidence(graph: PairGraph) -> tuple[IntArray, IntArray, IntArray]:
     return owner[order], edge[order], side[order]
 
 
-def turn_costs(model: EdgeModel, aligned: FloatArray, turns: FloatArray, offered: BoolArray) -> FloatArray:
+def _flip_rates(model: EdgeModel, aligned: FloatArray, common: FloatArray) -> FloatArray:
+    """Return the share of the pairs that are wrong by each common turn, shape (G,), shrunk by one pair."""
+    graph = model.graph
+    if not len(common):
+        return np.zeros(0)
+    unit = ((aligned - np.eye(graph.dim)) ** 2).sum(axis=(2, 3))
+    wrong = (1.0 - model.responsibilities(unit).sum(axis=1)) * ~graph.held
+    best = aligned[np.arange(graph.num_edges), graph.best_choice]
+    both = np.stack([common, np.swapaxes(common, 1, 2)], axis=1)
+    squared = ((best[:, None, None] - both) ** 2).sum(axis=(3, 4)).min(axis=2)
+    near = squared <= np.minimum(SAME_TURN, 36.0 * model.noise_rad**2)
+    return np.asarray((wrong @ near + 0.1) / (graph.num_edges + 1.0), dtype=np.float64)
+
+
+def turn_costs(model: EdgeModel, aligned: FloatArray, alternatives: TurnSet) -> FloatArray:
     """Return each pair's cost for every combination of its shapes' turns, shape (E, L, L).
+
+    A pair without a right candidate is not wrong in any way alike: where shapes are nearly symmetric it is wrong by
+    one of the common turns, at the estimated rates. Without these terms two pairs that are wrong in the same way
+    would count as proof of each other.
 
     Parameters
     ----------
     model : EdgeModel
     aligned : ndarray, shape (E, m, d, d)
-    turns, offered
-        From :func:`propose_turns`; a turn that is not offered costs ``FORBIDDEN`` at every pair.
+        From :func:`aligned_candidates`.
+    alternatives : TurnSet
+        A turn that is not offered costs ``FORBIDDEN`` at every pair.
     """
     graph = model.graph
-    count, dim, num = graph.num_edges, graph.dim, turns.shape[1]
-    left = np.swapaxes(turns[graph.edges[:, 0]], 2, 3)
-    right = np.swapaxes(turns[graph.edges[:, 1]], 2, 3).reshape(count, num, -1)
-    turned = left[:, None] @ aligned[:, :, None]
-    inner = turned.reshape(count, -1, dim * dim) @ np.swapaxes(right, 1, 2)
+    first, second = graph.edges.T
+    count, dim, num = graph.num_edges, graph.dim, alternatives.turns.shape[1]
+    turned = np.swapaxes(alternatives.turns, 2, 3)[first][:, None] @ aligned[:, :, None]
+    back = np.swapaxes(alternatives.turns, 2, 3)[second]
+    inner = turned.reshape(count, -1, dim * dim) @ np.swapaxes(back.reshape(count, num, -1), 1, 2)
     squared = np.maximum(2.0 * dim - 2.0 * inner.reshape(count, -1, num, num), 0.0)
     costs = model.costs(squared)
-    left_out, right_out = ~offered[graph.edges[:, 0]], ~offered[graph.edges[:, 1]]
+    best = turned[np.arange(count), graph.best_choice].reshape(count, num, -1)
+    for turn, rate in zip(alternatives.common, alternatives.rates, strict=True):
+        for flip in (turn, turn.T):
+            beyond = (flip @ back).reshape(count, num, -1)
+            apart = np.maximum(2.0 * dim - 2.0 * best @ np.swapaxes(beyond, 1, 2), 0.0)
+            log_flip = np.log(rate / 2.0) - apart / (4.0 * model.variances[:, None, None])
+            costs = -np.logaddexp(-costs, np.where(graph.held[:, None, None], -np.inf, log_flip))
+    left_out, right_out = ~alternatives.offered[first], ~alternatives.offered[second]
     return np.where(left_out[:, :, None] | right_out[:, None], FORBIDDEN, costs)

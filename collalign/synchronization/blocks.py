@@ -1,0 +1,214 @@
+"""Blocks of shapes that could turn as one: the weakest cuts of a group, and what the pairs across them say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import coo_matrix, diags, identity
+
+from collalign.synchronization.graph import PairGraph
+from collalign.synchronization.model import EdgeModel
+from collalign.synchronization.spectral import leading_eigenvectors
+from collalign.synchronization.turns import TurnSet, aligned_candidates, turn_costs
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+
+#: A pair speaks for a side of a cut when its cost differs by more than this, nats.
+CLEAR_VOTE = 0.5
+
+#: A block is doubted when more than this share of the votes across the cut speak against it, and more than among all
+#: votes about the same turn, by ``SPIN_GLASS sqrt(N) + 1`` standard deviations. The best of all blocks of a random
+#: graph reaches .76 sqrt(N) (the ground state of the Sherrington-Kirkpatrick model), and is no evidence.
+DOUBTED_SHARE, SPIN_GLASS = 0.25, 0.76
+
+#: Or when the pairs across the cut prefer the reported pose by less than this, nats.
+DOUBTED_LOG_ODDS = 6.0
+
+#: The collection is symmetric under a turn when this share of the shapes prefer their pose by less than the second
+#: number, the mean of ``tanh(difference / 2)`` over their pairs: 0 for indifference, 1 for certainty.
+SYMMETRIC_SHARE, SYMMETRIC_PREFERENCE = 0.8, 0.1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cut:
+    """A block of shapes and the turn of the common frame by which it could be wrong.
+
+    Attributes
+    ----------
+    members : ndarray of int
+        The smaller side.
+    turn : ndarray, shape (d, d)
+        ``P_i T`` are the block's other poses.
+    log_odds : float
+        Cost of turning the block; negative if that is an improvement.
+    votes_for, votes_against : int
+        Pairs across the cut that clearly prefer the pose as it is, or turned.
+    structured : bool
+        Whether the pairs contradict the block in a way that chance does not explain.
+    doubted : bool
+        Structured, or of small log-odds.
+    """
+
+    members: IntArray
+    turn: FloatArray
+    log_odds: float
+    votes_for: int
+    votes_against: int
+    structured: bool
+    doubted: bool
+
+
+def turn_differences(model: EdgeModel, frames: FloatArray, alternatives: TurnSet) -> FloatArray:
+    """Return what turning one end of each pair by each common turn costs, shape (G, E)."""
+    count = len(alternatives.common)
+    if not count:
+        return np.zeros((0, model.graph.num_edges))
+    alone = replace(
+        alternatives, turns=alternatives.turns[:, : 1 + count], offered=alternatives.offered[:, : 1 + count]
+    )
+    costs = turn_costs(model, aligned_candidates(model.graph, frames), alone)
+    single = (costs[:, 1:, 0] + costs[:, 0, 1:]) / 2.0 - costs[:, :1, 0]
+    return np.ascontiguousarray(single.T)
+
+
+def weak_cuts(graph: PairGraph, differences: FloatArray, common: FloatArray, held: BoolArray) -> list[Cut]:
+    """Return the weakest blocks of a group under each common turn, the doubted ones first.
+
+    Two blocks per turn: the one that the pairs contradict in the most structured way, and the one that is cheapest
+    to turn. Blocks hold at most half of the shapes, and none that may not turn.
+
+    Parameters
+    ----------
+    graph : PairGraph
+        Connected.
+    differences : ndarray, shape (G, E)
+        From :func:`turn_differences`.
+    common : ndarray, shape (G, d, d)
+    held : ndarray of bool, shape (N,)
+        Shapes that may not turn.
+    """
+    cuts: list[Cut] = []
+    if graph.num_shapes < 4:
+        return cuts
+    for costs, turn in zip(differences, common, strict=True):
+        order = _slow_orders(graph.edges, costs, graph.num_shapes)
+        structured = _most_contradicted(graph, costs, order)
+        cheapest = _settled(graph.edges, costs, _sweep(graph.edges, costs, order), minimum=2)
+        for block in (structured, cheapest):
+            side = _turned_side(block, held)
+            if side is not None:
+                cuts.append(_judged(graph, costs, turn, side))
+    return sorted(cuts, key=lambda cut: (not cut.doubted, -len(cut.members) if cut.doubted else cut.log_odds))
+
+
+def symmetric_turns(graph: PairGraph, differences: FloatArray, common: FloatArray) -> list[FloatArray]:
+    """Return the common turns under which nearly every shape looks the same to its pairs."""
+    found = []
+    ends = graph.edges.ravel()
+    degree = np.maximum(np.bincount(ends, minlength=graph.num_shapes), 1)
+    for difference, turn in zip(differences, common, strict=True):
+        preference = np.repeat(np.tanh(difference / 2.0), 2)
+        mean = np.bincount(ends, weights=preference, minlength=graph.num_shapes) / degree
+        if np.mean(mean < SYMMETRIC_PREFERENCE) >= SYMMETRIC_SHARE:
+            found.append(turn)
+    return found
+
+
+def _slow_orders(edges: IntArray, costs: FloatArray, num_shapes: int, count: int = 4) -> IntArray:
+    """Return the shapes' ranks along the slowest vectors of the signed Laplacian, shape (count, N)."""
+    left, right = edges.T
+    weights = coo_matrix((costs, (left, right)), shape=(num_shapes, num_shapes))
+    weights = (weights + weights.T).tocsr()
+    size = np.asarray(abs(weights).sum(axis=1)).ravel()
+    scale = 1.0 / np.sqrt(np.maximum(size, 1e-9 * max(size.max(initial=0.0), 1e-12)))
+    signed = np.asarray(weights.sum(axis=1)).ravel()
+    operator = diags(scale) @ (weights - diags(signed)) @ diags(scale) + identity(num_shapes, format="csr")
+    _, vectors = leading_eigenvectors(operator.tocsr(), min(count + 1, num_shapes))
+    return np.argsort(np.argsort(vectors * scale[:, None], axis=0, kind="stable"), axis=0, kind="stable").T
+
+
+def _prefix_sums(edges: IntArray, values: FloatArray, rank: IntArray) -> FloatArray:
+    """Return the sum of the values across each cut of the shapes of rank below 2, 3, ... N - 2."""
+    count = len(rank)
+    low, high = np.sort(rank[edges], axis=1).T
+    opened = np.bincount(low, weights=values, minlength=count)
+    closed = np.bincount(high, weights=values, minlength=count)
+    return np.cumsum(opened - closed)[1 : count - 2]
+
+
+def _sweep(edges: IntArray, costs: FloatArray, orders: IntArray) -> BoolArray:
+    """Return the block of least cost across the cut for the size of its smaller side."""
+    sizes = np.arange(2, orders.shape[1] - 1)
+    ratios = [_prefix_sums(edges, costs, rank) / np.minimum(sizes, orders.shape[1] - sizes) for rank in orders]
+    which, place = np.unravel_index(int(np.argmin(ratios)), (len(orders), len(sizes)))
+    return orders[which] < sizes[place]
+
+
+def _most_contradicted(graph: PairGraph, costs: FloatArray, orders: IntArray) -> BoolArray:
+    """Return the block across whose cut most pairs speak for the turn, beyond the rate within its sides.
+
+    The sweep's best cut starts a two-block stochastic block model: pairs contradict at one rate within the sides, at
+    another across; single shapes change sides while the likelihood grows.
+    """
+    against, clear = (costs < -CLEAR_VOTE).astype(float), (np.abs(costs) > CLEAR_VOTE).astype(float)
+    best, best_excess = orders[0] < 2, -np.inf
+    sizes = np.arange(2, orders.shape[1] - 1)
+    for rank in orders:
+        excess = _excess(
+            _prefix_sums(graph.edges, against, rank),
+            _prefix_sums(graph.edges, clear, rank),
+            against.sum(),
+            clear.sum(),
+        )
+        if excess.max() > best_excess:
+            best, best_excess = rank < sizes[int(np.argmax(excess))], float(excess.max())
+    cut = best[graph.edges[:, 0]] != best[graph.edges[:, 1]]
+    rates = [(against[s].sum() + 0.5) / (clear[s].sum() + 1.0) for s in (cut, ~cut)]
+    gain = np.where(against > 0, np.log(rates[0] / rates[1]), np.log((1.0 - rates[0]) / (1.0 - rates[1])))
+    return _settled(graph.edges, -gain * clear, best, minimum=2)
+
+
+def _excess(against: FloatArray, clear: FloatArray, all_against: float, all_clear: float) -> FloatArray:
+    """Return by how many standard deviations votes against exceed their rate among all votes."""
+    rate = (all_against + 0.5) / (all_clear + 1.0)
+    return (against - rate * clear) / np.sqrt(rate * (1.0 - rate) * np.maximum(clear, 1.0))
+
+
+def _settled(edges: IntArray, costs: FloatArray, block: BoolArray, *, minimum: int) -> BoolArray:
+    """Return the block after greedy single moves that lower the cut's cost, neither side ever below the minimum."""
+    side = block.copy()
+    left, right = edges.T
+    for _ in range(len(side)):
+        pull = np.where(side[left] != side[right], costs, -costs)
+        gain = np.bincount(edges.ravel(), weights=np.repeat(pull, 2), minlength=len(side))
+        gain = np.where(np.where(side, side.sum(), (~side).sum()) > minimum, gain, -np.inf)
+        if gain.max() <= 1e-9:
+            break
+        side[np.argmax(gain)] ^= True
+    return side
+
+
+def _turned_side(block: BoolArray, held: BoolArray) -> BoolArray | None:
+    """Return the side that would turn: the smaller one, or the one without held shapes; None if both have some."""
+    side = block if block.sum() <= len(block) / 2 else ~block
+    if (side & held).any():
+        side = ~side
+    return None if (side & held).any() else side
+
+
+def _judged(graph: PairGraph, costs: FloatArray, turn: FloatArray, block: BoolArray) -> Cut:
+    across = block[graph.edges[:, 0]] != block[graph.edges[:, 1]]
+    against, clear = costs < -CLEAR_VOTE, np.abs(costs) > CLEAR_VOTE
+    votes, votes_against = int((clear & across).sum()), int((against & across).sum())
+    excess = float(_excess(np.array(float(votes_against)), np.array(float(votes)), against.sum(), clear.sum()))
+    structured = votes_against > DOUBTED_SHARE * votes and excess > SPIN_GLASS * np.sqrt(graph.num_shapes) + 1.0
+    log_odds = float(costs[across].sum())
+    return Cut(
+        members=np.flatnonzero(block),
+        turn=turn,
+        log_odds=log_odds,
+        votes_for=votes - votes_against,
+        votes_against=votes_against,
+        structured=bool(structured),
+        doubted=bool(structured or log_odds < DOUBTED_LOG_ODDS),
+    )
