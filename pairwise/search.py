@@ -54,13 +54,14 @@ def rotation_block(pattern: RotationPattern) -> int:
 
 
 def of_chirality(problem: Problem, *, reflected: bool) -> Problem:
-    """Return the problem with the rotation block's determinant fixed to +1.
+    """Return the problem with the rotation block's determinant fixed to +1; itself where the group fixes it already.
 
     For poses of determinant -1 the source's first coordinate is negated: negate the first column of the solutions,
     too (:func:`mirror_rotations`).
     """
-    block = rotation_block(problem.pattern)
-    pattern = RotationPattern(problem.pattern.mask, ((0, block),))
+    if problem.pattern.special_blocks:
+        return problem
+    pattern = RotationPattern(problem.pattern.mask, ((0, rotation_block(problem.pattern)),))
     source = mirror_points(problem.source) if reflected else problem.source
     return replace(problem, source=read_only(source), pattern=pattern)
 

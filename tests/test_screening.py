@@ -1,0 +1,59 @@
+"""Screening: scores are lower bounds of the assignment's cost, and ICP steps go where exact steps go."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import linear_sum_assignment
+
+from pairwise.problem import Problem
+from pairwise.screening import NearestCosts, screen
+from pairwise.starts import random_rotations, rotation_angles
+from tests.problems import catalogue, planted
+
+
+def exact_cost(problem: Problem, rotation: np.ndarray) -> float:
+    cost = problem.assignment_costs(rotation).T
+    if problem.max_unmatched:
+        unmatched = np.full((problem.num_source, problem.max_unmatched), problem.unmatched_cost)
+        cost = np.concatenate([cost, unmatched], axis=1)
+    return float(cost[linear_sum_assignment(cost)].sum())
+
+
+@pytest.mark.parametrize("known", catalogue(), ids=lambda known: known.name)
+def test_scores_bound_the_exact_cost_from_below(known) -> None:
+    problem = known.problem
+    rotations = problem.pattern.project(random_rotations(problem.dim, 6, np.random.default_rng(1)))
+    nearest = NearestCosts(problem)
+    directions = 2.0 if nearest.both_ways else 1.0
+    _, scores = nearest.step(rotations)
+    for rotation, score in zip(rotations, scores, strict=True):
+        exact = exact_cost(problem, rotation)
+        assert score / directions <= exact + 1e-5 * (1.0 + exact)
+
+
+@pytest.mark.parametrize("partial", [{"num_matches": 7}, {"unmatched_penalty": 0.01}])
+def test_scores_of_partial_matching_are_bounds_too(rng: np.random.Generator, partial) -> None:
+    problem = planted(rng, rng.random((10, 3)), noise=0.2, **partial)
+    rotations = random_rotations(3, 20, rng)
+    _, scores = NearestCosts(problem).step(rotations)
+    exact = np.array([exact_cost(problem, rotation) for rotation in rotations])
+    assert (scores <= exact + 1e-5).all()
+    assert scores.max() > 0
+
+
+def test_the_planted_pose_stays_and_comes_first(rng: np.random.Generator) -> None:
+    points = rng.random((30, 3)) - 0.5
+    turn = random_rotations(3, 1, rng)[0]
+    problem = Problem.from_user(points, points @ turn)
+    rotations, scores = screen(problem, np.concatenate([random_rotations(3, 40, rng), turn[None]]))
+    assert rotation_angles(rotations[0], turn) < 1e-3
+    assert (np.diff(scores) >= 0).all()
+
+
+def test_batches_do_not_change_the_answer(rng: np.random.Generator) -> None:
+    problem = planted(rng, rng.random((12, 3)), noise=0.1)
+    rotations = random_rotations(3, 9, rng)
+    whole, single = NearestCosts(problem), NearestCosts(problem)
+    single.chunk = 2
+    np.testing.assert_allclose(whole.step(rotations)[0], single.step(rotations)[0], atol=1e-5)
