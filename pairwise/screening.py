@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.arrays import FloatArray
+from data_tools.arrays import BoolArray, FloatArray
 from pairwise.problem import Problem
 
 Singles: TypeAlias = NDArray[np.float32]
@@ -56,31 +56,36 @@ class NearestCosts:
         costs = (moved.reshape(m * k, -1) @ self._target_t).reshape(m, k, n)
         costs += self._fixed
         nearest = costs.argmin(axis=2)
-        scores = self._scores(costs, nearest)
+        values = _taken(costs, nearest)
         weighted = problem.weights[:, None] * problem.source
+        if problem.max_unmatched:
+            values, is_matched = self._trimmed(values)
+            moments = np.swapaxes(problem.target[nearest] * is_matched[:, :, None], 1, 2) @ weighted
+            return moments, values.sum(axis=1)
         moments = np.swapaxes(problem.target[nearest], 1, 2) @ weighted
         if self.both_ways:
             back = (self._target @ rotations).reshape(m * n, -1)
             costs = (back @ self._source_t).reshape(m, n, k)
             costs += self._fixed_t
             nearest = costs.argmin(axis=2)
-            scores += self._scores(costs, nearest)
+            values = np.concatenate([values, _taken(costs, nearest)], axis=1)
             moments += problem.target.T @ weighted[nearest]
-        return moments, scores
+        return moments, values.sum(axis=1)
 
-    def _scores(self, costs: NDArray[np.floating[Any]], nearest: NDArray[np.intp]) -> FloatArray:
-        values = np.take_along_axis(costs, nearest[:, :, None], axis=2)[:, :, 0].astype(np.float64)
-        if self.problem.max_unmatched:
-            values.sort(axis=1)
-            return self._partial(values)
-        return values.sum(axis=1)
-
-    def _partial(self, values: FloatArray) -> FloatArray:
-        """Return scores of partial matching from sorted costs: the dearest points stay unmatched."""
+    def _trimmed(self, values: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Leave the dearest points unmatched: the costs after that, and which points are matched (m, k)."""
         problem = self.problem
-        if problem.max_unmatched < problem.num_source:
-            return values[:, : problem.num_source - problem.max_unmatched].sum(axis=1)
-        return np.minimum(values, problem.unmatched_cost).sum(axis=1)
+        num_matches = problem.num_source - problem.max_unmatched
+        if num_matches == 0:
+            is_matched = values < problem.unmatched_cost
+        else:
+            is_matched = np.zeros(values.shape, dtype=bool)
+            np.put_along_axis(is_matched, np.argsort(values, axis=1, kind="stable")[:, :num_matches], True, axis=1)
+        return np.where(is_matched, values, problem.unmatched_cost), is_matched
+
+
+def _taken(costs: NDArray[np.floating[Any]], nearest: NDArray[np.intp]) -> FloatArray:
+    return np.take_along_axis(costs, nearest[:, :, None], axis=2)[:, :, 0].astype(np.float64)
 
 
 def screen(problem: Problem, rotations: FloatArray, *, num_steps: int = 2) -> tuple[FloatArray, FloatArray]:
