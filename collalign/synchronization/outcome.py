@@ -12,6 +12,7 @@ from collalign.synchronization.certificate import (
     certify_frames,
     combine_certificates,
 )
+from collalign.synchronization.chirality import ChiralityResult, synchronize_signs
 from collalign.synchronization.confidence import Doubts, assess, doubt_sentences
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.geometry import angles_rad, relative, transposed
@@ -221,6 +222,7 @@ def _result(
         weak_cuts=tuple(cuts),
         alternatives=alternatives,
         reflected=read_only(reflected_shapes(poses, graph.pattern)),
+        chirality=signs_of_pairs(graph, graph.chosen(choice), draft.weights[:count]),
         symmetries=tuple(
             _embedded(gauge[shape] @ turn @ gauge[shape].T, identity, index) for shape, turn in draft.symmetries
         ),
@@ -242,6 +244,17 @@ def reflected_shapes(poses: FloatArray, pattern: RotationPattern) -> BoolArray:
     """Return which poses mirror the rotation block, the pattern's first component, shape (N,)."""
     index = pattern.components[0]
     return np.linalg.det(poses[:, index[:, None], index]) < 0
+
+
+def signs_of_pairs(graph: PairGraph, rotations: FloatArray, weights: FloatArray) -> ChiralityResult | None:
+    """Return what the determinants of the pairs' rotation block say; None where all must be +1."""
+    if graph.pattern.special_blocks or not graph.num_edges:
+        return None
+    index = graph.pattern.components[0]
+    signs = np.where(np.linalg.det(rotations[:, index[:, None], index]) < 0, -1.0, 1.0)
+    return synchronize_signs(
+        graph.edges, signs, weights=weights / max(float(weights.max()), 1e-300), num_shapes=graph.num_shapes
+    )
 
 
 def connectivity_warnings(num_components: int) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from collalign.synchronization.certificate import SynchronizationCertificate
+from collalign.synchronization.chirality import ChiralityResult
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from pairwise.status import Status
 
@@ -80,6 +81,8 @@ class SynchronizationResult:
         For each shape its best other poses, most probable first.
     reflected : ndarray of bool, shape (N,)
         Whether ``det R_common_i < 0`` for the rotation block.
+    chirality : ChiralityResult or None
+        For ``group="O"``: the signs that the chosen candidates' determinants agree on best, and the proof of that.
     symmetries : tuple of ndarray (d, d)
         Turns of the common frame under which the whole collection looks the same to the pairs.
     noise_rad : float
@@ -102,6 +105,7 @@ class SynchronizationResult:
     weak_cuts: tuple[WeakCut, ...]
     alternatives: tuple[tuple[PoseAlternative, ...], ...]
     reflected: BoolArray
+    chirality: ChiralityResult | None
     symmetries: tuple[FloatArray, ...]
     noise_rad: float
     certificate: SynchronizationCertificate

@@ -11,7 +11,12 @@ from collalign.synchronization.certificate import certify_frames, combine_certif
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.geometry import angles_rad, relative, transposed
 from collalign.synchronization.graph import PairGraph, check_pattern
-from collalign.synchronization.outcome import connectivity_warnings, reflected_shapes, robust_synchronization
+from collalign.synchronization.outcome import (
+    connectivity_warnings,
+    reflected_shapes,
+    robust_synchronization,
+    signs_of_pairs,
+)
 from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.spectral import spectral_frames
 from data_tools.arrays import FloatArray, as_rotations, read_only
@@ -121,6 +126,7 @@ def _spectral(graph: PairGraph, fixed: dict[int, FloatArray], reference: int) ->
         weak_cuts=(),
         alternatives=((),) * graph.num_shapes,
         reflected=read_only(reflected_shapes(poses, graph.pattern)),
+        chirality=signs_of_pairs(graph, chosen, graph.weights),
         symmetries=(),
         noise_rad=float("nan"),
         certificate=combine_certificates(certificates),

@@ -1,0 +1,220 @@
+"""Splitting a heterogeneous folder: which shapes belong together, by consistency and energy of their pairs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.cluster.vq import kmeans2
+from scipy.linalg import eigh
+
+from collalign.synchronization.geometry import transposed
+from collalign.synchronization.graph import PairGraph
+from collalign.synchronization.result import SynchronizationResult
+from collalign.synchronization.solve import synchronize
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.errors import OptionsError
+from pairwise.pattern import PatternLike
+
+#: Triangles that close within this squared distance (30 degrees) support their pairs.
+CLOSED = 8.0 * np.sin(np.deg2rad(15.0)) ** 2
+
+#: Third shapes looked at per pair, at most.
+MAX_TRIANGLES = 64
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClusteredSynchronization:
+    """A heterogeneous collection in parts, each aligned on its own.
+
+    Attributes
+    ----------
+    labels : ndarray of int, shape (N,)
+        Part of each shape, numbered by first member.
+    parts : tuple of ndarray of int
+    results : tuple of SynchronizationResult
+        One per part; shapes, and edges, are numbered within the part.
+    rotations : ndarray, shape (N, d, d)
+        ``R_common_i`` of all shapes, parts turned to each other as most of the pairs between them ask for.
+    between_agreement : ndarray, shape (K,)
+        Share of the pairs between a part and the parts before it that agree with that; NaN for the first part.
+    affinity : ndarray, shape (N, N)
+        Closure rate of the triangles over each pair.
+    """
+
+    labels: IntArray
+    parts: tuple[IntArray, ...]
+    results: tuple[SynchronizationResult, ...]
+    rotations: FloatArray
+    between_agreement: FloatArray
+    affinity: FloatArray
+
+
+def synchronize_clusters(
+    edges: ArrayLike,
+    rotations: ArrayLike,
+    *,
+    energies: ArrayLike | None = None,
+    weights: ArrayLike | None = None,
+    group: str = "SO",
+    num_shapes: int | None = None,
+    rotation_pattern: PatternLike = None,
+    num_clusters: int | None = None,
+    max_clusters: int = 12,
+) -> ClusteredSynchronization:
+    """Split the shapes into parts whose pairs are consistent, synchronize each, and align the parts to each other.
+
+    The affinity of a pair is the share of the triangles over it that close, times how low its energy is. Spectral
+    clustering with the eigengap of the normalised affinity (von Luxburg 2007) finds the parts.
+
+    Parameters
+    ----------
+    edges, rotations, energies, weights, group, num_shapes, rotation_pattern
+        As for :func:`synchronize`.
+    num_clusters : int, optional
+        Number of parts; found by the eigengap by default.
+    max_clusters : int
+        Most parts that are looked for.
+
+    Raises
+    ------
+    InputError, OptionsError
+        As :func:`synchronize`; also if a number of parts is impossible.
+    """
+    graph = PairGraph.from_user(
+        edges,
+        rotations,
+        energies=energies,
+        weights=weights,
+        group=group,
+        num_shapes=num_shapes,
+        rotation_pattern=rotation_pattern,
+    )
+    if num_clusters is not None and not 1 <= num_clusters <= graph.num_shapes:
+        raise OptionsError(f"num_clusters: expected 1 to {graph.num_shapes}, got {num_clusters}")
+    affinity = pair_affinity(graph)
+    labels = spectral_clusters(affinity, num_clusters, max_clusters)
+    parts = tuple(np.flatnonzero(labels == part) for part in range(labels.max() + 1))
+    results = tuple(_synchronized(graph, part, group, rotation_pattern) for part in parts)
+    poses, agreement = _aligned_parts(graph, parts, results)
+    return ClusteredSynchronization(
+        labels=read_only(labels),
+        parts=parts,
+        results=results,
+        rotations=read_only(poses),
+        between_agreement=read_only(agreement),
+        affinity=read_only(affinity),
+    )
+
+
+def pair_affinity(graph: PairGraph) -> FloatArray:
+    """Return the closure rate of the triangles over each pair, weighted by energy, shape (N, N).
+
+    A triangle closes when ``R_i_j R_j_k`` is within 30 degrees of ``R_i_k`` for the pairs' best candidates. A pair
+    whose lowest energy is above the median is trusted less, by their ratio.
+    """
+    count, dim = graph.num_shapes, graph.dim
+    table = np.zeros((count, count, dim * dim))
+    chosen = graph.chosen(graph.best_choice)
+    left, right = graph.edges.T
+    table[left, right] = chosen.reshape(-1, dim * dim)
+    table[right, left] = transposed(chosen).reshape(-1, dim * dim)
+    joined = np.zeros((count, count), dtype=bool)
+    joined[left, right] = joined[right, left] = graph.weights > 0
+    affinity = np.zeros((count, count))
+    for (i, j), rotation in zip(graph.edges, chosen, strict=True):
+        third = np.flatnonzero(joined[i] & joined[j])
+        if len(third) > MAX_TRIANGLES:
+            third = third[np.linspace(0, len(third) - 1, MAX_TRIANGLES).astype(np.int64)]
+        around = rotation @ table[j, third].reshape(-1, dim, dim)
+        apart = ((around.reshape(-1, dim * dim) - table[i, third]) ** 2).sum(axis=1)
+        affinity[i, j] = affinity[j, i] = (np.sum(apart <= CLOSED) + 1e-3) / (len(third) + 1.0)
+    if graph.energies is not None:
+        lowest = np.where(graph.present, graph.energies, np.inf).min(axis=1)
+        trust = np.minimum(1.0, np.median(lowest) / np.maximum(lowest, 1e-300))
+        affinity[left, right] *= trust
+        affinity[right, left] *= trust
+    return affinity
+
+
+def spectral_clusters(affinity: FloatArray, num_clusters: int | None, max_clusters: int = 12) -> IntArray:
+    """Return the part of each shape, shape (N,), parts numbered by first member.
+
+    Parameters
+    ----------
+    affinity : ndarray, shape (N, N)
+        Symmetric, not negative.
+    num_clusters : int or None
+        By the largest gap among the leading eigenvalues of ``D^-1/2 A D^-1/2`` where it is None.
+    max_clusters : int
+    """
+    count = len(affinity)
+    degree = affinity.sum(axis=1)
+    scale = 1.0 / np.sqrt(np.maximum(degree, 1e-9 * max(degree.max(initial=0.0), 1e-300)))
+    values, vectors = eigh(scale[:, None] * affinity * scale)
+    values, vectors = values[::-1], vectors[:, ::-1]
+    if num_clusters is None:
+        most = min(max_clusters, count - 1)
+        num_clusters = 1 + int(np.argmax(values[:most] - values[1 : most + 1])) if most else 1
+    rows = vectors[:, :num_clusters]
+    rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
+    _, found = kmeans2(rows, _spread_rows(rows, num_clusters), minit="matrix", iter=100)
+    _, first, inverse = np.unique(found, return_index=True, return_inverse=True)
+    order = np.argsort(np.argsort(first))
+    return np.asarray(order[inverse.ravel()], dtype=np.int64)
+
+
+def _spread_rows(rows: FloatArray, count: int) -> FloatArray:
+    """Return rows that point as far apart as possible, greedily: deterministic starts for k-means."""
+    chosen = [int(np.argmax(np.abs(rows[:, 0])))]
+    while len(chosen) < count:
+        chosen.append(int(np.argmin(np.abs(rows @ rows[chosen].T).max(axis=1))))
+    return rows[chosen].copy()
+
+
+def _synchronized(
+    graph: PairGraph, members: IntArray, group: str, rotation_pattern: PatternLike
+) -> SynchronizationResult:
+    part, _ = graph.subgraph(members)
+    return synchronize(
+        part.edges,
+        part.candidates,
+        energies=None if part.energies is None else np.where(part.present, part.energies, np.inf),
+        weights=part.weights if len(part.weights) else None,
+        group=group,
+        num_shapes=part.num_shapes,
+        rotation_pattern=rotation_pattern,
+    )
+
+
+def _aligned_parts(
+    graph: PairGraph, parts: tuple[IntArray, ...], results: tuple[SynchronizationResult, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Return all poses with the parts turned to each other, and how far the pairs between them agree on the turns.
+
+    The turn of a part is the mode of what the pairs to the parts already placed ask for.
+    """
+    poses = np.zeros((graph.num_shapes, graph.dim, graph.dim))
+    placed = np.zeros(graph.num_shapes, dtype=bool)
+    agreement = np.full(len(parts), np.nan)
+    chosen = graph.chosen(graph.best_choice)
+    for number, (members, result) in enumerate(zip(parts, results, strict=True)):
+        poses[members] = result.rotations
+        inside = np.zeros(graph.num_shapes, dtype=bool)
+        inside[members] = True
+        out = np.flatnonzero(placed[graph.edges[:, 0]] & inside[graph.edges[:, 1]])
+        back = np.flatnonzero(inside[graph.edges[:, 0]] & placed[graph.edges[:, 1]])
+        i = np.concatenate([graph.edges[out, 0], graph.edges[back, 1]])
+        j = np.concatenate([graph.edges[out, 1], graph.edges[back, 0]])
+        measured = np.concatenate([chosen[out], transposed(chosen[back])])
+        if len(i):
+            turns = poses[i] @ measured @ transposed(poses[j])
+            flat = turns.reshape(len(turns), -1)
+            close = ((flat[:, None] - flat[:: max(1, len(flat) // 256)]) ** 2).sum(axis=2) <= CLOSED
+            mode = int(np.argmax(close.sum(axis=0)))
+            turn = graph.pattern.project(turns[close[:, mode]].sum(axis=0))
+            agreement[number] = close[:, mode].mean()
+            poses[members] = turn @ poses[members]
+        placed |= inside
+    return poses, agreement
