@@ -63,7 +63,7 @@ class TableMissing(RuntimeError):
     """A worker joined before the plugin with the shared records reached it."""
 
 
-class TablePlugin(WorkerPlugin):
+class TablePlugin(WorkerPlugin):  # type: ignore[misc]  # its types are not looked at
     """Gives a worker the shared records: writes them to its local disk and opens them there.
 
     Parameters
@@ -89,6 +89,7 @@ class TablePlugin(WorkerPlugin):
         table = _TABLES.pop(self.name, None)
         if table is not None:
             table.close()
+            table.path.unlink(missing_ok=True)
 
 
 _TABLES: dict[str, SharedTable] = {}

@@ -5,18 +5,17 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import chain
-from pathlib import Path
 
 from joblib import Parallel, delayed
 
 from collalign.jobs_worker import Call, Guard, Outcome, Task, run_guarded
+from collalign.scratch import scratch_directory
 from data_tools.errors import CollalignError
 
 #: Deaths of its worker after which a task is given up: one retry, or two where the worker was killed from outside.
@@ -32,7 +31,7 @@ def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int, batch_size: i
     A dead worker ends joblib's whole call. The tasks that had started but not ended are suspects; the rest goes on in
     fresh workers, and the suspects run at the end, one at a time, where a second death is theirs beyond doubt.
     """
-    directory = Path(tempfile.mkdtemp(prefix="collalign-jobs-"))
+    directory = scratch_directory()
     try:
         run = _LocalRun(call, Guard(directory=directory, parent_pid=os.getpid()), num_jobs, batch_size)
         yield from run.rounds(tasks)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import mmap
-import os
+import shutil
 import struct
-import tempfile
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from collalign.records import Record, decode, encode
+from collalign.scratch import scratch_directory
 from data_tools.errors import StoreError
 
 #: Decoded records that each worker keeps.
@@ -33,25 +33,26 @@ class SharedTable(Mapping[str, Record]):
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._owned: Path | None = None
         self._map: mmap.mmap | None = None
         self._index: dict[str, list[int]] = {}
         self._cache: OrderedDict[str, Record] = OrderedDict()
 
     @classmethod
-    def create(cls, records: Iterable[tuple[str, Record]], *, directory: str | Path | None = None) -> SharedTable:
+    def create(cls, records: Iterable[tuple[str, Record]], *, directory: Path | None = None) -> SharedTable:
         """Write records, one at a time, into a new temporary file.
 
         Parameters
         ----------
         records : iterable of (key, record)
             Keys are unique strings; see :mod:`collalign.records` for what a record holds.
-        directory : optional
-            Where the file goes; the system's place for temporary files by default.
+        directory : Path, optional
+            Where it goes, in a directory of its own; the system's place for temporary files by default.
         """
-        descriptor, name = tempfile.mkstemp(prefix="collalign-table-", dir=directory)
+        path = scratch_directory(directory) / "records.table"
         index: dict[str, list[int]] = {}
         try:
-            with os.fdopen(descriptor, "wb") as file:
+            with path.open("wb") as file:
                 for key, record in records:
                     data = encode(record)
                     index[key] = [file.tell(), len(data)]
@@ -60,9 +61,11 @@ class SharedTable(Mapping[str, Record]):
                 start = file.tell()
                 file.write(footer + _FOOTER.pack(start, len(footer)))
         except BaseException:
-            os.unlink(name)
+            shutil.rmtree(path.parent)
             raise
-        return cls(Path(name))
+        table = cls(path)
+        table._owned = path.parent
+        return table
 
     def __getitem__(self, key: str) -> Record:
         """Return a record with read-only arrays; the ones used last are kept decoded."""
@@ -86,11 +89,12 @@ class SharedTable(Mapping[str, Record]):
         return len(self._index)
 
     def close(self) -> None:
-        """Unmap the file and remove it."""
+        """Unmap the file, and remove it where this is the table that :meth:`create` returned."""
         if self._map is not None:
             self._map.close()
             self._map = None
-        self.path.unlink(missing_ok=True)
+        if self._owned is not None:
+            shutil.rmtree(self._owned, ignore_errors=True)
 
     def __enter__(self) -> SharedTable:
         return self

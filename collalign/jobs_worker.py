@@ -18,6 +18,7 @@ from typing import Any
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from collalign.jobs_table import SharedTable
+from collalign.scratch import is_running
 from data_tools.errors import CollalignError
 
 _MAX_FAILURE = 1000
@@ -242,16 +243,6 @@ def _end_with_parent(parent_pid: int) -> None:
 
 
 def _wait_for_orphanhood(parent_pid: int, direct_parent: int) -> None:
-    while os.getppid() == direct_parent and _is_alive(parent_pid):
+    while os.getppid() == direct_parent and is_running(parent_pid):
         time.sleep(_ORPHAN_POLL_S)
     os._exit(1)
-
-
-def _is_alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
