@@ -37,14 +37,14 @@ def small_problem(seed: int, *, max_target: int = 6) -> Problem:
 def planted_cube(
     num: int, noise: float, seed: int, *, num_source: int | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Uniform points in the unit cube and their noisy, rotated, shuffled copy, both centred: target and source."""
+    """Uniform points in the unit cube and (part of) their noisy, rotated, shuffled copy, both centred when whole."""
     rng = np.random.default_rng([seed, num, 55])
     target = rng.uniform(size=(num, 3))
     rotation = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     rotation[:, 0] *= np.linalg.det(rotation)
     source = (target + noise * rng.standard_normal((num, 3))) @ rotation
-    source = source[rng.permutation(num)[:num_source]]
-    return target - target.mean(axis=0), source - source.mean(axis=0)
+    source -= source.mean(axis=0)
+    return target - target.mean(axis=0), source[rng.permutation(num)[:num_source]]
 
 
 def _points(shape: str, n: int, dim: int, rng: np.random.Generator) -> NDArray[np.float64]:
