@@ -62,7 +62,7 @@ def mutual_nearest_rows(target: FloatArray, source: FloatArray) -> tuple[IntArra
 
 
 def _nearest(points: FloatArray, queries: FloatArray, *, both: bool) -> tuple[IntArray, IntArray]:
-    """Maximise ``-|point - query|^2 / 2``, a product of rows with two more columns, in blocks that fit into caches."""
+    """Maximise ``-|point - query|^2 / 2``, a product of rows with two more columns, in blocks that fit caches."""
     dtype: Any = np.float32 if len(points) * len(queries) > _SINGLE_PRECISION_ENTRIES else np.float64
     columns = np.vstack([points.T, -0.5 * (points**2).sum(axis=1), np.ones(len(points))]).astype(dtype)
     squares = -0.5 * (queries**2).sum(axis=1, keepdims=True)

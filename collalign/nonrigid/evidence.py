@@ -82,16 +82,39 @@ def orientation_of(
     map_target_source : ndarray of int
         Of the first dense samples of the source into those of the target.
     """
-    on_source = source.orientation[: len(map_target_source)]
-    on_target = target.orientation[map_target_source]
-    size = on_source.shape[1]
-    few = min(NUM_FORM_FUNCTIONS, size)
-    pull = c_source_target[1 : size + 1, 1 : few + 1]
-    pulled = np.einsum("ab,xac,cd->xbd", pull, on_source[:, : len(pull), : len(pull)], pull, optimize=True)
-    upper = np.triu_indices(few, 1)
-    first, second = pulled[:, upper[0], upper[1]], on_target[:, upper[0], upper[1]]
+    first, second = paired_forms(
+        target.orientation[map_target_source], source.orientation[: len(map_target_source)], c_source_target
+    )
     norm = np.linalg.norm(first) * np.linalg.norm(second)
     return float((first * second).sum() / norm) if norm > 0 else float("nan")
+
+
+def paired_forms(
+    form_target: FloatArray, form_source: FloatArray, c_source_target: FloatArray, *, sign: float = 1.0
+) -> tuple[FloatArray, FloatArray]:
+    """Return the orientation forms of the target's lowest functions, and of what they become on the source.
+
+    Parameters
+    ----------
+    form_target, form_source : ndarray, shapes (s, q, q) and (t, q, q)
+        At points of the two shapes.
+    c_source_target : ndarray, shape (m, m)
+        The constant function first.
+    sign : float
+        Factor of the source's form; -1 for mirrored maps.
+
+    Returns
+    -------
+    ndarray, shapes (s, p) and (t, p)
+        One column for each pair of functions.
+    """
+    size = form_source.shape[1]
+    few = min(NUM_FORM_FUNCTIONS, size)
+    pull = c_source_target[1 : size + 1, 1 : few + 1]
+    used = form_source[:, : len(pull), : len(pull)]
+    pulled = np.einsum("ab,xac,cd->xbd", pull, used, pull, optimize=True)
+    upper = np.triu_indices(few, 1)
+    return form_target[:, upper[0], upper[1]], sign * pulled[:, upper[0], upper[1]]
 
 
 def _curvature_gap(of_target: FloatArray, of_source: FloatArray) -> float:

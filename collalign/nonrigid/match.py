@@ -93,7 +93,7 @@ def match_prepared(
         found, status = paper_candidates(target, source, options)
     searched = time.perf_counter()
     c_source_target = found[0].functional_map.C_source_target
-    forward, backward = dense_point_maps(target, source, c_source_target, with_curvature=not options.ends_with_icp)
+    forward, backward = dense_point_maps(target, source, c_source_target)
     finished = time.perf_counter()
     return NonrigidMatch(
         target_name=target.name,

@@ -1,4 +1,4 @@
-"""The portfolio: many starts, distinct candidates refined and judged, the mirror image of each beside it."""
+"""The portfolio: many starts, distinct candidates refined and judged, and what symmetries make of them."""
 
 from __future__ import annotations
 
@@ -20,18 +20,20 @@ from pairwise.status import Status
 
 #: Distinct starts that are refined on few samples, and how few.
 NUM_SCREENED, NUM_SCREEN_SAMPLES = 12, 400
+#: Screened candidates that are composed with the target's self-maps.
+NUM_TURNED = 3
 #: Refinement on few samples ends with this number of functions.
 SCREEN_LAST = 60
-#: Starts closer than this in the lowest 8 functions (Frobenius norm) are one.
-SAME_START = 1.0
-#: Refined maps closer than this in the lowest 8 functions are one.
-SAME_MAP = 0.7
+#: Starts closer than this in the lowest 8 functions (Frobenius norm) are one, and how many functions that are.
+SAME_START, NUM_START_COMPARED = 1.0, 8
+#: Refined maps closer than this in the lowest 20 functions are one: front and back differ in few of these.
+SAME_MAP = 1.2
 #: Functions in which a map is composed with a symmetry, and in which full refinement begins.
 NUM_COMPOSED = 30
 #: Functions of the paper's ICP.
 ICP_DIM = 30
 #: Functions in which maps are compared with each other.
-NUM_COMPARED = 8
+NUM_COMPARED = 20
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,19 +55,38 @@ def find_candidates(
 ) -> tuple[list[Refined], Status]:
     """Return distinct refined candidates, best evidence first, and how the search ended.
 
-    At most ``options.num_candidates`` are kept. Starts are screened with few samples and functions; the best, and
-    what becomes of them when they are composed with the target's own mirror symmetry, are refined with all.
+    At most ``options.num_candidates`` are kept. Starts are screened with few samples and functions; the best of
+    them, and of what becomes of them by the target's self-maps, are refined with all.
     """
     starts, status = portfolio_starts(target, source, options)
-    screen = Refiner(target, source, num_dense=NUM_SCREEN_SAMPLES, first=18, last=SCREEN_LAST, factor=1.35)
-    screened = [
-        judged(target, source, screen.from_rotation(starts.rotations[i]), str(starts.origins[i]))
-        for i in distinct_starts(starts, NUM_SCREENED)
-    ]
-    best = distinct_maps(screened)[: options.num_candidates]
-    best = distinct_maps([*best, *mirrored(target, source, best, screen)])[: options.num_candidates]
+    screen = screening_refiner(target, source)
+    screened: list[Refined] = []
+    for i in distinct_starts(starts, NUM_SCREENED):
+        maps = start_maps(screen, starts.rotations[i], has_normals=has_normals(target, source))
+        screened += [judged(target, source, refined, str(starts.origins[i])) for refined in maps]
+    best = distinct_maps(screened)
+    best = distinct_maps([*best, *composed(target, source, best[:NUM_TURNED], screen)])[: options.num_candidates]
     finish = finish_by_icp if options.ends_with_icp else finish_by_zoomout
     return distinct_maps(finish(target, source, best)), status
+
+
+def start_maps(refiner: Refiner, rotation_target_source: FloatArray, *, has_normals: bool) -> list[FunctionalMap]:
+    """Return the refined map of a start and, where normals tell, one of either orientation that it leads to."""
+    plain = refiner.from_rotation(rotation_target_source)
+    if not has_normals:
+        return [plain]
+    c = plain.C_source_target
+    return [plain, refiner.oriented(c, preserving=True), refiner.oriented(c, preserving=False)]
+
+
+def has_normals(target: SpectralShape, source: SpectralShape) -> bool:
+    """Whether both shapes have normals, so that maps have an orientation."""
+    return bool(np.isfinite(target.orientation).all() and np.isfinite(source.orientation).all())
+
+
+def screening_refiner(target: SpectralShape, source: SpectralShape) -> Refiner:
+    """Return the quick refinement on few samples that all starts go through."""
+    return Refiner(target, source, num_dense=NUM_SCREEN_SAMPLES, first=18, last=SCREEN_LAST, factor=1.35)
 
 
 def finish_by_zoomout(target: SpectralShape, source: SpectralShape, screened: list[Refined]) -> list[Refined]:
@@ -114,7 +135,7 @@ def portfolio_starts(
 
 def distinct_starts(starts: LocalMinima, num: int) -> list[int]:
     """Return positions of the first starts that differ in the lowest functions; each origin has its best one."""
-    size = NUM_COMPARED
+    size = NUM_START_COMPARED
     kept: list[int] = []
     for i in range(len(starts)):
         gaps = [np.linalg.norm(starts.rotations[i, :size, :size] - starts.rotations[j, :size, :size]) for j in kept]
@@ -129,28 +150,28 @@ def distinct_maps(refined: list[Refined]) -> list[Refined]:
     """Return the candidates best evidence first, of each set of nearly equal ones only the best."""
     kept: list[Refined] = []
     for candidate in sorted(refined, key=lambda c: c.score):
-        if all(_gap(candidate, other) >= SAME_MAP for other in kept):
+        c = candidate.functional_map.C_source_target
+        if not any(is_same_map(c, other.functional_map.C_source_target) for other in kept):
             kept.append(candidate)
     return kept
 
 
-def mirrored(target: SpectralShape, source: SpectralShape, best: list[Refined], refiner: Refiner) -> list[Refined]:
-    """Return the candidates composed with the target's mirror symmetry and refined; none if it has none."""
-    if not target.mirror.size:
-        return []
-    composed = []
+def composed(target: SpectralShape, source: SpectralShape, best: list[Refined], refiner: Refiner) -> list[Refined]:
+    """Return the candidates followed by each of the target's self-maps, and refined."""
+    found = []
     for candidate in best:
         c = candidate.functional_map.C_source_target
-        size = min(NUM_COMPOSED, len(c), len(target.mirror))
-        flipped = refiner.from_functional_map(c[:size, :size] @ target.mirror[:size, :size])
-        composed.append(judged(target, source, flipped, f"{candidate.origin}, mirrored"))
-    return composed
+        for self_map in target.self_maps:
+            size = min(len(c), len(self_map))
+            turned = refiner.from_functional_map(c[:size, :size] @ self_map[:size, :size])
+            found.append(judged(target, source, turned, f"{candidate.origin}, symmetry"))
+    return found
 
 
-def _gap(first: Refined, second: Refined) -> float:
+def is_same_map(first: FloatArray, second: FloatArray) -> bool:
+    """Whether two functional maps agree in the lowest functions."""
     size = NUM_COMPARED + 1
-    a, b = first.functional_map.C_source_target, second.functional_map.C_source_target
-    return float(np.linalg.norm(a[:size, :size] - b[:size, :size]))
+    return float(np.linalg.norm(first[:size, :size] - second[:size, :size])) < SAME_MAP
 
 
 def judged(target: SpectralShape, source: SpectralShape, refined: FunctionalMap, origin: str) -> Refined:

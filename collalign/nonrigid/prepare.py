@@ -8,7 +8,7 @@ from pathlib import Path
 
 from collalign.nonrigid.options import SurfaceOptions
 from collalign.nonrigid.surface import SpectralShape, prepare_surface
-from collalign.nonrigid.symmetry import mirror_symmetry
+from collalign.nonrigid.symmetry import self_maps
 from data_tools.errors import InputError
 from data_tools.files import existing_file
 from data_tools.mesh_io import read_shape
@@ -22,7 +22,7 @@ CACHE_VERSION = 1
 
 
 def prepare_shape(shape: Shape, options: SurfaceOptions | None = None) -> SpectralShape:
-    """Prepare a shape for non-rigid matching, its mirror symmetry included.
+    """Prepare a shape for non-rigid matching, its symmetries included.
 
     Raises
     ------
@@ -30,7 +30,7 @@ def prepare_shape(shape: Shape, options: SurfaceOptions | None = None) -> Spectr
         If the largest component has too few vertices for the functions or samples asked for.
     """
     prepared = prepare_surface(shape, options)
-    return replace(prepared, mirror=mirror_symmetry(prepared))
+    return replace(prepared, self_maps=self_maps(prepared))
 
 
 def prepare_file(

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from collalign.nonrigid.evidence import paired_forms
 from collalign.nonrigid.surface import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
 from pairwise.functional_map import FunctionalMap, ZoomOut, mutual_nearest_rows, zoomout_sizes
 
 #: Root mean square weight of a curvature relative to one eigenfunction in nearest neighbours.
 CURVATURE_WEIGHT = 0.3
+#: Functions, the constant one included, that start a map of chosen orientation.
+NUM_ORIENTED = 11
 
 
 class Refiner:
@@ -31,6 +34,7 @@ class Refiner:
     ) -> None:
         self.on_target, self.on_source = target.dense[:num_dense], source.dense[:num_dense]
         last = min(last, len(target.eigenvalues) + 1, len(source.eigenvalues) + 1)
+        self._form_target, self._form_source = target.orientation[:num_dense], source.orientation[:num_dense]
         self._target, self._source = target.basis[self.on_target], source.basis[self.on_source]
         features = descriptors(target, source)
         if features is not None:
@@ -45,9 +49,10 @@ class Refiner:
 
     def from_rotation(self, rotation_target_source: FloatArray) -> FunctionalMap:
         """Refine a rotation of the lowest eigenfunctions (without the constant one)."""
-        last = len(rotation_target_source) + 1
-        moved = self._source[:, 1:last] @ rotation_target_source.T
-        return self._zoomout.refine(*mutual_nearest_rows(self._target[:, 1:last], moved))
+        size = len(rotation_target_source) + 1
+        c_source_target = np.eye(size)
+        c_source_target[1:, 1:] = rotation_target_source.T
+        return self.from_functional_map(c_source_target)
 
     def from_functional_map(self, c_source_target: FloatArray) -> FunctionalMap:
         """Refine a functional map, the constant function first."""
@@ -55,9 +60,27 @@ class Refiner:
         moved = self._source[:, :size] @ c_source_target
         return self._zoomout.refine(*mutual_nearest_rows(self._target[:, :size], moved))
 
-    def from_maps(self, map_target_source: IntArray, map_source_target: IntArray) -> FunctionalMap:
-        """Refine maps of the dense samples in both directions, -1 where unknown."""
-        return self._zoomout.refine(map_target_source, map_source_target)
+    def oriented(self, c_source_target: FloatArray, *, preserving: bool) -> FunctionalMap:
+        """Refine the lowest functions of a functional map towards keeping, or reversing, the orientation.
+
+        Few functions do not tell the two sides of a limb or a trunk apart, but the orientation form does: it changes
+        its sign from one side to the other. So the first nearest neighbours compare both, and each coarse map leads
+        to a map that keeps left and right and to one that swaps them.
+
+        Parameters
+        ----------
+        c_source_target : ndarray, shape (m, m)
+        preserving : bool
+        """
+        size = min(len(c_source_target), NUM_ORIENTED)
+        weight = np.sqrt(size)
+        on_target, on_source = paired_forms(
+            self._form_target, self._form_source, c_source_target, sign=1.0 if preserving else -1.0
+        )
+        moved = self._source[:, :size] @ c_source_target[:size, :size]
+        rows_target = np.hstack([self._target[:, :size], weight * unit_rows(on_target)])
+        rows_source = np.hstack([moved, weight * unit_rows(on_source)])
+        return self._zoomout.refine(*mutual_nearest_rows(rows_target, rows_source))
 
 
 def descriptors(target: SpectralShape, source: SpectralShape) -> tuple[FloatArray, FloatArray] | None:
@@ -68,17 +91,11 @@ def descriptors(target: SpectralShape, source: SpectralShape) -> tuple[FloatArra
 
 
 def dense_point_maps(
-    target: SpectralShape, source: SpectralShape, c_source_target: FloatArray, *, with_curvature: bool = True
+    target: SpectralShape, source: SpectralShape, c_source_target: FloatArray
 ) -> tuple[IntArray, IntArray]:
     """Return the point maps between all working vertices that belong to a functional map, in both directions.
 
-    Parameters
-    ----------
-    target, source : SpectralShape
-    c_source_target : ndarray, shape (m, m)
-        The constant function first.
-    with_curvature : bool
-        Let curvatures count in the nearest neighbours, as in the refinement.
+    Curvature is left out here: it steers the fit of the map as a whole, but for single vertices it can jump.
 
     Returns
     -------
@@ -86,13 +103,13 @@ def dense_point_maps(
     map_source_target : ndarray of int, shape (w_target,)
     """
     size = len(c_source_target)
-    rows_target, rows_source = target.basis[:, :size], source.basis[:, :size] @ c_source_target
-    features = descriptors(target, source) if with_curvature else None
-    if features is not None:
-        weight = CURVATURE_WEIGHT * np.sqrt(size)
-        rows_target = np.hstack([rows_target, weight * features[0]])
-        rows_source = np.hstack([rows_source, weight * features[1]])
-    return mutual_nearest_rows(rows_target, rows_source)
+    return mutual_nearest_rows(target.basis[:, :size], source.basis[:, :size] @ c_source_target)
+
+
+def unit_rows(values: FloatArray) -> FloatArray:
+    """Return rows scaled together such that their root mean square length is one."""
+    size = float(np.sqrt((values**2).sum(axis=1).mean()))
+    return values / size if size > 0 else values
 
 
 def _standardised(shape: SpectralShape) -> FloatArray:

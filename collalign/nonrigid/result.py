@@ -32,7 +32,7 @@ class NonrigidCandidate:
         candidates of a pair, and not what they are selected by.
     evidence : Evidence
     origin : str
-        "signs", "descriptors", "relaxation", "paper" or "fast"; with "mirrored" if it was composed with the symmetry
+        "signs", "descriptors", "relaxation", "paper" or "fast"; with "symmetry" if it was composed with a self-map
         of the target.
     """
 

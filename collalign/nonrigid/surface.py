@@ -65,8 +65,9 @@ class SpectralShape:
         Working vertices: geodesic farthest points in order, and Euclidean farthest points.
     orientation : ndarray, shape (len(dense), q, q)
         Orientation form of the lowest functions; NaN for a point cloud.
-    mirror : ndarray, shape (q, q)
-        Functional map of the mirror symmetry of the shape to itself; of shape (0, 0) if it has none.
+    self_maps : ndarray, shape (s, q, q)
+        Functional maps of the shape to itself that nearly preserve it, the identity left out: its symmetries, and
+        confusions like front for back.
     notes : tuple of str
         What a user should know about the preparation.
     """
@@ -86,7 +87,7 @@ class SpectralShape:
     samples: IntArray
     dense: IntArray
     orientation: FloatArray
-    mirror: FloatArray
+    self_maps: FloatArray
     notes: tuple[str, ...]
 
     @property
@@ -126,7 +127,7 @@ class SpectralShape:
 
 
 def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> SpectralShape:
-    """Prepare everything but the mirror symmetry, which is found with the help of the rest.
+    """Prepare everything but the self-maps, which are found with the help of the rest.
 
     Parameters
     ----------
@@ -172,7 +173,7 @@ def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> Spec
         samples=samples,
         dense=dense,
         orientation=read_only(orientation),
-        mirror=read_only(np.empty((0, 0))),
+        self_maps=read_only(np.empty((0, 0, 0))),
         notes=(*notes, *surface.notes),
     )
 

@@ -1,4 +1,4 @@
-"""The mirror symmetry of one shape: the orientation-reversing self-map with the best evidence."""
+"""Maps of a shape to itself that nearly preserve it: its symmetries, and what it is easily confused with."""
 
 from __future__ import annotations
 
@@ -7,28 +7,47 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.nonrigid.options import NonrigidOptions
-from collalign.nonrigid.portfolio import find_candidates
+from collalign.nonrigid.portfolio import (
+    NUM_COMPOSED,
+    Refined,
+    distinct_maps,
+    find_candidates,
+    is_same_map,
+    judged,
+    screening_refiner,
+)
 from collalign.nonrigid.surface import SpectralShape
 from data_tools.arrays import FloatArray, read_only
 
-#: A self-map is taken for a mirror symmetry if its orientation is below this and so many samples come back.
-MAX_ORIENTATION, MIN_BIJECTIVITY = -0.5, 0.9
+#: Most self-maps that are kept.
+NUM_SELF_MAPS = 8
+#: Functions of which one at a time is negated, and how many functions start such a map at least.
+NUM_NEGATED, MIN_NEGATED_SIZE = 24, 12
 
 
-def mirror_symmetry(shape: SpectralShape) -> FloatArray:
-    """Return the functional map of the shape's mirror symmetry, shape (m, m); of shape (0, 0) if it has none.
+def self_maps(shape: SpectralShape) -> FloatArray:
+    """Return functional maps of a shape to itself, best evidence first, the identity left out, shape (s, q, q).
 
-    Intrinsically symmetric shapes have two equally good maps to each other, of which normals tell the true one; with
-    this self-map either is obtained from the other. Found by the same search as between two shapes, of which it keeps
-    the best map that reverses the orientation.
+    A wrong map between two shapes is most often the right one followed by such a self-map: left for right, front for
+    back, or both. With the self-maps each is obtained from any other. They are found by the same search as between
+    two shapes, and by negating one eigenfunction at a time: the swap of front and back of a flat body leaves all lower
+    functions alone.
     """
-    none = read_only(np.empty((0, 0)))
-    if not np.isfinite(shape.orientation).all():
-        return none
-    own = replace(shape, mirror=none)
-    candidates, _ = find_candidates(own, own, NonrigidOptions(num_candidates=12))
-    for candidate in candidates:
-        evidence = candidate.evidence
-        if evidence.orientation <= MAX_ORIENTATION and evidence.bijectivity >= MIN_BIJECTIVITY:
-            return read_only(candidate.functional_map.C_source_target)
-    return none
+    own = replace(shape, self_maps=read_only(np.empty((0, 0, 0))))
+    searched, _ = find_candidates(own, own, NonrigidOptions(num_candidates=NUM_SELF_MAPS))
+    candidates = distinct_maps([*searched, *_negations(own)])
+    maps = [candidate.functional_map.C_source_target for candidate in candidates]
+    size = min([NUM_COMPOSED, *(len(c) for c in maps)])
+    kept = [c[:size, :size] for c in maps if not is_same_map(c, np.eye(len(c)))]
+    return read_only(np.array(kept[:NUM_SELF_MAPS]).reshape(-1, size, size))
+
+
+def _negations(shape: SpectralShape) -> list[Refined]:
+    """Return the refined self-maps that start from the identity with one function negated."""
+    refiner = screening_refiner(shape, shape)
+    found = []
+    for function in range(min(NUM_NEGATED, len(shape.eigenvalues))):
+        signs = np.ones(min(max(function + 1, MIN_NEGATED_SIZE), len(shape.eigenvalues)))
+        signs[function] = -1.0
+        found.append(judged(shape, shape, refiner.from_rotation(np.diag(signs)), "negation"))
+    return found
