@@ -15,10 +15,12 @@ from data_tools.files import write_atomic
 from data_tools.mesh_io import write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.shape import Shape
-from data_tools.synthetic_shapes import blob, smooth_field
+from data_tools.synthetic_shapes import chair, smooth_field
 
 #: Bumps of a deformed copy.
 NUM_BUMPS = 12
+#: Displacement of the demonstration's chairs, see :func:`bumped`.
+DEMO_RMS = 0.015
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -228,11 +230,24 @@ def deformed_family(base: Shape, num: int, rng: np.random.Generator, *, rms: flo
     )
 
 
-def demo_collection(*, seed: int = 0, num: int = 10, num_vertices: int = 1500) -> PlantedCollection:
-    """Return the collection that the demonstration aligns: deformed copies of one blob in random poses."""
+def demo_collection(*, seed: int = 0, num: int = 10, resolution: int = 2) -> PlantedCollection:
+    """Return the collection that the demonstration aligns: chairs of varied proportions, bumped, in random poses.
+
+    Parameters
+    ----------
+    seed : int
+    num : int
+        How many chairs.
+    resolution : int
+        Of their meshes: about 1400 vertices at 2.
+    """
     rng = np.random.default_rng(seed)
-    family = deformed_family(blob(rng, num_vertices=num_vertices), num, rng, rms=0.03)
-    return planted_collection(family, rng, scale_range=(0.7, 1.5))
+    width = len(str(num))
+    members = [
+        bumped(chair(rng, resolution=resolution, name=f"chair{i:0{width}d}"), rng, rms=DEMO_RMS)
+        for i in range(1, num + 1)
+    ]
+    return planted_collection(members, rng, scale_range=(0.7, 1.5))
 
 
 def write_collection(folder: Path | str, collection: PlantedCollection, *, suffix: str = ".ply") -> tuple[Path, ...]:

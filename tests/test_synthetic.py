@@ -118,7 +118,7 @@ def test_repeated_names_are_refused(rng: np.random.Generator) -> None:
 
 
 def test_demo_collection_is_written_with_its_truth_and_reads_back(tmp_path: Path) -> None:
-    collection = demo_collection(num=4, num_vertices=300)
+    collection = demo_collection(num=4, resolution=1)
     files = write_collection(tmp_path, collection)
     listing = read_folder(tmp_path)
     assert listing.files == files
@@ -132,5 +132,5 @@ def test_demo_collection_is_written_with_its_truth_and_reads_back(tmp_path: Path
 
 
 def test_demo_collection_repeats_to_the_byte() -> None:
-    a, b, c = (demo_collection(num=2, num_vertices=200, seed=s) for s in (1, 1, 2))
+    a, b, c = (demo_collection(num=2, resolution=1, seed=s) for s in (1, 1, 2))
     assert a.shapes[1].vertices.tobytes() == b.shapes[1].vertices.tobytes() != c.shapes[1].vertices.tobytes()
