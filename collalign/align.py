@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 from collalign.collection import AlignedCollection, Alternative, ConsistentMaps, Excluded, RunRecord
 from collalign.consistency import Consistency, make_consistent
 from collalign.options import AlignOptions, RunOptions
-from collalign.pair_choice import choose_and_match
+from collalign.pair_choice import FormerPairs, choose_and_match
 from collalign.prepare import PreparedShapes, prepare_shapes, stored_samples
 from collalign.stage import ProgressFactory
 from collalign.store import Store
-from data_tools.arrays import read_only
+from data_tools.arrays import FloatArray, read_only
 from data_tools.embedding import Samples
 from data_tools.errors import InputError
 from data_tools.mesh_io import FolderListing, read_folder
@@ -72,9 +72,36 @@ def align_collection(
     """
     options = options or AlignOptions()
     run = run or RunOptions()
-    listing = read_folder(folder)
+    return align_listing(read_folder(folder), options, run, fixed=fixed or {}, progress=progress)
+
+
+def align_listing(
+    listing: FolderListing,
+    options: AlignOptions,
+    run: RunOptions,
+    *,
+    fixed: Mapping[str, ArrayLike],
+    placed: Mapping[str, FloatArray] | None = None,
+    former: FormerPairs | None = None,
+    progress: ProgressFactory | None = None,
+) -> AlignedCollection:
+    """Align listed files; :func:`align_collection` and :func:`collalign.extend.add_to_collection` both end here.
+
+    Parameters
+    ----------
+    listing : FolderListing
+    options : AlignOptions
+    run : RunOptions
+    fixed : mapping of name to array_like (3, 3)
+        Rotations that stay.
+    placed : mapping of name to ndarray (4, 4), optional
+        Whole transforms that stay.
+    former : FormerPairs, optional
+        Pairs of an earlier run.
+    progress : callable, optional
+    """
     with Store.open(run.store) if run.store else Store.memory() as store:
-        return _align(listing, options, run, store, fixed or {}, progress)
+        return _align(listing, options, run, store, fixed, placed, former, progress)
 
 
 def _align(
@@ -83,6 +110,8 @@ def _align(
     run: RunOptions,
     store: Store,
     fixed: Mapping[str, ArrayLike],
+    placed: Mapping[str, FloatArray] | None,
+    former: FormerPairs | None,
     progress: ProgressFactory | None,
 ) -> AlignedCollection:
     times_s: dict[str, float] = {}
@@ -91,9 +120,9 @@ def _align(
         _check_names(shapes, options, fixed)
         samples = stored_samples(store, shapes)
     with _timed(times_s, "pairs"):
-        matched = choose_and_match(shapes, samples, options, run, store, progress=progress)
+        matched = choose_and_match(shapes, samples, options, run, store, former=former, progress=progress)
     with _timed(times_s, "synchronization"):
-        consistent = make_consistent(samples, matched.pairs, options, fixed=fixed)
+        consistent = make_consistent(samples, matched.pairs, options, fixed=fixed, placed=placed)
     record = RunRecord(
         times_s=times_s,
         versions={"python": platform.python_version()} | {name: version(name) for name in _LIBRARIES},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -203,8 +204,18 @@ class AlignedCollection:
         """Whether nothing was left out."""
         return not self.excluded
 
-    def save(self, folder: str | Path) -> tuple[Path, ...]:
+    def save(
+        self, folder: str | Path, *, report: bool = True, labels: Mapping[str, tuple[str, ...]] | None = None
+    ) -> tuple[Path, ...]:
         """Write every output into ``folder``, all or nothing, and return the paths written.
+
+        Parameters
+        ----------
+        folder : str or Path
+        report : bool
+            Write ``report.html`` as well.
+        labels : mapping of str to tuple of str, optional
+            Columns of labels, one value per shape, for the report.
 
         Raises
         ------
@@ -213,4 +224,4 @@ class AlignedCollection:
         """
         from collalign.outputs import save_collection
 
-        return save_collection(self, Path(folder))
+        return save_collection(self, Path(folder), report=report, labels=labels)

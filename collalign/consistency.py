@@ -13,9 +13,11 @@ from scipy.spatial.distance import cdist
 from collalign.collection import PairEvidence
 from collalign.options import AlignOptions
 from collalign.pairs import MatchedPair, synchronize_pairs
+from collalign.refinement import refine_rotations
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, as_rotations, read_only
 from data_tools.embedding import Samples
+from data_tools.rotations import rotation_angle_deg
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,6 +55,7 @@ def make_consistent(
     options: AlignOptions,
     *,
     fixed: Mapping[str, ArrayLike],
+    placed: Mapping[str, FloatArray] | None = None,
 ) -> Consistency:
     """Synchronize the pairs, label the samples consistently, and place and scale the shapes.
 
@@ -63,18 +66,27 @@ def make_consistent(
     options : AlignOptions
     fixed : mapping of name to array_like (3, 3)
         ``R_common_shape`` set by hand.
+    placed : mapping of name to ndarray (4, 4), optional
+        Transforms that stay exactly as they are, of shapes whose rotation is fixed as well.
     """
     names = [item.name for item in samples]
-    solution = synchronize_pairs(
-        pairs,
-        len(samples),
-        options,
-        fixed={names.index(name): as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in fixed.items()},
-        reference=names.index(options.reference) if options.reference else 0,
-    )
+    held = {names.index(name): as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in fixed.items()}
+    reference = names.index(options.reference) if options.reference else 0
+    solution = synchronize_pairs(pairs, len(samples), options, fixed=held, reference=reference)
     rotations = solution.rotations
+    if options.refine and all(len(item.dense_indices) > 1 for item in samples):
+        rotations = refine_rotations(
+            samples,
+            rotations,
+            np.array([(pair.target, pair.source) for pair in pairs]),
+            np.array([_match_at(samples, pair, rotations)[1] for pair in pairs]),
+            group=options.group,
+            fixed=held,
+            reference=reference,
+        )
     labels = universe_labels(samples, rotations)
-    transforms = place_and_scale(samples, rotations, labels, options.scaling)
+    still = {names.index(name): transform for name, transform in (placed or {}).items()}
+    transforms = place_and_scale(samples, rotations, labels, options.scaling, placed=still)
     positions = np.stack(
         [
             (item.positions * item.scale + item.offset) @ transform[:3, :3].T + transform[:3, 3]
@@ -88,7 +100,7 @@ def make_consistent(
         labels=labels,
         positions=positions,
         consensus=in_label_order(positions, labels).mean(axis=0),
-        pairs=tuple(_evidence(samples, pair, e, solution) for e, pair in enumerate(pairs)),
+        pairs=tuple(_evidence(samples, pair, e, solution, rotations) for e, pair in enumerate(pairs)),
     )
 
 
@@ -125,7 +137,13 @@ def in_label_order(values: FloatArray, labels: IntArray) -> FloatArray:
 
 
 def place_and_scale(
-    samples: Sequence[Samples], rotations: FloatArray, labels: IntArray, scaling: str, *, max_rounds: int = 100
+    samples: Sequence[Samples],
+    rotations: FloatArray,
+    labels: IntArray,
+    scaling: str,
+    *,
+    placed: Mapping[int, FloatArray] | None = None,
+    max_rounds: int = 100,
 ) -> FloatArray:
     """Return each shape's transform to the common frame: generalised Procrustes at fixed rotations (Gower 1975).
 
@@ -135,48 +153,89 @@ def place_and_scale(
     rotations : ndarray, shape (N, 3, 3)
     labels : ndarray of int, shape (N, k)
     scaling : {"similarity", "rigid"}
+    placed : mapping of int to ndarray (4, 4), optional
+        Transforms that stay; the other shapes are fitted to the mean of these.
+    max_rounds : int
 
     Returns
     -------
     ndarray, shape (N, 4, 4)
-        File coordinates to the common frame; the samples' mean shape is centred.
+        File coordinates to the common frame; without placed shapes the samples' mean shape is centred and the mean
+        squared centroid size of the shapes is 1 (similarity).
     """
-    units = np.array([item.scale for item in samples])
     posed = np.stack([item.positions @ r.T for item, r in zip(samples, rotations, strict=True)])
     posed = in_label_order(posed, labels)
-    factors = units.copy() if scaling == "rigid" else np.ones(len(samples))
-    for _ in range(max_rounds if scaling == "similarity" else 0):
+    units = np.array([item.scale for item in samples])
+    if placed:
+        factors, centre = _fit_to_placed(samples, posed, labels, placed)
+    else:
+        factors, centre = _procrustes_factors(posed, max_rounds), np.zeros(3)
+    if scaling == "rigid":
+        factors = units
+    transforms = np.tile(np.eye(4), (len(samples), 1, 1))
+    for i, item in enumerate(samples):
+        transforms[i, :3, :3] = factors[i] / item.scale * rotations[i]
+        transforms[i, :3, 3] = centre - transforms[i, :3, :3] @ item.offset
+    for i, transform in (placed or {}).items():
+        transforms[i] = transform
+    return transforms
+
+
+def _procrustes_factors(posed: FloatArray, max_rounds: int) -> FloatArray:
+    """Return the scale of every centred shape: each is fitted to the mean, and the mean squared size stays 1."""
+    sizes = (posed**2).sum(axis=(1, 2))
+    factors = np.ones(len(posed))
+    for _ in range(max_rounds):
         mean = (factors[:, None, None] * posed).mean(axis=0)
-        updated = (posed * mean).sum(axis=(1, 2)) / (posed**2).sum(axis=(1, 2))
-        updated *= np.sqrt(len(samples) / (updated**2 * (posed**2).sum(axis=(1, 2))).sum())
+        updated = (posed * mean).sum(axis=(1, 2)) / sizes
+        updated *= np.sqrt(len(posed) / (updated**2 * sizes).sum())
         converged = np.allclose(updated, factors, rtol=1e-12, atol=0)
         factors = updated
         if converged:
             break
-    transforms = np.tile(np.eye(4), (len(samples), 1, 1))
-    for i, item in enumerate(samples):
-        transforms[i, :3, :3] = factors[i] / item.scale * rotations[i]
-        transforms[i, :3, 3] = -transforms[i, :3, :3] @ item.offset
-    return transforms
+    return factors
 
 
-def _evidence(samples: Sequence[Samples], pair: MatchedPair, e: int, solution: SynchronizationResult) -> PairEvidence:
-    """Return what is known about a pair, with its best match at the synchronized rotations."""
+def _fit_to_placed(
+    samples: Sequence[Samples], posed: FloatArray, labels: IntArray, placed: Mapping[int, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the scales that fit every shape to the mean of the placed ones, and the centre of that mean."""
+    still = []
+    for i, transform in placed.items():
+        raw = samples[i].positions * samples[i].scale + samples[i].offset
+        still.append(in_label_order((raw @ transform[:3, :3].T + transform[:3, 3])[None], labels[i][None])[0])
+    mean = np.mean(still, axis=0)
+    centre = mean.mean(axis=0)
+    return ((posed * (mean - centre)).sum(axis=(1, 2)) / (posed**2).sum(axis=(1, 2))), centre
+
+
+def _match_at(samples: Sequence[Samples], pair: MatchedPair, rotations: FloatArray) -> tuple[IntArray, float]:
+    """Return the best map of a pair at the common poses, and its energy."""
     target, source = samples[pair.target], samples[pair.source]
-    rotation = solution.rotations[pair.target].T @ solution.rotations[pair.source]
+    rotation = rotations[pair.target].T @ rotations[pair.source]
     costs = cdist(source.positions @ rotation.T, target.positions, "sqeuclidean")
     costs += cdist(source.invariants, target.invariants, "sqeuclidean")
     rows, columns = linear_sum_assignment(costs)
+    return columns.astype(np.int64), float(costs[rows, columns].sum())
+
+
+def _evidence(
+    samples: Sequence[Samples], pair: MatchedPair, e: int, solution: SynchronizationResult, rotations: FloatArray
+) -> PairEvidence:
+    """Return what is known about a pair, with its best match at the common poses."""
+    point_map, energy = _match_at(samples, pair, rotations)
+    choice = int(solution.edge_choice[e])
+    common = rotations[pair.target].T @ rotations[pair.source]
     return PairEvidence(
         target=pair.target,
         source=pair.source,
         rotations=read_only(pair.rotations[:, :3, :3].copy()),
         energies=read_only(pair.energies),
-        map_target_source=read_only(columns.astype(np.int64)),
-        energy=float(costs[rows, columns].sum()),
+        map_target_source=read_only(point_map),
+        energy=energy,
         lower_bound=pair.lower_bound,
         status=pair.status,
-        choice=int(solution.edge_choice[e]),
+        choice=choice,
         inlier=bool(solution.edge_inlier[e]),
-        disagreement_deg=float(np.rad2deg(solution.edge_inconsistency_rad[e])),
+        disagreement_deg=float(rotation_angle_deg(pair.rotations[choice, :3, :3], common)),
     )

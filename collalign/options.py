@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
@@ -43,6 +44,9 @@ class AlignOptions:
 
     synchronization: Synchronizer = "robust"
     """robust chooses among the pairs' candidates and resists wrong pairs; spectral is the paper's eigenprojection."""
+
+    refine: bool = True
+    """Refine the poses on dense samples (``sampling.num_dense_points``) after synchronization."""
 
     reference: str = ""
     """Name of the shape whose orientation is the common frame's; the first one if empty."""
@@ -122,3 +126,27 @@ class RunOptions:
     def memory_limit_bytes(self) -> int:
         """Memory of one worker in bytes."""
         return int(self.memory_limit_gib * 2**30)
+
+
+def options_from_record(record: Mapping[str, Any]) -> AlignOptions:
+    """Return the options that ``alignment.json`` holds; unknown names are refused.
+
+    Raises
+    ------
+    OptionsError
+        If a name is unknown or a value impossible.
+    """
+    groups = {
+        "cleaning": CleaningOptions,
+        "sampling": SamplingOptions,
+        "embedding": EmbeddingOptions,
+        "matching": MatchOptions,
+    }
+    values: dict[str, Any] = {name: value for name, value in record.items() if name not in groups}
+    try:
+        for name, kind in groups.items():
+            table = {key: tuple(v) if isinstance(v, list) else v for key, v in record.get(name, {}).items()}
+            values[name] = kind(**table)
+        return AlignOptions(**values)
+    except (TypeError, AttributeError) as error:
+        raise OptionsError(f"options: {error}") from None

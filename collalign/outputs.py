@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,9 @@ import numpy as np
 
 from collalign.collection import AlignedCollection
 from collalign.contact_sheet import Tile, draw_contact_sheet, tile_of
+from collalign.report.page import write_report
+from collalign.view_collection import view_collection
+from collalign.view_store import save_view
 from data_tools.errors import InputError
 from data_tools.files import write_atomic
 from data_tools.mesh_io import read_shape, write_mesh
@@ -27,6 +30,7 @@ CORRESPONDENCES_FILE = "correspondences.npz"
 PAIRS_FILE = "pairs.csv"
 RUN_FILE = "run.json"
 CONTACT_SHEET_FILE = "contact_sheet.png"
+REPORT_FILE = "report.html"
 MESH_FOLDER = "meshes"
 
 _PAIR_COLUMNS = (
@@ -44,7 +48,13 @@ _PAIR_COLUMNS = (
 _MAX_TILES = 100
 
 
-def save_collection(collection: AlignedCollection, folder: Path) -> tuple[Path, ...]:
+def save_collection(
+    collection: AlignedCollection,
+    folder: Path,
+    *,
+    report: bool = True,
+    labels: Mapping[str, tuple[str, ...]] | None = None,
+) -> tuple[Path, ...]:
     """Write every output of a collection into ``folder``.
 
     Everything is written beside it first, and then moved into place with ``alignment.json`` last: an interruption
@@ -55,6 +65,10 @@ def save_collection(collection: AlignedCollection, folder: Path) -> tuple[Path, 
     collection : AlignedCollection
     folder : Path
         Made if it does not exist; other files in it are left alone.
+    report : bool
+        Write ``report.html`` as well.
+    labels : mapping of str to tuple of str, optional
+        Columns of labels, one value per shape, for the report.
 
     Returns
     -------
@@ -72,7 +86,8 @@ def save_collection(collection: AlignedCollection, folder: Path) -> tuple[Path, 
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
     try:
-        _write_all(collection, staging)
+        _write_tables(collection, staging)
+        _write_shapes(collection, staging, report=report, labels=labels)
         return _move_into_place(staging, folder)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
@@ -122,7 +137,7 @@ def aligned_shape(shape: Shape, transform: np.ndarray) -> Shape:
     return replace(shape, vertices=vertices, faces=np.ascontiguousarray(faces))
 
 
-def _write_all(collection: AlignedCollection, staging: Path) -> None:
+def _write_tables(collection: AlignedCollection, staging: Path) -> None:
     _write_text(staging / ALIGNMENT_FILE, json.dumps(alignment_record(collection), indent=1))
     _write_text(staging / RUN_FILE, json.dumps(_run_record(collection), indent=1))
     _write_text(staging / PAIRS_FILE, _pairs_table(collection))
@@ -134,18 +149,31 @@ def _write_all(collection: AlignedCollection, staging: Path) -> None:
         positions=collection.positions,
         consensus=collection.consensus,
     )
-    draw_contact_sheet(_write_meshes(collection, staging / MESH_FOLDER), staging / CONTACT_SHEET_FILE)
 
 
-def _write_meshes(collection: AlignedCollection, folder: Path) -> Iterator[Tile]:
-    """Write every aligned mesh, one in memory at a time, and yield the tiles of the contact sheet."""
+def _write_shapes(
+    collection: AlignedCollection, staging: Path, *, report: bool, labels: Mapping[str, tuple[str, ...]] | None
+) -> None:
+    """Write what needs the shapes themselves, which are read once each, one in memory at a time."""
     num = len(collection.names)
     drawn = set(np.linspace(0, num - 1, min(num, _MAX_TILES)).round().astype(int).tolist())
-    for i, (name, file) in enumerate(zip(collection.names, collection.files, strict=True)):
-        shape = read_shape(file, collection.options.cleaning, name=name)
-        write_mesh(folder / f"{name}.ply", aligned_shape(shape, collection.transforms[i]))
+    tiles: list[Tile] = []
+    order = iter(range(num))
+
+    def read_next(file: Path) -> Shape:
+        """Read a shape, write its aligned copy and draw it, in the order of the collection."""
+        i = next(order)
+        shape = read_shape(file, collection.options.cleaning, name=collection.names[i])
+        write_mesh(staging / MESH_FOLDER / f"{shape.name}.ply", aligned_shape(shape, collection.transforms[i]))
         if i in drawn:
-            yield tile_of(shape, collection.transforms[i], float(collection.confidence[i]))
+            tiles.append(tile_of(shape, collection.transforms[i], float(collection.confidence[i])))
+        return shape
+
+    view = view_collection(collection, read_next, labels=labels)
+    save_view(view, staging)
+    draw_contact_sheet(tiles, staging / CONTACT_SHEET_FILE)
+    if report:
+        write_report(view, staging / REPORT_FILE)
 
 
 def _run_record(collection: AlignedCollection) -> dict[str, Any]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from collalign.collection import Excluded
 from collalign.descriptor import shape_descriptor
 from collalign.options import AlignOptions, RunOptions
-from collalign.pair_selection import adaptive_pairs, select_pairs
+from collalign.pair_selection import adaptive_pairs, extend_pairs, select_pairs
 from collalign.pairs import MatchedPair, match_pairs, pair_key, synchronize_pairs
 from collalign.prepare import PreparedShapes
 from collalign.stage import ProgressFactory
@@ -33,6 +34,14 @@ class MatchedPairs:
     num_reused: int
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FormerPairs:
+    """The pairs that an earlier run matched among the first ``num_shapes`` shapes."""
+
+    num_shapes: int
+    edges: IntArray
+
+
 def choose_and_match(
     shapes: PreparedShapes,
     samples: Sequence[Samples],
@@ -40,6 +49,7 @@ def choose_and_match(
     run: RunOptions,
     store: Store,
     *,
+    former: FormerPairs | None = None,
     progress: ProgressFactory | None = None,
 ) -> MatchedPairs:
     """Match the pairs that ``options.pairs`` asks for.
@@ -51,6 +61,8 @@ def choose_and_match(
     options : AlignOptions
     run : RunOptions
     store : Store
+    former : FormerPairs, optional
+        What an earlier run matched: only pairs with a new shape come on top.
     progress : callable, optional
     """
     num = len(samples)
@@ -58,7 +70,12 @@ def choose_and_match(
     if strategy == "auto":
         strategy = "all" if num <= MAX_ALL_PAIRS else "adaptive"
     descriptors = np.stack([shape_descriptor(item) for item in samples])
-    edges = select_pairs(num, strategy=strategy, descriptors=descriptors, identities=shapes.keys, seed=options.seed)
+    known: dict[str, Any] = {"descriptors": descriptors, "identities": shapes.keys, "seed": options.seed}
+    if former is None:
+        edges = select_pairs(num, strategy=strategy, **known)
+    else:
+        new = extend_pairs(former.num_shapes, num - former.num_shapes, strategy=strategy, **known)
+        edges = _merged(former.edges, new)
     before = store.keys("pairs")
     pairs, failed = match_pairs(shapes, edges, options, run, store, progress=progress)
     for _ in range(MAX_ROUNDS if strategy == "adaptive" else 0):
@@ -67,10 +84,8 @@ def choose_and_match(
             num,
             edges,
             solution.confidence,
-            descriptors=descriptors,
             groups=solution.groups,
-            identities=shapes.keys,
-            seed=options.seed,
+            **known,
         )
         if not len(added):
             break

@@ -18,7 +18,7 @@ from data_tools.mesh_io import FolderListing, read_shape
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 
 #: Changes whenever the same file and options would give other samples.
-SHAPE_VERSION = "shape-1"
+SHAPE_VERSION = "shape-2"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,8 +17,9 @@ from cyclopts import App, CycloptsError, Parameter
 from cyclopts.config import Toml
 
 from collalign import __version__
-from collalign.cli.align import align, demo
+from collalign.cli.align import add, align, demo
 from collalign.cli.match import match
+from collalign.cli.results import classify, export, view
 from collalign.cli.status import status
 from data_tools.errors import CollalignError, InputError
 
@@ -30,7 +31,7 @@ app = App(
     version=__version__,
     result_action="return_value",
 )
-for command in (align, match, demo, status):
+for command in (align, match, demo, add, status, export, classify, view):
     app.command(command)
 
 

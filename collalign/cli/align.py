@@ -16,12 +16,16 @@ from cyclopts import Parameter
 
 from collalign.align import align_collection
 from collalign.collection import AlignedCollection
+from collalign.corrections import read_corrections
+from collalign.extend import add_to_collection
 from collalign.jobs_progress import ProgressBar
+from collalign.labels import read_labels
 from collalign.options import AlignOptions, RunOptions
 from collalign.outputs import ALIGNMENT_FILE
 from collalign.stage import ProgressFactory
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
+from data_tools.mesh_io import read_folder
 from data_tools.rotations import rotation_angle_deg
 from data_tools.synthetic import PlantedCollection, demo_collection, write_collection
 
@@ -37,6 +41,9 @@ def align(
     folder: Path,
     *,
     out: Path,
+    corrections: Path | None = None,
+    labels: Path | None = None,
+    report: bool = True,
     options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
@@ -48,11 +55,44 @@ def align(
         Meshes and point clouds, in any poses.
     out
         Folder for the results; an interrupted run goes on from the store in it.
+    corrections
+        Decisions downloaded from the report: poses that are kept, without matching any pair again.
+    labels
+        CSV file with one row per shape (name, then columns such as taxon), for the report.
+    report
+        Write report.html.
     """
+    fixed = {}
+    if corrections is not None:
+        fixed = read_corrections(corrections).fixed(read_folder(folder).names)
+    table = read_labels(labels) if labels is not None else None
     run = replace(run, store=run.store or _default_store(out))
-    collection = align_collection(folder, options=options, run=run, progress=_progress())
-    _finish(collection, collection.save(out))
-    return 0 if collection.complete else INCOMPLETE
+    collection = align_collection(folder, options=options, run=run, fixed=fixed, progress=_progress())
+    columns = table.columns_for(collection.names) if table is not None else None
+    return _finish(collection, collection.save(out, report=report, labels=columns))
+
+
+def add(
+    result: Path,
+    folder: Path,
+    *,
+    report: bool = True,
+    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+) -> int:
+    """Align new shapes to a finished result without moving the old ones.
+
+    Parameters
+    ----------
+    result
+        Folder that ``collalign align`` wrote; it is brought up to date.
+    folder
+        The new shapes.
+    report
+        Write report.html.
+    """
+    run = replace(run, store=run.store or result / STORE_FILE)
+    collection = add_to_collection(result, folder, run=run, progress=_progress())
+    return _finish(collection, collection.save(result, report=report))
 
 
 def demo(
@@ -113,8 +153,8 @@ def _default_store(out: Path) -> Path:
     return out / STORE_FILE
 
 
-def _finish(collection: AlignedCollection, written: Sequence[Path]) -> None:
-    """Say what came out, whom to doubt, what was left out, and where everything is."""
+def _finish(collection: AlignedCollection, written: Sequence[Path]) -> int:
+    """Say what came out, whom to doubt, what was left out, and where everything is; return the exit code."""
     seconds = sum(collection.run.times_s.values())
     print(f"Aligned {len(collection.names)} shapes by {len(collection.pairs)} pairs in {seconds:.1f} s", end="")
     print(f" ({collection.run.num_reused} results reused)." if collection.run.num_reused else ".")
@@ -131,3 +171,4 @@ def _finish(collection: AlignedCollection, written: Sequence[Path]) -> None:
         print(f"Left out: {item.file}: {item.reason}", file=sys.stderr)
     for path in written:
         print(path)
+    return 0 if collection.complete else INCOMPLETE

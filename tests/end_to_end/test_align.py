@@ -15,7 +15,7 @@ from collalign import AlignOptions, RunOptions, align_collection
 from collalign.cli import main
 from collalign.collection import AlignedCollection
 from data_tools.errors import CollectionError, InputError
-from data_tools.mesh_io import read_shape
+from data_tools.mesh_io import read_shape, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import rotation_angle_deg
 from data_tools.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
@@ -220,3 +220,64 @@ def test_status_counts(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["status", str(out / "store.sqlite"), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert (report["shapes"]["done"], report["pairs"]["done"], report["pairs"]["left"]) == (5, 10, 0)
+
+
+def test_adding_shapes_moves_nothing(planted: PlantedCollection, tmp_path: Path) -> None:
+    old, new, out = tmp_path / "old", tmp_path / "new", tmp_path / "out"
+    write_collection(old, replace(planted, shapes=planted.shapes[:4]))
+    write_mesh(new / "late.ply", planted.shapes[4])
+    assert main(["align", str(old), "--out", str(out), *FLAGS]) == 0
+    before = json.loads((out / "alignment.json").read_text())["shapes"]
+    assert main(["add", str(out), str(new), "--jobs", "1"]) == 0
+    after = json.loads((out / "alignment.json").read_text())["shapes"]
+    assert [s["transform"] for s in after[:4]] == [s["transform"] for s in before]
+    assert after[4]["name"] == "late"
+    linear = np.array([s["transform"] for s in after])[:, :3, :3]
+    rotations = linear / np.cbrt(np.linalg.det(linear))[:, None, None]
+    assert worst_error_deg(rotations, planted) < 15
+    assert json.loads((out / "run.json").read_text())["num_reused"] == 10
+    assert main(["add", str(out), str(new), "--jobs", "1"]) == 2
+
+
+def test_corrections_are_kept_without_matching_again(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = ["align", str(folder), "--out", str(out), *FLAGS]
+    assert main(command) == 0
+    shapes = json.loads((out / "alignment.json").read_text())["shapes"]
+    linear = np.array(shapes[2]["transform"])[:3, :3]
+    flipped = np.diag([1.0, -1.0, -1.0]) @ linear / np.cbrt(np.linalg.det(linear))
+    decisions = {
+        "format": "collalign-corrections",
+        "version": 1,
+        "frame": {shapes[0]["name"]: np.eye(3).tolist()},
+        "decisions": [
+            {
+                "shape": shapes[2]["name"],
+                "decision": "pose",
+                "rotation": flipped.tolist(),
+                "compared_with": shapes[0]["name"],
+            }
+        ],
+    }
+    (tmp_path / "decisions.json").write_text(json.dumps(decisions))
+    assert main([*command, "--corrections", str(tmp_path / "decisions.json")]) == 0
+    corrected = np.array(json.loads((out / "alignment.json").read_text())["shapes"][2]["transform"])[:3, :3]
+    assert np.allclose(corrected / np.cbrt(np.linalg.det(corrected)), flipped)
+    assert json.loads((out / "run.json").read_text())["num_reused"] == 15
+
+
+def test_export_and_classify_read_a_result(
+    folder: Path, aligned: AlignedCollection, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    aligned.save(out)
+    assert main(["export", str(out), "--format", "tps", "--to", str(tmp_path / "tps")]) == 0
+    assert list((tmp_path / "tps").iterdir())
+    labels = "name,kind\n" + "".join(f"{name},{'ab'[i % 2]}\n" for i, name in enumerate(aligned.names))
+    (tmp_path / "labels.csv").write_text(labels)
+    capsys.readouterr()
+    arguments = ["classify", str(out), "--labels", str(tmp_path / "labels.csv"), "--by", "kind", "--json"]
+    assert main(arguments) == 0
+    assert 0 <= json.loads(capsys.readouterr().out)["accuracy"] <= 1
+    assert main(["export", str(out), "--format", "doc", "--to", str(tmp_path)]) == 2
+    assert (out / "report.html").stat().st_size > 100_000

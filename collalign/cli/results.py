@@ -1,0 +1,89 @@
+"""``collalign export``, ``classify`` and ``view``: what can be done with a finished result."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from collalign.analysis import procrustes_distances
+from collalign.classify import Singles, classify_leave_one_out
+from collalign.exports import FORMATS, Space
+from collalign.exports import export as write_export
+from collalign.labels import read_labels
+from collalign.view_store import load_view
+
+
+def export(
+    result: Path,
+    *,
+    format: Annotated[str, Parameter(help=f"One of {', '.join(FORMATS)}.")],
+    to: Path,
+    space: Space = "aligned",
+    sources: Path | None = None,
+) -> int:
+    """Write a result in a format of the field.
+
+    Parameters
+    ----------
+    result
+        Folder that ``collalign align`` wrote.
+    to
+        Folder for the files.
+    space
+        Coordinates: aligned, aligned in the units of the files, those of the files, or Procrustes superimposed.
+    sources
+        Folder of the original files where they have moved.
+    """
+    for path in write_export(result, format, to, space=space, sources=sources):
+        print(path)
+    return 0
+
+
+def classify(
+    result: Path,
+    *,
+    labels: Path,
+    by: str,
+    singles: Singles = "leave-out",
+    as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Classify every shape by its nearest neighbour in Procrustes distance, leaving it out.
+
+    Parameters
+    ----------
+    result
+        Folder that ``collalign align`` wrote.
+    labels
+        CSV file with one row per shape.
+    by
+        Column of the labels.
+    singles
+        Whether labels that only one shape carries are left out of the count or count as wrong.
+    as_json
+        Print one JSON object instead of a table.
+    """
+    view = load_view(result)
+    values = read_labels(labels).column(by, view.names)
+    distances = procrustes_distances(view.aligned_samples)
+    found = classify_leave_one_out(distances, values, names=view.names, singles=singles)
+    print(json.dumps(found.as_dict(), indent=1) if as_json else found.table())
+    return 0
+
+
+def view(result: Path, *, overlay: bool = False) -> int:
+    """Open a window with the aligned shapes (needs ``pip install 'collalign[viewer]'``).
+
+    Parameters
+    ----------
+    result
+        Folder that ``collalign align`` wrote.
+    overlay
+        All shapes in one place instead of side by side.
+    """
+    from collalign.view import view as open_view
+
+    open_view(result, overlay=overlay)
+    return 0

@@ -1,0 +1,74 @@
+"""Adds shapes to a finished collection without moving those that are in it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from collalign.align import align_listing
+from collalign.collection import AlignedCollection
+from collalign.options import RunOptions, options_from_record
+from collalign.outputs import ALIGNMENT_FILE
+from collalign.pair_choice import FormerPairs
+from collalign.stage import ProgressFactory
+from collalign.view_store import load_view
+from data_tools.errors import InputError
+from data_tools.mesh_io import FolderListing, read_folder
+
+
+def add_to_collection(
+    result: str | Path,
+    folder: str | Path,
+    *,
+    run: RunOptions | None = None,
+    progress: ProgressFactory | None = None,
+) -> AlignedCollection:
+    """Align the shapes of a folder to an existing result, with the options of that result.
+
+    Parameters
+    ----------
+    result : str or Path
+        Folder that :meth:`AlignedCollection.save` wrote.
+    folder : str or Path
+        The new shapes; their names must be new as well.
+    run : RunOptions, optional
+        With the store of the first run, no old pair is matched again.
+    progress : callable, optional
+
+    Returns
+    -------
+    AlignedCollection
+        The old shapes first, with exactly their old transforms, then the new ones.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no result, an old file has vanished or a name is taken.
+    """
+    view = load_view(result)
+    record = Path(result) / ALIGNMENT_FILE
+    try:
+        options = options_from_record(json.loads(record.read_text("utf-8"))["options"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{record}: not the summary of an alignment ({error})") from None
+    files = tuple(Path(file) for file in view.files)
+    for file in files:
+        if not file.is_file():
+            raise InputError(f"{file}: a shape of the collection is not there any more; put it back to add to it")
+    new = read_folder(folder)
+    taken = sorted(set(view.names) & set(new.names))
+    if taken:
+        raise InputError(f"{folder}: the collection has a shape called {taken[0]!r} already; rename the new file")
+    listing = FolderListing(files=files + new.files, names=view.names + new.names, skipped=new.skipped)
+    edges = np.array([sorted((pair.i, pair.j)) for pair in view.pairs], dtype=np.int64).reshape(-1, 2)
+    return align_listing(
+        listing,
+        options,
+        run or RunOptions(),
+        fixed=dict(zip(view.names, view.rotations, strict=True)),
+        placed=dict(zip(view.names, view.transforms, strict=True)),
+        former=FormerPairs(num_shapes=len(files), edges=edges),
+        progress=progress,
+    )
