@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_matrix, diags, identity
 
 from collalign.synchronization.graph import PairGraph
-from collalign.synchronization.model import EdgeModel
 from collalign.synchronization.spectral import leading_eigenvectors
-from collalign.synchronization.turns import TurnSet, aligned_candidates, turn_costs
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 
 #: A pair speaks for a side of a cut when its cost differs by more than this, nats.
@@ -58,16 +56,18 @@ class Cut:
     doubted: bool
 
 
-def turn_differences(model: EdgeModel, frames: FloatArray, alternatives: TurnSet) -> FloatArray:
-    """Return what turning one end of each pair by each common turn costs, shape (G, E)."""
-    count = len(alternatives.common)
-    if not count:
-        return np.zeros((0, model.graph.num_edges))
-    alone = replace(
-        alternatives, turns=alternatives.turns[:, : 1 + count], offered=alternatives.offered[:, : 1 + count]
-    )
-    costs = turn_costs(model, aligned_candidates(model.graph, frames), alone)
-    single = (costs[:, 1:, 0] + costs[:, 0, 1:]) / 2.0 - costs[:, :1, 0]
+def turn_differences(costs: FloatArray, num_common: int) -> FloatArray:
+    """Return what turning one end of each pair by each common turn costs, shape (G, E).
+
+    Parameters
+    ----------
+    costs : ndarray, shape (E, L, L)
+        From :func:`turn_costs`; the common turns follow the identity.
+    num_common : int
+        G.
+    """
+    turned = slice(1, 1 + num_common)
+    single = (costs[:, turned, 0] + costs[:, 0, turned]) / 2.0 - costs[:, :1, 0]
     return np.ascontiguousarray(single.T)
 
 
@@ -176,16 +176,21 @@ def _excess(against: FloatArray, clear: FloatArray, all_against: float, all_clea
 
 def _settled(edges: IntArray, costs: FloatArray, block: BoolArray, *, minimum: int) -> BoolArray:
     """Return the block after greedy single moves that lower the cut's cost, neither side ever below the minimum."""
-    side = block.copy()
-    left, right = edges.T
-    for _ in range(len(side)):
-        pull = np.where(side[left] != side[right], costs, -costs)
-        gain = np.bincount(edges.ravel(), weights=np.repeat(pull, 2), minlength=len(side))
-        gain = np.where(np.where(side, side.sum(), (~side).sum()) > minimum, gain, -np.inf)
-        if gain.max() <= 1e-9:
+    count = len(block)
+    matrix = coo_matrix((costs, (edges[:, 0], edges[:, 1])), shape=(count, count))
+    matrix = (matrix + matrix.T).tocsr()
+    side = np.where(block, 1.0, -1.0)
+    field = matrix @ side
+    for _ in range(count):
+        sizes = np.where(side > 0, (side > 0).sum(), (side < 0).sum())
+        gain = np.where(sizes > minimum, -side * field, -np.inf)
+        moving = int(np.argmax(gain))
+        if gain[moving] <= 1e-9:
             break
-        side[np.argmax(gain)] ^= True
-    return side
+        part = slice(matrix.indptr[moving], matrix.indptr[moving + 1])
+        field[matrix.indices[part]] -= 2.0 * side[moving] * matrix.data[part]
+        side[moving] *= -1.0
+    return side > 0
 
 
 def _turned_side(block: BoolArray, held: BoolArray) -> BoolArray | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.synchronization.blocks import Cut, symmetric_turns, turn_differences, weak_cuts
+from collalign.synchronization.blocks import Cut, symmetric_turns
 from collalign.synchronization.result import PoseAlternative
 from collalign.synchronization.search import State
 from collalign.synchronization.turns import SAME_TURN
@@ -56,13 +56,15 @@ class Doubts:
     signal: float
 
 
-def assess(states: list[State], frames: FloatArray, free: BoolArray) -> Doubts:
+def assess(states: list[State], cuts: list[Cut], frames: FloatArray, free: BoolArray) -> Doubts:
     """Return the doubts about an answer.
 
     Parameters
     ----------
     states : list of State
         What the starts led to, the answer first.
+    cuts : list of Cut
+        Weak blocks of the answer.
     frames : ndarray, shape (N, d, d)
         The reported frames: the answer's, refined.
     free : ndarray of bool, shape (N,)
@@ -70,8 +72,6 @@ def assess(states: list[State], frames: FloatArray, free: BoolArray) -> Doubts:
     """
     best = states[0]
     graph, common = best.model.graph, best.alternatives.common
-    differences = turn_differences(best.blurred, best.frames, best.alternatives)
-    cuts = weak_cuts(graph, differences, common, ~free)
     signal = evidence_signal(best)
     confidence = pose_confidence(states) * (0.5 + 0.5 * min(1.0, signal / ENOUGH_SIGNAL))
     for cut in cuts:
@@ -86,7 +86,7 @@ def assess(states: list[State], frames: FloatArray, free: BoolArray) -> Doubts:
         alternatives=pose_alternatives(best, frames),
         cuts=cuts,
         groups=_parts(graph.num_shapes, [cut.members for cut in cuts if cut.doubted and len(cut.members) >= large]),
-        symmetries=symmetric_turns(graph, differences, common),
+        symmetries=symmetric_turns(graph, best.turn_differences, common),
         signal=signal,
     )
 

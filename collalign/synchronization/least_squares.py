@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.sparse import coo_matrix, diags
+from scipy.sparse import coo_matrix, csr_matrix, diags
 from scipy.sparse.linalg import splu
 
 from collalign.synchronization.geometry import cayley
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 
 #: Up to this many shapes the Laplacian is factored densely.
-DENSE_SHAPES = 1500
+DENSE_SHAPES = 400
 
 #: Largest tangent step per axis, radians: beyond it the quadratic model means nothing.
 MAX_STEP_RAD = 0.7
 
 
 def gauss_newton_step(
-    frames: FloatArray, edges: IntArray, targets: FloatArray, weights: FloatArray, free: BoolArray
+    frames: FloatArray,
+    edges: IntArray,
+    targets: FloatArray,
+    weights: FloatArray,
+    free: BoolArray,
+    *,
+    exact: bool = False,
 ) -> tuple[FloatArray, float]:
     """Move frames by one Gauss-Newton step of ``sum_e |P_i^T M_e P_j - w_e I|^2``, M_e the weighted measurement.
 
@@ -35,6 +41,8 @@ def gauss_newton_step(
         Total weight of each pair.
     free : ndarray of bool, shape (N,)
         Shapes that may move; at least one may not.
+    exact : bool
+        Whether large systems are factored, or solved to a thousandth by conjugate gradients.
 
     Returns
     -------
@@ -55,7 +63,7 @@ def gauss_newton_step(
         axis=1,
     )
     moves = np.zeros_like(force)
-    moves[free] = _solve_laplacian(edges, weights, count, free, force[free])
+    moves[free] = _solve_laplacian(edges, weights, count, free, force[free], exact=exact)
     largest = float(np.abs(moves).max(initial=0.0))
     moves *= min(1.0, MAX_STEP_RAD / max(largest, MAX_STEP_RAD))
     skew = np.zeros((count, dim, dim))
@@ -76,27 +84,51 @@ def polish(
     """Return a stationary point of ``sum_e w_e |R_e - P_i P_j^T|_F^2`` near the given frames."""
     targets = rotations * weights[:, None, None]
     for _ in range(max_iterations):
-        frames, step = gauss_newton_step(frames, edges, targets, weights, free)
+        frames, step = gauss_newton_step(frames, edges, targets, weights, free, exact=True)
         if step <= step_tol:
             break
     return frames
 
 
 def _solve_laplacian(
-    edges: IntArray, weights: FloatArray, count: int, free: BoolArray, force: FloatArray
+    edges: IntArray, weights: FloatArray, count: int, free: BoolArray, force: FloatArray, *, exact: bool
 ) -> FloatArray:
-    """Solve the weighted graph Laplacian restricted to the free shapes."""
+    """Solve the weighted graph Laplacian of the free shapes; conjugate gradients first where they may do."""
     left, right = edges.T
-    degree = np.bincount(edges.ravel(), weights=np.repeat(weights, 2), minlength=count)
-    ridge = 1e-12 * max(float(degree.max(initial=0.0)), np.finfo(float).tiny)
+    degree = np.bincount(edges.ravel(), weights=np.repeat(weights, 2), minlength=count).astype(np.float64)
+    degree += 1e-12 * max(float(degree.max(initial=0.0)), np.finfo(float).tiny)
     if count <= DENSE_SHAPES:
         laplacian = np.zeros((count, count))
         laplacian[left, right] = laplacian[right, left] = -weights
-        laplacian[np.arange(count), np.arange(count)] = degree + ridge
+        laplacian[np.arange(count), np.arange(count)] = degree
         try:
-            return cho_solve(cho_factor(laplacian[np.ix_(free, free)]), force)
+            return cho_solve(cho_factor(laplacian[np.ix_(free, free)], check_finite=False), force)
         except LinAlgError:
             return np.asarray(np.linalg.lstsq(laplacian[np.ix_(free, free)], force, rcond=None)[0], dtype=np.float64)
     couplings = coo_matrix((weights, (left, right)), shape=(count, count))
-    sparse = (diags(degree + ridge) - couplings - couplings.T).tocsc()
-    return splu(sparse[free][:, free].tocsc()).solve(force)
+    sparse = (diags(degree) - couplings - couplings.T).tocsr()[free][:, free]
+    solution = None if exact else _conjugate_gradients(sparse, degree[free], force)
+    return splu(sparse.tocsc()).solve(force) if solution is None else solution
+
+
+def _conjugate_gradients(
+    matrix: csr_matrix, diagonal: FloatArray, force: FloatArray, *, max_iterations: int = 60, rel_tol: float = 1e-3
+) -> FloatArray | None:
+    """Return the solution for all columns by Jacobi-preconditioned conjugate gradients; None if they are too slow."""
+    scale = 1.0 / diagonal[:, None]
+    solution, residual = np.zeros_like(force), force.copy()
+    direction = scale * residual
+    energy = (residual * direction).sum(axis=0)
+    goal = rel_tol**2 * np.maximum(energy, 1e-300)
+    for _ in range(max_iterations):
+        image = matrix @ direction
+        step = energy / np.maximum((direction * image).sum(axis=0), 1e-300)
+        solution += step * direction
+        residual -= step * image
+        preconditioned = scale * residual
+        fresh = (residual * preconditioned).sum(axis=0)
+        if (fresh <= goal).all():
+            return solution
+        direction = preconditioned + fresh / np.maximum(energy, 1e-300) * direction
+        energy = fresh
+    return None

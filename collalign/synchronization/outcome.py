@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from collalign.synchronization.blocks import Cut
 from collalign.synchronization.certificate import (
     SynchronizationCertificate,
     certify_frames,
@@ -39,6 +40,8 @@ class BlockOutcome:
     inlier : ndarray of bool, shape (E,)
     states : list of State
         What the starts led to, the answer first.
+    cuts : list of Cut
+        Weak blocks of the answer.
     certificate : SynchronizationCertificate
     """
 
@@ -47,13 +50,14 @@ class BlockOutcome:
     weights: FloatArray
     inlier: BoolArray
     states: list[State]
+    cuts: list[Cut]
     certificate: SynchronizationCertificate
 
 
 def solve_block(graph: PairGraph, held: Mapping[int, FloatArray]) -> BlockOutcome:
     """Find the poses of a connected group and bring them to a stationary point of the weighted least squares."""
     anchors = dict(held) or {int(np.argmax(degrees(graph, graph.weights))): np.eye(graph.dim)}
-    states = find_poses(graph, anchors)
+    states, cuts = find_poses(graph, anchors)
     best = states[0]
     squared = squared_distances(graph, best.frames)
     choice = best_candidates(squared, best.model)
@@ -69,6 +73,7 @@ def solve_block(graph: PairGraph, held: Mapping[int, FloatArray]) -> BlockOutcom
         weights=weights,
         inlier=best.model.responsibilities(squared_distances(graph, frames)).sum(axis=1) >= 0.5,
         states=states,
+        cuts=cuts,
         certificate=certify_frames(graph, graph.chosen(choice), weights, frames),
     )
 
@@ -161,7 +166,7 @@ def _solve_group(
         draft.choice[kept], draft.weights[kept], draft.inlier[kept] = found.choice, found.weights, found.inlier
         free = np.ones(len(members), dtype=bool)
         free[list(anchors)] = False
-        _note_doubts(draft, assess(found.states, found.frames, free), members)
+        _note_doubts(draft, assess(found.states, found.cuts, found.frames, free), members)
         draft.noise.append(found.states[0].model.noise_rad)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.synchronization.blocks import turn_differences, weak_cuts
+from collalign.synchronization.blocks import Cut, turn_differences, weak_cuts
 from collalign.synchronization.graph import PairGraph, tree_rotations
 from collalign.synchronization.labels import propagate_beliefs
 from collalign.synchronization.model import EdgeModel
@@ -32,8 +32,11 @@ RANDOM_STARTS = 4
 #: Most blocks of shapes turned at the end.
 MAX_BLOCK_MOVES = 5
 
-#: A shape whose turn has at least this probability is not in doubt.
-SETTLED = 0.98
+#: No further starts where fewer shapes than this are expected to be wrong.
+SETTLED_SHARE = 0.005
+
+#: Random starts are left out of graphs with more candidates than this.
+MAX_CANDIDATES = 60_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +50,8 @@ class State:
     beliefs : ndarray, shape (N, L)
         Probability of each turn before the last refinement; turn 0 is the pose itself.
     alternatives : TurnSet
+    turn_differences : ndarray, shape (G, E)
+        What turning one end of each pair by each common turn costs.
     cost : float
         Minus the log-likelihood of the pairs at the noise by which turns are chosen.
     """
@@ -55,16 +60,12 @@ class State:
     frames: FloatArray
     beliefs: FloatArray
     alternatives: TurnSet
+    turn_differences: FloatArray
     cost: float
 
-    @property
-    def blurred(self) -> EdgeModel:
-        """The model at the noise by which turns are chosen."""
-        return self.model.with_noise(LABEL_NOISE_FACTOR * self.model.noise_rad)
 
-
-def find_poses(graph: PairGraph, held: Mapping[int, FloatArray]) -> list[State]:
-    """Return the states that several starts lead to, the most likely one first.
+def find_poses(graph: PairGraph, held: Mapping[int, FloatArray]) -> tuple[list[State], list[Cut]]:
+    """Return the states that several starts lead to, the most likely one first, and the weak blocks of that one.
 
     Parameters
     ----------
@@ -79,21 +80,19 @@ def find_poses(graph: PairGraph, held: Mapping[int, FloatArray]) -> list[State]:
     for frames in _starts(graph, free):
         states.append(improve(EdgeModel(graph=graph), _anchored(frames, held, graph), free))
         best = min(states, key=lambda state: state.cost)
-        if best.beliefs[:, 0].min() >= SETTLED:
+        if 1.0 - best.beliefs[:, 0].mean() <= SETTLED_SHARE:
             break
     states.sort(key=lambda state: state.cost)
-    states[0] = turn_blocks(states[0], free)
-    return states
+    states[0], cuts = turn_blocks(states[0], free)
+    return states, cuts
 
 
-def turn_blocks(state: State, free: BoolArray) -> State:
-    """Return the state after turning whole blocks of shapes as long as that makes the pairs more likely."""
-    for _ in range(MAX_BLOCK_MOVES):
-        common = state.alternatives.common
-        differences = turn_differences(state.blurred, state.frames, state.alternatives)
-        cuts = weak_cuts(state.model.graph, differences, common, ~free)
+def turn_blocks(state: State, free: BoolArray) -> tuple[State, list[Cut]]:
+    """Return the state after turning whole blocks of shapes while that makes the pairs more likely, and its cuts."""
+    for remaining in range(MAX_BLOCK_MOVES, -1, -1):
+        cuts = weak_cuts(state.model.graph, state.turn_differences, state.alternatives.common, ~free)
         cheapest = min(cuts, key=lambda cut: cut.log_odds, default=None)
-        if cheapest is None or cheapest.log_odds >= 0.0:
+        if cheapest is None or cheapest.log_odds >= 0.0 or not remaining:
             break
         frames = state.frames.copy()
         frames[cheapest.members] = frames[cheapest.members] @ cheapest.turn
@@ -101,7 +100,7 @@ def turn_blocks(state: State, free: BoolArray) -> State:
         if moved.cost >= state.cost - 1e-6:
             break
         state = moved
-    return state
+    return state, cuts
 
 
 def improve(model: EdgeModel, frames: FloatArray, free: BoolArray) -> State:
@@ -134,7 +133,14 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray) -> Stat
     start[:, 0] = 0.9
     beliefs = propagate_beliefs(graph.edges, costs, graph.num_shapes, start=start, clamped=np.flatnonzero(~free))
     cost = float(costs[:, 0, 0].sum())
-    return State(model=model, frames=frames, beliefs=beliefs, alternatives=alternatives, cost=cost)
+    return State(
+        model=model,
+        frames=frames,
+        beliefs=beliefs,
+        alternatives=alternatives,
+        turn_differences=turn_differences(costs, len(alternatives.common)),
+        cost=cost,
+    )
 
 
 def _starts(graph: PairGraph, free: BoolArray) -> Iterator[FloatArray]:
@@ -146,7 +152,7 @@ def _starts(graph: PairGraph, free: BoolArray) -> Iterator[FloatArray]:
     yield spectral
     yield tree_rotations(graph, rotations, _tree_costs(graph))
     generator = np.random.default_rng(0)
-    for _ in range(RANDOM_STARTS):
+    for _ in range(RANDOM_STARTS if graph.present.sum() <= MAX_CANDIDATES else 0):
         random = generator.standard_normal((graph.num_shapes, graph.dim, graph.dim))
         yield graph.pattern.project(random)
 

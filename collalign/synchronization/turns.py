@@ -14,6 +14,12 @@ from pairwise.pattern import RotationPattern
 #: Turns closer than this (squared Frobenius distance, 30 degrees) are one turn.
 SAME_TURN = 8.0 * np.sin(np.deg2rad(15.0)) ** 2
 
+#: A shape of which this share of the pairs is explained has no turns but the common ones.
+EXPLAINED_SHARE = 0.8
+
+#: Common turns by which fewer pairs than this are wrong are left out of their costs.
+RARE_FLIP = 0.003
+
 #: Cost of a turn that is not offered.
 FORBIDDEN = 1e4
 
@@ -68,30 +74,48 @@ def propose_turns(model: EdgeModel, aligned: FloatArray, *, num_global: int = 3,
     """
     graph = model.graph
     common = global_turns(model, aligned, num_global)
-    chance = np.exp(model.log_prior)
     turns = np.tile(np.eye(graph.dim), (graph.num_shapes, num_turns, 1, 1))
     turns[:, 1 : 1 + len(common)] = common
     offered = np.zeros(turns.shape[:2], dtype=bool)
     offered[:, : 1 + len(common)] = True
+    explained = model.responsibilities(((aligned - np.eye(graph.dim)) ** 2).sum(axis=(2, 3))).sum(axis=1)
+    _add_own_turns(model, aligned, turns, offered, 1 + len(common), explained)
+    used = max(int(offered.sum(axis=1).max()), 2)
+    return TurnSet(
+        turns=turns[:, :used],
+        offered=offered[:, :used],
+        common=common,
+        rates=_flip_rates(model, aligned, common, explained),
+    )
+
+
+def _add_own_turns(
+    model: EdgeModel, aligned: FloatArray, turns: FloatArray, offered: BoolArray, known: int, explained: FloatArray
+) -> None:
+    """Write into ``turns`` the modes that the pairs of each shape propose besides its pose and the common turns.
+
+    Shapes whose pairs are nearly all explained have none.
+    """
+    graph = model.graph
     owner, edge, side = _incidence(graph)
     starts = np.searchsorted(owner, np.arange(graph.num_shapes + 1))
-    for shape in range(graph.num_shapes):
+    share = np.bincount(owner, weights=explained[edge], minlength=graph.num_shapes) / np.maximum(np.diff(starts), 1)
+    chance = np.exp(model.log_prior)
+    for shape in np.flatnonzero(share < EXPLAINED_SHARE):
         part = slice(starts[shape], starts[shape + 1])
         mine = aligned[edge[part]]
         mine = np.where(side[part][:, None, None, None] == 0, mine, np.swapaxes(mine, 2, 3))
-        known = turns[shape, : 1 + len(common)]
         own = _modes(
             mine.reshape(-1, graph.dim, graph.dim),
             chance[edge[part]].ravel(),
             4.0 * model.noise_rad**2,
-            num_turns - len(known),
-            known,
+            turns.shape[1] - known,
+            turns[shape, :known],
             graph.pattern,
             SHAPE_PROPOSALS,
         )
-        turns[shape, len(known) : len(known) + len(own)] = own
-        offered[shape, len(known) : len(known) + len(own)] = True
-    return TurnSet(turns=turns, offered=offered, common=common, rates=_flip_rates(model, aligned, common))
+        turns[shape, known : known + len(own)] = own
+        offered[shape, known : known + len(own)] = True
 
 
 def global_turns(model: EdgeModel, aligned: FloatArray, count: int) -> FloatArray:
@@ -150,13 +174,12 @@ def _incidence(graph: PairGraph) -> tuple[IntArray, IntArray, IntArray]:
     return owner[order], edge[order], side[order]
 
 
-def _flip_rates(model: EdgeModel, aligned: FloatArray, common: FloatArray) -> FloatArray:
+def _flip_rates(model: EdgeModel, aligned: FloatArray, common: FloatArray, explained: FloatArray) -> FloatArray:
     """Return the share of the pairs that are wrong by each common turn, shape (G,), shrunk by one pair."""
     graph = model.graph
     if not len(common):
         return np.zeros(0)
-    unit = ((aligned - np.eye(graph.dim)) ** 2).sum(axis=(2, 3))
-    wrong = (1.0 - model.responsibilities(unit).sum(axis=1)) * ~graph.held
+    wrong = (1.0 - explained) * ~graph.held
     best = aligned[np.arange(graph.num_edges), graph.best_choice]
     both = np.stack([common, np.swapaxes(common, 1, 2)], axis=1)
     squared = ((best[:, None, None] - both) ** 2).sum(axis=(3, 4)).min(axis=2)
@@ -188,11 +211,23 @@ def turn_costs(model: EdgeModel, aligned: FloatArray, alternatives: TurnSet) -> 
     squared = np.maximum(2.0 * dim - 2.0 * inner.reshape(count, -1, num, num), 0.0)
     costs = model.costs(squared)
     best = turned[np.arange(count), graph.best_choice].reshape(count, num, -1)
-    for turn, rate in zip(alternatives.common, alternatives.rates, strict=True):
-        for flip in (turn, turn.T):
-            beyond = (flip @ back).reshape(count, num, -1)
-            apart = np.maximum(2.0 * dim - 2.0 * best @ np.swapaxes(beyond, 1, 2), 0.0)
-            log_flip = np.log(rate / 2.0) - apart / (4.0 * model.variances[:, None, None])
-            costs = -np.logaddexp(-costs, np.where(graph.held[:, None, None], -np.inf, log_flip))
+    for flip, rate in _directed_flips(alternatives):
+        beyond = (flip @ back).reshape(count, num, -1)
+        apart = np.maximum(2.0 * dim - 2.0 * best @ np.swapaxes(beyond, 1, 2), 0.0)
+        log_flip = np.log(rate) - apart / (4.0 * model.variances[:, None, None])
+        costs = -np.logaddexp(-costs, np.where(graph.held[:, None, None], -np.inf, log_flip))
     left_out, right_out = ~alternatives.offered[first], ~alternatives.offered[second]
     return np.where(left_out[:, :, None] | right_out[:, None], FORBIDDEN, costs)
+
+
+def _directed_flips(alternatives: TurnSet) -> list[tuple[FloatArray, float]]:
+    """Return the common turns that happen, and their inverses where these differ, with their rates."""
+    flips: list[tuple[FloatArray, float]] = []
+    for turn, rate in zip(alternatives.common, alternatives.rates, strict=True):
+        if rate < RARE_FLIP:
+            continue
+        if ((turn - turn.T) ** 2).sum() <= SAME_TURN:
+            flips.append((turn, float(rate)))
+        else:
+            flips += [(turn, rate / 2.0), (turn.T, rate / 2.0)]
+    return flips
