@@ -53,7 +53,7 @@ def save_view(view: CollectionView, folder: Path | str) -> Path:
     text = {name: getattr(view, name) for name in _TEXT_FIELDS}
     arrays: dict[str, NDArray[Any]] = {
         "version": np.array(EVIDENCE_VERSION),
-        "text": np.frombuffer(json.dumps(json_types(text), sort_keys=True).encode(), dtype=np.uint8),
+        "text": np.frombuffer(json.dumps(json_types(text)).encode(), dtype=np.uint8),
         "transforms": view.transforms,
         "confidence": view.confidence,
         "samples": view.samples,

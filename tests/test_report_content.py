@@ -15,7 +15,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.report import display_mesh, faces_per_shape, render_report, write_report
-from collalign.report.content import build_content
+from collalign.report.content import build_content, categories
 from collalign.report.payload import MISSING, pack, pack_mesh, quaternions, sample_colors
 from collalign.report.poses import DISTINCT_DEG, angle_deg, offered_poses
 from collalign.report.statistics import cycle_histogram, shape_map, variation
@@ -128,6 +128,17 @@ def test_map_and_tree_speak_of_the_largest_group() -> None:
     assert list(build_content(view)[0]["orders"]) == ["similarity", "name", "confidence", "taxon", "side"]
     for order in build_content(view)[0]["orders"].values():
         assert sorted(order) == list(range(9))
+
+
+def test_only_shared_labels_become_colours() -> None:
+    view = view_of(9)
+    labels = {
+        "side": view.labels["side"],
+        "area": tuple(str(at) for at in range(9)),
+        "only": ("x",) * 9,
+        "few": ("x", "y", *[""] * 7),
+    }
+    assert categories(dataclasses.replace(view, labels=labels)) == ["side", "few"]
 
 
 def test_mean_and_components_are_drawn() -> None:

@@ -15,6 +15,8 @@ from data_tools.arrays import FloatArray
 
 #: Poses kept per pair, the best first.
 MOST_PAIR_POSES = 4
+#: Columns of more different labels than this are shown per shape, but not as colours.
+MOST_CATEGORIES = 40
 #: Pairs' own maps are embedded while they have fewer entries than this; afterwards equal labels are shown as matched.
 MOST_MAP_ENTRIES = 3_000_000
 #: ``pair_map`` of a pair that uses the collection's own correspondence.
@@ -50,6 +52,7 @@ def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]
         "numGroups": len(np.unique(view.groups)),
         "doubtThreshold": view.doubt_threshold,
         "labels": view.labels,
+        "categories": categories(view),
         "meshes": meshes,
         "pairFields": pair_fields,
         "statuses": statuses,
@@ -63,6 +66,12 @@ def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]
         "timings": view.timings_s,
     }
     return json_types(document), blobs
+
+
+def categories(view: CollectionView) -> list[str]:
+    """Label columns worth colouring by: at least two values, and few enough that shapes share them."""
+    most = max(2, min(MOST_CATEGORIES, view.num_shapes // 2))
+    return [column for column, values in view.labels.items() if 2 <= len(set(values) - {""}) <= most]
 
 
 def _shapes(view: CollectionView) -> list[dict[str, Any]]:
@@ -155,6 +164,6 @@ def _orders(view: CollectionView, shape_statistics: dict[str, Any]) -> dict[str,
         orders["similarity"] = similar + [at for at in every if at not in set(similar)]
     orders["name"] = sorted(every, key=lambda at: view.names[at])
     orders["confidence"] = np.argsort(view.confidence, kind="stable").tolist()
-    for column, values in view.labels.items():
-        orders[column] = sorted(every, key=lambda at, values=values: (values[at], at))  # type: ignore[misc]
+    for column in categories(view):
+        orders[column] = sorted(every, key=lambda at, values=view.labels[column]: (values[at], at))  # type: ignore[misc]
     return orders

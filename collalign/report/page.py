@@ -86,7 +86,7 @@ def _summary(view: CollectionView) -> str:
         (len(view.excluded), "files or pairs excluded", len(view.excluded) > 0),
     ]
     if groups > 1:
-        facts.append((groups, "groups that could not be joined", True))
+        facts.append((groups, "groups that are not surely joined", True))
     items = [
         f'<li class="{"warn" if warn else "plain"}"><strong>{value}</strong>{html.escape(words)}</li>'
         for value, words, warn in facts

@@ -69,7 +69,8 @@ def shape_map(view: CollectionView) -> dict[str, Any]:
 def _map_words(view: CollectionView, num_members: int, num_labels: int) -> str:
     words = f"Procrustes distances of {num_members} shapes; {num_labels} sample points are common to all."
     if num_members < view.num_shapes:
-        words += f" The other {view.num_shapes - num_members} shapes are in other groups, to which no pose is known."
+        others = view.num_shapes - num_members
+        words += f" The other {others} shapes are in other groups, whose pose towards these is unknown or ambiguous."
     return words
 
 

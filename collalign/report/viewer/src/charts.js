@@ -22,19 +22,22 @@ function branches(linkage, order) {
 }
 
 export function treeSection(app) {
-  const { map, shapes, labels } = app.collection;
+  const { map, shapes, labels, categories: columns } = app.collection;
   if (!map.tree) return [el("p", null, map.problem ?? "A tree needs at least two shapes.")];
   const { linkage, order, correlation } = map.tree;
   const picture = el("div", { class: "picture scroll", tabindex: 0, role: "region", "aria-label": "Tree of shapes" });
   const show = (column) => {
     const values = map.members.map((index) => (column ? labels[column][index] : ""));
     const { color } = labelColors(values);
-    const names = order.map((leaf, row) => svg("text", { x: TREE_WIDTH - TREE_NAMES + 4, y: (row + 0.5) * ROW + 4, fill: values[leaf] && color(values[leaf]) },
-      [shapes[map.members[leaf]].name, values[leaf]].filter(Boolean).join(" · ")));
+    const names = order.flatMap((leaf, row) => {
+      const [x, y] = [TREE_WIDTH - TREE_NAMES, (row + 0.5) * ROW];
+      const text = [shapes[map.members[leaf]].name, values[leaf]].filter(Boolean).join(" · ");
+      const tip = values[leaf] ? [svg("circle", { cx: x + 2, cy: y, r: 5, fill: color(values[leaf]) })] : [];
+      return [...tip, svg("text", { x: x + 11, y: y + 4 }, text)];
+    });
     picture.replaceChildren(svg("svg", { class: "tree", viewBox: `0 0 ${TREE_WIDTH} ${order.length * ROW}`, role: "img", "aria-label": `Tree of ${order.length} shapes` },
       svg("path", { d: branches(linkage, order).join("") }), ...names));
   };
-  const columns = Object.keys(labels);
   show(columns[0] ?? "");
   return [
     el("p", { class: "muted" }, `Average linkage (UPGMA) of the Procrustes distances; cophenetic correlation ${number(correlation)}.`),
@@ -75,7 +78,7 @@ export function componentsSection(app) {
     stage.add(canvas, () => [{ mesh, matrix: poseMatrix(unit, new Matrix4()), color: "#d9c8a5" }], { zoomable: true });
   };
   const rows = components.map(({ share, low, high }, at) => {
-    const row = el("div", { class: "figures" });
+    const row = el("div", { class: "figures three" });
     draw(row, low, `component ${at + 1} (${number(100 * share)} % of the variance), −2 sd`);
     draw(row, app.collection.variation.mean, "mean");
     draw(row, high, `component ${at + 1}, +2 sd`);

@@ -48,7 +48,7 @@ export function pairDialog(app) {
       return Array.from(map, (label) => (label < 0 ? null : own[label]));
     };
     const poseOfJ = () => common.clone().multiply(pose.R);
-    const row = el("div", { class: "figures" });
+    const row = el("div", { class: "figures three" });
     drawn.add(row, shapes[i].name, async () => [posed(app, i, common, { points: await colors() })]);
     const moving = [
       drawn.add(row, shapes[j].name, async () => [posed(app, j, poseOfJ(), { points: await matched() })]),

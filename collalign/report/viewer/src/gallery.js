@@ -42,12 +42,12 @@ function card(app, index) {
     stage.refresh(right);
   });
   const name = el("span", { class: "name", title: shape.file }, shape.name);
-  const foot = el("div", { class: "row" }, meter(app, shape), marks, el("label", { class: "check" }, box, "overlay"));
-  return el("li", { class: "card", "data-name": shape.name.toLowerCase(), "data-index": index }, tile, name, foot);
+  const foot = el("div", { class: "row" }, meter(app, shape), el("label", { class: "check" }, box, "overlay"));
+  return el("li", { class: "card", "data-name": shape.name.toLowerCase(), "data-index": index }, tile, name, foot, marks);
 }
 
 export function gallerySection(app) {
-  const { shapes, labels } = app.collection;
+  const { shapes, labels, categories } = app.collection;
   const list = el("ul", { class: "gallery" });
   const shown = el("span", { role: "status", class: "muted" });
   const cards = shapes.map((_, index) => card(app, index));
@@ -55,7 +55,7 @@ export function gallerySection(app) {
     doubt: (a, b) => shapes[a].confidence - shapes[b].confidence,
     name: (a, b) => shapes[a].name.localeCompare(shapes[b].name, "en", { numeric: true }),
   };
-  for (const column of Object.keys(labels)) orders[`label ${column}`] = (a, b) => labels[column][a].localeCompare(labels[column][b]);
+  for (const column of categories) orders[`label ${column}`] = (a, b) => labels[column][a].localeCompare(labels[column][b]);
   const order = (key) => list.append(...[...cards].sort((a, b) => orders[key](+a.dataset.index, +b.dataset.index)));
   const filter = (text) => {
     cards.forEach((one) => (one.hidden = !one.dataset.name.includes(text.trim().toLowerCase())));
@@ -63,7 +63,7 @@ export function gallerySection(app) {
     shown.textContent = visible === cards.length ? `${visible} shapes` : `${visible} of ${cards.length} shapes`;
   };
   const search = el("input", { type: "search", oninput: (event) => filter(event.target.value), placeholder: "part of a name" });
-  const choices = [["doubt", "most doubtful first"], ["name", "name"], ...Object.keys(labels).map((column) => [`label ${column}`, column])];
+  const choices = [["doubt", "most doubtful first"], ["name", "name"], ...categories.map((column) => [`label ${column}`, column])];
   order("doubt");
   filter("");
   return [

@@ -69,7 +69,7 @@ async function start() {
   app.openShape = shapeDialog(app);
   const main = document.querySelector("main");
   const nav = document.querySelector("nav");
-  nav.append(...SECTIONS.map(([id, title]) => el("a", { href: `#${id}` }, title)), el("span", { class: "push" }), spinButton(stage), themeButton());
+  nav.append(...SECTIONS.map(([id, title]) => el("a", { href: `#${id}` }, title)), el("span", { class: "push" }), button("Reset view", () => stage.resetView()), spinButton(stage), themeButton());
   if (!stage.works) {
     main.append(el("p", { class: "problem", role: "alert" }, "This browser offers no WebGL, so shapes cannot be drawn; tables and charts are complete. Another browser, or hardware acceleration in the settings, will show them."));
   }

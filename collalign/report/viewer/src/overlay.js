@@ -31,7 +31,7 @@ export class Overlay {
   }
 
   presets() {
-    const { shapes, labels } = this.collection;
+    const { shapes, labels, categories } = this.collection;
     const every = shapes.map((_, index) => index);
     const byDoubt = [...every].sort((a, b) => shapes[a].confidence - shapes[b].confidence);
     const presets = [
@@ -40,7 +40,8 @@ export class Overlay {
       ["all", "all shapes", every],
       ["none", "none", []],
     ];
-    for (const [column, values] of Object.entries(labels)) {
+    for (const column of categories) {
+      const values = labels[column];
       for (const value of [...new Set(values)].filter(Boolean).sort()) {
         presets.push([`${column}=${value}`, `${column}: ${value}`, every.filter((index) => values[index] === value)]);
       }

@@ -71,9 +71,8 @@ function legend(app, column) {
 
 export function mapSection(app) {
   const { collection } = app;
-  const { map, labels } = collection;
+  const { map, categories: columns } = collection;
   if (!map.members) return [el("p", null, map.problem)];
-  const columns = Object.keys(labels);
   let [method, column] = [Object.keys(map.points)[0], columns[0] ?? ""];
   const picture = el("div", { class: "picture" });
   const show = () => picture.replaceChildren(scatter(app, method, column), column ? legend(app, column) : "");

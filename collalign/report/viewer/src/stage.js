@@ -113,6 +113,12 @@ export class Stage {
     this.invalidate();
   }
 
+  resetView() {
+    this.orientation.identity();
+    for (const tile of this.tiles) tile.zoom = 1;
+    this.invalidate();
+  }
+
   spin(on) {
     this.spinning = on;
     this.request();
