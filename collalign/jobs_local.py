@@ -21,8 +21,11 @@ from data_tools.errors import CollalignError
 #: Deaths of its worker after which a task is given up: one retry, or two where the worker was killed from outside.
 _MAX_DEATHS = 2
 _MAX_DEATHS_KILLED = 3
-#: Deaths in a row, before any task started, after which workers count as unable to start.
+#: Deaths in a row, before any task started, after which workers count as unable to start: by themselves or killed.
 _MAX_STALLS = 5
+_MAX_STALLS_KILLED = 50
+#: How joblib names a worker that somebody else ended: a person, the system short of memory, a batch system.
+_KILLED = "SIGKILL"
 
 
 def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int, batch_size: int = 1) -> Generator[Outcome]:
@@ -109,29 +112,31 @@ class _LocalRun:
                 guilty = {task.token: task for task in lost if task.token in started}
                 self._suspects.update(guilty)
                 stalls = 0 if guilty else stalls + 1
-                if stalls >= _MAX_STALLS:
+                if _too_often(0, stalls, _cause(error)):
                     raise CollalignError(f"worker processes die before they start a task: {_cause(error)}") from None
                 tasks = chain((task for task in lost if task.token not in guilty), tasks)
 
     def suspects_alone(self) -> Generator[Outcome]:
         """Run the suspects one at a time, until each has a result or has ended too many workers."""
         for task in self._suspects.values():
-            deaths, stalls, cause = 1, 0, ""
-            while True:
-                self._guard.ledger.unlink(missing_ok=True)
-                try:
-                    (outcome,) = self._parallel(iter([task]), 1, 1)
-                    break
-                except BrokenProcessPool as error:
-                    pid = self._started_and_not_ended().get(task.token)
-                    cause = _cause(error) if pid is None else self._cause_of_death(pid, error)
-                    deaths, stalls = (deaths, stalls + 1) if pid is None else (deaths + 1, stalls)
-                    limit = _MAX_DEATHS_KILLED if "SIGKILL" in cause else _MAX_DEATHS
-                    if deaths >= limit or stalls >= _MAX_STALLS:
-                        reason = f"{cause}, {deaths} times in a row"
-                        outcome = _crash(task, reason)
-                        break
-            yield outcome
+            yield self._alone(task)
+
+    def _alone(self, task: Task) -> Outcome:
+        deaths, stalls = 1, 0
+        while True:
+            self._guard.ledger.unlink(missing_ok=True)
+            try:
+                (outcome,) = self._parallel(iter([task]), 1, 1)
+                return outcome
+            except BrokenProcessPool as error:
+                pid = self._started_and_not_ended().get(task.token)
+                cause = _cause(error) if pid is None else self._cause_of_death(pid, error)
+                if pid is None:
+                    stalls += 1
+                else:
+                    deaths += 1
+                if _too_often(deaths, stalls, cause):
+                    return _crash(task, f"{cause}, {deaths} times in a row")
 
     def _parallel(self, tasks: Iterable[Task], num_jobs: int, batch_size: int) -> Generator[Outcome]:
         """Start one joblib call. One job still means a worker process: joblib's own one-job mode isolates nothing."""
@@ -178,6 +183,13 @@ def _closing(outcomes: Generator[Outcome]) -> Iterator[Generator[Outcome]]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             outcomes.close()
+
+
+def _too_often(deaths: int, stalls: int, cause: str) -> bool:
+    """Whether to give up after so many deaths on a task, and so many before it started."""
+    if _KILLED in cause:
+        return deaths >= _MAX_DEATHS_KILLED or stalls >= _MAX_STALLS_KILLED
+    return deaths >= _MAX_DEATHS or stalls >= _MAX_STALLS
 
 
 def _crash(task: Task, reason: str) -> Outcome:
