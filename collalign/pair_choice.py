@@ -66,9 +66,7 @@ def choose_and_match(
     progress : callable, optional
     """
     num = len(samples)
-    strategy = options.pairs
-    if strategy == "auto":
-        strategy = "all" if num <= MAX_ALL_PAIRS else "adaptive"
+    strategy = _strategy(num, options)
     descriptors = np.stack([shape_descriptor(item) for item in samples])
     known: dict[str, Any] = {"descriptors": descriptors, "identities": shapes.keys, "seed": options.seed}
     if former is None:
@@ -91,8 +89,19 @@ def choose_and_match(
             break
         edges = _merged(edges, added)
         pairs, failed = match_pairs(shapes, edges, options, run, store, progress=progress)
-    reused = [1 for i, j in edges.tolist() if pair_key(shapes, i, j, options) in before]
+    reused = [1 for i, j in edges.tolist() if pair_key(shapes.keys[i], shapes.keys[j], options) in before]
     return MatchedPairs(pairs=pairs, failed=failed, num_reused=len(reused))
+
+
+def planned_edges(num_shapes: int, options: AlignOptions) -> IntArray:
+    """Return about the pairs that a run would match first, before any shape has been read."""
+    return select_pairs(num_shapes, strategy=_strategy(num_shapes, options), seed=options.seed)
+
+
+def _strategy(num_shapes: int, options: AlignOptions) -> str:
+    if options.pairs == "auto":
+        return "all" if num_shapes <= MAX_ALL_PAIRS else "adaptive"
+    return options.pairs
 
 
 def _merged(edges: IntArray, added: IntArray) -> IntArray:

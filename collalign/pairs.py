@@ -118,7 +118,7 @@ def match_pairs(
         If no pair is left.
     """
     # Files of equal content give equal keys, so a key may stand for several pairs.
-    keyed = [(pair_key(shapes, i, j, options), i, j) for i, j in edges.tolist()]
+    keyed = [(pair_key(shapes.keys[i], shapes.keys[j], options), i, j) for i, j in edges.tolist()]
     tasks = {key: (_label(shapes, i, j), _task(shapes, i, j, options)) for key, i, j in keyed}
     with SharedTable.create((key, store.require("shapes", key)) for key in sorted(set(shapes.keys))) as table:
         run_stage(
@@ -202,10 +202,10 @@ def synchronize_pairs(
     )
 
 
-def pair_key(shapes: PreparedShapes, i: int, j: int, options: AlignOptions) -> str:
-    """Return the key of a pair's record in the store."""
+def pair_key(target_key: str, source_key: str, options: AlignOptions) -> str:
+    """Return the key of a pair's record in the store, from the keys of its shapes."""
     settings = {"group": options.group, "matching": options.matching, "seed": options.seed}
-    return fingerprint(PAIR_VERSION, settings, shapes.keys[i], shapes.keys[j])
+    return fingerprint(PAIR_VERSION, settings, target_key, source_key)
 
 
 def _task(shapes: PreparedShapes, i: int, j: int, options: AlignOptions) -> PairTask:

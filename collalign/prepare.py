@@ -105,7 +105,7 @@ def prepare_shapes(
     CollectionError
         If fewer than two shapes remain.
     """
-    keyed, excluded = _shape_keys(listing, options)
+    keyed, excluded = shape_keys(listing, options)
     tasks = {key: (file.name, _task(file, name, options)) for name, (key, file) in keyed.items()}
     reused = store.keys("shapes") & tasks.keys()
     run_stage(
@@ -145,8 +145,8 @@ def _task(file: Path, name: str, options: AlignOptions) -> ShapeTask:
     )
 
 
-def _shape_keys(listing: FolderListing, options: AlignOptions) -> tuple[dict[str, tuple[str, Path]], list[Excluded]]:
-    """Return (key, file) of every name, and the files that cannot even be opened."""
+def shape_keys(listing: FolderListing, options: AlignOptions) -> tuple[dict[str, tuple[str, Path]], list[Excluded]]:
+    """Return (key in the store, file) of every name, and the files that cannot even be opened."""
     keyed, excluded = {}, []
     settings = {"cleaning": options.cleaning, "sampling": options.sampling, "embedding": options.embedding}
     for file, name in zip(listing.files, listing.names, strict=True):

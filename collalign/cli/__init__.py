@@ -18,6 +18,7 @@ from cyclopts.config import Toml
 
 from collalign import __version__
 from collalign.cli.align import add, align, demo
+from collalign.cli.batch import batch
 from collalign.cli.match import match
 from collalign.cli.results import classify, export, view
 from collalign.cli.status import status
@@ -31,7 +32,7 @@ app = App(
     version=__version__,
     result_action="return_value",
 )
-for command in (align, match, demo, add, status, export, classify, view):
+for command in (align, match, demo, add, batch, status, export, classify, view):
     app.command(command)
 
 

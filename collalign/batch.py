@@ -1,0 +1,130 @@
+"""Many folders from one file: what each job aligns, with which options, and what it will cost before it starts."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from collalign.estimate import RunEstimate, estimate_run
+from collalign.options import AlignOptions, RunOptions, options_from_record
+from collalign.pair_choice import planned_edges
+from collalign.pair_selection import all_pairs
+from collalign.pairs import match_pairs, pair_key
+from collalign.prepare import prepare_shapes, shape_keys
+from collalign.store import Store
+from data_tools.errors import InputError, OptionsError
+from data_tools.mesh_io import FolderListing, read_folder
+
+#: Shapes of the trial from which a run is estimated.
+NUM_TRIAL_SHAPES = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchJob:
+    """One folder of a batch.
+
+    Attributes
+    ----------
+    folder, out : Path
+    options : AlignOptions
+    """
+
+    folder: Path
+    out: Path
+    options: AlignOptions
+
+
+def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
+    """Read a batch file.
+
+    It is TOML with a table ``[options]`` for all jobs (as in a configuration file of ``collalign align``) and one
+    ``[[jobs]]`` per folder with ``folder``, ``out`` and, where they differ, ``[jobs.options]``. Paths are relative to
+    the file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, names nothing to do, or two jobs share an ``out``.
+    OptionsError
+        If an option is unknown or impossible.
+    """
+    path = Path(path)
+    try:
+        content = tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not TOML ({error})") from None
+    unknown = sorted(content.keys() - {"options", "jobs"})
+    if unknown:
+        raise InputError(f"{path}: unknown entry {unknown[0]!r}; expected [options] and [[jobs]]")
+    entries = content.get("jobs")
+    if not isinstance(entries, list) or not entries:
+        raise InputError(f"{path}: no [[jobs]], nothing to do")
+    jobs = tuple(_job(path, number, entry, content.get("options", {})) for number, entry in enumerate(entries, 1))
+    outs = [job.out.absolute() for job in jobs]
+    if len(set(outs)) < len(outs):
+        raise InputError(f"{path}: two jobs write to the same folder")
+    return jobs
+
+
+def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
+    """Estimate what a job will take, from its store and a trial with a few of its shapes.
+
+    Raises
+    ------
+    CollalignError
+        If the folder cannot be read or too few of the first shapes are usable.
+    """
+    listing = read_folder(job.folder)
+    few = replace(listing, files=listing.files[:NUM_TRIAL_SHAPES], names=listing.names[:NUM_TRIAL_SHAPES])
+    with Store.memory() as trial:
+        shapes = prepare_shapes(few, job.options, run, trial)
+        match_pairs(shapes, all_pairs(len(shapes.names)), job.options, run, trial)
+        costs = trial.costs("shapes"), trial.costs("pairs")
+    missing_shapes, missing_pairs = _missing(listing, job, run)
+    return estimate_run(
+        num_shapes=missing_shapes,
+        num_pairs=missing_pairs,
+        shape_costs=costs[0],
+        pair_costs=costs[1],
+        num_jobs=run.num_workers,
+    )
+
+
+def _missing(listing: FolderListing, job: BatchJob, run: RunOptions) -> tuple[int, int]:
+    """Return how many shapes and pairs the job's store lacks; pairs are counted as if no shape were bad."""
+    keyed, _ = shape_keys(listing, job.options)
+    keys = [key for key, _ in keyed.values()]
+    edges = planned_edges(len(keys), job.options)
+    store = run.store or job.out / "store.sqlite"
+    if not store.exists():
+        return len(set(keys)), len(edges)
+    with Store.open(store, read_only=True) as opened:
+        shapes, pairs = opened.keys("shapes"), opened.keys("pairs")
+    done = sum(pair_key(keys[i], keys[j], job.options) in pairs for i, j in edges.tolist())
+    return len(set(keys) - shapes), len(edges) - done
+
+
+def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> BatchJob:
+    name = f"{path}: job {number}"
+    if not isinstance(entry, dict) or not {"folder", "out"} <= entry.keys() <= {"folder", "out", "options"}:
+        raise InputError(f"{name}: expected 'folder', 'out' and perhaps 'options'")
+    if not isinstance(entry["folder"], str) or not isinstance(entry["out"], str):
+        raise InputError(f"{name}: 'folder' and 'out' must be paths in quotes")
+    try:
+        options = options_from_record(_merged(shared, entry.get("options", {})))
+    except OptionsError as error:
+        raise OptionsError(f"{name}: {error}") from None
+    return BatchJob(folder=path.parent / entry["folder"], out=path.parent / entry["out"], options=options)
+
+
+def _merged(general: Mapping[str, Any], special: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(general)
+    for name, value in special.items():
+        both = isinstance(value, dict) and isinstance(merged.get(name), dict)
+        merged[name] = _merged(merged[name], value) if both else value
+    return merged
