@@ -26,6 +26,7 @@ class MomentBasis:
         rows, cols = np.triu_indices(size + 1)
         self._all_rows, self._all_cols = rows, cols
         self.rows, self.cols = rows[1:], cols[1:]
+        self.flat = self.rows * (size + 1) + self.cols
         self.scale = np.where(self.rows == self.cols, 1.0, np.sqrt(2.0))
         self.num_equations = len(equations)
         self.constants = equations[:, 0, 0]
@@ -99,12 +100,13 @@ class MomentBasis:
         """Return :meth:`reduce` of the columns of an (m, p) array."""
         return self._rotate(columns, "T")[self.num_equations :]
 
-    def multipliers(self, coordinates: FloatArray) -> FloatArray:
-        """Return y (e,) such that ``sum_m y_m A_m`` is nearest to a vector (m,)."""
+    def split(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return y (e,) such that ``sum_m y_m A_m`` is nearest to a vector (m,), and the vector's other part."""
+        rotated = self._rotate(coordinates[:, None], "T")[:, 0]
+        inside, outside = rotated[: self.num_equations], rotated[self.num_equations :]
         if self.num_equations == 0:
-            return np.zeros(0)
-        rotated = self._rotate(coordinates[:, None], "T")[: self.num_equations, 0]
-        return solve_triangular(self._reflectors[: self.num_equations], rotated)
+            return inside, outside
+        return solve_triangular(self._reflectors[: self.num_equations], inside, check_finite=False), outside
 
     def correction(self, violations: FloatArray) -> FloatArray:
         """Return the shortest vector (m,) with ``<A_m, vector> = violations_m``."""

@@ -12,9 +12,10 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.errors import InputError
 from pairwise.certificate import Certificate, hash_problem, problem_arrays
 from pairwise.dual_solver import DualSolution
+from pairwise.lifted_rotation import LiftedRotation
 from pairwise.problem import Problem
-from pairwise.relaxation import LiftedRotation, RelaxationData
-from pairwise.verify import pm_sdp_bound
+from pairwise.relaxation import RelaxationData
+from pairwise.verify_pm_sdp import pm_sdp_bound
 
 #: Times that F may be shifted away from singularity, each time ten times further.
 _MAX_SHIFTS = 12

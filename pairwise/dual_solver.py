@@ -11,36 +11,42 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TypeVar
 
 import numpy as np
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
-from data_tools.arrays import BoolArray, FloatArray
+from data_tools.arrays import FloatArray
 from pairwise.dual_basis import MomentBasis
-from pairwise.dual_newton import NewtonSystem, Targets, data_row_sums
-from pairwise.dual_points import (
-    Direction,
-    DualPoint,
-    PrimalPoint,
-    dual_point,
-    move_dual,
-    move_primal,
-    primal_point,
-)
+from pairwise.dual_newton import NewtonSystem
+from pairwise.dual_points import Direction, DualPoint, DualRay, PrimalPoint, PrimalRay, move_dual, move_primal
+from pairwise.dual_start import starting_points
+from pairwise.dual_targets import aim
 from pairwise.relaxation import RelaxationData
 from pairwise.status import Status
 
-_Point = TypeVar("_Point", PrimalPoint, DualPoint)
+#: Share of the distance to the cones' boundary that every step keeps.
+_MARGIN = 0.05
 
-#: Share of the way to the boundary of the cones that a step may go.
-_BOUNDARY_SHARE = 0.95
+#: Factor between two trial sizes of a step.
+_BACKTRACK = 0.6
 
-#: Factor between two trial steps.
-_BACKTRACK = 0.85
+#: A chord may end at its own outside end, but for rounding errors; the next trial is at most this share of it.
+_CHORD_LIMIT = 0.99
+
+#: Correctors per factorisation; later ones are kept only if they allow longer steps.
+_MAX_CORRECTORS = 2
+
+#: A predictor that can be taken this far is corrected by all of its second-order terms.
+_FULL_CORRECTION = 0.4
+
+#: Smallest share of the gap that a predictor is trusted to leave.
+_SMALLEST_SHARE = 1e-3
 
 #: A step shorter than this is no progress.
 _SHORTEST_STEP = 1e-4
+
+#: Largest violation of a linear constraint of the scaled problem at convergence.
+_VIOLATION_TOL = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,97 +125,120 @@ class _InteriorPoint:
         self.original = data
         self.data = _scaled(data, 1.0 / self.scale)
         self.basis = MomentBasis(data.lifted.num_variables, data.lifted.equations)
-        self.primal, self.dual = _start(self.data, self.basis)
-        self.degree = _barrier_degree(self.data)
+        self.primal, self.dual = starting_points(self.data, self.basis)
         self.set_up = time.perf_counter()
 
     def run(self) -> DualSolution:
+        """Iterate until converged or stopped, and return the last points."""
         status, iterations = Status.ITERATION_LIMIT, 0
-        for iterations in range(self.max_iterations + 1):
-            measures = self._measure()
-            if self._converged(measures):
-                status = Status.CONVERGED
-                break
+        self._measure()
+        while not self._converged() and iterations < self.max_iterations:
             if time.perf_counter() > self.deadline:
-                status = Status.TIME_LIMIT
-                break
-            if iterations == self.max_iterations:
-                break
+                return self._solution(Status.TIME_LIMIT, iterations)
             if not self._advance():
-                status = Status.STALLED
-                break
-        return self._solution(status, iterations, measures)
+                return self._solution(Status.STALLED, iterations)
+            iterations += 1
+            self._measure()
+        if self._converged():
+            status = Status.CONVERGED
+        return self._solution(status, iterations)
 
-    def _measure(self) -> dict[str, float]:
-        """Return both objectives and the violations of the scaled problem."""
+    def _measure(self) -> None:
+        """Compute both objectives and the violations of the scaled problem."""
         data, primal, dual = self.data, self.primal, self.dual
-        total = np.zeros((self.basis.size + 1, self.basis.size + 1))
-        total[1:, 1:] = dual.F.sum(axis=0)
-        total[0, 1:] = dual.u.sum(axis=0)
-        for Y, (_, slopes) in zip(dual.Y, data.lifted.quaternion_blocks, strict=True):
-            total[0, 1:] += 0.5 * np.tensordot(slopes, Y, 2)
-        packed = self.basis.pack(total)
-        self.multipliers = self.basis.multipliers(packed)
-        rows = data_row_sums(data, primal.x) + primal.slack - data.capacity
-        violation = max(
-            np.abs(rows).max(),
-            np.abs(primal.x.sum(axis=1) - 1.0).max(),
-            np.abs(primal.B.sum(axis=1) - primal.R).max(),
-        )
-        value = (data.cost * primal.x).sum() - 2.0 * (data.vectors * primal.B).sum() + data.constant
-        traces = sum(np.trace(Y) for Y in dual.Y)
-        dual_value = dual.alpha.sum() + data.capacity @ dual.beta - 0.25 * traces + data.constant
-        dual_value += self.multipliers @ self.basis.constants
-        return {
-            "value": float(value),
-            "dual_value": float(dual_value),
-            "primal": float(violation),
-            "dual": float(np.abs(self.basis.reduce(packed)).max(initial=0.0) / (1.0 + np.abs(packed).max())),
+        self.dual_value, self.multipliers, outside = self._dual_objective(dual)
+        self.dual_value += data.constant
+        self.value = self._primal_objective(primal) + data.constant
+        rows = data.row_sums(primal.x) + primal.slack - data.capacity
+        self.violations = {
+            "primal": float(
+                max(
+                    np.abs(rows).max(),
+                    np.abs(primal.x.sum(axis=1) - 1.0).max(),
+                    np.abs(primal.B.sum(axis=1) - primal.R).max(),
+                )
+            ),
+            "dual": outside / (1.0 + float(np.abs(dual.F).max())),
         }
 
-    def _converged(self, measures: dict[str, float]) -> bool:
-        reference = abs(measures["value"]) + 1e-3 * abs(self.data.constant) + 1e-9
-        gap = abs(measures["value"] - measures["dual_value"])
-        return gap <= self.tol * reference and max(measures["primal"], measures["dual"]) <= 1e-6
+    def _primal_objective(self, point: PrimalPoint | Direction) -> float:
+        """Return the linear objective of a primal point or step."""
+        return float((self.data.cost * point.x).sum() - 2.0 * (self.data.vectors * point.B).sum())
+
+    def _dual_objective(self, point: DualPoint | Direction) -> tuple[float, FloatArray, float]:
+        """Return the objective of a dual point or step, the multipliers y, and what lies outside their span."""
+        data, basis = self.data, self.basis
+        total = np.zeros((basis.size + 1, basis.size + 1))
+        total[1:, 1:] = point.F.sum(axis=0)
+        total[0, 1:] = point.u.sum(axis=0)
+        for Y, (_, slopes) in zip(point.Y, data.lifted.quaternion_blocks, strict=True):
+            total[0, 1:] += 0.5 * np.tensordot(slopes, Y, 2)
+        multipliers, outside = basis.split(basis.pack(total))
+        traces = sum(float(np.trace(Y)) for Y in point.Y)
+        value = float(point.alpha.sum() + data.capacity @ point.beta + multipliers @ basis.constants) - 0.25 * traces
+        return value, multipliers, float(np.abs(outside).max(initial=0.0))
+
+    def _converged(self) -> bool:
+        reference = abs(self.value) + 1e-3 * abs(self.data.constant) + 1e-9
+        gap = abs(self.value - self.dual_value)
+        return gap <= self.tol * reference and max(self.violations.values()) <= _VIOLATION_TOL
 
     def _advance(self) -> bool:
         """Take one predictor-corrector step; False where arithmetic allows none."""
+        data, primal, dual = self.data, self.primal, self.dual
         try:
-            system = NewtonSystem(self.data, self.basis, self.primal, self.dual)
+            step, sizes = self._corrected_step()
         except np.linalg.LinAlgError:
             return False
-        mu = self._complementarity(self.primal, self.dual)
-        predictor = system.solve(_targets(self.data, self.primal, self.dual, 0.0, None))
-        primal, dual, sizes = self._step(predictor, 1.0)
-        share = self._complementarity(primal, dual) / mu
-        centring = float(np.clip(share, 1e-4, 1.0)) ** 3 if min(sizes) > 0.0 else 1.0
-        corrector = system.solve(_targets(self.data, self.primal, self.dual, centring * mu, predictor))
-        self.primal, self.dual, sizes = self._step(corrector, _BOUNDARY_SHARE)
-        return max(sizes) > _SHORTEST_STEP
+        new_primal, new_dual = move_primal(data, primal, step, sizes[0]), move_dual(data, dual, step, sizes[1])
+        if new_primal is None or new_dual is None or max(sizes) < _SHORTEST_STEP:
+            return False
+        self.primal, self.dual = new_primal, new_dual
+        return True
 
-    def _step(self, step: Direction, share: float) -> tuple[PrimalPoint, DualPoint, tuple[float, float]]:
-        """Move both points as far as the cones allow, times ``share``."""
+    def _corrected_step(self) -> tuple[Direction, tuple[float, float]]:
+        """Return the predictor, corrected and centred, and how far both points may go along it."""
         data, primal, dual = self.data, self.primal, self.dual
-        open_rows = ~data.equality
-        primal_size = 1.0 / max(
-            share,
-            float((-step.x / np.where(data.valid, primal.x, 1.0)).max()),
-            _ratio(step.slack, primal.slack, open_rows),
-        )
-        dual_size = 1.0 / max(share, _ratio(step.beta, dual.beta, open_rows))
-        new_primal, primal_size = _backtrack(lambda a: move_primal(data, primal, step, a), primal_size, share, primal)
-        new_dual, dual_size = _backtrack(lambda a: move_dual(data, dual, step, a), dual_size, share, dual)
-        return new_primal, new_dual, (primal_size, dual_size)
+        system = NewtonSystem(data, self.basis, primal, dual)
+        step = system.solve(aim(data, primal, dual, 0.0))
+        sizes = self._sizes(step, _MARGIN)
+        mu = self._complementarity() * self._remaining_share(step, sizes) ** 2
+        best: tuple[Direction, tuple[float, float]] | None = None
+        for _ in range(_MAX_CORRECTORS):
+            weight = min(1.0, min(sizes) / _FULL_CORRECTION)
+            step = system.solve(aim(data, primal, dual, mu, step, weight))
+            sizes = self._sizes(step, _MARGIN)
+            if best is not None and min(sizes) <= min(best[1]):
+                break
+            best = step, sizes
+        assert best is not None
+        return best
 
-    def _complementarity(self, primal: PrimalPoint, dual: DualPoint) -> float:
+    def _sizes(self, step: Direction, margin: float) -> tuple[float, float]:
+        """Return how far the primal and the dual point may go along a step."""
+        primal = PrimalRay(self.data, self.primal, step)
+        dual = DualRay(self.data, self.dual, step)
+        return longest_step(primal.margin, primal.slowest, margin), longest_step(dual.margin, dual.slowest, margin)
+
+    def _remaining_share(self, step: Direction, sizes: tuple[float, float]) -> float:
+        """Return the share of the gap that is left after a step."""
+        gap = self.value - self.dual_value
+        change = sizes[0] * self._primal_objective(step) - sizes[1] * self._dual_objective(step)[0]
+        share = 1.0 + change / gap if gap > 0.0 else 1.0
+        return float(np.clip(share, _SMALLEST_SHARE, 1.0))
+
+    def _complementarity(self) -> float:
         """Return mu: the barrier's complementarity per degree."""
-        total = (primal.x * dual.s).sum() + (primal.G * dual.F).sum()
-        total -= primal.slack @ np.where(self.data.equality, 0.0, dual.beta)
-        total += sum((a * b).sum() for a, b in zip(primal.Y, dual.Y, strict=True))
-        return float(total) / self.degree
+        data, primal, dual = self.data, self.primal, self.dual
+        total = float((primal.x * dual.s).sum() + (primal.G * dual.F).sum())
+        total -= float(primal.slack @ np.where(data.equality, 0.0, dual.beta))
+        total += sum(float((a * b).sum()) for a, b in zip(primal.Y, dual.Y, strict=True))
+        degree = data.valid.sum() + dual.u.size + (~data.equality).sum() + 4 * len(dual.Y)
+        return total / float(degree)
 
-    def _solution(self, status: Status, iterations: int, measures: dict[str, float]) -> DualSolution:
-        value, dual_value = measures["value"] * self.scale, measures["dual_value"] * self.scale
+    def _solution(self, status: Status, iterations: int) -> DualSolution:
+        value, dual_value = self.value * self.scale, self.dual_value * self.scale
+        reference = abs(value) + 1e-3 * abs(self.data.constant * self.scale) + 1e-300
         now = time.perf_counter()
         return DualSolution(
             primal=self.primal,
@@ -219,33 +248,35 @@ class _InteriorPoint:
             dual_value=dual_value,
             status=status,
             iterations=iterations,
-            residuals={
-                "primal": measures["primal"],
-                "dual": measures["dual"],
-                "gap": abs(value - dual_value) / (abs(value) + 1e-3 * abs(self.original.constant) + 1e-300),
-            },
+            residuals={**self.violations, "gap": abs(value - dual_value) / reference},
             times_s={"setup": self.set_up - self.started, "solve": now - self.set_up},
         )
 
 
-def _ratio(change: FloatArray, at: FloatArray, where: BoolArray) -> float:
-    """Return the fastest relative decrease."""
-    if not where.any():
-        return 0.0
-    return float((-change[where] / at[where]).max())
+def longest_step(margin: Callable[[float], float], slowest: float, least: float) -> float:
+    """Return a size of at most one at which a concave margin, one at zero, is at least ``least``.
 
-
-def _backtrack(
-    move: Callable[[float], _Point | None], size: float, share: float, current: _Point
-) -> tuple[_Point, float]:
-    """Shrink until the point lies inside; then keep ``share`` of the size (where convex cones stay inside)."""
-    while size > _SHORTEST_STEP:
-        if move(size) is not None:
-            accepted = min(size * share, 1.0)
-            point = move(accepted)
-            return (current, 0.0) if point is None else (point, accepted)
-        size *= _BACKTRACK
-    return current, 0.0
+    Parameters
+    ----------
+    margin : callable
+        The margin of a size.
+    slowest : float
+        The margin is at most ``1 + size * slowest``.
+    least : float
+        In [0, 1).
+    """
+    trial = 1.0 if slowest > least - 1.0 else (least - 1.0) / slowest
+    value = margin(trial)
+    if value >= least:
+        return trial
+    while trial > _SHORTEST_STEP:
+        outside, outside_value = trial, value
+        chord = outside * (1.0 - least) / (1.0 - outside_value)
+        trial = min(max(chord, _BACKTRACK * outside), _CHORD_LIMIT * outside)
+        value = margin(trial)
+        if value >= least:
+            return trial + (outside - trial) * (value - least) / (value - outside_value)
+    return 0.0
 
 
 def _scaled(data: RelaxationData, factor: float) -> RelaxationData:
@@ -253,7 +284,7 @@ def _scaled(data: RelaxationData, factor: float) -> RelaxationData:
 
 
 def _unscaled(dual: DualPoint, scale: float) -> DualPoint:
-    """Return the point in the units of the problem; F^-1 and the conditional means stay consistent."""
+    """Return the point in the units of the problem."""
     return DualPoint(
         alpha=dual.alpha * scale,
         beta=dual.beta * scale,
@@ -261,101 +292,9 @@ def _unscaled(dual: DualPoint, scale: float) -> DualPoint:
         u=dual.u * scale,
         Y=tuple(Y * scale for Y in dual.Y),
         factor=dual.factor * np.sqrt(scale),
+        inverse_factor=dual.inverse_factor / np.sqrt(scale),
         inverse=dual.inverse / scale,
         w=dual.w * scale,
         mean=dual.mean,
         s=dual.s * scale,
     )
-
-
-def _barrier_degree(data: RelaxationData) -> int:
-    k, s = len(data.index), data.lifted.num_variables
-    return int(data.valid.sum() + k * s + (~data.equality).sum() + 4 * len(data.lifted.quaternion_blocks))
-
-
-def _start(data: RelaxationData, basis: MomentBasis) -> tuple[PrimalPoint, DualPoint]:
-    """Return strictly feasible points near the central path: uniform X, F a large multiple of the identity."""
-    lifted = data.lifted
-    k, s = len(data.index), lifted.num_variables
-    x = data.valid / data.valid.sum(axis=1, keepdims=True)
-    means = np.einsum("jc,jca->ja", x, data.vectors)
-    u = means - means.mean(axis=0)
-    spread = np.where(data.valid[..., None], data.vectors - u[:, None, :], 0.0)
-    counts = np.bincount(lifted.variable[lifted.variable > 0], minlength=s + 1)[1:].astype(np.float64)
-    moments = lifted.interior_moments
-    size = 2.0 * max(float(np.sqrt((spread**2).sum(axis=2)).max()), 1e-3) / np.sqrt(np.diag(moments).min())
-    slack = np.where(data.equality, 0.0, np.maximum(data.capacity - data_row_sums(data, x), 0.5))
-    while True:
-        F = np.tile(size * np.diag(counts), (k, 1, 1))
-        mu = size * float((counts * np.diag(moments)).mean())
-        R = means.mean(axis=0) / (size * counts)
-        M = np.zeros((s + 1, s + 1))
-        M[0, 0], M[0, 1:], M[1:, 0], M[1:, 1:] = 1.0, R, R, moments
-        M = M + basis.unpack(basis.correction(-np.einsum("mab,ab->m", lifted.equations, M)))
-        B = x[..., None] * spread / (size * counts)
-        primal = primal_point(data, x, B, M[1:, 1:], M[0, 1:], slack)
-        beta = -np.divide(mu, slack, out=np.zeros_like(slack), where=~data.equality)
-        quad = (spread**2 / (size * counts)).sum(axis=2)
-        alpha = np.where(data.valid, data.cost - beta[data.index] - quad, np.inf).min(axis=1)
-        alpha = alpha - mu * data.valid.sum(axis=1)
-        Y = tuple(4.0 * mu * np.eye(4) for _ in lifted.quaternion_blocks)
-        dual = dual_point(data, alpha, beta, F, u, Y)
-        if primal is not None and dual is not None:
-            return primal, dual
-        size *= 2.0
-
-
-def _symmetrised(matrices: FloatArray) -> FloatArray:
-    return 0.5 * (matrices + np.swapaxes(matrices, -1, -2))
-
-
-def _targets(
-    data: RelaxationData, primal: PrimalPoint, dual: DualPoint, mu: float, predictor: Direction | None
-) -> Targets:
-    """Return the right hand sides that aim at mu, with second-order terms of the predictor where there is one."""
-    k, s = primal.G.shape[:2]
-    ratio = primal.x[..., None] * dual.w - primal.B @ dual.F
-    products = np.where(data.valid, mu - primal.x * dual.s, 0.0)
-    slacks = mu + primal.slack * dual.beta
-    gram = mu * dual.inverse - primal.G
-    quaternions = [mu * np.linalg.inv(Y) - P for Y, P in zip(dual.Y, primal.Y, strict=True)]
-    if predictor is not None:
-        dw = -predictor.u[:, None, :]
-        ratio = ratio + predictor.x[..., None] * dw - predictor.B @ predictor.F
-        bend = np.where(data.valid[..., None], dw - dual.mean @ predictor.F, 0.0)
-        quad = np.einsum("jca,jca->jc", bend @ dual.inverse, bend)
-        products = products + np.where(
-            data.valid, primal.x * quad - predictor.x * _slack_change(data, dual, predictor), 0.0
-        )
-        slacks = slacks + predictor.slack * predictor.beta
-        gram = gram + _second_order_gram(data, primal, dual, predictor)
-        slopes = [m for _, m in data.lifted.quaternion_blocks]
-        quaternions = [
-            q - _symmetrised(np.linalg.inv(Y) @ dY @ np.tensordot(predictor.R, m, 1))
-            for q, Y, dY, m in zip(quaternions, dual.Y, predictor.Y, slopes, strict=True)
-        ]
-    solved = ratio @ dual.inverse
-    moments = np.zeros((k, s + 1, s + 1))
-    moments[:, 0, 0] = primal.x.sum(axis=1) - 1.0
-    moments[:, 0, 1:] = solved.sum(axis=1) - (primal.R - primal.B.sum(axis=1))
-    moments[:, 1:, 0] = moments[:, 0, 1:]
-    moments[:, 1:, 1:] = gram + 2.0 * _symmetrised(np.swapaxes(solved, 1, 2) @ primal.mean)
-    return Targets(moments, products, slacks, tuple(quaternions), ratio)
-
-
-def _slack_change(data: RelaxationData, dual: DualPoint, step: Direction) -> FloatArray:
-    """Return the linear change of every match's slack."""
-    curved = np.einsum("jca,jca->jc", dual.mean @ step.F, dual.mean)
-    tilted = 2.0 * (dual.mean @ step.u[:, :, None])[..., 0]
-    return curved + tilted - step.alpha[:, None] - step.beta[data.index]
-
-
-def _second_order_gram(data: RelaxationData, primal: PrimalPoint, dual: DualPoint, step: Direction) -> FloatArray:
-    """Return the second-order terms of ``F G = mu I`` with ``G = C - sum B B^T / x``."""
-    bend = step.B - primal.mean * step.x[..., None]
-    linear = np.swapaxes(step.B, 1, 2) @ primal.mean
-    weighted = primal.mean * step.x[..., None]
-    change = step.C - 2.0 * _symmetrised(linear) + np.swapaxes(weighted, 1, 2) @ primal.mean
-    x_safe = np.where(data.valid, primal.x, 1.0)
-    curvature = np.swapaxes(bend / x_safe[..., None], 1, 2) @ bend
-    return curvature - _symmetrised(dual.inverse @ step.F @ change)

@@ -1,0 +1,270 @@
+"""The bound that PM-SDP's dual variables prove: weak duality, replayed with bounds of every rounding error.
+
+For rotations R with the pattern, write ``[R] = basis @ (1, rho)``. Whatever F_j > 0, u_j and beta <= 0 are,
+
+    E(R, map) >= sum_j alpha_j + sum_i beta_i + sum_j w_j |p_j|^2 - max_R (rho^T (sum F_j) rho + 2 rho^T sum u_j),
+    alpha_j = min_i  w_j |q_i|^2 + c_ij - beta_i - (v_ij - u_j)^T F_j^-1 (v_ij - u_j),
+
+because ``-2 w^T rho >= -rho^T F rho - w^T F^-1 w``. The maximum over R is bounded by ``tr L1 + tr L2 + tr Y4 / 4``
+where ``sum F_j`` and ``sum u_j`` agree with the multipliers L1 of R^T R = I, L2 of R R^T = I, Z of cof R = R and Y4
+of conv SO(3) (Y4 >= 0, Y(R) >= 0, tr Y(R) = 1); what is left over costs its norm, since |rho|^2 <= d.
+
+Products with F_j^-1 are never trusted: for any z, ``w^T F^-1 w <= 2 w^T z - z^T F z + |w - F z|^2 / lambda`` where
+lambda is a proven lower bound of the smallest eigenvalue of F (Rump, Verification of positive definiteness, 2006).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_bipartite_matching
+
+from data_tools.arrays import BoolArray, FloatArray
+from data_tools.errors import InputError
+
+#: Twice the unit roundoff: the extra factor covers the second-order terms of every bound below.
+_EPS = float(np.finfo(np.float64).eps)
+
+
+def pm_sdp_bound(q: FloatArray, p: FloatArray, arrays: dict[str, NDArray[Any]]) -> float:
+    """Return the lower bound that the dual variables of PM-SDP prove, for points of shape (n, d) and (k, d).
+
+    Raises
+    ------
+    InputError
+        If an array is missing or of wrong shape, an F_j is not positive definite, or a beta is positive.
+    """
+    (n, k), d = arrays["candidates"].shape, q.shape[1]
+    partial = "unmatched_costs" in arrays
+    basis = _rotation_basis(arrays["pattern"], arrays["special_blocks"])
+    size = basis.shape[1] - 1
+    blocks = arrays["special_blocks"][np.diff(arrays["special_blocks"], axis=1)[:, 0] == 3, 0]
+    F, u, beta, columns, rows, Z, Y4 = (
+        _array(arrays, name, shape)
+        for name, shape in (
+            ("F", (k, size, size)),
+            ("u", (k, size)),
+            ("beta", (n + partial,)),
+            ("column_multipliers", (d, d)),
+            ("row_multipliers", (d, d)),
+            ("cross_multipliers", (d, d)),
+            ("quaternion_multipliers", (len(blocks), 4, 4)),
+        )
+    )
+    if (beta > 0).any():
+        raise InputError("certificate: beta must not be positive")
+    if not all(np.array_equal(m, np.swapaxes(m, -1, -2)) for m in (F, columns, rows, Y4)):
+        raise InputError("certificate: F, the multipliers of R^T R and R R^T and Y4 must be symmetric")
+    rotation_part = _rotation_maximum(arrays["pattern"], basis, blocks, F, u, (columns, rows, Z, Y4))
+    lows = np.where(_possible_matches(arrays), _cost_lower_bounds(q, p, arrays, basis, F, u), np.inf)
+    constant = arrays["weights"] * (p**2).sum(axis=1)
+    capacity = np.ones(n + partial)
+    if partial:
+        lows = np.vstack([lows, _unmatched_lower_bounds(p, arrays, F, u)])
+        capacity[n] = float(arrays["max_unmatched"])
+    alpha = (lows - beta[:, None]).min(axis=0)
+    terms = np.concatenate([alpha, beta * capacity, constant, [-rotation_part]])
+    error = (len(terms) + d + 8) * _EPS * float(np.abs(terms).sum() + k * np.abs(beta).max(initial=0.0))
+    return float(terms.sum()) - error
+
+
+def _array(arrays: dict[str, NDArray[Any]], name: str, shape: tuple[int, ...]) -> FloatArray:
+    if name not in arrays or arrays[name].shape != shape or arrays[name].dtype != np.float64:
+        raise InputError(f"certificate: {name} is missing or is not a float64 array of shape {shape}")
+    return arrays[name]
+
+
+def _rotation_basis(mask: BoolArray, special_blocks: NDArray[np.int64]) -> FloatArray:
+    """Return (r, s+1) with ``[R] = basis @ (1, rho)``: entries in column-major order, variables numbered in order.
+
+    Entries in no perfect matching of the mask vanish in every orthogonal matrix; SO(1) is 1, SO(2) is
+    [[c, -s], [s, c]].
+    """
+    d = len(mask)
+    entries = [(s, t) for t in range(d) for s in range(d) if mask[s, t]]
+    free = {e for e in entries if _in_perfect_matching(mask, *e)}
+    images: dict[tuple[int, int], tuple[int, float]] = {}
+    count = 0
+    single = {(int(a), int(a)) for a, b in special_blocks if b - a == 1}
+    partner: dict[tuple[int, int], tuple[tuple[int, int], float]] = {}
+    for a in (int(a) for a, b in special_blocks if b - a == 2):
+        partner |= {(a + 1, a + 1): ((a, a), 1.0), (a, a + 1): ((a + 1, a), -1.0)}
+    for entry in entries:
+        if entry in single:
+            images[entry] = (0, 1.0)
+        elif entry in free and partner.get(entry, (entry, 1.0))[0] not in images:
+            count += 1
+            images[entry] = (count, 1.0)
+        elif entry in free:
+            twin, sign = partner[entry]
+            images[entry] = (images[twin][0], sign)
+    basis = np.zeros((len(entries), count + 1))
+    for row, entry in enumerate(entries):
+        if entry in images:
+            basis[row, images[entry][0]] = images[entry][1]
+    return basis
+
+
+def _in_perfect_matching(mask: BoolArray, row: int, col: int) -> bool:
+    minor = np.delete(np.delete(mask, row, axis=0), col, axis=1)
+    return bool((maximum_bipartite_matching(csr_array(minor), perm_type="row") >= 0).all())
+
+
+def _rotation_maximum(
+    mask: BoolArray,
+    basis: FloatArray,
+    blocks: NDArray[np.int64],
+    F: FloatArray,
+    u: FloatArray,
+    multipliers: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+) -> float:
+    """Bound ``rho^T (sum F_j) rho + 2 rho^T sum u_j`` from above over the rotations."""
+    columns, rows, Z, Y4 = multipliers
+    d, k = len(mask), len(F)
+    t, s = np.nonzero(mask.T)
+    same_row, same_col = s[:, None] == s, t[:, None] == t
+    form = np.zeros((len(s) + 1, len(s) + 1))
+    form[1:, 1:] = same_row * columns[t[:, None], t] + same_col * rows[s[:, None], s]
+    position = {(int(a), int(b)): e + 1 for e, (a, b) in enumerate(zip(s, t, strict=True))}
+    surplus = 0.0
+    for index, b in enumerate(blocks):
+        for i, j in np.ndindex(3, 3):
+            _add_cofactor(form, position, int(b), i, j, 0.5 * Z[b + i, b + j])
+        form[0, 1:] -= 0.5 * _quaternion_slope(s, t, int(b), Y4[index])
+        lowest = _eigenvalue_floor(Y4[index]) if Y4[index].any() else 0.0
+        surplus += 0.25 * float(np.trace(Y4[index])) + max(0.0, -lowest) + 8 * _EPS * float(np.abs(Y4[index]).sum())
+    form[1:, 0] = form[0, 1:]
+    lift = np.zeros((basis.shape[0] + 1, basis.shape[1]))
+    lift[0, 0], lift[1:] = 1.0, basis
+    expected = lift.T @ form @ lift
+    rest_F = F.sum(axis=0) - expected[1:, 1:]
+    rest_u = u.sum(axis=0) - expected[1:, 0]
+    error = (k + 2 * d + 12) * _EPS
+    size = np.abs(lift).T @ np.abs(form) @ np.abs(lift)
+    loose_F = np.abs(rest_F) + error * (np.abs(F).sum(axis=0) + size[1:, 1:])
+    loose_u = np.abs(rest_u) + error * (np.abs(u).sum(axis=0) + size[1:, 0])
+    left_over = d * float(np.linalg.norm(loose_F)) + 2.0 * np.sqrt(d) * float(np.linalg.norm(loose_u))
+    traces = float(np.trace(columns) + np.trace(rows))
+    constant_part = float(expected[0, 0])
+    return (
+        traces - constant_part + surplus + left_over * 1.0001 + error * (np.abs(columns).sum() + np.abs(rows).sum())
+    )
+
+
+def _add_cofactor(
+    form: FloatArray, position: dict[tuple[int, int], int], block: int, i: int, j: int, half: float
+) -> None:
+    """Add ``2 half (cof R - R)_ij`` of a 3x3 block to a symmetric quadratic form in (1, [R])."""
+    i1, i2, j1, j2 = (block + (a + o) % 3 for a, o in ((i, 1), (i, 2), (j, 1), (j, 2)))
+    pairs = (((i1, j1), (i2, j2), half), ((i1, j2), (i2, j1), -half))
+    for first, second, value in pairs:
+        if first in position and second in position:
+            form[position[first], position[second]] += value
+            form[position[second], position[first]] += value
+    if (block + i, block + j) in position:
+        form[0, position[block + i, block + j]] -= half
+
+
+def _quaternion_slope(s: NDArray[np.int64], t: NDArray[np.int64], block: int, Y4: FloatArray) -> FloatArray:
+    """Return the gradient of <Y4, Y(R)> in [R] for one 3x3 block."""
+    y = Y4
+    slope = 0.25 * np.array(
+        [
+            [y[0, 0] + y[1, 1] - y[2, 2] - y[3, 3], 2 * (y[1, 2] - y[0, 3]), 2 * (y[1, 3] + y[0, 2])],
+            [2 * (y[1, 2] + y[0, 3]), y[0, 0] - y[1, 1] + y[2, 2] - y[3, 3], 2 * (y[2, 3] - y[0, 1])],
+            [2 * (y[1, 3] - y[0, 2]), 2 * (y[2, 3] + y[0, 1]), y[0, 0] - y[1, 1] - y[2, 2] + y[3, 3]],
+        ]
+    )
+    inside = (s >= block) & (s < block + 3)
+    gradient = np.zeros(len(s))
+    gradient[inside] = slope[s[inside] - block, t[inside] - block]
+    return gradient
+
+
+def _eigenvalue_floor(matrix: FloatArray) -> float:
+    """Return a proven lower bound of the smallest eigenvalue: a Cholesky factorisation that runs through (Rump)."""
+    size = len(matrix)
+    magnitude = float(np.abs(matrix).sum(axis=1).max()) + 1e-300
+    margin = 4.0 * (size + 2) * size * _EPS * magnitude
+    floor = float(np.linalg.eigvalsh(matrix)[0])
+    for _ in range(60):
+        trial = floor - margin if floor < 2.0 * margin else 0.9 * floor - margin
+        try:
+            np.linalg.cholesky(matrix - (trial + margin) * np.eye(size))
+        except np.linalg.LinAlgError:
+            margin *= 2.0
+            continue
+        return trial
+    return -np.inf
+
+
+def _possible_matches(arrays: dict[str, NDArray[Any]]) -> BoolArray:
+    """Return the candidates without those listed as impossible, once it is checked that no assignment uses these."""
+    candidates = arrays["candidates"]
+    impossible = arrays.get("impossible", np.zeros((0, 2), dtype=np.int64))
+    possible = candidates.copy()
+    for i, j in impossible:
+        rest = np.delete(np.delete(candidates, i, axis=0), j, axis=1)
+        if "unmatched_costs" in arrays:
+            spare = np.ones((int(arrays["max_unmatched"]), rest.shape[1]), dtype=bool)
+            rest = np.vstack([rest, spare])
+        if (maximum_bipartite_matching(csr_array(rest), perm_type="row") >= 0).all():
+            raise InputError(f"certificate: lists the possible match of source point {j} to {i} as impossible")
+        possible[i, j] = False
+    return possible
+
+
+def _cost_lower_bounds(
+    q: FloatArray, p: FloatArray, arrays: dict[str, NDArray[Any]], basis: FloatArray, F: FloatArray, u: FloatArray
+) -> FloatArray:
+    """Return lower bounds (n, k) of ``w_j |q_i|^2 + c_ij - 2 v_ij0 - (v_ij - u_j)^T F_j^-1 (v_ij - u_j)``."""
+    cols, rows = np.nonzero(arrays["pattern"].T)
+    squares, weights = (q**2).sum(axis=1), arrays["weights"]
+    d, size = q.shape[1], basis.shape[1] - 1
+    lows = np.empty((len(q), len(p)))
+    for j in range(len(p)):
+        v = (weights[j] * q[:, rows] * p[j, cols]) @ basis
+        v_size = np.abs(weights[j] * q[:, rows] * p[j, cols]) @ np.abs(basis)
+        linear = weights[j] * squares + arrays["constant_cost"][:, j] - 2.0 * v[:, 0]
+        error = (d + 8) * _EPS * (weights[j] * squares + np.abs(arrays["constant_cost"][:, j]) + 2.0 * v_size[:, 0])
+        quad = np.zeros(len(q))
+        if size:
+            floor = _eigenvalue_floor(F[j])
+            if not floor > 0.0:
+                raise InputError(f"certificate: F of source point {j} is not positive definite")
+            w_error = 8.0 * _EPS * (v_size[:, 1:] + np.abs(u[j]))
+            quad = _quadratic_upper_bounds(F[j], v[:, 1:] - u[j], w_error, floor)
+        lows[:, j] = linear - quad - error - 4.0 * _EPS * (np.abs(linear) + np.abs(quad))
+    return lows
+
+
+def _unmatched_lower_bounds(
+    p: FloatArray, arrays: dict[str, NDArray[Any]], F: FloatArray, u: FloatArray
+) -> FloatArray:
+    """Return lower bounds (k,) of what leaving a point unmatched costs: the same with v = 0."""
+    saved = arrays["weights"] * (p**2).sum(axis=1)
+    linear = _array(arrays, "unmatched_costs", (len(p),)) - saved
+    if F.shape[1] == 0:
+        return linear - 8.0 * _EPS * (np.abs(linear) + saved)
+    quad = np.array(
+        [
+            _quadratic_upper_bounds(F[j], -u[j : j + 1], 0.0 * u[j : j + 1], _eigenvalue_floor(F[j]))[0]
+            for j in range(len(p))
+        ]
+    )
+    return linear - quad - (p.shape[1] + 8) * _EPS * (np.abs(linear) + saved + np.abs(quad))
+
+
+def _quadratic_upper_bounds(F: FloatArray, w: FloatArray, w_error: FloatArray, floor: float) -> FloatArray:
+    """Return upper bounds (n,) of ``w^T F^-1 w`` for rows w known up to ``w_error``."""
+    z = np.linalg.solve(F, w.T).T
+    rest = w - z @ F
+    gamma = 2.0 * (len(F) + 4) * _EPS
+    rest_error = gamma * (np.abs(w) + np.abs(z) @ np.abs(F)) + w_error
+    main = (z * w).sum(axis=1) + (z * rest).sum(axis=1)
+    main_error = (np.abs(z) * (w_error + rest_error + gamma * (np.abs(w) + np.abs(rest)))).sum(axis=1)
+    tail = ((np.abs(rest) + rest_error) ** 2).sum(axis=1) / floor
+    return main + 1.0001 * (main_error + tail)
