@@ -16,7 +16,7 @@ from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 
 #: Distance between neighbours on the grid, in units of the largest shape.
-_SPACING = 2.4
+_SPACING = 2.1
 
 
 def view(
@@ -24,7 +24,7 @@ def view(
     *,
     names: Sequence[str] | None = None,
     overlay: bool = False,
-    backend: str = "",
+    backend: str = "auto",
     show: bool = True,
 ) -> None:
     """Open a window with the aligned shapes, on a grid or laid over each other, with their samples.
@@ -40,7 +40,7 @@ def view(
     overlay : bool
         In one place instead of side by side.
     backend : str
-        Polyscope's rendering backend; it chooses by itself if empty.
+        Polyscope's rendering backend.
     show : bool
         Whether to wait until the window is closed; otherwise the scene is left for the caller.
 
@@ -52,8 +52,10 @@ def view(
     data = collection if isinstance(collection, CollectionView) else load_view(collection)
     chosen = [data.index(name) for name in names] if names else list(range(data.num_shapes))
     window = _start(backend)
-    for structure, arguments, options in scene(data, chosen, overlay=overlay):
+    entries = scene(data, chosen, overlay=overlay)
+    for structure, arguments, options in entries:
         _register(window, structure, arguments, options)
+    _look_at(window, np.concatenate([arguments[1] for _, arguments, _ in entries]))
     if show:
         window.show()
 
@@ -92,8 +94,11 @@ def _start(backend: str) -> Any:
     try:
         window.set_verbosity(1)
         window.init(backend)
-    except RuntimeError as error:
-        raise InputError(f"no window can be opened here ({error}); open report.html in a browser instead") from error
+    except (RuntimeError, ValueError) as error:
+        raise InputError(
+            f"no window can be opened here with backend {backend!r} (is there a display?); "
+            "open report.html in a browser instead"
+        ) from error
     window.remove_all_structures()
     window.set_ground_plane_mode("none")
     return window
@@ -106,6 +111,14 @@ def _register(window: Any, structure: str, arguments: tuple[Any, ...], options: 
     cloud = window.register_point_cloud(*arguments)
     if "colors" in options:
         cloud.add_color_quantity("label", options["colors"], enabled=True)
+
+
+def _look_at(window: Any, points: FloatArray) -> None:
+    """Stand back until everything fits into the window."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    centre = 0.5 * (low + high)
+    distance = float(np.linalg.norm(high - low))
+    window.look_at(centre + np.array([0.0, 0.0, distance]), centre)
 
 
 def _moved(points: FloatArray, transform: FloatArray) -> FloatArray:

@@ -45,6 +45,12 @@ def test_unknown_names_are_refused() -> None:
         view(view_of(3), names=["nobody"])
 
 
+def test_an_impossible_window_is_said_with_advice() -> None:
+    pytest.importorskip("polyscope", reason="polyscope is not installed")
+    with pytest.raises(InputError, match=r"report\.html"):
+        view(view_of(3), backend="none such")
+
+
 def test_missing_polyscope_is_said_with_advice(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "polyscope", None)
     with pytest.raises(InputError, match="pip install"):
