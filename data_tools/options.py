@@ -53,7 +53,7 @@ class SamplingOptions:
     normalisation: Normalisation = "centroid"
     """Unit of length: the centroid size of the samples, the square root of the surface area, or the file's own."""
 
-    max_faces: int = 100_000
+    max_faces: int = 40_000
     """Larger meshes are decimated to this many triangles for preprocessing; samples stay vertices of the original."""
 
     max_cloud_points: int = 20_000
