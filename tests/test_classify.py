@@ -1,9 +1,12 @@
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from collalign.analysis import procrustes_distances
 from collalign.classify import classify_leave_one_out
+from collalign.labels import read_labels
 from data_tools.errors import InputError, OptionsError
 
 LINE = np.array([0.0, 1.0, 10.0, 11.0, 30.0, 12.5])
@@ -71,3 +74,18 @@ def test_bad_input_is_refused() -> None:
         classify_leave_one_out(DISTANCES, ["a", "", "", "", "", ""])
     with pytest.raises(OptionsError, match="singles"):
         classify_leave_one_out(DISTANCES, ["a"] * 6, singles="drop")  # type: ignore[arg-type]
+
+
+@pytest.mark.data
+def test_expert_landmarks_of_teeth_classify_as_published(shared_data: Path) -> None:
+    """Boyer et al., PNAS 108 (2011), table 1: 94.3 % of 106 teeth by family, 95.7 % of 116 by order."""
+    folder = shared_data / "teeth_pnas116"
+    data = np.load(folder / "landmarks_mesh_coords.npz")
+    names, landmarks = data["names"].tolist(), data["landmarks"][:, :16]
+    labels = read_labels(folder / "labels.csv")
+    sides = np.array(labels.column("chirality_from_landmarks", names), dtype=float)
+    landmarks = landmarks * np.stack([sides, np.ones(len(sides)), np.ones(len(sides))], axis=1)[:, None]
+    distances = procrustes_distances(landmarks)
+    for by, scored, correct in (("family", 106, 100), ("order", 116, 111)):
+        found = classify_leave_one_out(distances, labels.column(by, names))
+        assert (found.num_scored, found.num_correct) == (scored, correct)
