@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Generator, Iterator
 from concurrent.futures import CancelledError
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from itertools import islice
 from pathlib import Path
@@ -162,7 +163,8 @@ class _DaskRun:
     def close(self) -> None:
         """Take the table from the workers."""
         if self._plugin is not None:
-            self._client.unregister_worker_plugin(self._plugin.name)
+            with suppress(OSError):  # a worker that dies meanwhile needs no cleaning
+                self._client.unregister_worker_plugin(self._plugin.name)
 
     def _submit(self, batch: Batch) -> Future:
         name = None if self._plugin is None else self._plugin.name
@@ -190,8 +192,14 @@ class _DaskRun:
         return None
 
     def _publish(self) -> None:
-        if self._plugin is not None:
+        if self._plugin is None:
+            return
+        try:
             self._client.register_plugin(self._plugin)
+        except OSError:  # a worker died meanwhile; the scheduler has the plugin for its successor
+            return
+        except Exception as error:
+            raise CollalignError(f"the cluster cannot run this program: {type(error).__name__}: {error}") from error
 
     def _ahead(self) -> int:
         num_cores = sum(self._client.nthreads().values())

@@ -4,13 +4,19 @@ import logging
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import nullcontext
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from collalign.jobs import SharedTable, run_jobs
+from collalign import AlignOptions, RunOptions, align_collection
+from collalign.jobs import JobResult, SharedTable, run_jobs
 from data_tools.errors import CollalignError
+from data_tools.options import SamplingOptions
+from data_tools.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.synthetic_shapes import chair
 from tests.job_functions import look_up, misbehave, spectrum
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'collalign[dask]'")
@@ -84,3 +90,26 @@ def test_a_cluster_with_other_versions_is_refused(cluster: Any, monkeypatch: pyt
     monkeypatch.setattr("collalign.jobs_dask._version", lambda package: "0.0")
     with pytest.raises(CollalignError, match="same versions"):
         list(run_jobs(spectrum, [("a", 1)], scheduler=cluster.scheduler_address))
+
+
+def test_a_collection_is_the_same_after_a_worker_was_killed(cluster: Any, tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    family = deformed_family(chair(rng, resolution=1), 4, rng, rms=0.02)
+    write_collection(tmp_path, planted_collection(family, rng))
+    options = AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=0))
+    kinds: list[str] = []
+
+    def progress(kind: str, total: int, *, done: int = 0) -> Any:
+        def report(job: JobResult) -> None:
+            if kind == "pairs" and kind not in kinds:
+                kill_one_worker(cluster)
+            kinds.append(kind)
+
+        return nullcontext(report)
+
+    local = align_collection(tmp_path, options=options, run=RunOptions(jobs=1))
+    run = RunOptions(scheduler=cluster.scheduler_address)
+    distributed_result = align_collection(tmp_path, options=options, run=run, progress=progress)
+    assert kinds.count("pairs") == 6
+    assert distributed_result.transforms.tobytes() == local.transforms.tobytes()
+    assert distributed_result.complete
