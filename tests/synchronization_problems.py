@@ -106,6 +106,42 @@ def _flip_margin(wrong: float) -> float:
     return float(np.quantile(draws[:, 0] - draws[:, 1:].min(axis=1), 1.0 - wrong))
 
 
+def group_flip(
+    rng: np.random.Generator, edges: IntArray, num_shapes: int, *, share: float, chance: float, wrong: float = 0.0
+) -> tuple[Planted, np.ndarray]:
+    """Pairs between a block of shapes and the rest are off by one and the same flip with the given chance."""
+    problem = flipped_pairs(rng, edges, num_shapes, wrong=wrong)
+    block = np.isin(np.arange(num_shapes), rng.permutation(num_shapes)[: round(share * num_shapes)])
+    flipped = (block[edges[:, 0]] != block[edges[:, 1]]) & (rng.random(len(edges)) < chance)
+    left = problem.truth[edges[:, 0]]
+    turn = np.swapaxes(left, 1, 2) @ D2_FLIPS[2] @ left
+    rotations = np.where(flipped[:, None, None, None], turn[:, None] @ problem.rotations, problem.rotations)
+    return Planted(edges=edges, rotations=rotations, energies=None, truth=problem.truth), block
+
+
+def symmetric_pairs(rng: np.random.Generator, edges: IntArray, num_shapes: int) -> Planted:
+    """Shapes that are symmetric under one flip: two candidates per pair, their energies equal up to small noise."""
+    truth = random_rotations(rng, num_shapes)
+    left, right = np.swapaxes(truth[edges[:, 0]], 1, 2), truth[edges[:, 1]]
+    noise = small_rotations(rng, (len(edges), 2), 5.0)
+    flips = D2_FLIPS[rng.permuted(np.tile([0, 2], (len(edges), 1)), axis=1)]
+    rotations = left[:, None] @ flips @ right[:, None] @ noise
+    energies = 1.0 + 0.01 * rng.standard_normal((len(edges), 2))
+    return Planted(edges=edges, rotations=rotations, energies=energies, truth=truth)
+
+
+def mixed_collection(rng: np.random.Generator, sizes: tuple[int, ...], *, wrong: float) -> tuple[Planted, np.ndarray]:
+    """All pairs of shapes of several kinds: within a kind as :func:`flipped_pairs`, between kinds anything."""
+    labels = rng.permutation(np.repeat(np.arange(len(sizes)), sizes))
+    edges = complete_edges(len(labels))
+    problem = flipped_pairs(rng, edges, len(labels), wrong=wrong)
+    between = labels[edges[:, 0]] != labels[edges[:, 1]]
+    rotations = problem.rotations.copy()
+    rotations[between, 0] = random_rotations(rng, int(between.sum()))
+    energies = rng.uniform(0.8, 1.2, len(edges)) * np.where(between, 2.0, 1.0)
+    return Planted(edges=edges, rotations=rotations, energies=energies[:, None], truth=problem.truth), labels
+
+
 def pose_errors_deg(rotations: FloatArray, truth: FloatArray) -> FloatArray:
     """Angle of each pose to the truth after the best common rotation (robust: the mode over anchor shapes)."""
     turns = np.swapaxes(truth, 1, 2) @ rotations

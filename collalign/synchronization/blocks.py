@@ -22,9 +22,8 @@ DOUBTED_SHARE, SPIN_GLASS = 0.25, 0.76
 #: Or when the pairs across the cut prefer the reported pose by less than this, nats.
 DOUBTED_LOG_ODDS = 6.0
 
-#: The collection is symmetric under a turn when this share of the shapes prefer their pose by less than the second
-#: number, the mean of ``tanh(difference / 2)`` over their pairs: 0 for indifference, 1 for certainty.
-SYMMETRIC_SHARE, SYMMETRIC_PREFERENCE = 0.8, 0.1
+#: A pair offers a turn when it costs less than this, nats. Half of the pairs must offer a turn of the collection.
+OFFERED_COST, OFFERED_SHARE = 4.0, 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,7 +74,8 @@ def weak_cuts(graph: PairGraph, differences: FloatArray, common: FloatArray, hel
     """Return the weakest blocks of a group under each common turn, the doubted ones first.
 
     Two blocks per turn: the one that the pairs contradict in the most structured way, and the one that is cheapest
-    to turn. Blocks hold at most half of the shapes, and none that may not turn.
+    to turn. Blocks hold at most half of the shapes, and none that may not turn; single shapes are left to their own
+    beliefs.
 
     Parameters
     ----------
@@ -94,22 +94,27 @@ def weak_cuts(graph: PairGraph, differences: FloatArray, common: FloatArray, hel
         order = _slow_orders(graph.edges, costs, graph.num_shapes)
         structured = _most_contradicted(graph, costs, order)
         cheapest = _settled(graph.edges, costs, _sweep(graph.edges, costs, order), minimum=2)
+        cheapest = cheapest & _holds_together(graph.edges, costs, cheapest)
         for block in (structured, cheapest):
             side = _turned_side(block, held)
-            if side is not None:
+            if side is not None and side.sum() > 1:
                 cuts.append(_judged(graph, costs, turn, side))
     return sorted(cuts, key=lambda cut: (not cut.doubted, -len(cut.members) if cut.doubted else cut.log_odds))
 
 
 def symmetric_turns(graph: PairGraph, differences: FloatArray, common: FloatArray) -> list[FloatArray]:
-    """Return the common turns under which nearly every shape looks the same to its pairs."""
+    """Return the common turns under which the whole collection looks the same to its pairs.
+
+    Most pairs offer such a turn, and those that prefer the pose as it is outnumber the others by no more than the
+    best choice of poses reaches where all preferences are random: ``1.08 sqrt(N)`` standard deviations, again by the
+    ground state of the Sherrington-Kirkpatrick model.
+    """
     found = []
-    ends = graph.edges.ravel()
-    degree = np.maximum(np.bincount(ends, minlength=graph.num_shapes), 1)
-    for difference, turn in zip(differences, common, strict=True):
-        preference = np.repeat(np.tanh(difference / 2.0), 2)
-        mean = np.bincount(ends, weights=preference, minlength=graph.num_shapes) / degree
-        if np.mean(mean < SYMMETRIC_PREFERENCE) >= SYMMETRIC_SHARE:
+    for costs, turn in zip(differences, common, strict=True):
+        offered = int((costs < OFFERED_COST).sum())
+        balance = int((costs > CLEAR_VOTE).sum()) - int((costs < -CLEAR_VOTE).sum())
+        chance = np.sqrt(2.0) * SPIN_GLASS * np.sqrt(graph.num_shapes * offered)
+        if offered >= OFFERED_SHARE * graph.num_edges and balance <= chance:
             found.append(turn)
     return found
 
@@ -165,7 +170,7 @@ def _most_contradicted(graph: PairGraph, costs: FloatArray, orders: IntArray) ->
     cut = best[graph.edges[:, 0]] != best[graph.edges[:, 1]]
     rates = [(against[s].sum() + 0.5) / (clear[s].sum() + 1.0) for s in (cut, ~cut)]
     gain = np.where(against > 0, np.log(rates[0] / rates[1]), np.log((1.0 - rates[0]) / (1.0 - rates[1])))
-    return _settled(graph.edges, -gain * clear, best, minimum=2)
+    return _settled(graph.edges, -gain * clear, best, minimum=1)
 
 
 def _excess(against: FloatArray, clear: FloatArray, all_against: float, all_clear: float) -> FloatArray:
@@ -191,6 +196,12 @@ def _settled(edges: IntArray, costs: FloatArray, block: BoolArray, *, minimum: i
         field[matrix.indices[part]] -= 2.0 * side[moving] * matrix.data[part]
         side[moving] *= -1.0
     return side > 0
+
+
+def _holds_together(edges: IntArray, costs: FloatArray, block: BoolArray) -> bool:
+    """Whether the block is more than one weak shape with arbitrary company."""
+    alone = _settled(edges, costs, block, minimum=1)
+    return min(int(alone.sum()), int((~alone).sum())) > 1
 
 
 def _turned_side(block: BoolArray, held: BoolArray) -> BoolArray | None:

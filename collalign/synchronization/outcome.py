@@ -17,7 +17,7 @@ from collalign.synchronization.chirality import ChiralityResult, synchronize_sig
 from collalign.synchronization.confidence import Doubts, assess, doubt_sentences
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.geometry import angles_rad, relative, transposed
-from collalign.synchronization.graph import PairGraph, degrees
+from collalign.synchronization.graph import PairGraph
 from collalign.synchronization.least_squares import polish
 from collalign.synchronization.model import best_candidates, squared_distances
 from collalign.synchronization.result import PoseAlternative, SynchronizationResult, WeakCut
@@ -56,8 +56,7 @@ class BlockOutcome:
 
 def solve_block(graph: PairGraph, held: Mapping[int, FloatArray]) -> BlockOutcome:
     """Find the poses of a connected group and bring them to a stationary point of the weighted least squares."""
-    anchors = dict(held) or {int(np.argmax(degrees(graph, graph.weights))): np.eye(graph.dim)}
-    states, cuts = find_poses(graph, anchors)
+    states, cuts = find_poses(graph, held)
     best = states[0]
     squared = squared_distances(graph, best.frames)
     choice = best_candidates(squared, best.model)
@@ -65,7 +64,7 @@ def solve_block(graph: PairGraph, held: Mapping[int, FloatArray]) -> BlockOutcom
     weights = share / best.model.variances
     weights = np.maximum(weights / weights.max(), 1e-9)
     free = np.ones(graph.num_shapes, dtype=bool)
-    free[list(anchors)] = False
+    free[list(held) or [0]] = False
     frames = polish(best.frames, graph.edges, graph.chosen(choice), weights, free)
     return BlockOutcome(
         frames=frames,

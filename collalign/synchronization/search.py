@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from collalign.synchronization.blocks import Cut, turn_differences, weak_cuts
-from collalign.synchronization.graph import PairGraph, tree_rotations
+from collalign.synchronization.graph import PairGraph, degrees, tree_rotations
 from collalign.synchronization.labels import propagate_beliefs
 from collalign.synchronization.model import EdgeModel
 from collalign.synchronization.robust import (
@@ -72,25 +72,35 @@ def find_poses(graph: PairGraph, held: Mapping[int, FloatArray]) -> tuple[list[S
     graph : PairGraph
         Connected, with at least one pair.
     held : mapping of int to ndarray (d, d)
-        Frames that do not move; at least one.
+        Frames that may not move; without any, the best connected shape holds the gauge.
     """
-    free = np.ones(graph.num_shapes, dtype=bool)
-    free[list(held)] = False
+    anchors = dict(held) or {int(np.argmax(degrees(graph, graph.weights))): np.eye(graph.dim)}
+    free, pinned = np.ones(graph.num_shapes, dtype=bool), np.zeros(graph.num_shapes, dtype=bool)
+    free[list(anchors)], pinned[list(held)] = False, True
     states: list[State] = []
     for frames in _starts(graph, free):
-        states.append(improve(EdgeModel(graph=graph), _anchored(frames, held, graph), free))
+        states.append(improve(EdgeModel(graph=graph), _anchored(frames, anchors, graph), free))
         best = min(states, key=lambda state: state.cost)
         if 1.0 - best.beliefs[:, 0].mean() <= SETTLED_SHARE:
             break
     states.sort(key=lambda state: state.cost)
-    states[0], cuts = turn_blocks(states[0], free)
+    states[0], cuts = turn_blocks(states[0], free, pinned)
     return states, cuts
 
 
-def turn_blocks(state: State, free: BoolArray) -> tuple[State, list[Cut]]:
-    """Return the state after turning whole blocks of shapes while that makes the pairs more likely, and its cuts."""
+def turn_blocks(state: State, free: BoolArray, pinned: BoolArray) -> tuple[State, list[Cut]]:
+    """Return the state after turning whole blocks of shapes while that makes the pairs more likely, and its cuts.
+
+    Parameters
+    ----------
+    state : State
+    free : ndarray of bool, shape (N,)
+        Shapes that refinement moves; the others hold the gauge.
+    pinned : ndarray of bool, shape (N,)
+        Shapes that may not turn.
+    """
     for remaining in range(MAX_BLOCK_MOVES, -1, -1):
-        cuts = weak_cuts(state.model.graph, state.turn_differences, state.alternatives.common, ~free)
+        cuts = weak_cuts(state.model.graph, state.turn_differences, state.alternatives.common, pinned)
         cheapest = min(cuts, key=lambda cut: cut.log_odds, default=None)
         if cheapest is None or cheapest.log_odds >= 0.0 or not remaining:
             break

@@ -204,20 +204,40 @@ def turn_costs(model: EdgeModel, aligned: FloatArray, alternatives: TurnSet) -> 
     """
     graph = model.graph
     first, second = graph.edges.T
-    count, dim, num = graph.num_edges, graph.dim, alternatives.turns.shape[1]
-    turned = np.swapaxes(alternatives.turns, 2, 3)[first][:, None] @ aligned[:, :, None]
-    back = np.swapaxes(alternatives.turns, 2, 3)[second]
-    inner = turned.reshape(count, -1, dim * dim) @ np.swapaxes(back.reshape(count, num, -1), 1, 2)
-    squared = np.maximum(2.0 * dim - 2.0 * inner.reshape(count, -1, num, num), 0.0)
-    costs = model.costs(squared)
-    best = turned[np.arange(count), graph.best_choice].reshape(count, num, -1)
+    costs = model.costs(_turned_distances(graph, aligned, alternatives))
+    best = aligned[np.arange(graph.num_edges), graph.best_choice][:, None]
     for flip, rate in _directed_flips(alternatives):
-        beyond = (flip @ back).reshape(count, num, -1)
-        apart = np.maximum(2.0 * dim - 2.0 * best @ np.swapaxes(beyond, 1, 2), 0.0)
+        apart = _turned_distances(graph, best, alternatives, flip=flip)[:, 0]
         log_flip = np.log(rate) - apart / (4.0 * model.variances[:, None, None])
         costs = -np.logaddexp(-costs, np.where(graph.held[:, None, None], -np.inf, log_flip))
     left_out, right_out = ~alternatives.offered[first], ~alternatives.offered[second]
+    if not (left_out.any() or right_out.any()):
+        return costs
     return np.where(left_out[:, :, None] | right_out[:, None], FORBIDDEN, costs)
+
+
+def _turned_distances(
+    graph: PairGraph, aligned: FloatArray, alternatives: TurnSet, *, flip: FloatArray | None = None
+) -> FloatArray:
+    """Return ``|T_a^T A T_b - F|^2`` for all turns a, b of a pair's shapes, shape (E, m, L, L); F is the identity.
+
+    ``tr F^T T_a^T A T_b`` is the inner product of A with ``T_a F T_b^T``: one product for all pairs where they share
+    their turns.
+    """
+    size, num = graph.dim**2, alternatives.turns.shape[1]
+    flat = aligned.reshape(*aligned.shape[:2], size)
+    if num == 1 + len(alternatives.common):
+        shared = alternatives.turns[0]
+        left = shared if flip is None else shared @ flip
+        inner = flat @ (left[:, None] @ np.swapaxes(shared, 1, 2)).reshape(num * num, size).T
+    else:
+        left = alternatives.turns if flip is None else alternatives.turns @ flip
+        turned = (
+            left[graph.edges[:, 0]][:, :, None] @ np.swapaxes(alternatives.turns, 2, 3)[graph.edges[:, 1]][:, None]
+        )
+        inner = flat @ np.swapaxes(turned.reshape(graph.num_edges, num * num, size), 1, 2)
+    squared = 2.0 * graph.dim - 2.0 * inner
+    return np.maximum(squared, 0.0, out=squared).reshape(*aligned.shape[:2], num, num)
 
 
 def _directed_flips(alternatives: TurnSet) -> list[tuple[FloatArray, float]]:
