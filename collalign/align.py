@@ -12,10 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from collalign.certification import certify_pairs
 from collalign.collection import AlignedCollection, Alternative, ConsistentMaps, Excluded, RunRecord
 from collalign.consistency import Consistency, make_consistent
 from collalign.options import AlignOptions, RunOptions
 from collalign.pair_choice import FormerPairs, choose_and_match
+from collalign.pairs import synchronize_pairs
 from collalign.prepare import PreparedShapes, prepare_shapes, stored_samples
 from collalign.stage import ProgressFactory
 from collalign.store import Store
@@ -121,14 +123,21 @@ def _align(
         samples = stored_samples(store, shapes)
     with _timed(times_s, "pairs"):
         matched = choose_and_match(shapes, samples, options, run, store, former=former, progress=progress)
+    pairs = matched.pairs
+    notes: tuple[str, ...] = ()
+    if options.certify:
+        with _timed(times_s, "proofs"):
+            solution = synchronize_pairs(pairs, len(samples), options)
+            pairs, report = certify_pairs(shapes, pairs, solution, options, run, store, progress=progress)
+            notes = (str(report),)
     with _timed(times_s, "synchronization"):
-        consistent = make_consistent(samples, matched.pairs, options, fixed=fixed, placed=placed)
+        consistent = make_consistent(samples, pairs, options, fixed=fixed, placed=placed)
     record = RunRecord(
         times_s=times_s,
         versions={"python": platform.python_version()} | {name: version(name) for name in _LIBRARIES},
         num_reused=shapes.num_reused + matched.num_reused,
     )
-    return _collect(listing, shapes, samples, matched.failed, consistent, options, record)
+    return _collect(listing, shapes, samples, matched.failed, consistent, notes, options, record)
 
 
 def _collect(
@@ -137,6 +146,7 @@ def _collect(
     samples: list[Samples],
     failed: list[Excluded],
     consistent: Consistency,
+    notes: tuple[str, ...],
     options: AlignOptions,
     record: RunRecord,
 ) -> AlignedCollection:
@@ -161,7 +171,7 @@ def _collect(
         groups=solution.groups,
         excluded=(*shapes.excluded, *failed),
         skipped=tuple(path.name for path in listing.skipped),
-        notes=solution.warnings,
+        notes=(*solution.warnings, *notes),
         options=options,
         run=record,
     )

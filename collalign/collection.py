@@ -49,6 +49,8 @@ class PairEvidence:
         No pose of this pair has a smaller energy; NaN where nothing was certified.
     status : str
         Name of the :class:`pairwise.status.Status` that the pair ended with.
+    chirality_proven : bool
+        Whether every pose of the other chirality is proven to be worse.
     choice : int
         The candidate that synchronization chose, -1 for none.
     inlier : bool
@@ -65,6 +67,7 @@ class PairEvidence:
     energy: float
     lower_bound: float
     status: str
+    chirality_proven: bool
     choice: int
     inlier: bool
     disagreement_deg: float

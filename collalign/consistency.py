@@ -235,6 +235,7 @@ def _evidence(
         energy=energy,
         lower_bound=pair.lower_bound,
         status=pair.status,
+        chirality_proven=pair.chirality_proven,
         choice=choice,
         inlier=bool(solution.edge_inlier[e]),
         disagreement_deg=float(rotation_angle_deg(pair.rotations[choice, :3, :3], common)),

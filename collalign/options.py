@@ -54,6 +54,15 @@ class AlignOptions:
     seed: int = 0
     """Seed of everything random; the same seed gives the same bytes."""
 
+    certify: bool = False
+    """Try to prove the best pose of the pairs that matter: those with rival poses or rejected by synchronization."""
+
+    certify_budget_s: float = 600.0
+    """Seconds for all proofs together, per worker; the least settled pairs come first."""
+
+    certify_pair_s: float = 30.0
+    """Seconds for the proof of one pair."""
+
     strict: bool = False
     """Stop at the first file or pair that fails instead of leaving it out."""
 
@@ -78,6 +87,11 @@ class AlignOptions:
         ):
             if getattr(self, name) not in get_args(choices):
                 raise OptionsError(f"{name}: expected one of {get_args(choices)}, got {getattr(self, name)!r}")
+        for name in ("certify_budget_s", "certify_pair_s"):
+            if not getattr(self, name) > 0:
+                raise OptionsError(f"{name}: expected more than 0, got {getattr(self, name)!r}")
+        if self.certify and self.embedding.has_eigenfunctions:
+            raise OptionsError("certify: no proofs with eigenfunctions; choose embedding kind xyz+invariants")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
             raise OptionsError(f"seed: expected an integer of at least 0, got {self.seed!r}")
 

@@ -18,9 +18,11 @@ from collalign.store import Store
 from collalign.stored_types import poses_from_record, poses_to_record, samples_from_record
 from collalign.synchronization import SynchronizationResult, synchronize
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.embedding import Samples
 from data_tools.errors import CollectionError
-from pairwise.match import match
+from pairwise.match import match_problem
 from pairwise.options import MatchOptions
+from pairwise.problem import Problem
 
 #: Changes whenever the same two shapes and options would give other poses.
 PAIR_VERSION = "pair-1"
@@ -52,6 +54,8 @@ class MatchedPair:
         NaN where nothing was certified.
     status : str
         Name of a :class:`pairwise.status.Status`.
+    chirality_proven : bool
+        Whether every pose of the other chirality is proven to be worse than the best one.
     """
 
     target: int
@@ -61,6 +65,7 @@ class MatchedPair:
     energies: FloatArray
     lower_bound: float
     status: str
+    chirality_proven: bool = False
 
 
 def match_pair(task: PairTask, shared: SharedTable) -> Record:
@@ -72,15 +77,24 @@ def match_pair(task: PairTask, shared: SharedTable) -> Record:
         ``rotations`` (m, d, d), ``maps`` (m, k), ``energies`` (m,), ``lower_bound``, ``status``.
     """
     target, source = (samples_from_record(shared[key], key) for key in (task.target_key, task.source_key))
-    result = match(
+    return poses_to_record(match_problem(pair_problem(target, source, task.group), task.options))
+
+
+def pair_problem(target: Samples, source: Samples, group: str) -> Problem:
+    """Return the Procrustes matching problem of two preprocessed shapes.
+
+    Parameters
+    ----------
+    target, source : Samples
+    group : {"SO", "O"}
+    """
+    return Problem.from_user(
         target.coordinates,
         source.coordinates,
-        group=task.group,
+        group=group,
         rotation_pattern=target.block_sizes if len(target.block_sizes) > 1 else None,
         invariants=(target.invariants, source.invariants),
-        options=task.options,
     )
-    return poses_to_record(result)
 
 
 def match_pairs(

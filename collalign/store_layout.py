@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 #: Kinds of records, each a table.
-KINDS = ("shapes", "pairs")
+KINDS = ("shapes", "pairs", "proofs")
 #: Raised whenever the tables or the encoding of records change.
 FORMAT_VERSION = 1
 #: Marks an SQLite file as a store ("cola").

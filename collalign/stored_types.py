@@ -25,6 +25,7 @@ from data_tools.arrays import (
 )
 from data_tools.embedding import Samples
 from data_tools.errors import InputError, SolveFailed, StoreError
+from pairwise.branch_and_bound import Proof
 from pairwise.results import MatchResult
 from pairwise.status import Status
 
@@ -146,6 +147,40 @@ def poses_from_record(record: Record, name: str) -> Record:
             "energies": energies,
             "lower_bound": _number(record["lower_bound"], "lower_bound", allow_nan=True),
             "status": _status(record["status"]).name,
+        }
+
+
+def proof_to_record(proof: Proof) -> Record:
+    """Return what branch and bound proved as a record."""
+    pose = proof.candidate
+    return {
+        "lower_bound": float(proof.lower_bound),
+        "status": proof.status.name,
+        "energy": float(pose.energy),
+        "rotation": np.array(pose.R_target_source, dtype=np.float64),
+        "map": np.array(pose.map_target_source, dtype=np.int32),
+        "chirality_proven": bool(proof.is_chirality_proven),
+    }
+
+
+def proof_from_record(record: Record, name: str) -> Record:
+    """Check a record of a proof and return its fields, as :func:`proof_to_record` names them.
+
+    Raises
+    ------
+    StoreError
+        If a field is missing, of another shape, or impossible.
+    """
+    with _as_store_error(name):
+        if not isinstance(record["chirality_proven"], bool):
+            raise InputError("chirality_proven: expected true or false")
+        return {
+            "lower_bound": _number(record["lower_bound"], "lower_bound"),
+            "status": _status(record["status"]).name,
+            "energy": _number(record["energy"], "energy"),
+            "rotation": read_only(as_rotations(record["rotation"], "rotation")),
+            "map": _indices(record["map"], "map"),
+            "chirality_proven": record["chirality_proven"],
         }
 
 

@@ -11,10 +11,11 @@ import numpy as np
 from cyclopts import Parameter
 
 from collalign.options import AlignOptions
+from collalign.pairs import pair_problem
 from data_tools.embedding import Samples, sample_shape
 from data_tools.files import write_atomic
 from data_tools.mesh_io import read_shape
-from pairwise.match import match as match_points
+from pairwise.match import match_problem
 from pairwise.results import MatchResult
 
 
@@ -36,13 +37,8 @@ def match(
     """
     shapes = [read_shape(file, options.cleaning) for file in (target, source)]
     samples = [sample_shape(shape, options.sampling, options.embedding) for shape in shapes]
-    result = match_points(
-        samples[0].coordinates,
-        samples[1].coordinates,
-        group=options.group,
-        rotation_pattern=samples[0].block_sizes if len(samples[0].block_sizes) > 1 else None,
-        invariants=(samples[0].invariants, samples[1].invariants),
-        options=replace(options.matching, seed=options.seed),
+    result = match_problem(
+        pair_problem(samples[0], samples[1], options.group), replace(options.matching, seed=options.seed)
     )
     text = json.dumps(_record(target, source, samples, result), indent=1)
     print(text)

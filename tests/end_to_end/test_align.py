@@ -281,3 +281,18 @@ def test_export_and_classify_read_a_result(
     assert 0 <= json.loads(capsys.readouterr().out)["accuracy"] <= 1
     assert main(["export", str(out), "--format", "doc", "--to", str(tmp_path)]) == 2
     assert (out / "report.html").stat().st_size > 100_000
+
+
+def test_certification_proves_pairs_and_says_so(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    flags = ["--sampling.num-points", "8", "--sampling.num-dense-points", "0", "--jobs", "1", "--certify"]
+    flags += ["--certify-pair-s", "4", "--certify-budget-s", "12"]
+    assert main(["align", str(folder), "--out", str(out), *flags]) == 0
+    with open(out / "pairs.csv", newline="") as table:
+        rows = list(csv.DictReader(table))
+    for row in rows:
+        assert not float(row["lower_bound"]) > float(row["energy"]) * (1 + 1e-9)
+    proven = sum(row["status"] == "PROVEN_OPTIMAL" for row in rows)
+    notes = " ".join(json.loads((out / "alignment.json").read_text())["notes"])
+    assert f"{proven} of " in notes
+    assert main(["align", str(folder), "--out", str(out), "--certify", "--embedding.kind", "xyz+lb"]) == 2
