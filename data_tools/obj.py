@@ -9,6 +9,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.text_tables import parse_table
 
 
 def read_obj(path: Path) -> tuple[FloatArray, IntArray]:
@@ -21,39 +22,56 @@ def read_obj(path: Path) -> tuple[FloatArray, IntArray]:
     InputError
         If there are no vertices, or a line of either kind is malformed.
     """
-    vertices: list[list[float]] = []
-    triangles: list[list[int]] = []
+    points: list[str] = []
+    polygons: list[str] = []
+    num_before: list[int] = []
     text = path.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ")
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.split("#", 1)[0].split()
-        if words[:1] == ["v"]:
-            vertices.append(_vertex(path, number, words[1:]))
-        elif words[:1] == ["f"]:
-            polygon = [_corner(path, number, word, len(vertices)) for word in words[1:]]
-            if len(polygon) < 3:
-                raise InputError(f"{path}: line {number}: a face of {len(polygon)} corners (truncated?)")
-            triangles.extend([polygon[0], b, c] for b, c in pairwise(polygon[1:]))
-    if not vertices:
+    for line in text.splitlines():
+        content = line.split("#", 1)[0].strip()
+        if content[:2] in ("v ", "v\t", "v"):
+            points.append(content[1:])
+        elif content[:2] in ("f ", "f\t", "f"):
+            polygons.append(content[1:])
+            num_before.append(len(points))
+    if not points:
         raise InputError(f"{path}: not an OBJ file, it has no vertex lines 'v x y z'")
-    faces = np.array(triangles, dtype=np.int64).reshape(-1, 3)
-    if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
-        wrong = int(faces.max()) if faces.max() >= len(vertices) else int(faces.min())
-        raise InputError(f"{path}: a face names vertex {wrong + 1}, there are {len(vertices)}")
-    return np.array(vertices), faces
+    faces = _triangles(path, polygons, num_before)
+    if faces.size and (faces.min() < 0 or faces.max() >= len(points)):
+        wrong = int(faces.max()) if faces.max() >= len(points) else int(faces.min())
+        raise InputError(f"{path}: a face names vertex {wrong + 1}, there are {len(points)}")
+    return _vertices(path, points), faces
 
 
-def _vertex(path: Path, number: int, words: list[str]) -> list[float]:
-    try:
-        x, y, z = (float(word) for word in words[:3])
-    except ValueError:
-        found = " ".join(words)[:60]
-        raise InputError(f"{path}: line {number} is no vertex of three numbers: {found!r} (truncated?)") from None
-    return [x, y, z]
+def _vertices(path: Path, lines: list[str]) -> FloatArray:
+    table = parse_table(lines)
+    if table is not None and table.shape[1] >= 3:
+        return np.ascontiguousarray(table[:, :3])
+    vertices = []
+    for position, line in enumerate(lines, start=1):
+        try:
+            x, y, z = (float(word) for word in line.split()[:3])
+        except ValueError:
+            raise InputError(f"{path}: vertex {position} is not three numbers: {line[:60]!r} (truncated?)") from None
+        vertices.append((x, y, z))
+    return np.array(vertices)
 
 
-def _corner(path: Path, number: int, word: str, num_before: int) -> int:
+def _triangles(path: Path, lines: list[str], num_before: list[int]) -> IntArray:
+    table = parse_table(lines)
+    if table is not None and table.shape[1] == 3 and (table >= 1).all() and (table == np.floor(table)).all():
+        return table.astype(np.int64) - 1
+    triangles: list[list[int]] = []
+    for position, (line, before) in enumerate(zip(lines, num_before, strict=True), start=1):
+        polygon = [_corner(path, position, word, before) for word in line.split()]
+        if len(polygon) < 3:
+            raise InputError(f"{path}: face {position} has {len(polygon)} corners (truncated?)")
+        triangles.extend([polygon[0], b, c] for b, c in pairwise(polygon[1:]))
+    return np.array(triangles, dtype=np.int64).reshape(-1, 3)
+
+
+def _corner(path: Path, position: int, word: str, num_before: int) -> int:
     """Return the index, from 0, of a corner ``v``, ``v/vt``, ``v//vn`` or ``v/vt/vn``."""
     digits = word.split("/", 1)[0]
     if not digits.removeprefix("-").isdecimal() or int(digits) == 0:
-        raise InputError(f"{path}: line {number}: {word[:60]!r} is no corner of a face")
+        raise InputError(f"{path}: face {position}: {word[:60]!r} is no corner")
     return int(digits) - 1 if int(digits) > 0 else num_before + int(digits)

@@ -10,8 +10,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
-
-Lines = list[tuple[int, list[str]]]
+from data_tools.text_tables import parse_table
 
 
 def read_off(path: Path) -> tuple[FloatArray, IntArray]:
@@ -25,8 +24,8 @@ def read_off(path: Path) -> tuple[FloatArray, IntArray]:
         If it is not OFF, truncated, or a line is not what its place asks for.
     """
     text = path.read_text(encoding="utf-8", errors="replace")
-    numbered = enumerate((line.split("#", 1)[0].split() for line in text.splitlines()), start=1)
-    lines = [(number, words) for number, words in numbered if words]
+    stripped = (line.split("#", 1)[0].strip() for line in text.splitlines())
+    lines = [line for line in stripped if line]
     num_vertices, num_faces, lines = _counts(path, lines)
     if len(lines) < num_vertices + num_faces:
         raise InputError(
@@ -37,41 +36,47 @@ def read_off(path: Path) -> tuple[FloatArray, IntArray]:
     return vertices, _triangles(path, lines[num_vertices : num_vertices + num_faces], num_vertices)
 
 
-def _counts(path: Path, lines: Lines) -> tuple[int, int, Lines]:
+def _counts(path: Path, lines: list[str]) -> tuple[int, int, list[str]]:
     """Return the numbers of vertices and faces, and the lines after the header."""
-    first = lines[0][1] if lines else [""]
+    first = lines[0].split() if lines else [""]
     if re.fullmatch(r"(ST)?C?N?OFF", first[0]) is None:
         raise InputError(f"{path}: not an OFF file of three dimensions, its first word is not OFF")
-    counts, rest = (first[1:], lines[1:]) if len(first) > 1 else (lines[1][1] if len(lines) > 1 else [], lines[2:])
+    counts, rest = (first[1:], lines[1:]) if len(first) > 1 else ("".join(lines[1:2]).split(), lines[2:])
     if len(counts) < 2 or not all(word.isdecimal() for word in counts[:2]):
         raise InputError(f"{path}: its OFF header holds no counts of vertices and faces")
     return int(counts[0]), int(counts[1]), rest
 
 
-def _vertices(path: Path, lines: Lines) -> FloatArray:
-    try:
-        return np.array([words[:3] for _, words in lines], dtype=np.float64).reshape(-1, 3)
-    except ValueError:
-        number, words = next((n, w) for n, w in lines if not _are_numbers(w[:3]))
-        raise InputError(f"{path}: line {number} is no vertex of three numbers: {' '.join(words)[:60]!r}") from None
+def _vertices(path: Path, lines: list[str]) -> FloatArray:
+    table = parse_table(lines)
+    if table is not None and table.shape[1] >= 3:
+        return np.ascontiguousarray(table[:, :3])
+    vertices = []
+    for position, line in enumerate(lines):
+        try:
+            x, y, z = (float(word) for word in line.split()[:3])
+        except ValueError:
+            raise InputError(f"{path}: vertex {position} is not three numbers: {line[:60]!r}") from None
+        vertices.append((x, y, z))
+    return np.array(vertices, dtype=np.float64).reshape(-1, 3)
 
 
-def _triangles(path: Path, lines: Lines, num_vertices: int) -> IntArray:
+def _triangles(path: Path, lines: list[str], num_vertices: int) -> IntArray:
+    table = parse_table(lines)
+    if table is not None and table.shape[1] >= 4 and (table[:, 0] == 3).all():
+        corners = table[:, 1:4]
+        if ((corners >= 0) & (corners < num_vertices) & (corners == np.floor(corners))).all():
+            return np.ascontiguousarray(corners.astype(np.int64))
     triangles: list[list[int]] = []
-    for number, words in lines:
+    for position, line in enumerate(lines):
+        words = line.split()
         if not words[0].isdecimal() or len(words) <= int(words[0]):
-            raise InputError(f"{path}: line {number} is no face: {' '.join(words)[:60]!r} (truncated?)")
-        corners = words[1 : 1 + int(words[0])]
-        if not all(word.isdecimal() and int(word) < num_vertices for word in corners):
-            found = " ".join(corners)[:60]
-            raise InputError(f"{path}: line {number}: face {found} has an index outside of 0 to {num_vertices - 1}")
-        polygon = [int(word) for word in corners]
+            raise InputError(f"{path}: face {position} is malformed: {line[:60]!r} (truncated?)")
+        corners_of_face = words[1 : 1 + int(words[0])]
+        if not all(word.isdecimal() and int(word) < num_vertices for word in corners_of_face):
+            raise InputError(
+                f"{path}: face {position} has an index outside of 0 to {num_vertices - 1}: {line[:60]!r}"
+            )
+        polygon = [int(word) for word in corners_of_face]
         triangles.extend([polygon[0], b, c] for b, c in pairwise(polygon[1:]))
     return np.array(triangles, dtype=np.int64).reshape(-1, 3)
-
-
-def _are_numbers(words: list[str]) -> bool:
-    try:
-        return len([float(word) for word in words]) == 3
-    except ValueError:
-        return False

@@ -11,9 +11,12 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.pcd import read_pcd
+from data_tools.text_tables import parse_table
 
 #: Names of the points in an NPZ archive, the first found is read.
 POINT_KEYS = ("vertices", "points", "positions", "xyz")
+#: The place of a missing number between separators, or before the first one of a line.
+EMPTY_CELL = re.compile(r"(?:^|[,;])[ \t]*(?=[,;])", re.MULTILINE)
 #: Larger arrays in an archive are refused before they are unpacked, in bytes.
 MAX_ARRAY_BYTES = 1 << 30
 
@@ -24,24 +27,20 @@ def read_text_points(path: Path) -> tuple[FloatArray, IntArray]:
     Columns are separated by blanks, tabs, commas or semicolons; ``#`` and ``//`` start comments. A first line of
     words is a header: columns named x, y and z are taken, else the first three.
     """
-    text = path.read_text(encoding="utf-8", errors="replace")
-    rows = [_words(line) for line in text.splitlines()]
-    numbered = [(number, words) for number, words in enumerate(rows, start=1) if words]
-    if not numbered:
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    text = EMPTY_CELL.sub(" nan ", text).replace(",", " ").replace(";", " ")
+    stripped = (re.split(r"#|//", line, maxsplit=1)[0].strip() for line in text.splitlines())
+    lines = [line for line in stripped if line]
+    if not lines:
         raise InputError(f"{path}: holds no points")
     columns = [0, 1, 2]
-    if not _is_number(numbered[0][1][0]):
-        columns = _header_columns(numbered[0][1])
-        numbered = numbered[1:]
-    width = len(numbered[0][1]) if numbered else 0
-    for number, words in numbered:
-        if len(words) != width or width <= max(columns):
-            expected = max(width, max(columns) + 1)
-            raise InputError(f"{path}: line {number} has {len(words)} columns, expected {expected} (truncated?)")
-        if not all(_is_number(words[c]) for c in columns):
-            raise InputError(f"{path}: line {number} is not numbers: {' '.join(words)[:60]!r}")
-    points = np.array([[float(words[c]) for c in columns] for _, words in numbered]).reshape(-1, 3)
-    return points, np.empty((0, 3), dtype=np.int64)
+    if not _is_number(lines[0].split()[0]):
+        columns = _header_columns(lines.pop(0).split())
+    table = parse_table(lines)
+    if table is None or table.shape[1] <= max(columns):
+        table = _row_by_row(path, lines, columns)
+        columns = [0, 1, 2]
+    return np.ascontiguousarray(table[:, columns]), np.empty((0, 3), dtype=np.int64)
 
 
 def read_npz(path: Path) -> tuple[FloatArray, IntArray]:
@@ -59,9 +58,19 @@ def read_npz(path: Path) -> tuple[FloatArray, IntArray]:
         return arrays[key], arrays["faces"] if "faces" in arrays else np.empty((0, 3), dtype=np.int64)
 
 
-def _words(line: str) -> list[str]:
-    content = re.split(r"#|//", line, maxsplit=1)[0].strip().strip("\ufeff")
-    return re.split(r"\s*[,;]\s*|\s+", content) if content else []
+def _row_by_row(path: Path, lines: list[str], columns: list[int]) -> FloatArray:
+    """Return the wanted columns of a table that holds words too, or say which row is wrong."""
+    width = len(lines[0].split()) if lines else 0
+    points = []
+    for number, line in enumerate(lines, start=1):
+        words = line.split()
+        if len(words) != width or width <= max(columns):
+            expected = max(width, max(columns) + 1)
+            raise InputError(f"{path}: row {number} has {len(words)} columns, expected {expected} (truncated?)")
+        if not all(_is_number(words[c]) for c in columns):
+            raise InputError(f"{path}: row {number} is not numbers: {line[:60]!r}")
+        points.append([float(words[c]) for c in columns])
+    return np.array(points, dtype=np.float64).reshape(-1, 3)
 
 
 def _is_number(word: str) -> bool:

@@ -24,9 +24,11 @@ def pcd(
 MALFORMED = [
     ("nan.xyz", "0 0 0\nnan 1 2\n3 4 5\n", "NaN"),
     ("inf.xyz", "0 0 0\ninf 1 2\n3 4 5\n", "infinite"),
-    ("cut.xyz", "0 0 0\n1 2 3\n4 5\n", "line 3 has 2 columns"),
+    ("cut.xyz", "0 0 0\n1 2 3\n4 5\n", "row 3 has 2 columns"),
     ("flat.xyz", "0 0\n1 2\n", "2 columns, expected 3"),
-    ("words.xyz", "0 0 0\n1 two 3\n", "line 2 is not numbers"),
+    ("words.xyz", "0 0 0\n1 two 3\n", "row 2 is not numbers"),
+    ("gap.csv", "0,0,0\n1,,3\n4,5,6\n", "1 of 9 values are NaN"),
+    ("gaps.csv", "x,y,z,w\n,0,0,7\n,2,3,7\n,5,6,7\n", "3 of 9 values are NaN"),
     ("comments.xyz", "# nothing\n\n", "no points"),
     ("header.csv", "x,y,z\n", "no points"),
     ("binary.txt", "\x00\x01\x02", "columns|no points|numbers"),
@@ -62,6 +64,8 @@ def test_malformed_files_are_refused_by_name_and_reason(tmp_path: Path, name: st
         ("semicolons.csv", "0;0;0\r\n1;2;3\r\n4;5;6\r\n"),
         ("named.csv", "id,z,y,x\na,0,0,0\nb,3,2,1\nc,6,5,4\n"),
         ("bom.csv", "\ufeffx,y,z\n0,0,0\n1,2,3\n4,5,6\n"),
+        ("trailing.csv", "0,0,0,\n1,2,3,\n4,5,6,\n"),
+        ("unused.csv", "x,y,z,w\n0,0,0,\n1,2,3,\n4,5,6,\n"),
         ("quoted.csv", '"X" "Y" "Z"\n0 0 0\n1 2 3\n4 5 6 // last\n'),
     ],
 )
