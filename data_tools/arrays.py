@@ -174,9 +174,10 @@ def as_rotations(rotations: ArrayLike, name: str, *, group: str = "O", dim: int 
         raise InputError(f"{name}: expected square matrices (..., d, d), got shape {array.shape}")
     if dim is not None and array.shape[-1] != dim:
         raise InputError(f"{name}: expected {dim} x {dim} matrices, got shape {array.shape}")
-    gram = np.swapaxes(array, -1, -2) @ array
-    error = float(np.abs(gram - np.eye(array.shape[-1])).max(initial=0.0))
-    if error > ORTHOGONAL_TOL:
+    with np.errstate(over="ignore", invalid="ignore"):
+        gram = np.swapaxes(array, -1, -2) @ array
+        error = float(np.abs(gram - np.eye(array.shape[-1])).max(initial=0.0))
+    if not error <= ORTHOGONAL_TOL:  # NaN where squares overflow
         raise InputError(f"{name}: not orthogonal, |R^T R - I| reaches {error:.2g}")
     if group == "SO" and array.size and float(np.linalg.det(array).min()) < 0:
         raise InputError(f"{name}: contains a reflection (determinant -1) but group is 'SO'")

@@ -81,3 +81,8 @@ def test_masks_and_indices() -> None:
     with pytest.raises(InputError, match="shape"):
         arrays.as_mask([[1, 0]], "m", shape=(2, 1))
     assert arrays.as_indices([-1, 2], "i", lower=-1, upper=3).tolist() == [-1, 2]
+
+
+def test_rotations_whose_squares_overflow_are_refused() -> None:
+    with pytest.raises(InputError, match="not orthogonal"):
+        arrays.as_rotations(np.array([[1e200, 1e200], [1e200, -1e200]]), "R")

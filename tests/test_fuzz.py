@@ -22,6 +22,7 @@ def test_the_undamaged_files_are_good(shape_files: dict[str, bytes], tmp_path: P
     for name, data in shape_files.items():
         assert targets.read_and_sample((name, data)) > 20
     assert targets.read_store(("a.store", seeds.store_file(tmp_path))) == 2
+    assert all(targets.read_record(item) > 0 for item in seeds.records().items())
     assert targets.read_certificate(("a.npz", seeds.certificate_file(tmp_path))) >= 0.0
     with pytest.raises(InputError, match="holds no shape file"):  # and not that an option is wrong
         targets.read_config(("a.toml", seeds.CONFIG.encode()))
@@ -33,9 +34,12 @@ def test_damaged_shapes_end_in_a_clear_error_or_a_shape(shape_files: dict[str, b
     assert report.counts.keys() == GOOD_ENDINGS
 
 
-def test_damaged_stores_certificates_and_configurations_end_in_a_clear_error_or_a_value(tmp_path: Path) -> None:
+def test_damaged_stores_records_certificates_and_configurations_end_in_a_clear_error_or_a_value(
+    tmp_path: Path,
+) -> None:
     for target, files, num in (
         (targets.read_store, {"a.store": seeds.store_file(tmp_path)}, 60),
+        (targets.read_record, seeds.records(), 200),
         (targets.read_certificate, {"a.npz": seeds.certificate_file(tmp_path)}, 60),
         (targets.read_config, {"a.toml": seeds.CONFIG.encode()}, 20),
     ):

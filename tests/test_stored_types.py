@@ -89,6 +89,7 @@ def test_a_match_without_a_pose_is_a_failure_and_no_record(result: MatchResult) 
     [
         {"rotations": np.eye(3)[None] * 2},
         {"rotations": np.full((1, 3, 3), np.nan)},
+        {"rotations": np.full((1, 3, 3), 1e200)},
         {"rotations": np.eye(3)},
         {"rotations": "no array"},
         {"maps": np.full((1, 10), -2, np.int32)},

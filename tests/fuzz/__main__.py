@@ -10,17 +10,19 @@ from pathlib import Path
 from tests.fuzz import seeds, targets
 from tests.fuzz.harness import fuzz
 
+KINDS = ("shapes", "stores", "records", "certificates", "configs")
+
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    for kind in ("shapes", "stores", "certificates", "configs"):
+    for kind in KINDS:
         parser.add_argument(f"--{kind}", type=int, default=0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--keep", type=Path, help="folder for the files that ended badly")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        bad = [run(kind, options, Path(folder)) for kind in ("shapes", "stores", "certificates", "configs")]
+        bad = [run(kind, options, Path(folder)) for kind in KINDS]
     return int(any(bad))
 
 
@@ -32,6 +34,7 @@ def run(kind: str, options: argparse.Namespace, folder: Path) -> int:
     target, files = {
         "shapes": lambda: (targets.read_and_sample, seeds.shape_files(folder)),
         "stores": lambda: (targets.read_store, {"a.store": seeds.store_file(folder)}),
+        "records": lambda: (targets.read_record, seeds.records()),
         "certificates": lambda: (targets.read_certificate, {"a.npz": seeds.certificate_file(folder)}),
         "configs": lambda: (targets.read_config, {"a.toml": seeds.CONFIG.encode()}),
     }[kind]()

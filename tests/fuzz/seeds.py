@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from collalign.fingerprint import fingerprint
+from collalign.records import encode
 from collalign.store import Store
 from collalign.stored_types import poses_to_record, samples_to_record
-from data_tools.embedding import sample_shape
+from data_tools.embedding import Samples, sample_shape
 from data_tools.mesh_io import WRITABLE, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.shape import Shape
@@ -61,15 +62,22 @@ def shape_files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
+def records() -> dict[str, bytes]:
+    """Return the record of a shape and of a pair."""
+    samples = _samples()
+    poses = poses_to_record(match(samples[0].positions, samples[1].positions))
+    return {"shape.record": encode(samples_to_record(samples[0])), "pair.record": encode(poses)}
+
+
+def _samples() -> list[Samples]:
+    options = SamplingOptions(num_points=8, num_dense_points=9)
+    return [sample_shape(crown(np.random.default_rng(i), num_vertices=80), options) for i in range(2)]
+
+
 def store_file(folder: Path) -> bytes:
     """Return a store with shapes, pairs, a failure, a plan and options."""
     path = folder / "seed.store"
-    samples = [
-        sample_shape(
-            crown(np.random.default_rng(i), num_vertices=80), SamplingOptions(num_points=8, num_dense_points=9)
-        )
-        for i in range(2)
-    ]
+    samples = _samples()
     keys = [fingerprint("1", {}, str(i)) for i in range(3)]
     with Store.open(path) as store:
         for key, item in zip(keys, samples, strict=False):

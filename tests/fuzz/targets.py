@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 
 from collalign.cli import main
+from collalign.records import decode
 from collalign.store import Store
 from collalign.stored_types import poses_from_record, samples_from_record
 from data_tools.embedding import sample_shape
@@ -43,6 +44,14 @@ def read_store(payload: tuple[str, bytes]) -> int:
         with Store.open(path) as store:
             store.put("pairs", "new", {"x": 1})
             return len(store.keys("pairs"))
+
+
+def read_record(payload: tuple[str, bytes]) -> int:
+    """Decode a record whose digest would fit, as a forger could arrange, and check its fields."""
+    name, data = payload
+    check = samples_from_record if name == "shape.record" else poses_from_record
+    check(decode(data, name), name)
+    return len(data)
 
 
 def read_certificate(payload: tuple[str, bytes]) -> float:
