@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets import read_teeth
 from data_tools.errors import OptionsError
+from data_tools.sampling import farthest_points
 from pairwise.branch_and_bound import can_certify, certify, prove
 from pairwise.branch_and_bound_bounds import BallBounds
 from pairwise.branch_and_bound_cells import Cells
@@ -129,6 +131,21 @@ def test_the_relaxation_takes_over_after_half_of_the_time():
     problem = Problem.from_user(*planted_cube(16, 0.05, 2))
     proof = prove(problem, tol=1e-12, time_limit_s=2.0)
     assert proof.lower_bound == pytest.approx(proof.candidate.energy, rel=1e-6)
+
+
+@pytest.mark.data
+def test_a_pair_of_teeth_is_proven_with_its_chirality(shared_data):
+    teeth = read_teeth(shared_data / "teeth_pnas116")
+    left, right = (int(np.flatnonzero(teeth.chirality == side)[0]) for side in (1, -1))
+    clouds = []
+    for index in (left, right):
+        shape = teeth.shape(index)
+        points = shape.vertices[farthest_points(shape, 16, metric="euclidean")]
+        points = points - points.mean(axis=0)
+        clouds.append(points / np.linalg.norm(points))
+    proof = prove(Problem.from_user(*clouds, group="O"), time_limit_s=60)
+    assert proof.status is Status.PROVEN_OPTIMAL
+    assert proof.is_chirality_proven
 
 
 def test_what_cannot_be_certified_is_refused():

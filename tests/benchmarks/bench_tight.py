@@ -78,8 +78,9 @@ def speed(num: int, points: list[int], noises: list[float], limit_s: float) -> N
                 (value, status), scs_s = timed(solve_tight_reference, problem, tol=1e-4, time_limit_s=limit_s)
                 ratios.append(scs_s / own_s)
                 print(
-                    f"n {n} noise {noise} seed {seed}: {own_s:.2f} s (bound {own.lower_bound:.5f}), without dropping "
-                    f"{plain_s:.2f} s ({plain.lower_bound:.5f}), SCS {scs_s:.1f} s ({value:.5f}, {status.name})",
+                    f"n {n} noise {noise} seed {seed}: {own_s:.2f} s (bound {own.lower_bound:.5f}), "
+                    f"without dropping {plain_s:.2f} s ({plain.lower_bound:.5f}), "
+                    f"SCS {scs_s:.1f} s ({value:.5f}, {status.name})",
                     flush=True,
                 )
             print(f"n {n} noise {noise}: SCS takes {np.median(ratios):.0f} times as long (median)")
@@ -95,7 +96,7 @@ def certified(num: int, points: list[int], noises: list[float], limit_s: float) 
 
 
 def teeth(num: int, points: list[int], folder: Path, limit_s: float) -> None:
-    """Pairs of teeth, Euclidean farthest points, unit scale: proven gap and time, and the plain relaxation's share."""
+    """Pairs of teeth, Euclidean farthest points, unit scale: proven gap and time, and the relaxation's share."""
     shapes = read_teeth(folder)
     for n in points:
         rng = np.random.default_rng(0)
@@ -131,7 +132,8 @@ def _certify_all(problems: list[Problem], limit_s: float) -> str:
     times = [spent for _, spent in proofs]
     mirrors = [proof.is_chirality_proven for proof, _ in proofs]
     return (
-        f"{len(problems)} problems, {proven:.0%} proven | {max(gaps):.1e} | {np.median(times):.2f} s, {max(times):.2f} s"
+        f"{len(problems)} problems, {proven:.0%} proven | {max(gaps):.1e}"
+        f" | {np.median(times):.2f} s, {max(times):.2f} s"
         f" | {int(np.median([proof.num_cells for proof, _ in proofs]))} cells"
         f" | mirror decisions proven {np.mean(mirrors):.0%}"
     )
