@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
@@ -35,6 +34,8 @@ def read_with_trimesh(path: Path) -> tuple[FloatArray, IntArray]:
     options: dict[str, Any] = {"process": False, "validate": False}
     if kind in ("glb", "gltf"):
         options["skip_materials"] = True
+    import trimesh
+
     scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=resolver, **options)
     parts = []
     for node in scene.graph.nodes_geometry:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.cleaning import clean
@@ -124,6 +123,8 @@ def write_mesh(path: Path | str, shape: Shape) -> Path:
         raise InputError(f"{path}: cannot write {suffix!r}; writable are {', '.join(WRITABLE)}")
     if not shape.is_mesh and suffix not in (".ply", ".obj"):
         raise InputError(f"{path}: a point cloud can be written as .ply or .obj")
+    import trimesh
+
     if shape.is_mesh:
         geometry: Any = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
     else:
