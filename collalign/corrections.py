@@ -16,6 +16,7 @@ from data_tools.errors import InputError
 FORMAT = "collalign-corrections"
 VERSION = 1
 _KINDS = ("pose", "confirmed")
+_ADVICE = "use the report of the same folder, or delete the decisions that do not belong to it"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,14 +30,11 @@ class Decision:
         Whether another pose was chosen or the present one called right.
     R_common_shape : ndarray, shape (3, 3)
         The right pose, in the common frame of the result in which it was decided.
-    compared_with : str or None
-        The shape that it was compared with by eye; None for a shape that is alone in its group.
     """
 
     shape: str
     kind: Literal["pose", "confirmed"]
     R_common_shape: FloatArray
-    compared_with: str | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,7 +45,8 @@ class Corrections:
     ----------
     decisions : tuple of Decision
     frame : dict of str to ndarray, shape (3, 3)
-        ``R_common_shape`` of the shapes compared with, in the result that was looked at.
+        ``R_common_shape`` of the certain shapes among which the decisions place the others, in the result that was
+        looked at.
     source : str
         The file, for messages.
     """
@@ -60,8 +59,7 @@ class Corrections:
         """Poses that synchronization must keep, for :func:`collalign.align_collection`.
 
         Poses mean something only relative to each other: a single fixed shape would choose the common frame and
-        change nothing. So the shapes that were compared with are fixed as well, where they were seen or, if they were
-        decided on themselves, where they were put.
+        change nothing. So the certain shapes stay where they were seen, and the doubtful ones may follow.
 
         Parameters
         ----------
@@ -71,22 +69,22 @@ class Corrections:
         Returns
         -------
         dict of str to ndarray, shape (3, 3)
-            ``R_common_shape`` by name.
+            ``R_common_shape`` by name; empty if nothing was decided.
 
         Raises
         ------
         InputError
-            If a shape decided on or compared with is not in the collection.
+            If a shape decided on is not in the collection, or none of the certain ones is.
         """
-        poses = {name: self.frame[name] for one in self.decisions if (name := one.compared_with) is not None}
-        poses |= {one.shape: one.R_common_shape for one in self.decisions}
-        for name in poses:
-            if name not in names:
-                raise InputError(
-                    f"{self.source}: {name!r} is no shape of this collection; "
-                    "use the report of the same folder, or delete the decision on it from the file"
-                )
-        return poses
+        for decision in self.decisions:
+            if decision.shape not in names:
+                raise InputError(f"{self.source}: {decision.shape!r} is no shape of this collection; {_ADVICE}")
+        if not self.decisions:
+            return {}
+        kept = {name: R for name, R in self.frame.items() if name in names}
+        if self.frame and not kept:
+            raise InputError(f"{self.source}: none of the shapes that it refers to is in this collection; {_ADVICE}")
+        return kept | {decision.shape: decision.R_common_shape for decision in self.decisions}
 
 
 def read_corrections(path: Path | str) -> Corrections:
@@ -117,24 +115,14 @@ def read_corrections(path: Path | str) -> Corrections:
     if twice:
         raise InputError(f"{source}: two decisions about {twice[0]!r}; keep one")
     poses = {str(name): _rotation(matrix, f"{source}, frame of {name!r}") for name, matrix in frame.items()}
-    missing = [
-        one.compared_with for one in decisions if one.compared_with is not None and one.compared_with not in poses
-    ]
-    if missing:
-        raise InputError(
-            f"{source}: the frame lacks {missing[0]!r}, to which a decision refers; download the file again"
-        )
     return Corrections(decisions=decisions, frame=poses, source=str(source))
 
 
 def _decision(entry: Any, where: str) -> Decision:
     if not isinstance(entry, dict) or not isinstance(entry.get("shape"), str) or entry.get("decision") not in _KINDS:
         raise InputError(f"{where}: expected 'shape', 'decision' ({' or '.join(_KINDS)}) and 'rotation'")
-    compared = entry.get("compared_with")
-    if compared is not None and not isinstance(compared, str):
-        raise InputError(f"{where}: 'compared_with' must be the name of a shape or null")
     matrix = _rotation(entry.get("rotation"), f"{where} ({entry['shape']})")
-    return Decision(shape=entry["shape"], kind=entry["decision"], R_common_shape=matrix, compared_with=compared)
+    return Decision(shape=entry["shape"], kind=entry["decision"], R_common_shape=matrix)
 
 
 def _rotation(matrix: Any, where: str) -> FloatArray:

@@ -148,6 +148,7 @@ def _pair(pair: PairEvidence, rotations: FloatArray, labels: IntArray) -> Pair:
         mirrored=mirrored,
         inlier=pair.inlier,
         choice=pair.choice,
+        chirality_proven=pair.chirality_proven,
         status=_advice(pair.status),
         candidates=tuple(
             PairPose(R_i_j=R, energy=float(energy)) for R, energy in zip(pair.rotations, pair.energies, strict=True)

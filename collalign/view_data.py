@@ -73,6 +73,8 @@ class Pair:
         Whether synchronization trusted this pair.
     choice : int
         The candidate that synchronization used, -1 for none.
+    chirality_proven : bool
+        Whether every pose of the other handedness is proven to be worse.
     status : str
         Advice in words, for failed pairs the reason.
     candidates : tuple of PairPose
@@ -90,6 +92,7 @@ class Pair:
     mirrored: bool = False
     inlier: bool = True
     choice: int = 0
+    chirality_proven: bool = False
     status: str = ""
     candidates: tuple[PairPose, ...] = ()
     map_i_j: IntArray | None = None

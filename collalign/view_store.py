@@ -31,7 +31,7 @@ _TEXT_FIELDS = (
     "doubt_threshold",
 )
 _PAIR_NUMBERS = ("energy", "lower_bound", "disagreement_deg")
-_PAIR_FLAGS = ("mirrored", "inlier")
+_PAIR_FLAGS = ("mirrored", "inlier", "chirality_proven")
 
 
 def save_view(view: CollectionView, folder: Path | str) -> Path:
@@ -187,6 +187,7 @@ def _pairs(data: dict[str, NDArray[Any]]) -> tuple[Pair, ...]:
                 mirrored=bool(data["pair_mirrored"][row]),
                 inlier=bool(data["pair_inlier"][row]),
                 choice=int(data["pair_choice"][row]),
+                chirality_proven=bool(data["pair_chirality_proven"][row]),
             )
         )
     return tuple(pairs)

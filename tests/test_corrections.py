@@ -20,10 +20,10 @@ def record(**changes: Any) -> dict[str, Any]:
         "format": FORMAT,
         "version": 1,
         "decisions": [
-            {"shape": "b", "decision": "pose", "rotation": flipped.tolist(), "compared_with": "a"},
-            {"shape": "c", "decision": "confirmed", "rotation": R[2].tolist(), "compared_with": "b"},
+            {"shape": "b", "decision": "pose", "rotation": flipped.tolist()},
+            {"shape": "c", "decision": "confirmed", "rotation": R[2].tolist()},
         ],
-        "frame": {name: matrix.tolist() for name, matrix in zip(NAMES[:2], R, strict=False)},
+        "frame": {name: matrix.tolist() for name, matrix in zip("ad", R[[0, 3]], strict=True)},
     } | changes
 
 
@@ -36,15 +36,21 @@ def write(tmp_path: Path, content: Any) -> Path:
 def test_decisions_come_back(tmp_path: Path) -> None:
     found = read_corrections(write(tmp_path, record()))
     assert [(decision.shape, decision.kind) for decision in found.decisions] == [("b", "pose"), ("c", "confirmed")]
-    assert [decision.compared_with for decision in found.decisions] == ["a", "b"]
     assert found.source.endswith("corrections.json")
 
 
-def test_shapes_compared_with_are_fixed_too(tmp_path: Path) -> None:
+def test_certain_shapes_stay_and_decided_ones_move(tmp_path: Path) -> None:
     fixed = read_corrections(write(tmp_path, record())).fixed(["z", *NAMES])
-    assert set(fixed) == {"a", "b", "c"}
+    assert set(fixed) == set(NAMES)
     np.testing.assert_allclose(fixed["a"], R[0], atol=1e-12)
     np.testing.assert_allclose(fixed["b"], np.diag([1.0, -1.0, -1.0]) @ R[1], atol=1e-12)
+
+
+def test_certain_shapes_may_have_left_the_collection_but_not_all(tmp_path: Path) -> None:
+    found = read_corrections(write(tmp_path, record()))
+    assert set(found.fixed(["b", "c", "d"])) == {"b", "c", "d"}
+    with pytest.raises(InputError, match="none of the shapes that it refers to"):
+        found.fixed(["b", "c"])
 
 
 def test_no_decisions_fix_nothing(tmp_path: Path) -> None:
@@ -73,8 +79,6 @@ def test_decisions_about_shapes_that_are_not_there_are_refused(tmp_path: Path) -
             "not orthogonal",
         ),
         (record(decisions=record()["decisions"][:1] * 2), "two decisions about 'b'"),
-        (record(frame={"a": R[0].tolist()}), "the frame lacks 'b'"),
-        (record(decisions=[record()["decisions"][0] | {"compared_with": 3}]), "name of a shape or null"),
     ],
 )
 def test_damaged_files_are_refused_with_advice(tmp_path: Path, content: Any, message: str) -> None:

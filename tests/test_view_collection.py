@@ -27,6 +27,7 @@ def evidence(i: int, j: int, rotations: list[FloatArray], map_i_j: np.ndarray, *
         "energy": 0.5,
         "lower_bound": float("nan"),
         "status": "LOCAL_OPTIMUM",
+        "chirality_proven": True,
         "choice": 0,
         "inlier": True,
         "disagreement_deg": 0.0,
@@ -99,6 +100,7 @@ def test_pairs_say_how_they_disagree_and_what_was_used(collection: AlignedCollec
     assert (mirrored.disagreement_deg, mirrored.mirrored, mirrored.inlier) == (180, True, False)
     assert np.isnan(failed.energy)
     assert failed.candidates == ()
+    assert good.chirality_proven
     assert good.status == Status.LOCAL_OPTIMUM.value
     assert failed.status == "the worker was killed"
 

@@ -27,7 +27,7 @@ def test_a_view_comes_back_as_it_was(tmp_path: Path) -> None:
             np.testing.assert_array_equal(a, b)
     for a, b in zip(view.pairs, found.pairs, strict=True):
         assert (a.i, a.j, a.inlier, a.mirrored, a.choice) == (b.i, b.j, b.inlier, b.mirrored, b.choice)
-        assert a.status == b.status
+        assert (a.status, a.chirality_proven) == (b.status, b.chirality_proven)
         np.testing.assert_array_equal([a.energy, a.lower_bound], [b.energy, b.lower_bound])
         assert (a.map_i_j is None) == (b.map_i_j is None)
         for p, q in zip(a.candidates, b.candidates, strict=True):

@@ -96,6 +96,7 @@ def _pairs(R: FloatArray, rng: np.random.Generator) -> tuple[Pair, ...]:
                     disagreement_deg=180.0 if wrong else float(rng.uniform(0, 15)),
                     inlier=not wrong,
                     choice=-1 if wrong else 0,
+                    chirality_proven=not wrong,
                     status="Locally optimal.",
                     candidates=(PairPose(R_i_j=first, energy=energy), PairPose(R_i_j=second, energy=1.4 * energy)),
                     map_i_j=order if wrong else None,

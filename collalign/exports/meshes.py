@@ -1,16 +1,13 @@
-"""Aligned meshes as PLY, OBJ or STL, at full resolution."""
+"""Aligned meshes as PLY, OBJ or STL, at full resolution and with normals outwards where the pose mirrors."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from collalign.exports.request import ExportRequest, file_stems
-from data_tools.arrays import FloatArray
+from collalign.outputs import aligned_shape
 from data_tools.mesh_io import write_mesh
-from data_tools.shape import Shape
 
 
 def writer(ending: str) -> Callable[[ExportRequest], tuple[Path, ...]]:
@@ -21,15 +18,8 @@ def writer(ending: str) -> Callable[[ExportRequest], tuple[Path, ...]]:
         transforms = request.transforms()
         stems = file_stems(request.view.names)
         return tuple(
-            write_mesh(request.folder / f"{stem}.{ending}", transformed(request.source_shape(at), transforms[at]))
+            write_mesh(request.folder / f"{stem}.{ending}", aligned_shape(request.source_shape(at), transforms[at]))
             for at, stem in enumerate(stems)
         )
 
     return write
-
-
-def transformed(shape: Shape, transform: FloatArray) -> Shape:
-    """Apply a 4 x 4 transform; where it mirrors, triangles are turned round so that normals still point outwards."""
-    faces = shape.faces[:, ::-1] if np.linalg.det(transform[:3, :3]) < 0 else shape.faces
-    vertices = shape.vertices @ transform[:3, :3].T + transform[:3, 3]
-    return Shape.from_arrays(vertices, faces, name=shape.name, file=shape.file)

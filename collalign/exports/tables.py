@@ -113,6 +113,7 @@ def _pairs(request: ExportRequest) -> Table:
         "energy": [pair.energy for pair in pairs],
         "lower_bound": [pair.lower_bound for pair in pairs],
         "disagreement_deg": [pair.disagreement_deg for pair in pairs],
+        "chirality_proven": [int(pair.chirality_proven) for pair in pairs],
         "inlier": [int(pair.inlier) for pair in pairs],
         "status": [pair.status for pair in pairs],
     }

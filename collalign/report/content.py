@@ -131,6 +131,7 @@ def _pairs(view: CollectionView) -> tuple[Fields, str, list[str]]:
             "disagreement": column("disagreement_deg", np.float32),
             "inlier": column("inlier", np.uint8),
             "mirrored": column("mirrored", np.uint8),
+            "chiralityProven": column("chirality_proven", np.uint8),
             "choice": column("choice", np.int16),
             "status": np.array([number[pair.status] for pair in pairs], dtype=np.uint16),
             "poseCount": np.array([min(len(pair.candidates), MOST_PAIR_POSES) for pair in pairs], dtype=np.uint8),

@@ -45,16 +45,16 @@ export class Corrections {
   }
 
   text() {
-    const { shapes } = this.collection;
+    const { shapes, doubtThreshold } = this.collection;
     const made = [...this.chosen.keys()].sort((a, b) => a - b);
-    const compared = (index) => shapes[this.collection.reference(index)];
+    const others = this.collection.certain(new Set(made));
+    const anchors = others.filter((index, rank) => rank === 0 || shapes[index].confidence >= doubtThreshold);
     const decisions = made.map((index) => ({
       shape: shapes[index].name,
       decision: this.chosen.get(index) < 0 ? "confirmed" : "pose",
       rotation: this.rows(index),
-      compared_with: compared(index)?.name ?? null,
     }));
-    const frame = Object.fromEntries(made.map(compared).filter(Boolean).map((shape) => [shape.name, shape.R]));
+    const frame = Object.fromEntries(anchors.map((index) => [shapes[index].name, shapes[index].R]));
     return JSON.stringify({ format: "collalign-corrections", version: 1, decisions, frame }, null, 1);
   }
 

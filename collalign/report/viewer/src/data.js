@@ -68,11 +68,13 @@ export class Collection {
     this.pairs = { ...arrays, starts, at };
   }
 
-  // The most certain shape of the same group: what a shape is compared with by eye.
-  reference(index) {
-    const { group } = this.shapes[index];
-    const others = this.shapes.map((_, at) => at).filter((at) => at !== index && this.shapes[at].group === group);
-    return others.sort((a, b) => this.shapes[b].confidence - this.shapes[a].confidence)[0];
+  // Shapes of the largest group, the most certain first, without those in `left`.
+  certain(left) {
+    const sizes = new Map();
+    for (const { group } of this.shapes) sizes.set(group, (sizes.get(group) ?? 0) + 1);
+    const main = [...sizes.entries()].reduce((best, entry) => (entry[1] > best[1] ? entry : best))[0];
+    const members = this.shapes.map((_, at) => at).filter((at) => this.shapes[at].group === main && !left.has(at));
+    return members.sort((a, b) => this.shapes[b].confidence - this.shapes[a].confidence);
   }
 
   pairAt(a, b) {

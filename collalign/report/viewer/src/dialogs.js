@@ -65,6 +65,7 @@ export function pairDialog(app) {
     const bound = pairs.bound[pair];
     const facts = [
       Number.isNaN(bound) ? "No lower bound was asked for." : `Lower bound ${number(bound)}: no pose has a smaller energy (gap ${number(100 * (1 - bound / pairs.energy[pair]))} %).`,
+      pairs.chiralityProven[pair] ? "Every pose of the other handedness is proven to be worse." : "",
       `Synchronization: ${collection.use(pair)}.`,
       collection.statuses[pairs.status[pair]],
     ];
@@ -119,7 +120,7 @@ export function shapeDialog(app) {
   return (index) => {
     drawn.clear();
     const shape = collection.shapes[index];
-    const compare = collection.reference(index);
+    const [compare] = collection.certain(new Set([index]));
     const row = el("div", { class: "figures" });
     drawn.add(row, "as in the file", () => [before(app, index)]);
     const ghost = () => (compare === undefined ? [] : [posed(app, compare, corrections.rotation(compare), { color: GREY, opacity: 0.3 })]);
@@ -130,7 +131,7 @@ export function shapeDialog(app) {
     const rows = pairRows(app, index, (a, b) => { box.dialog.close(); app.openPair(a, b); });
     box.body.replaceChildren(
       el("p", null, facts.filter(Boolean).join(" · ")),
-      el("p", { class: "muted" }, "Grey and clear: the shape it is compared with. Which pose lies like it? Choose it, then download the decisions at the bottom of the page."),
+      el("p", { class: "muted" }, "Grey and clear: a certain shape to compare with. Which pose lies like it? Choose it, then download the decisions at the bottom of the page. Certain shapes will stay as they are, doubtful ones may follow."),
       row,
       rows.length ? table("Its pairs that disagree most", ["With", "Disagreement", "Energy", "Synchronization"], rows) : "");
     box.show(shape.name);
