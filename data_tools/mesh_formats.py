@@ -56,7 +56,7 @@ def _part(path: Path, geometry: Any, transform: FloatArray) -> tuple[FloatArray,
     vertices = np.asarray(geometry.vertices, dtype=np.float64)
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise InputError(f"{path}: points have shape {vertices.shape}, expected 3 coordinates each")
-    faces = np.asarray(getattr(geometry, "faces", None) if hasattr(geometry, "faces") else [])
+    faces = np.asarray(getattr(geometry, "faces", []))
     faces = faces.reshape(-1, 3) if faces.size else np.empty((0, 3), dtype=np.int64)
     if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise InputError(f"{path}: a face names vertex {faces.max()}, there are {len(vertices)}")

@@ -75,6 +75,12 @@ class EmbeddingOptions:
 
     A weight is the squared norm of a block over all samples, relative to that of the positions. So 1 says that an
     entirely wrong match costs as much by this block as by its position.
+
+    One rule serves all data: columns are standardised over the samples of each shape, a column without information
+    (the distance to a boundary that does not exist) is zero, and blocks of invariants weigh a fifth. That is enough
+    to settle most front-back flips, and too little to overrule positions where descriptors are noise: on generated
+    chairs with vertices displaced by 4 % of the diagonal, or as random points of the volume, weights of .1 to .4 still
+    helped or did no harm, while 1 hurt.
     """
 
     kind: EmbeddingKind = "xyz+invariants"
