@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,12 +12,13 @@ from scipy.spatial.distance import cdist
 
 from collalign.collection import PairEvidence
 from collalign.options import AlignOptions
-from collalign.pairs import MatchedPair, synchronize_pairs
+from collalign.pairs import MatchedPair, candidate_arrays, pair_problem, synchronize_pairs
 from collalign.refinement import refine_rotations
-from collalign.synchronization import SynchronizationResult
+from collalign.synchronization import SynchronizationResult, refine_with_pairs, superimpose, synchronize_maps
 from data_tools.arrays import FloatArray, IntArray, as_rotations, read_only
 from data_tools.embedding import Samples
 from data_tools.rotations import rotation_angle_deg
+from pairwise.local_search import LocalMinima, minimise
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,7 +73,7 @@ def make_consistent(
     names = [item.name for item in samples]
     held = {names.index(name): as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in fixed.items()}
     reference = names.index(options.reference) if options.reference else 0
-    solution = synchronize_pairs(pairs, len(samples), options, fixed=held, reference=reference)
+    pairs, solution = agree(samples, pairs, options, fixed=held, reference=reference)
     rotations = solution.rotations
     if options.refine and all(len(item.dense_indices) > 1 for item in samples):
         rotations = refine_rotations(
@@ -84,7 +85,8 @@ def make_consistent(
             fixed=held,
             reference=reference,
         )
-    labels = universe_labels(samples, rotations)
+    evidence = tuple(_evidence(samples, pair, e, solution, rotations) for e, pair in enumerate(pairs))
+    labels = common_labels(samples, evidence, rotations)
     still = {names.index(name): transform for name, transform in (placed or {}).items()}
     transforms = place_and_scale(samples, rotations, labels, options.scaling, placed=still)
     positions = np.stack(
@@ -100,35 +102,89 @@ def make_consistent(
         labels=labels,
         positions=positions,
         consensus=in_label_order(positions, labels).mean(axis=0),
-        pairs=tuple(_evidence(samples, pair, e, solution, rotations) for e, pair in enumerate(pairs)),
+        pairs=evidence,
     )
 
 
-def universe_labels(samples: Sequence[Samples], rotations: FloatArray, *, max_rounds: int = 50) -> IntArray:
-    """Label the samples of all shapes consistently, by exact assignment to the mean shape until nothing changes.
+def agree(
+    samples: Sequence[Samples],
+    pairs: Sequence[MatchedPair],
+    options: AlignOptions,
+    *,
+    fixed: Mapping[int, FloatArray],
+    reference: int,
+) -> tuple[list[MatchedPair], SynchronizationResult]:
+    """Synchronize, solve pairs again from the common poses where they disagree, until nothing changes.
+
+    The paper's steps 2 to 4 (section 6.3 of Maron et al. 2016); a pair's energy may veto a pose.
+
+    Returns
+    -------
+    pairs : list of MatchedPair
+        Re-solved poses are appended to their candidates.
+    solution : SynchronizationResult
+        Its ``edge_choice`` counts the candidates of the returned pairs.
+    """
+    solution = synchronize_pairs(pairs, len(samples), options, fixed=fixed, reference=reference)
+    if options.synchronization == "spectral":
+        return list(pairs), solution
+    edges, rotations, energies = candidate_arrays(pairs)
+    found: dict[int, MatchedPair] = {}
+
+    def resolve(edge: int, start: FloatArray) -> tuple[FloatArray, float, IntArray]:
+        pose = _pose_from(samples, pairs[edge], start, options.group)
+        found[edge] = replace(
+            pairs[edge],
+            rotations=np.concatenate([pairs[edge].rotations, pose.rotations]),
+            maps=np.concatenate([pairs[edge].maps, pose.maps]),
+            energies=np.concatenate([pairs[edge].energies, pose.energies]),
+        )
+        return np.ascontiguousarray(pose.rotations[0, :3, :3]), float(pose.energies[0]), pose.maps[0]
+
+    refined = refine_with_pairs(
+        edges,
+        np.ascontiguousarray(rotations[..., :3, :3]),
+        energies,
+        resolve,
+        group=options.group,
+        num_shapes=len(samples),
+        fixed=fixed,
+        reference=reference,
+        start=solution,
+    )
+    accepted = np.isfinite(refined.energies[:, -1])
+    agreed = [found[e] if accepted[e] else pair for e, pair in enumerate(pairs)]
+    last = np.array([len(pair.energies) - 1 for pair in agreed])
+    resolved = refined.result.edge_choice == refined.energies.shape[1] - 1
+    choice = read_only(np.where(resolved, last, refined.result.edge_choice))
+    return agreed, replace(refined.result, edge_choice=choice)
+
+
+def common_labels(samples: Sequence[Samples], pairs: Sequence[PairEvidence], rotations: FloatArray) -> IntArray:
+    """Label the samples of all shapes consistently, from the pairs' maps and the common poses.
 
     Parameters
     ----------
     samples : sequence of Samples
+    pairs : sequence of PairEvidence
+        With their maps at the common poses.
     rotations : ndarray, shape (N, 3, 3)
         ``R_common_shape``.
-    max_rounds : int
 
     Returns
     -------
     ndarray of int, shape (N, k)
         Each row a permutation of 0, ..., k - 1.
     """
-    posed = np.stack([np.hstack([x.positions @ r.T, x.invariants]) for x, r in zip(samples, rotations, strict=True)])
-    mean = posed[0]
-    labels = np.full(posed.shape[:2], -1)
-    for _ in range(max_rounds):
-        updated = np.stack([linear_sum_assignment(cdist(points, mean, "sqeuclidean"))[1] for points in posed])
-        if np.array_equal(updated, labels):
-            break
-        labels = updated
-        mean = in_label_order(posed, labels).mean(axis=0)
-    return labels
+    posed = [np.hstack([x.positions @ r.T, x.invariants]) for x, r in zip(samples, rotations, strict=True)]
+    median = float(np.median([pair.energy for pair in pairs])) or 1.0
+    found = synchronize_maps(
+        {(pair.target, pair.source): pair.map_target_source for pair in pairs},
+        [len(points) for points in posed],
+        weights={(pair.target, pair.source): 1.0 / (1.0 + pair.energy / median) for pair in pairs},
+        positions=posed,
+    )
+    return np.stack(found.labels)
 
 
 def in_label_order(values: FloatArray, labels: IntArray) -> FloatArray:
@@ -143,9 +199,8 @@ def place_and_scale(
     scaling: str,
     *,
     placed: Mapping[int, FloatArray] | None = None,
-    max_rounds: int = 100,
 ) -> FloatArray:
-    """Return each shape's transform to the common frame: generalised Procrustes at fixed rotations (Gower 1975).
+    """Return each shape's transform to the common frame: generalised Procrustes at the common rotations.
 
     Parameters
     ----------
@@ -155,45 +210,31 @@ def place_and_scale(
     scaling : {"similarity", "rigid"}
     placed : mapping of int to ndarray (4, 4), optional
         Transforms that stay; the other shapes are fitted to the mean of these.
-    max_rounds : int
 
     Returns
     -------
     ndarray, shape (N, 4, 4)
-        File coordinates to the common frame; without placed shapes the samples' mean shape is centred and the mean
-        squared centroid size of the shapes is 1 (similarity).
+        File coordinates to the common frame. Without placed shapes the samples' mean is centred; with similarities
+        the shapes' normalised sizes have a geometric mean of 1.
     """
-    posed = np.stack([item.positions @ r.T for item, r in zip(samples, rotations, strict=True)])
-    posed = in_label_order(posed, labels)
     units = np.array([item.scale for item in samples])
     if placed:
-        factors, centre = _fit_to_placed(samples, posed, labels, placed)
+        posed = np.stack([item.positions @ r.T for item, r in zip(samples, rotations, strict=True)])
+        factors, centre = _fit_to_placed(samples, in_label_order(posed, labels), labels, placed)
+        shifts = np.tile(centre, (len(samples), 1))
     else:
-        factors, centre = _procrustes_factors(posed, max_rounds), np.zeros(3)
+        clouds = [item.positions * (item.scale if scaling == "rigid" else 1.0) for item in samples]
+        common = superimpose(clouds, list(labels), rotations, with_scale=scaling == "similarity")
+        factors, shifts = common.scales, common.translations
     if scaling == "rigid":
         factors = units
     transforms = np.tile(np.eye(4), (len(samples), 1, 1))
     for i, item in enumerate(samples):
         transforms[i, :3, :3] = factors[i] / item.scale * rotations[i]
-        transforms[i, :3, 3] = centre - transforms[i, :3, :3] @ item.offset
+        transforms[i, :3, 3] = shifts[i] - transforms[i, :3, :3] @ item.offset
     for i, transform in (placed or {}).items():
         transforms[i] = transform
     return transforms
-
-
-def _procrustes_factors(posed: FloatArray, max_rounds: int) -> FloatArray:
-    """Return the scale of every centred shape: each is fitted to the mean, and the mean squared size stays 1."""
-    sizes = (posed**2).sum(axis=(1, 2))
-    factors = np.ones(len(posed))
-    for _ in range(max_rounds):
-        mean = (factors[:, None, None] * posed).mean(axis=0)
-        updated = (posed * mean).sum(axis=(1, 2)) / sizes
-        updated *= np.sqrt(len(posed) / (updated**2 * sizes).sum())
-        converged = np.allclose(updated, factors, rtol=1e-12, atol=0)
-        factors = updated
-        if converged:
-            break
-    return factors
 
 
 def _fit_to_placed(
@@ -207,6 +248,19 @@ def _fit_to_placed(
     mean = np.mean(still, axis=0)
     centre = mean.mean(axis=0)
     return ((posed * (mean - centre)).sum(axis=(1, 2)) / (posed**2).sum(axis=(1, 2))), centre
+
+
+def _pose_from(samples: Sequence[Samples], pair: MatchedPair, start: FloatArray, group: str) -> LocalMinima:
+    """Return the local minimum of a pair's energy next to a rotation of space."""
+    target, source = samples[pair.target], samples[pair.source]
+    problem = pair_problem(target, source, group)
+    first = start
+    if problem.dim > 3:
+        # The eigenfunctions' block follows in closed form from the map that positions and invariants give.
+        costs = cdist(source.positions @ start.T, target.positions, "sqeuclidean")
+        costs += cdist(source.invariants, target.invariants, "sqeuclidean")
+        first = problem.procrustes(linear_sum_assignment(costs)[1])
+    return minimise(problem, first[None])
 
 
 def _match_at(samples: Sequence[Samples], pair: MatchedPair, rotations: FloatArray) -> tuple[IntArray, float]:
