@@ -24,6 +24,8 @@ _NUM_DESCENTS = 2
 _SMALLEST_HALF = 2.0**-21
 #: Relative to the energy's scale: what counts as no gap where the energy is zero.
 _ZERO_GAP = 1e-9
+#: Most matches for which the tight relaxation is tried.
+_MOST_MATCHES = 5_000
 #: Most steps of the tight relaxation's splitting; time usually ends it before.
 _MAX_STEPS = 10_000
 
@@ -103,7 +105,12 @@ class ChiralitySearch:
             self._settle(min(best, self.energy))
 
     def use_relaxation(self, deadline: float, best: float) -> None:
-        """Bound all rotations by the tight relaxation, and forget the matches that it rules out."""
+        """Bound all rotations by the tight relaxation, and forget the matches that it rules out.
+
+        Larger problems go without: there it takes longer than the cells.
+        """
+        if self.problem.candidates.sum() > _MOST_MATCHES:
+            return
         lift = make_lift("tight", self.problem.dim)
         run = TightRun(problem=self.problem, lift=lift, tol=0.1 * self._tol, cutoff=best)
         run.solve(_MAX_STEPS, deadline)
