@@ -42,6 +42,7 @@ def distinct_candidates(
             reflected=reflected,
             origin=str(chosen.origins[c]),
             scale=float(chosen.scales[c]),
+            translation=read_only(chosen.shifts[c].copy()) if options.estimate_translation else None,
         )
         for c in range(len(chosen))
     ]

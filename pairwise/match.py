@@ -134,6 +134,7 @@ def match_problem(problem: Problem, options: MatchOptions, *, starts: FloatArray
         map_target_source=best.map_target_source,
         energy=best.energy,
         scale=best.scale,
+        translation=best.translation,
         lower_bound=bound,
         candidates=ranked,
         status=status,

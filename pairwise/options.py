@@ -8,6 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from data_tools.errors import OptionsError
+from pairwise.local_search import RIGID, Freedom
 
 Strategy = Literal["search", "relaxation", "portfolio"]
 
@@ -45,13 +46,17 @@ class MatchOptions:
     """Estimate a scale factor of the source as well; no bound is known then."""
     scale_range: tuple[float, float] = (0.5, 2.0)
     """Limits of the estimated scale."""
+    estimate_translation: bool = False
+    """Estimate a shift of the source as well, as partial overlap needs; no bound is known then."""
     seed: int = 0
     """Seed of the random draws."""
 
     @property
-    def scale_limits(self) -> tuple[float, float] | None:
-        """Limits of the scale, or None where it is fixed."""
-        return self.scale_range if self.estimate_scale else None
+    def freedom(self) -> Freedom:
+        """What a pose may do beside turning."""
+        return Freedom(
+            scale_range=self.scale_range if self.estimate_scale else None, translate=self.estimate_translation
+        )
 
     def __post_init__(self) -> None:
         if self.strategy not in get_args(Strategy):
@@ -70,7 +75,8 @@ class MatchOptions:
         low, high = self.scale_range
         if not (0 < low <= 1 <= high and np.isfinite(high)):
             raise OptionsError(f"scale_range: expected limits around 1, got {self.scale_range}")
-        if self.estimate_scale and (self.certify or self.strategy == "relaxation"):
+        if self.freedom != RIGID and (self.certify or self.strategy == "relaxation"):
             raise OptionsError(
-                "estimate_scale: no relaxation knows the scale; use strategy 'search', without certify"
+                "estimate_scale, estimate_translation: bounds are for rotations only; use neither strategy "
+                "'relaxation' nor certify with them"
             )

@@ -13,7 +13,7 @@ import numpy as np
 from data_tools.arrays import FloatArray
 from pairwise.branch_and_bound import can_certify
 from pairwise.candidates import distinct_candidates, rank
-from pairwise.local_search import LocalMinima, merge, minimise
+from pairwise.local_search import RIGID, LocalMinima, merge, minimise
 from pairwise.options import MatchOptions
 from pairwise.problem import Problem
 from pairwise.results import Candidate, RelaxationResult
@@ -27,7 +27,7 @@ _MAX_COVERED_DIM = 3
 
 def wants_relaxation(problem: Problem, options: MatchOptions) -> bool:
     """Whether the relaxation is solved, by the rule above."""
-    if options.estimate_scale:
+    if options.freedom != RIGID:
         return False
     uncovered = rotation_block(problem.pattern) > _MAX_COVERED_DIM
     by_strategy = {"search": False, "relaxation": True, "portfolio": uncovered}[options.strategy]
@@ -74,7 +74,7 @@ def find_poses(
     least = min(float(m.energies[0]) for m in minima.values())
     found: list[Candidate] = []
     for reflected, part in parts.items():
-        polished = look_around(part, minima[reflected], least, seed=options.seed, scale_range=options.scale_limits)
+        polished = look_around(part, minima[reflected], least, seed=options.seed, freedom=options.freedom)
         found += distinct_candidates(part.pattern, polished, options, reflected=reflected)
     return rank(found, options)
 
@@ -97,9 +97,9 @@ def _descend(problem: Problem, options: MatchOptions, starts: FloatArray, origin
     """Return the local minima of one chirality, from the given starts and, unless excluded, from the search."""
     parts = []
     if len(starts):
-        parts.append(minimise(problem, starts, scale_range=options.scale_limits, origins=np.array(origins)))
+        parts.append(minimise(problem, starts, freedom=options.freedom, origins=np.array(origins)))
     if options.strategy != "relaxation" or not parts:
         parts.append(
-            explore(problem, num_rotations=options.num_rotations, seed=options.seed, scale_range=options.scale_limits)
+            explore(problem, num_rotations=options.num_rotations, seed=options.seed, freedom=options.freedom)
         )
     return merge(parts)

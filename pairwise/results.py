@@ -30,6 +30,8 @@ class Candidate:
         What found it: ``"search"``, ``"axes"``, ``"around"``, ``"relaxation"``, ``"start"``, ...
     scale : float
         Factor of the source's points; 1 unless it was estimated.
+    translation : ndarray, shape (d,), or None
+        Added to the turned source's points; None unless it was estimated.
     """
 
     R_target_source: FloatArray
@@ -38,6 +40,7 @@ class Candidate:
     reflected: bool
     origin: str
     scale: float = 1.0
+    translation: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,6 +62,8 @@ class MatchResult:
         Seconds per stage.
     scale : float
         Factor of the source's points at this pose; 1 unless it was estimated.
+    translation : ndarray, shape (d,), or None
+        Added to the turned source's points; None unless it was estimated.
     certificate : Certificate or None
         Of the relaxation, where one was solved.
     """
@@ -71,6 +76,7 @@ class MatchResult:
     status: Status
     times_s: dict[str, float] = field(default_factory=dict)
     scale: float = 1.0
+    translation: FloatArray | None = None
     certificate: Certificate | None = None
 
 

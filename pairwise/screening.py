@@ -11,7 +11,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.arrays import BoolArray, FloatArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from pairwise.local_search import RIGID, Freedom, similarities
 from pairwise.problem import Problem
 
 Singles: TypeAlias = NDArray[np.float32]
@@ -21,56 +22,70 @@ _CHUNK_ENTRIES = 50_000
 
 
 class NearestCosts:
-    """Nearest neighbours under the matching costs, for batches of rotations.
+    """Nearest neighbours under the matching costs, for batches of poses.
 
-    Where k = n both directions count: every target point is matched as well.
+    Where k = n both directions count, because every target point is matched as well. In partial matching the dearest
+    points stay unmatched (trimmed ICP, Chetverikov et al. 2002). Scales stay 1.
+
+    Parameters
+    ----------
+    problem : Problem
+    translate : bool
+        Shift the source as well; one direction only then.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, *, translate: bool = False) -> None:
         self.problem = problem
-        self.both_ways = problem.num_source == problem.num_target and not problem.max_unmatched
+        self.freedom = Freedom(translate=translate)
+        is_full = problem.num_source == problem.num_target and not problem.max_unmatched
+        self.both_ways = is_full and not translate
         weights = problem.weights[:, None]
-        fixed = weights * ((problem.target**2).sum(axis=1) + (problem.source**2).sum(axis=1, keepdims=True))
-        fixed = np.where(problem.candidates.T, fixed + problem.constant_cost.T, np.inf)
+        fixed = np.where(
+            problem.candidates.T, weights * (problem.target**2).sum(axis=1) + problem.constant_cost.T, np.inf
+        )
+        source_squares = weights * (problem.source**2).sum(axis=1, keepdims=True)
         self._fixed = np.ascontiguousarray(fixed, dtype=np.float32)
-        self._fixed_t = np.ascontiguousarray(fixed.T, dtype=np.float32)
+        self._fixed_t = np.ascontiguousarray((fixed + source_squares).T, dtype=np.float32)
         self._target = problem.target.astype(np.float32)
         self._target_t = np.ascontiguousarray(self._target.T)
-        self._source = (-2.0 * weights * problem.source).astype(np.float32)
-        self._source_t = np.ascontiguousarray(self._source.T)
+        self._source = problem.source.astype(np.float32)
+        self._source_t = np.ascontiguousarray((-2.0 * weights * problem.source).T, dtype=np.float32)
+        self._weights = problem.weights.astype(np.float32)
         self.chunk = max(1, _CHUNK_ENTRIES // fixed.size)
 
-    def step(self, rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return one step's improved rotations (m, d, d), and the given ones' scores (m,)."""
-        parts = [
-            self._step(rotations[first : first + self.chunk].astype(np.float32))
-            for first in range(0, len(rotations), self.chunk)
-        ]
-        moments = np.concatenate([part[0] for part in parts])
-        return self.problem.pattern.project(moments), np.concatenate([part[1] for part in parts])
+    def step(self, rotations: FloatArray, shifts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return one step's improved rotations (m, d, d) and shifts (m, d), and the given poses' scores (m,)."""
+        parts = [slice(first, first + self.chunk) for first in range(0, len(rotations), self.chunk)]
+        found = [self._nearest(rotations[part].astype(np.float32), shifts[part]) for part in parts]
+        maps, moments, scores = (np.concatenate(columns) for columns in zip(*found, strict=True))
+        if not self.both_ways:
+            rotations, _, shifts = similarities(self.problem, maps, self.freedom)
+            return rotations, shifts, scores
+        weighted = self.problem.weights[:, None] * self.problem.source
+        moments += np.swapaxes(self.problem.target[maps], 1, 2) @ weighted
+        return self.problem.pattern.project(moments), shifts, scores
 
-    def _step(self, rotations: Singles) -> tuple[FloatArray, FloatArray]:
+    def _nearest(self, rotations: Singles, shifts: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return the nearest target points (m, k), the moments of the reverse direction, and the scores."""
         problem = self.problem
-        m, k, n = len(rotations), problem.num_source, problem.num_target
-        moved = self._source @ np.swapaxes(rotations, 1, 2)
-        costs = (moved.reshape(m * k, -1) @ self._target_t).reshape(m, k, n)
+        m, k, n, d = len(rotations), problem.num_source, problem.num_target, problem.dim
+        moved = self._source @ np.swapaxes(rotations, 1, 2) + shifts[:, None, :].astype(np.float32)
+        squares = self._weights * (moved**2).sum(axis=2)
+        moved *= -2.0 * self._weights[:, None]
+        costs = (moved.reshape(m * k, d) @ self._target_t).reshape(m, k, n)
         costs += self._fixed
         nearest = costs.argmin(axis=2)
-        values = _taken(costs, nearest)
-        weighted = problem.weights[:, None] * problem.source
+        values = _taken(costs, nearest) + squares
         if problem.max_unmatched:
             values, is_matched = self._trimmed(values)
-            moments = np.swapaxes(problem.target[nearest] * is_matched[:, :, None], 1, 2) @ weighted
-            return moments, values.sum(axis=1)
-        moments = np.swapaxes(problem.target[nearest], 1, 2) @ weighted
-        if self.both_ways:
-            back = (self._target @ rotations).reshape(m * n, -1)
-            costs = (back @ self._source_t).reshape(m, n, k)
-            costs += self._fixed_t
-            nearest = costs.argmin(axis=2)
-            values = np.concatenate([values, _taken(costs, nearest)], axis=1)
-            moments += problem.target.T @ weighted[nearest]
-        return moments, values.sum(axis=1)
+            nearest = np.where(is_matched, nearest, -1)
+        if not self.both_ways:
+            return nearest, np.zeros((m, d, d)), values.sum(axis=1)
+        costs = ((self._target @ rotations).reshape(m * n, d) @ self._source_t).reshape(m, n, k)
+        costs += self._fixed_t
+        back = costs.argmin(axis=2)
+        moments = problem.target.T @ (problem.weights[:, None] * problem.source)[back]
+        return nearest, moments, values.sum(axis=1) + _taken(costs, back).sum(axis=1)
 
     def _trimmed(self, values: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Leave the dearest points unmatched: the costs after that, and which points are matched (m, k)."""
@@ -88,25 +103,38 @@ def _taken(costs: NDArray[np.floating[Any]], nearest: NDArray[np.intp]) -> Float
     return np.take_along_axis(costs, nearest[:, :, None], axis=2)[:, :, 0].astype(np.float64)
 
 
-def screen(problem: Problem, rotations: FloatArray, *, num_steps: int = 2) -> tuple[FloatArray, FloatArray]:
-    """Return rotations improved by nearest-neighbour ICP, best score first, and their scores.
+def screen(
+    problem: Problem,
+    rotations: FloatArray,
+    *,
+    num_steps: int = 1,
+    freedom: Freedom = RIGID,
+    shifts: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return poses improved by nearest-neighbour ICP (Besl and McKay 1992), best score first.
 
     Parameters
     ----------
     problem : Problem
     rotations : ndarray, shape (m, d, d)
     num_steps : int
-        Steps of ICP (Besl and McKay 1992).
+        Steps of ICP.
+    freedom : Freedom
+        Whether to shift as well; scales are not estimated here.
+    shifts : ndarray, shape (m, d), optional
+        The shifts to start with; 0 by default.
 
     Returns
     -------
     rotations : ndarray, shape (m, d, d)
+    shifts : ndarray, shape (m, d)
     scores : ndarray, shape (m,)
         The sum of the nearest costs, in both directions where k = n.
     """
-    nearest = NearestCosts(problem)
+    nearest = NearestCosts(problem, translate=freedom.translate)
+    shifts = np.zeros(rotations.shape[:2]) if shifts is None else shifts
     for _ in range(num_steps):
-        rotations, _ = nearest.step(rotations)
-    _, scores = nearest.step(rotations)
+        rotations, shifts, _ = nearest.step(rotations, shifts)
+    _, _, scores = nearest.step(rotations, shifts)
     order = np.argsort(scores, kind="stable")
-    return rotations[order], scores[order]
+    return rotations[order], shifts[order], scores[order]

@@ -12,7 +12,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import OptionsError
-from pairwise.local_search import LocalMinima, MatchingCosts, merge, minimise, procrustes
+from pairwise.local_search import RIGID, Freedom, LocalMinima, MatchingCosts, merge, minimise, similarities
 from pairwise.pattern import RotationPattern
 from pairwise.problem import Problem
 from pairwise.screening import screen
@@ -28,6 +28,8 @@ _SAME_RAD = np.deg2rad(4.0)
 #: Share of the rotations that meet exact assignment, for so many steps; share of these that are minimised to the end.
 _TRIED, _TRIAL_STEPS, _KEPT = 0.16, 2, 0.25
 _LEAST_TRIED, _LEAST_KEPT = 20, 12
+#: Steps of nearest-neighbour ICP where a shift is estimated as well.
+_SHIFTED_STEPS = 6
 #: The second look: around how many distinct minima, up to which multiple of the least energy, with how many rotations
 #: each, by which angle.
 _NUM_CENTRES, _CENTRE_FACTOR, _NUM_AROUND, _ANGLE_AROUND_RAD = 6, 1.25, 12, np.deg2rad(15.0)
@@ -93,9 +95,7 @@ def leading_problem(problem: Problem) -> Problem:
     )
 
 
-def search(
-    problem: Problem, *, num_rotations: int = 0, seed: int = 0, scale_range: tuple[float, float] | None = None
-) -> LocalMinima:
+def search(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
     """Return the local minima that an even set of rotations leads to: :func:`explore`, then :func:`look_around`.
 
     Parameters
@@ -106,16 +106,14 @@ def search(
         Size of the set of rotations; 0 sets it by the dimension of the rotation block.
     seed : int
         For rotation blocks of more than three dimensions.
-    scale_range : pair of float, optional
-        Estimate the scale too, within these limits.
+    freedom : Freedom
+        What is estimated beside the rotation.
     """
-    minima = explore(problem, num_rotations=num_rotations, seed=seed, scale_range=scale_range)
-    return look_around(problem, minima, float(minima.energies[0]), seed=seed, scale_range=scale_range)
+    minima = explore(problem, num_rotations=num_rotations, seed=seed, freedom=freedom)
+    return look_around(problem, minima, float(minima.energies[0]), seed=seed, freedom=freedom)
 
 
-def explore(
-    problem: Problem, *, num_rotations: int = 0, seed: int = 0, scale_range: tuple[float, float] | None = None
-) -> LocalMinima:
+def explore(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
     """Return local minima found from the principal axes and an even set of rotations; parameters as :func:`search`.
 
     All rotations take a step of nearest-neighbour ICP; the most promising distinct ones, two steps with exact
@@ -132,18 +130,41 @@ def explore(
         axes, even = (frames[0] @ starts @ frames[1].T for starts in (axes, even))
     else:
         even = np.concatenate([sign_rotations(lead.dim, num, seed=seed), lead.pattern.project(even)])
-    screened, _ = screen(lead, np.concatenate([axes, even]), num_steps=1)
+    if freedom.translate:
+        screened, shifts, _ = _screen_shifted(lead, even, freedom)
+    else:
+        screened, shifts, _ = screen(lead, np.concatenate([axes, even]), freedom=freedom)
     num_tried = max(_LEAST_TRIED, round(_TRIED * num))
-    tried = screened[distinct(screened, _SAME_RAD, num_tried)]
-    starts = np.concatenate([axes, tried])
+    tried = distinct(screened, _SAME_RAD, num_tried)
+    starts = np.concatenate([axes, screened[tried]])
+    shifts = np.concatenate([np.zeros(axes.shape[:2]), shifts[tried]])
     origins = np.repeat(["axes", "search"], [len(axes), len(tried)])
     if lead is not problem:
-        maps = MatchingCosts(lead).assign(starts, np.ones(len(starts)))
-        starts, _ = procrustes(problem, maps)
-    trials = minimise(problem, starts, max_iterations=_TRIAL_STEPS, scale_range=scale_range, origins=origins)
+        maps = MatchingCosts(lead).assign(starts, np.ones(len(starts)), shifts)
+        starts, _, shifts = similarities(problem, maps, freedom)
+    trials = minimise(problem, starts, max_iterations=_TRIAL_STEPS, freedom=freedom, shifts=shifts, origins=origins)
     num_kept = max(_LEAST_KEPT, round(_KEPT * num_tried))
     kept = distinct(trials.rotations[:, : lead.dim, : lead.dim], _SAME_RAD, num_kept)
-    return minimise(problem, trials.rotations[kept], scale_range=scale_range, origins=trials.origins[kept])
+    return minimise(
+        problem, trials.rotations[kept], freedom=freedom, shifts=trials.shifts[kept], origins=trials.origins[kept]
+    )
+
+
+def _screen_shifted(
+    problem: Problem, rotations: FloatArray, freedom: Freedom
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Screen every rotation at no shift, and at shifts by one standard deviation along the target's axes."""
+    weights = np.ones(problem.num_target)
+    axes = principal_frame(problem.target, weights).T
+    spread = np.sqrt((problem.target @ axes.T).var(axis=0))[:, None]
+    offsets = np.concatenate([np.zeros((1, problem.dim)), spread * axes, -spread * axes])
+    return screen(
+        problem,
+        np.repeat(rotations, len(offsets), axis=0),
+        num_steps=_SHIFTED_STEPS,
+        freedom=freedom,
+        shifts=np.tile(offsets, (len(rotations), 1)),
+    )
 
 
 def look_around(
@@ -152,7 +173,7 @@ def look_around(
     least_energy: float,
     *,
     seed: int = 0,
-    scale_range: tuple[float, float] | None = None,
+    freedom: Freedom = RIGID,
 ) -> LocalMinima:
     """Return the minima and those found by turning the best distinct ones a little: many basins are small.
 
@@ -163,7 +184,7 @@ def look_around(
         Best first.
     least_energy : float
         The least energy known, of either chirality; only minima not far above it are worth the look.
-    seed, scale_range
+    seed, freedom
         As in :func:`search`.
     """
     block = rotation_block(problem.pattern)
@@ -172,7 +193,8 @@ def look_around(
     turns = np.tile(np.eye(problem.dim), (_NUM_AROUND, 1, 1))
     turns[:, :block, :block] = small_rotations(block, _NUM_AROUND, _ANGLE_AROUND_RAD, seed=seed)
     starts = (turns @ minima.rotations[centres, None]).reshape(-1, problem.dim, problem.dim)
-    return merge([minima, minimise(problem, starts, scale_range=scale_range, origins="around")])
+    shifts = np.repeat(minima.shifts[centres], _NUM_AROUND, axis=0)
+    return merge([minima, minimise(problem, starts, freedom=freedom, shifts=shifts, origins="around")])
 
 
 def distinct(rotations: FloatArray, angle_rad: float, num: int) -> IntArray:

@@ -172,6 +172,24 @@ def test_the_scale_is_estimated_on_request() -> None:
     assert result.scale == pytest.approx(0.8)
     assert result.energy == pytest.approx(0.0, abs=1e-12)
     assert match(points, 1.25 * points).scale == 1.0
+    assert result.translation is None
+
+
+def test_partial_overlap_is_matched_with_a_shift_on_request() -> None:
+    rng = np.random.default_rng(13)
+    shape, turn = rng.random((60, 3)) * [3.0, 1.0, 1.0], random_rotations(3, 1, rng)[0]
+    left, right = shape[shape[:, 0] < 2.0], shape[shape[:, 0] > 0.8]
+    target, source = sorted((left - left.mean(axis=0), right - right.mean(axis=0)), key=len, reverse=True)
+    overlap = int(((shape[:, 0] < 2.0) & (shape[:, 0] > 0.8)).sum())
+    options = MatchOptions(estimate_translation=True)
+    result = match(target, source @ turn, num_matches=overlap, options=options)
+    np.testing.assert_allclose(result.R_target_source, turn, atol=1e-6)
+    assert result.energy == pytest.approx(0.0, abs=1e-9)
+    assert result.translation is not None
+    moved = source @ turn @ result.R_target_source.T + result.translation
+    matched = result.map_target_source >= 0
+    np.testing.assert_allclose(moved[matched], target[result.map_target_source[matched]], atol=1e-6)
+    assert match(target, source @ turn, num_matches=overlap).energy > 0.1
 
 
 def test_results_are_read_only() -> None:
@@ -212,6 +230,7 @@ def test_bad_input_is_refused_by_name(arguments, message: str) -> None:
         {"scale_range": (0.5, np.inf)},
         {"estimate_scale": True, "certify": True},
         {"estimate_scale": True, "strategy": "relaxation"},
+        {"estimate_translation": True, "certify": True},
     ],
 )
 def test_impossible_options_are_refused(fields) -> None:

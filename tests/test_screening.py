@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
+from pairwise.local_search import Freedom
 from pairwise.problem import Problem
 from pairwise.screening import NearestCosts, screen
 from pairwise.starts import random_rotations, rotation_angles
@@ -26,7 +27,7 @@ def test_scores_bound_the_exact_cost_from_below(known) -> None:
     rotations = problem.pattern.project(random_rotations(problem.dim, 6, np.random.default_rng(1)))
     nearest = NearestCosts(problem)
     directions = 2.0 if nearest.both_ways else 1.0
-    _, scores = nearest.step(rotations)
+    _, _, scores = nearest.step(rotations, np.zeros(rotations.shape[:2]))
     for rotation, score in zip(rotations, scores, strict=True):
         exact = exact_cost(problem, rotation)
         assert score / directions <= exact + 1e-5 * (1.0 + exact)
@@ -36,7 +37,7 @@ def test_scores_bound_the_exact_cost_from_below(known) -> None:
 def test_scores_of_partial_matching_are_bounds_too(rng: np.random.Generator, partial) -> None:
     problem = planted(rng, rng.random((10, 3)), noise=0.2, **partial)
     rotations = random_rotations(3, 20, rng)
-    _, scores = NearestCosts(problem).step(rotations)
+    _, _, scores = NearestCosts(problem).step(rotations, np.zeros((20, 3)))
     exact = np.array([exact_cost(problem, rotation) for rotation in rotations])
     assert (scores <= exact + 1e-5).all()
     assert scores.max() > 0
@@ -46,9 +47,19 @@ def test_the_planted_pose_stays_and_comes_first(rng: np.random.Generator) -> Non
     points = rng.random((30, 3)) - 0.5
     turn = random_rotations(3, 1, rng)[0]
     problem = Problem.from_user(points, points @ turn)
-    rotations, scores = screen(problem, np.concatenate([random_rotations(3, 40, rng), turn[None]]))
+    rotations, shifts, scores = screen(problem, np.concatenate([random_rotations(3, 40, rng), turn[None]]))
     assert rotation_angles(rotations[0], turn) < 1e-3
     assert (np.diff(scores) >= 0).all()
+    assert not shifts.any()
+
+
+def test_shifts_are_found_on_request(rng: np.random.Generator) -> None:
+    points, shift = rng.random((30, 3)), np.array([0.1, -0.05, 0.02])
+    problem = Problem.from_user(points + shift, points)
+    rotations, shifts, scores = screen(problem, np.eye(3)[None], num_steps=20, freedom=Freedom(translate=True))
+    np.testing.assert_allclose(shifts[0], shift, atol=1e-6)
+    assert rotation_angles(rotations[0], np.eye(3)) < 1e-6
+    assert scores[0] == pytest.approx(0.0, abs=1e-4)
 
 
 def test_batches_do_not_change_the_answer(rng: np.random.Generator) -> None:
@@ -56,4 +67,5 @@ def test_batches_do_not_change_the_answer(rng: np.random.Generator) -> None:
     rotations = random_rotations(3, 9, rng)
     whole, single = NearestCosts(problem), NearestCosts(problem)
     single.chunk = 2
-    np.testing.assert_allclose(whole.step(rotations)[0], single.step(rotations)[0], atol=1e-5)
+    shifts = np.zeros((9, 3))
+    np.testing.assert_allclose(whole.step(rotations, shifts)[0], single.step(rotations, shifts)[0], atol=1e-5)
