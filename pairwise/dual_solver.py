@@ -42,6 +42,15 @@ _FULL_CORRECTION = 0.4
 #: Smallest share of the gap that a predictor is trusted to leave.
 _SMALLEST_SHARE = 1e-3
 
+#: Where a corrected step is shorter than this, one that only centres is tried as well.
+_SHORT_STEP = 0.2
+
+#: Iterations without a better point after which the method has stalled.
+_PATIENCE = 8
+
+#: Share of the constant sum_j w_j |p_j|^2 that counts as scale of the gap beside the value itself.
+_CONSTANT_SHARE = 1e-2
+
 #: A step shorter than this is no progress.
 _SHORTEST_STEP = 1e-4
 
@@ -94,7 +103,7 @@ def solve_dual(
     data : RelaxationData
         With :meth:`RelaxationData.from_problem`, also with a row for points that stay unmatched.
     tol : float
-        Stop when the gap is below ``tol`` times (the value plus a thousandth of the constant).
+        Stop when the gap is below ``tol`` times (the value plus a hundredth of ``data.constant``).
     max_iterations : int
     time_limit_s : float, optional
 
@@ -129,19 +138,22 @@ class _InteriorPoint:
         self.set_up = time.perf_counter()
 
     def run(self) -> DualSolution:
-        """Iterate until converged or stopped, and return the last points."""
-        status, iterations = Status.ITERATION_LIMIT, 0
+        """Iterate until converged or stopped, and return the best points met."""
         self._measure()
-        while not self._converged() and iterations < self.max_iterations:
-            if time.perf_counter() > self.deadline:
-                return self._solution(Status.TIME_LIMIT, iterations)
-            if not self._advance():
-                return self._solution(Status.STALLED, iterations)
-            iterations += 1
+        best, best_error, best_iteration = self._solution(0), self._error(), 0
+        status = Status.ITERATION_LIMIT
+        for iteration in range(1, self.max_iterations + 1):
+            if best_error <= 1.0 or time.perf_counter() > self.deadline:
+                status = Status.TIME_LIMIT
+                break
+            if iteration - best_iteration > _PATIENCE or not self._advance():
+                status = Status.STALLED
+                break
             self._measure()
-        if self._converged():
-            status = Status.CONVERGED
-        return self._solution(status, iterations)
+            if self._error() < best_error:
+                best, best_error, best_iteration = self._solution(iteration), self._error(), iteration
+        times = {"setup": self.set_up - self.started, "solve": time.perf_counter() - self.set_up}
+        return replace(best, status=Status.CONVERGED if best_error <= 1.0 else status, times_s=times)
 
     def _measure(self) -> None:
         """Compute both objectives and the violations of the scaled problem."""
@@ -178,10 +190,11 @@ class _InteriorPoint:
         value = float(point.alpha.sum() + data.capacity @ point.beta + multipliers @ basis.constants) - 0.25 * traces
         return value, multipliers, float(np.abs(outside).max(initial=0.0))
 
-    def _converged(self) -> bool:
-        reference = abs(self.value) + 1e-3 * abs(self.data.constant) + 1e-9
-        gap = abs(self.value - self.dual_value)
-        return gap <= self.tol * reference and max(self.violations.values()) <= _VIOLATION_TOL
+    def _error(self) -> float:
+        """Return the gap and the violations over what is asked for: at most one at convergence."""
+        reference = abs(self.value) + _CONSTANT_SHARE * abs(self.data.constant) + 1e-9
+        gap = abs(self.value - self.dual_value) / reference
+        return max(gap / self.tol, max(self.violations.values()) / _VIOLATION_TOL)
 
     def _advance(self) -> bool:
         """Take one predictor-corrector step; False where arithmetic allows none."""
@@ -212,6 +225,10 @@ class _InteriorPoint:
                 break
             best = step, sizes
         assert best is not None
+        if min(best[1]) < _SHORT_STEP:
+            step = system.solve(aim(data, primal, dual, self._complementarity()))
+            sizes = self._sizes(step, _MARGIN)
+            best = (step, sizes) if min(sizes) > min(best[1]) else best
         return best
 
     def _sizes(self, step: Direction, margin: float) -> tuple[float, float]:
@@ -236,20 +253,19 @@ class _InteriorPoint:
         degree = data.valid.sum() + dual.u.size + (~data.equality).sum() + 4 * len(dual.Y)
         return total / float(degree)
 
-    def _solution(self, status: Status, iterations: int) -> DualSolution:
+    def _solution(self, iteration: int) -> DualSolution:
         value, dual_value = self.value * self.scale, self.dual_value * self.scale
-        reference = abs(value) + 1e-3 * abs(self.data.constant * self.scale) + 1e-300
-        now = time.perf_counter()
+        reference = abs(value) + _CONSTANT_SHARE * abs(self.data.constant * self.scale) + 1e-300
         return DualSolution(
             primal=self.primal,
             dual=_unscaled(self.dual, self.scale),
             equation_multipliers=self.multipliers * self.scale,
             value=value,
             dual_value=dual_value,
-            status=status,
-            iterations=iterations,
+            status=Status.STALLED,
+            iterations=iteration,
             residuals={**self.violations, "gap": abs(value - dual_value) / reference},
-            times_s={"setup": self.set_up - self.started, "solve": now - self.set_up},
+            times_s={},
         )
 
 

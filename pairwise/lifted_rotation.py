@@ -1,8 +1,8 @@
 """The lifted rotation: variables for the entries of R, and the linear equations of their second moments.
 
-Write every free entry of R as plus or minus one of the variables ``rho`` (or 1): patterns, SO(2) and SO(1) blocks then
-need no equations of their own. The *moment matrix* is ``M = E[(1, rho)(1, rho)^T]`` with M_00 = 1; its lower right part is
-the C of Maron et al. 2016. Orthogonality (R^T R = R R^T = I) and the cross-product identities (cof R = R) are
+Every free entry of R is plus or minus one of the variables ``rho`` (or 1), so that patterns, SO(2) and SO(1) blocks
+need no equations of their own. The *moment matrix* is ``M = E[(1, rho)(1, rho)^T]`` with M_00 = 1; its lower right
+part is the C of Maron et al. 2016. Orthogonality (R^T R = R R^T = I) and the cross-product identities (cof R = R) are
 quadratic in R, so they are linear in M: ``<A_m, M> = 0``.
 """
 

@@ -1,0 +1,100 @@
+"""Small problems of every variant of PM-SDP, drawn by Hypothesis, and their comparison with the CVXPY reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from hypothesis import strategies as st
+
+from pairwise.problem import Problem
+from pairwise.reference import solve_reference
+from pairwise.solve import solve_pm_sdp
+from pairwise.verify import verify_certificate
+
+#: Patterns of R by dimension: full, diagonal, band, blocks with the rotation block first.
+PATTERNS: dict[int, list[int | list[int] | None]] = {
+    1: [None],
+    2: [None, 0, [1, 1]],
+    3: [None, None, 0, 1, [2, 1], [1, 2]],
+    4: [0, 1, [3, 1], [2, 2], [1, 3]],
+    5: [0, 1, [3, 2]],
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """A problem and the option of the relaxation."""
+
+    problem: Problem
+    cross_products: bool
+    description: str
+
+
+@st.composite
+def variants(draw: st.DrawFn, max_points: int = 7) -> Variant:
+    """Draw the shape of a problem from Hypothesis and its numbers from a seeded generator."""
+    dim = draw(st.sampled_from([1, 2, 3, 3, 3, 4, 5]))
+    pattern = draw(st.sampled_from(PATTERNS[dim]))
+    group = draw(st.sampled_from(["SO", "O"]))
+    num_source = draw(st.integers(1, max_points))
+    num_target = draw(st.integers(num_source, max_points))
+    masked, weighted, invariant, cross = (draw(st.booleans()) for _ in range(4))
+    noise = draw(st.sampled_from([0.05, 0.3]))
+    seed = draw(st.integers(0, 2**32 - 1))
+    rng = np.random.default_rng(seed)
+    target = rng.random((num_target, dim))
+    matched = rng.permutation(num_target)[:num_source]
+    source = target[matched] + noise * rng.standard_normal((num_source, dim))
+    candidates = None
+    if masked:
+        candidates = rng.random((num_target, num_source)) < 0.5
+        candidates[matched, np.arange(num_source)] = True
+    problem = Problem.from_user(
+        target,
+        source,
+        group=group,
+        rotation_pattern=pattern,
+        candidates=candidates,
+        weights=rng.random(num_source) + 0.2 if weighted else None,
+        invariants=(0.3 * rng.random((num_target, 2)), 0.3 * rng.random((num_source, 2))) if invariant else None,
+    )
+    words = f"d={dim} {group} pattern={pattern} n={num_target} k={num_source} noise={noise} seed={seed}"
+    flags = f" masked={masked} weighted={weighted} invariant={invariant} cross={cross}"
+    return Variant(problem, cross, words + flags)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Differences over the problem's scale sum_j w_j |p_j|^2.
+
+    ``excess`` is the dual solver's value minus the reference's, ``gap`` its value minus its verified bound.
+    """
+
+    excess: float
+    gap: float
+    may_exceed: bool
+
+    def faults(self, tol: float) -> list[str]:
+        """Return what is wrong, in words; nothing where both solvers agree."""
+        faults = []
+        if self.excess < -tol or (self.excess > tol and not self.may_exceed):
+            faults.append(f"value differs from the reference's by {self.excess:.1e}")
+        if not 0.0 <= self.gap <= tol:
+            faults.append(f"the bound is {self.gap:.1e} below the value")
+        return faults
+
+
+def compare_with_reference(variant: Variant) -> Comparison:
+    """Solve a problem with both solvers and verify the certificate.
+
+    The dual solver writes SO(2) blocks as (c, s) in the second moments too, so that it may exceed the reference there.
+    """
+    problem = variant.problem
+    reference = solve_reference(problem, solver="clarabel", tol=1e-9, cross_products=variant.cross_products)
+    result = solve_pm_sdp(problem, cross_products=variant.cross_products)
+    assert result.certificate is not None
+    bound = verify_certificate(problem.target, problem.source, result.certificate)
+    scale = float((problem.weights * (problem.source**2).sum(axis=1)).sum()) + 1e-6
+    planar = any(stop - start == 2 for start, stop in problem.pattern.special_blocks)
+    return Comparison((result.value - reference.value) / scale, (result.value - bound) / scale, planar)
