@@ -9,9 +9,19 @@ from importlib.metadata import version
 
 from collalign.align import align_collection
 from collalign.collection import AlignedCollection
+from collalign.extend import add_to_collection
+from collalign.nonrigid import match_shapes
 from collalign.options import AlignOptions, RunOptions
 from collalign.synchronization import synchronize
 
 __version__ = version("collalign")
 
-__all__ = ["AlignOptions", "AlignedCollection", "RunOptions", "align_collection", "synchronize"]
+__all__ = [
+    "AlignOptions",
+    "AlignedCollection",
+    "RunOptions",
+    "add_to_collection",
+    "align_collection",
+    "match_shapes",
+    "synchronize",
+]

@@ -10,11 +10,14 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
+from collalign.nonrigid import NonrigidOptions, SurfaceOptions, match_shapes
+from collalign.nonrigid.pictures import draw_match
 from collalign.options import AlignOptions
 from collalign.pairs import pair_problem
 from data_tools.embedding import Samples, sample_shape
 from data_tools.files import write_atomic
 from data_tools.mesh_io import read_shape
+from data_tools.options import CleaningOptions
 from pairwise.match import match_problem
 from pairwise.results import MatchResult
 
@@ -24,26 +27,49 @@ def match(
     source: Path,
     *,
     out: Path | None = None,
+    nonrigid: Annotated[bool, Parameter(negative=())] = False,
     options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
+    deformation: NonrigidOptions = NonrigidOptions(),  # noqa: B008
+    surface: SurfaceOptions = SurfaceOptions(),  # noqa: B008
 ) -> int:
-    """Match the source's samples to the target's and print the pose, its alternatives and what is proven.
+    """Match two shapes: the best pose and its alternatives, or (--nonrigid) a map of all vertices.
 
     Parameters
     ----------
     target, source
         Two mesh or point cloud files; the result takes the source to the target.
     out
-        JSON file for the result; it is printed either way.
+        Folder for the result: match.json, or map.npz, map.txt and map.png. A pose is printed as well.
+    nonrigid
+        Match deformable shapes; the options of deformation and surface belong to this.
     """
+    if nonrigid:
+        return _match_nonrigid(target, source, out or Path("."), deformation, surface)
     shapes = [read_shape(file, options.cleaning) for file in (target, source)]
     samples = [sample_shape(shape, options.sampling, options.embedding) for shape in shapes]
-    result = match_problem(
-        pair_problem(samples[0], samples[1], options.group), replace(options.matching, seed=options.seed)
-    )
+    problem = pair_problem(samples[0], samples[1], options.group)
+    result = match_problem(problem, replace(options.matching, seed=options.seed))
     text = json.dumps(_record(target, source, samples, result), indent=1)
     print(text)
     if out is not None:
-        print(write_atomic(out, text.encode()))
+        print(write_atomic(out / "match.json", text.encode()))
+    return 0
+
+
+def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOptions, surface: SurfaceOptions) -> int:
+    """Write the map of all vertices and its picture; say what is known about it."""
+    result = match_shapes(target, source, options=options, surface_options=surface)
+    written = [*result.save(out)]
+    as_stored = CleaningOptions(merge_vertices=False, largest_component=False)
+    left, right = (read_shape(file, as_stored) for file in (target, source))
+    written.append(draw_match(out / "map.png", left, right, result.point_map_target_source))
+    best = result.candidates[0]
+    print(f"{result.source_name} -> {result.target_name}: confidence {result.confidence:.2f}, {best.orientation}")
+    print(f"{result.bijectivity:.0%} of the samples come back near themselves; {len(result.candidates)} candidates")
+    for note in result.notes:
+        print(f"Note: {note}")
+    for path in written:
+        print(path)
     return 0
 
 

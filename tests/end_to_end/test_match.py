@@ -1,0 +1,71 @@
+"""``collalign match`` on two files, rigid and deformable."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign.cli import main
+from data_tools.mesh_io import write_mesh
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.shape import Shape
+from data_tools.synthetic import bent
+from data_tools.synthetic_shapes import figure
+
+
+@pytest.fixture
+def files(tmp_path: Path, rng: np.random.Generator) -> tuple[Path, Path, np.ndarray]:
+    shape = figure(resolution=1)
+    turn = random_rotation(rng)
+    moved = Shape.from_arrays(3.0 * shape.vertices @ turn + [1.0, 2.0, 3.0], shape.faces, name="moved")
+    return write_mesh(tmp_path / "a.ply", shape), write_mesh(tmp_path / "b.ply", moved), turn
+
+
+def test_rigid_match_prints_and_writes_the_transform(
+    files: tuple[Path, Path, np.ndarray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target, source, turn = files
+    assert main(["match", str(target), str(source), "--out", str(tmp_path / "out")]) == 0
+    record = json.loads((tmp_path / "out" / "match.json").read_text())
+    assert json.loads(capsys.readouterr().out.rsplit("}", 1)[0] + "}") == record
+    transform = np.array(record["candidates"][0]["transform"])
+    assert rotation_angle_deg(transform[:3, :3] * 3.0, turn) < 2.0
+    assert np.linalg.det(transform[:3, :3]) == pytest.approx(1 / 27, rel=0.05)
+
+
+def test_nonrigid_match_writes_a_map_of_all_vertices(
+    tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shape = figure(resolution=2)
+    target, source = (
+        write_mesh(tmp_path / "a.ply", shape),
+        write_mesh(tmp_path / "b.ply", bent(shape, rng, angle=0.3)),
+    )
+    flags = [
+        "--nonrigid",
+        "--surface.num-functions",
+        "40",
+        "--surface.num-dense",
+        "200",
+        "--out",
+        str(tmp_path / "o"),
+    ]
+    assert main(["match", str(target), str(source), *flags]) == 0
+    lines = (tmp_path / "o" / "map.txt").read_text().split()
+    assert len(lines) == len(shape.vertices)
+    with np.load(tmp_path / "o" / "map.npz", allow_pickle=False) as arrays:
+        assert np.array_equal(arrays["point_map_target_source"], np.array(lines, dtype=np.int64))
+    distance = np.linalg.norm(shape.vertices[np.array(lines, dtype=int)] - shape.vertices, axis=1)
+    assert np.median(distance) < 0.15 * np.linalg.norm(np.ptp(shape.vertices, axis=0))
+    assert (tmp_path / "o" / "map.png").read_bytes().startswith(b"\x89PNG")
+    assert "confidence" in capsys.readouterr().out
+
+
+def test_bad_files_exit_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.ply").write_text("nothing")
+    for flags in ([], ["--nonrigid"]):
+        assert main(["match", str(tmp_path / "a.ply"), str(tmp_path / "b.ply"), *flags]) == 2
+        assert ".ply" in capsys.readouterr().err
