@@ -128,14 +128,7 @@ def classify_leave_one_out(
     known = np.array([bool(value) for value in values])
     nearest = _nearest(matrix, known)
     scored = tuple(bool(value) and (counts[value] > 1 or singles == "count-wrong") for value in values)
-    right = [near >= 0 and values[at] == values[near] for at, near in enumerate(nearest.tolist())]
-    by_label = {
-        label: (
-            sum(scored[at] for at in range(num) if values[at] == label),
-            sum(right[at] for at in range(num) if values[at] == label and scored[at]),
-        )
-        for label in sorted(counts)
-    }
+    by_label = _by_label(values, nearest, scored)
     num_scored, num_correct = (sum(pair[part] for pair in by_label.values()) for part in (0, 1))
     others = int(known.sum()) - 1
     single_members = tuple(sorted(label for label, count in counts.items() if count == 1))
@@ -159,6 +152,16 @@ def _nearest(matrix: FloatArray, known: BoolArray) -> IntArray:
     np.fill_diagonal(usable, np.inf)
     reachable = known & np.isfinite(usable).any(axis=1)
     return np.where(reachable, usable.argmin(axis=1), -1).astype(np.int64)
+
+
+def _by_label(values: Sequence[str], nearest: IntArray, scored: Sequence[bool]) -> dict[str, tuple[int, int]]:
+    """Scored and correct shapes of every label, in alphabetical order."""
+    found = dict.fromkeys(sorted(set(values) - {""}), (0, 0))
+    for value, near, counts in zip(values, nearest.tolist(), scored, strict=True):
+        if counts:
+            num, correct = found[value]
+            found[value] = (num + 1, correct + int(near >= 0 and values[near] == value))
+    return found
 
 
 def _statement(num_unknown: int, num_single: int, singles: Singles) -> str:

@@ -182,6 +182,8 @@ class CollectionView:
                 f"transforms and samples: expected ({num}, 4, 4) and ({num}, k, 3), "
                 f"got {self.transforms.shape} and {self.samples.shape}"
             )
+        if not np.isfinite(self.transforms).all() or (np.abs(np.linalg.det(self.transforms[:, :3, :3])) == 0).any():
+            raise InputError("transforms: singular, NaN or infinite")
         for pair in self.pairs:
             if not (0 <= pair.i < num and 0 <= pair.j < num and pair.i != pair.j):
                 raise InputError(f"pairs: ({pair.i}, {pair.j}) is not a pair of {num} shapes")

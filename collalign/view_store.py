@@ -11,7 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.view_data import CollectionView, Pair, PairPose, Pose, json_types
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import (
+    FloatArray,
+    IntArray,
+    as_faces,
+    as_floats,
+    as_indices,
+    as_points,
+    as_rotations,
+    read_only,
+)
 from data_tools.errors import InputError
 
 #: Name of the file inside a result's folder.
@@ -86,24 +95,26 @@ def load_view(folder: Path | str) -> CollectionView:
             f"{path}: there is no such file. Give the folder that `collalign align FOLDER --out OUT` wrote (its OUT)"
         )
     try:
-        with np.load(path, allow_pickle=False) as data:
-            found = int(data["version"])
-            if found != EVIDENCE_VERSION:
-                raise InputError(
-                    f"{path}: written in format {found}, but this version reads {EVIDENCE_VERSION}; "
-                    "run `collalign align` again"
-                )
-            return _from_arrays({name: data[name] for name in data.files})
-    except InputError:
-        raise
+        with np.load(path, allow_pickle=False) as file:
+            data = {name: file[name] for name in file.files}
+        found = int(data["version"])
+        view = _from_arrays(data) if found == EVIDENCE_VERSION else None
     except Exception as error:  # damaged archives fail in every way there is
         raise InputError(
             f"{path}: damaged or not written by collalign ({error}); run `collalign align` again"
         ) from error
+    if view is None:
+        raise InputError(
+            f"{path}: written in format {found}, but this version reads {EVIDENCE_VERSION}; "
+            "run `collalign align` again"
+        )
+    return view
 
 
 def _from_arrays(data: dict[str, NDArray[Any]]) -> CollectionView:
     text = json.loads(data["text"].tobytes())
+    num = len(text["names"])
+    vertices = tuple(read_only(as_points(part, "vertices", dim=3)) for part in _split("vertices", data))
     return CollectionView(
         names=tuple(text["names"]),
         files=tuple(text["files"]),
@@ -114,13 +125,16 @@ def _from_arrays(data: dict[str, NDArray[Any]]) -> CollectionView:
         timings_s=text["timings_s"],
         notes=tuple(text["notes"]),
         doubt_threshold=float(text["doubt_threshold"]),
-        transforms=read_only(data["transforms"]),
-        confidence=read_only(data["confidence"]),
-        samples=read_only(data["samples"]),
-        groups=read_only(data["groups"]),
-        cycle_errors_deg=read_only(data["cycle_errors_deg"]),
-        vertices=_split("vertices", data),
-        faces=_split("faces", data),
+        transforms=read_only(as_floats(data["transforms"], "transforms", shape=(num, 4, 4))),
+        confidence=read_only(data["confidence"].astype(np.float64)),
+        samples=read_only(data["samples"].astype(np.float64)),
+        groups=read_only(as_indices(data["groups"], "groups", upper=num, shape=(num,))),
+        cycle_errors_deg=read_only(data["cycle_errors_deg"].astype(np.float64)),
+        vertices=vertices,
+        faces=tuple(
+            read_only(as_faces(part, "faces", num_vertices=len(points)))
+            for part, points in zip(_split("faces", data), vertices, strict=True)
+        ),
         pairs=_pairs(data),
         alternatives=_alternatives(data),
     )
@@ -135,7 +149,7 @@ def _join(name: str, parts: tuple[NDArray[Any], ...], width: int, dtype: type) -
 
 def _split(name: str, data: dict[str, NDArray[Any]]) -> tuple[NDArray[Any], ...]:
     joined, starts = data[name], data[f"{name}_starts"]
-    return tuple(read_only(joined[a:b].copy()) for a, b in itertools.pairwise(starts))
+    return tuple(joined[a:b] for a, b in itertools.pairwise(starts))
 
 
 def _pair_arrays(pairs: tuple[Pair, ...], num_samples: int) -> dict[str, NDArray[Any]]:
@@ -165,7 +179,7 @@ def _pair_arrays(pairs: tuple[Pair, ...], num_samples: int) -> dict[str, NDArray
 def _pairs(data: dict[str, NDArray[Any]]) -> tuple[Pair, ...]:
     poses = [
         PairPose(R_i_j=read_only(R), energy=float(energy))
-        for R, energy in zip(data["pose_R_i_j"], data["pose_energy"], strict=True)
+        for R, energy in zip(as_rotations(data["pose_R_i_j"], "pair poses", dim=3), data["pose_energy"], strict=True)
     ]
     status = json.loads(data["pair_status"].tobytes())
     starts, maps = data["pose_starts"], data["pair_maps"]
@@ -208,9 +222,10 @@ def _alternative_arrays(view: CollectionView) -> dict[str, NDArray[Any]]:
 
 def _alternatives(data: dict[str, NDArray[Any]]) -> tuple[tuple[Pose, ...], ...]:
     origins = json.loads(data["alternative_origin"].tobytes())
+    rotations = as_rotations(data["alternative_R"], "alternatives", dim=3)
     poses = [
         Pose(R=read_only(R), score=float(score), origin=origin)
-        for R, score, origin in zip(data["alternative_R"], data["alternative_score"], origins, strict=True)
+        for R, score, origin in zip(rotations, data["alternative_score"], origins, strict=True)
     ]
     starts = data["alternative_starts"]
     return tuple(tuple(poses[a:b]) for a, b in itertools.pairwise(starts))

@@ -22,7 +22,15 @@ from data_tools.landmarks_io import read_landmarks
 from tests.export_readers import read_morphologika
 from tests.view_problems import NUM_SAMPLES, view_of
 
-TABLES = ("shapes", "landmarks", "pairs", "procrustes_distances", "procrustes_coordinates", "principal_components")
+TABLES = (
+    "shapes",
+    "landmarks",
+    "consensus",
+    "pairs",
+    "procrustes_distances",
+    "procrustes_coordinates",
+    "principal_components",
+)
 
 
 @pytest.fixture
@@ -188,6 +196,10 @@ def test_csv_tables(view: CollectionView, tmp_path: Path) -> None:
     landmarks = rows(files["landmarks.csv"])
     assert len(landmarks) == 6 * NUM_SAMPLES
     assert sum(row["x"] == "" for row in landmarks) == 4
+    consensus = rows(files["consensus.csv"])
+    assert [int(row["shapes"]) for row in consensus] == (~np.isnan(view.samples[:, :, 0])).sum(axis=0).tolist()
+    mean = np.nanmean(view.aligned_samples[:, 2], axis=0)
+    np.testing.assert_allclose([float(consensus[2][axis]) for axis in "xyz"], mean, rtol=1e-12)
     coordinates = rows(files["procrustes_coordinates.csv"])
     assert len(coordinates[0]) == 1 + 3 * (NUM_SAMPLES - 4)
     flat = np.array([list(row.values())[1:] for row in coordinates], dtype=float).reshape(6, -1, 3)

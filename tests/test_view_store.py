@@ -1,5 +1,7 @@
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -98,3 +100,27 @@ def test_decomposition_of_the_transforms() -> None:
 def test_json_types_know_no_nan() -> None:
     value = {"a": (np.float64("nan"), np.array([1, 2]), Path("x")), 1: True, "none": None, "inf": float("inf")}
     assert json_types(value) == {"a": [None, [1, 2], "x"], "1": True, "none": None, "inf": None}
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        ("transforms", lambda array: array * np.nan),
+        ("transforms", lambda array: array * 0),
+        ("faces", lambda array: array + 10**6),
+        ("vertices", lambda array: array * np.inf),
+        ("vertices_starts", lambda array: array * 0),
+        ("pose_R_i_j", lambda array: 2 * array),
+        ("pair_indices", lambda array: array + 10**6),
+        ("groups", lambda array: array + 0.5),
+        ("samples", lambda array: array[:-1]),
+    ],
+)
+def test_impossible_numbers_are_refused(tmp_path: Path, name: str, damage: Callable[[Any], Any]) -> None:
+    path = save_view(view_of(5), tmp_path)
+    with np.load(path) as file:
+        arrays = {key: file[key] for key in file.files}
+    with np.errstate(invalid="ignore"):
+        np.savez(path, **(arrays | {name: damage(arrays[name])}))
+    with pytest.raises(InputError, match=r"evidence\.npz: damaged"):
+        load_view(tmp_path)

@@ -49,13 +49,15 @@ def write_parquet(request: ExportRequest) -> tuple[Path, ...]:
 def result_tables(request: ExportRequest) -> dict[str, Table]:
     """All tables of a result.
 
-    ``shapes`` (pose, size, confidence, labels), ``landmarks`` (long form, in the space asked for), ``pairs``,
+    ``shapes`` (pose, size, confidence, labels), ``landmarks`` (long form) and ``consensus`` (their
+    means), both in the space asked for, ``pairs``,
     ``procrustes_distances``, and where shapes have enough landmarks in common ``procrustes_coordinates`` (a row per
     shape, columns L1_x, L1_y, ...: ``geomorph::arrayspecs`` makes an array of it) and ``principal_components``.
     """
     tables: dict[str, Table] = {
         "shapes": _shapes(request),
         "landmarks": _landmarks(request),
+        "consensus": _consensus(request),
         "pairs": _pairs(request),
         "procrustes_distances": _distances(request),
     }
@@ -103,6 +105,17 @@ def _landmarks(request: ExportRequest) -> Table:
         "y": y,
         "z": z,
     }
+
+
+def _consensus(request: ExportRequest) -> Table:
+    """Mean of every landmark over the shapes that have it, in the space asked for."""
+    labels, coordinates = request.landmarks()
+    known = np.asarray(~np.isnan(coordinates).any(axis=2))
+    counts = known.sum(axis=0)
+    totals = np.where(known[..., None], coordinates, 0.0).sum(axis=0)
+    means = np.where(counts[:, None] > 0, totals / np.maximum(counts, 1)[:, None], np.nan)
+    x, y, z = means.T.tolist()
+    return {"landmark": list(labels), "shapes": counts.tolist(), "x": x, "y": y, "z": z}
 
 
 def _pairs(request: ExportRequest) -> Table:
