@@ -20,6 +20,9 @@ from pairwise.pattern import PatternLike
 #: Triangles that close within this squared distance (30 degrees) support their pairs.
 CLOSED = 8.0 * np.sin(np.deg2rad(15.0)) ** 2
 
+#: Eigenvalues of the normalised affinity below this are noise.
+LEAST_EIGENVALUE = 0.02
+
 #: Third shapes looked at per pair, at most.
 MAX_TRIANGLES = 64
 
@@ -66,14 +69,14 @@ def synchronize_clusters(
     """Split the shapes into parts whose pairs are consistent, synchronize each, and align the parts to each other.
 
     The affinity of a pair is the share of the triangles over it that close, times how low its energy is. Spectral
-    clustering with the eigengap of the normalised affinity (von Luxburg 2007) finds the parts.
+    clustering (von Luxburg 2007) finds the parts, their number by the eigenvalues of the normalised affinity.
 
     Parameters
     ----------
     edges, rotations, energies, weights, group, num_shapes, rotation_pattern
         As for :func:`synchronize`.
     num_clusters : int, optional
-        Number of parts; found by the eigengap by default.
+        Number of parts; found by the eigenvalues by default.
     max_clusters : int
         Most parts that are looked for.
 
@@ -146,23 +149,33 @@ def spectral_clusters(affinity: FloatArray, num_clusters: int | None, max_cluste
     affinity : ndarray, shape (N, N)
         Symmetric, not negative.
     num_clusters : int or None
-        By the largest gap among the leading eigenvalues of ``D^-1/2 A D^-1/2`` where it is None.
+        By the largest ratio of successive eigenvalues of ``D^-1/2 A D^-1/2`` where it is None. The affinities are
+        first divided by what is typical of their shapes (Zelnik-Manor and Perona 2004): members of small groups
+        close few triangles.
     max_clusters : int
     """
     count = len(affinity)
-    degree = affinity.sum(axis=1)
-    scale = 1.0 / np.sqrt(np.maximum(degree, 1e-9 * max(degree.max(initial=0.0), 1e-300)))
-    values, vectors = eigh(scale[:, None] * affinity * scale)
-    values, vectors = values[::-1], vectors[:, ::-1]
+    typical = _typical_affinity(affinity)
+    scaled = affinity / np.sqrt(np.outer(typical, typical))
+    degree = scaled.sum(axis=1)
+    spread = 1.0 / np.sqrt(np.maximum(degree, 1e-9 * max(degree.max(initial=0.0), 1e-300)))
+    values, vectors = eigh(spread[:, None] * scaled * spread)
+    values, vectors = np.maximum(values[::-1], LEAST_EIGENVALUE), vectors[:, ::-1]
     if num_clusters is None:
         most = min(max_clusters, count - 1)
-        num_clusters = 1 + int(np.argmax(values[:most] - values[1 : most + 1])) if most else 1
+        num_clusters = 1 + int(np.argmax(values[:most] / values[1 : most + 1])) if most else 1
     rows = vectors[:, :num_clusters]
     rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
     _, found = kmeans2(rows, _spread_rows(rows, num_clusters), minit="matrix", iter=100)
     _, first, inverse = np.unique(found, return_index=True, return_inverse=True)
     order = np.argsort(np.argsort(first))
     return np.asarray(order[inverse.ravel()], dtype=np.int64)
+
+
+def _typical_affinity(affinity: FloatArray, num_nearest: int = 5) -> FloatArray:
+    """Return the mean of the largest affinities of each shape, shape (N,)."""
+    nearest = np.sort(affinity, axis=1)[:, -num_nearest:]
+    return np.maximum(nearest.mean(axis=1), 1e-9 * max(float(affinity.max(initial=0.0)), 1e-300))
 
 
 def _spread_rows(rows: FloatArray, count: int) -> FloatArray:

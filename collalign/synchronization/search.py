@@ -19,9 +19,9 @@ from collalign.synchronization.robust import (
 from collalign.synchronization.turns import TurnSet, aligned_candidates, propose_turns, turn_costs
 from data_tools.arrays import BoolArray, FloatArray
 
-#: Noise is this many times larger where turns are chosen: frames fitted to one choice of candidates fit their noise
-#: too, which would count as evidence for the choice.
-LABEL_NOISE_FACTOR = 3.0
+#: Noise is this many times larger where turns are chosen, with one candidate per pair and with several: frames fitted
+#: to one choice of candidates fit their noise too, which would count as evidence for the choice.
+LABEL_NOISE_FACTORS = (2.0, 3.0)
 
 #: Rounds of choosing turns and refining, per start.
 MAX_ROUNDS = 4
@@ -137,7 +137,8 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray) -> Stat
     graph = model.graph
     aligned = aligned_candidates(graph, frames)
     alternatives = propose_turns(model, aligned)
-    blurred = model.with_noise(LABEL_NOISE_FACTOR * model.noise_rad)
+    several = graph.candidates.shape[1] > 1
+    blurred = model.with_noise(LABEL_NOISE_FACTORS[several] * model.noise_rad)
     costs = turn_costs(blurred, aligned, alternatives)
     start = np.full((graph.num_shapes, costs.shape[2]), 0.1 / (costs.shape[2] - 1))
     start[:, 0] = 0.9

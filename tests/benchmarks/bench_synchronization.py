@@ -1,0 +1,268 @@
+"""Synchronization against the spectral baseline on planted problems.
+
+    python -m tests.benchmarks.bench_synchronization [--seeds 10] [--only WORD ...]
+
+Prints, per setting, the share of shapes within 20 degrees, the share of runs with all shapes right, the median and
+the worst error, for both methods on the same data; then nearest-neighbour graphs, flipped blocks, mixed collections,
+chirality, maps and times as ratios.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from collalign.synchronization import synchronize, synchronize_clusters, synchronize_maps
+from collalign.synchronization.graph import PairGraph
+from collalign.synchronization.spectral import spectral_frames
+from tests.synchronization_problems import (
+    Planted,
+    complete_edges,
+    exact_pairs,
+    flipped_pairs,
+    group_flip,
+    mixed_collection,
+    pose_errors_deg,
+    random_rotations,
+    regular_edges,
+    small_rotations,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """One setting of the planted problems; degree 0 is the complete graph."""
+
+    degree: int
+    wrong: float
+    candidates: int
+    num_shapes: int = 100
+    kind: str = "flips"
+    informative: bool = True
+
+    @property
+    def name(self) -> str:
+        graph = f"degree {self.degree}" if self.degree else "complete"
+        margins = "" if self.informative else ", no margins"
+        return f"N {self.num_shapes}, {graph}, {self.kind} q {self.wrong}, {self.candidates} cand.{margins}"
+
+    def problem(self, seed: int) -> Planted:
+        edges = regular_edges(self.num_shapes, self.degree, seed) if self.degree else complete_edges(self.num_shapes)
+        return flipped_pairs(
+            np.random.default_rng(seed),
+            edges,
+            self.num_shapes,
+            wrong=self.wrong,
+            num_candidates=self.candidates,
+            kind=self.kind,
+            informative=self.informative,
+        )
+
+
+CELLS = [
+    Cell(degree=0, wrong=0.5, candidates=1, kind="uniform"),
+    Cell(degree=0, wrong=0.5, candidates=1),
+    Cell(degree=0, wrong=0.5, candidates=4),
+    Cell(degree=10, wrong=0.3, candidates=1),
+    Cell(degree=10, wrong=0.3, candidates=4),
+    Cell(degree=20, wrong=0.5, candidates=4),
+    Cell(degree=10, wrong=0.5, candidates=4),
+    Cell(degree=0, wrong=0.5, candidates=4, num_shapes=10),
+    Cell(degree=6, wrong=0.3, candidates=1),
+    Cell(degree=6, wrong=0.3, candidates=4),
+    Cell(degree=20, wrong=0.5, candidates=4, informative=False),
+    Cell(degree=10, wrong=0.3, candidates=4, informative=False),
+    Cell(degree=10, wrong=0.0, candidates=1),
+]
+
+
+def poses(seeds: int) -> None:
+    """Errors of both methods, and how far the confidence can be believed."""
+    for cell in CELLS:
+        rows: dict[str, list[np.ndarray]] = {"robust": [], "spectral": []}
+        confidence = []
+        for seed in range(seeds):
+            problem = cell.problem(seed)
+            for method, errors in rows.items():
+                found = synchronize(problem.edges, problem.rotations, energies=problem.energies, method=method)
+                errors.append(pose_errors_deg(found.rotations, problem.truth))
+                if method == "robust":
+                    confidence.append(found.confidence)
+        print(cell.name)
+        for method, errors in rows.items():
+            table = np.array(errors)
+            print(
+                f"   {method:9s} within 20 deg {(table < 20).mean():.3f}  all right {(table < 20).all(1).mean():.2f}"
+                f"  median {np.median(table, axis=1).mean():.2f}  worst {table.max():.1f}",
+            )
+        print("  ", calibration(np.concatenate(confidence), np.concatenate(rows["robust"]) < 20), flush=True)
+
+
+def calibration(confidence: np.ndarray, right: np.ndarray) -> str:
+    """How many of the shapes at .95 are right, and the area under the curve of wrong against right shapes."""
+    sure = confidence >= 0.95
+    stated = f"confident {sure.mean():.2f} of them right {right[sure].mean():.3f}" if sure.any() else "none confident"
+    if right.all():
+        return stated
+    good, bad = confidence[right][:, None], confidence[~right]
+    return f"{stated}  AUC {np.mean((good > bad) + 0.5 * (good == bad)):.3f}"
+
+
+def neighbours(seeds: int) -> None:
+    """Nearest-neighbour graphs on clean data: the shapes lie on a curve, pairs join the 8 nearest."""
+    rows: dict[str, list[float]] = {"candidates": [], "one candidate": [], "spectral": []}
+    for seed in range(seeds):
+        place = np.sort(np.random.default_rng(seed).random(100))
+        order = np.argsort(np.abs(place[:, None] - place), axis=1)[:, 1:9]
+        edges = np.unique(np.sort([(i, j) for i in range(100) for j in order[i]], axis=1), axis=0)
+        problem = flipped_pairs(np.random.default_rng(seed), edges, 100, wrong=0.1, num_candidates=4)
+        best = np.argmin(problem.energies, axis=1)
+        single = problem.rotations[np.arange(len(edges)), best]
+        found = {
+            "candidates": synchronize(edges, problem.rotations, energies=problem.energies, num_shapes=100),
+            "one candidate": synchronize(edges, single, num_shapes=100),
+            "spectral": synchronize(edges, single, num_shapes=100, method="spectral"),
+        }
+        for name, result in found.items():
+            rows[name].append(float((pose_errors_deg(result.rotations, problem.truth) < 20).mean()))
+    print(
+        "nearest neighbours (8), D2 q .1:",
+        {name: round(float(np.mean(v)), 3) for name, v in rows.items()},
+        flush=True,
+    )
+
+
+def blocks(seeds: int) -> None:
+    """Whole groups flipped: flagged, or right."""
+    for chance in (0.6, 0.45):
+        flagged, within, sure = [], [], []
+        for seed in range(seeds):
+            problem, block = group_flip(
+                np.random.default_rng(seed), complete_edges(100), 100, share=0.3, chance=chance
+            )
+            found = synchronize(problem.edges, problem.rotations)
+            cuts = [cut for cut in found.weak_cuts if cut.doubted]
+            flagged.append(bool(cuts) and set(cuts[0].members) == set(np.flatnonzero(block)))
+            within.append((pose_errors_deg(found.rotations, problem.truth) < 20).mean())
+            sure.append((found.confidence[block] >= 0.95).mean())
+        print(
+            f"30 % flipped as a group with probability {chance}: block flagged {np.mean(flagged):.2f}, within 20 deg "
+            f"{np.mean(within):.3f}, of the block called certain {np.mean(sure):.3f}",
+            flush=True,
+        )
+
+
+def clusters(seeds: int) -> None:
+    for sizes in ((20, 20, 20), (20,) * 5, (30, 18, 12), (40, 25, 15, 12, 8)):
+        exact, right = [], []
+        for seed in range(seeds):
+            problem, labels = mixed_collection(np.random.default_rng(seed), sizes, wrong=0.3)
+            found = synchronize_clusters(problem.edges, problem.rotations, energies=problem.energies)
+            exact.append(len(found.parts) == len(sizes))
+            for part, result in zip(found.parts, found.results, strict=True):
+                kind = np.argmax(np.bincount(labels[part]))
+                errors = pose_errors_deg(result.rotations, problem.truth[part])
+                right.append(((errors < 20) & (labels[part] == kind)).mean())
+        print(f"groups of {sizes}: number exact {np.mean(exact):.2f}, right within {np.mean(right):.3f}", flush=True)
+
+
+def chirality(seeds: int) -> None:
+    rows: dict[str, list[bool]] = {"robust": [], "spectral": []}
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        edges = regular_edges(100, 10, seed)
+        truth = random_rotations(rng, 100, group="O")
+        pairs = exact_pairs(truth, edges) @ small_rotations(rng, (len(edges),), 10.0)
+        wrong = rng.random(len(edges)) < 0.3
+        normals = rng.standard_normal((int(wrong.sum()), 3))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        pairs[wrong] = pairs[wrong] @ (np.eye(3) - 2 * normals[:, :, None] * normals[:, None])
+        mirrored = np.linalg.det(truth) * np.linalg.det(truth[0]) < 0
+        for method, right in rows.items():
+            found = synchronize(edges, pairs, group="O", method=method)
+            right.append(bool(np.array_equal(found.reflected, mirrored)))
+    print(
+        "chirality, degree 10, 30 % wrong signs: all right",
+        {m: float(np.mean(r)) for m, r in rows.items()},
+        flush=True,
+    )
+
+
+def maps(seeds: int) -> None:
+    for num_shapes, degree, seconds in ((100, 0, []), (1000, 16, [])):
+        rng = np.random.default_rng(0)
+        planted = [rng.permutation(64) for _ in range(num_shapes)]
+        edges = regular_edges(num_shapes, degree, 0) if degree else complete_edges(num_shapes)
+        given = {}
+        for i, j in edges:
+            found = np.argsort(planted[i])[planted[j]]
+            spoiled = np.flatnonzero(rng.random(64) < 0.3)
+            found[spoiled] = found[rng.permutation(spoiled)]
+            given[int(i), int(j)] = found
+        start = perf_counter()
+        labels = synchronize_maps(given, [64] * num_shapes)
+        seconds.append(perf_counter() - start)
+        same = [np.argsort(planted[0])[planted[a]] == labels.map_between(0, a) for a in range(num_shapes)]
+        print(f"maps, N {num_shapes}, 30 % wrong: right {np.mean(same):.4f}, {seconds[0]:.1f} s", flush=True)
+
+
+def times(seeds: int) -> None:
+    """Seconds of the plain eigenprojection, of the whole baseline with its certificate, and of the robust method."""
+    for num_shapes, degree, candidates in ((300, 0, 1), (300, 0, 4), (1000, 16, 1), (1000, 16, 4)):
+        problem = Cell(degree=degree, wrong=0.3, candidates=candidates, num_shapes=num_shapes).problem(0)
+        graph = PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies)
+        chosen = graph.chosen(graph.best_choice)
+        plain = _seconds(lambda: spectral_frames(graph, chosen, graph.weights))  # noqa: B023
+        spectral, robust = (
+            _seconds(
+                lambda: synchronize(
+                    problem.edges,  # noqa: B023
+                    problem.rotations,  # noqa: B023
+                    energies=problem.energies,  # noqa: B023
+                    method=method,  # noqa: B023
+                )
+            )
+            for method in ("spectral", "robust")
+        )
+        print(
+            f"time, N {num_shapes}, {degree or 'complete'}, {candidates} cand.: robust / eigenprojection "
+            f"{robust / plain:.0f}, robust / baseline {robust / spectral:.0f} ({robust:.2f} s)",
+            flush=True,
+        )
+
+
+def _seconds(run: Callable[[], object], repeats: int = 3) -> float:
+    spent = []
+    for _ in range(repeats):
+        start = perf_counter()
+        run()
+        spent.append(perf_counter() - start)
+    return min(spent)
+
+
+PARTS: dict[str, Callable[[int], None]] = {
+    "poses": poses,
+    "neighbours": neighbours,
+    "blocks": blocks,
+    "clusters": clusters,
+    "chirality": chirality,
+    "maps": maps,
+    "times": times,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--only", nargs="*", choices=list(PARTS), default=list(PARTS))
+    options = parser.parse_args(arguments)
+    for name in options.only:
+        PARTS[name](options.seeds)
+
+
+if __name__ == "__main__":
+    main()
