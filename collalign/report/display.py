@@ -7,8 +7,8 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray
 
 #: A report holds about this many triangles in all, but each shape between the two limits.
-_FACES_IN_ALL = 500_000
-_FEWEST, _MOST = 1_500, 6_000
+_FACES_IN_ALL = 200_000
+_FEWEST, _MOST = 1_500, 4_000
 
 
 def faces_per_shape(num_shapes: int) -> int:

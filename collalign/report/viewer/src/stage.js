@@ -31,7 +31,7 @@ export class Stage {
     this.root = new Group();
     this.addLights();
     this.small = startRenderer();
-    this.watcher = new IntersectionObserver((entries) => this.noticeVisible(entries), { rootMargin: "150px" });
+    this.watcher = new IntersectionObserver((entries) => this.noticeVisible(entries));
     this.sizes = new ResizeObserver((entries) => entries.forEach(({ target }) => this.resize(target.tile)));
     addEventListener("beforeprint", () => this.tiles.forEach((tile) => tile.dirty && this.draw(tile)));
   }
