@@ -12,13 +12,14 @@ import argparse
 import itertools
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray
-from data_tools.datasets import Dataset, read_shrec07_class, read_teeth
+from data_tools.datasets import Dataset, read_range_scans, read_shrec07_class, read_teeth
 from data_tools.embedding import Samples, sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
@@ -32,6 +33,7 @@ from pairwise.search import of_chirality
 from pairwise.starts import random_rotations
 
 RIGHT_DEG = 20.0
+MIN_OVERLAP = 0.3
 CLASSES = ("glasses", "ant", "chair", "teddy")
 
 
@@ -162,9 +164,63 @@ def top(result: MatchResult, num: int) -> list:
     return list(result.candidates[:num])
 
 
+def run_partial(options: argparse.Namespace, sampling: SamplingOptions) -> None:
+    """Print the rotation error of every pair of range scans that overlap, from samples and refined on dense ones.
+
+    Points farther apart than the samples' spacing stay unmatched; the scans' scale is known, their poses are not.
+    """
+    dataset = read_range_scans(options.data / "stanford_bunny_scans")
+    sampling = replace(sampling, metric="euclidean", normalisation="none", num_dense_points=400)
+    samples = [sample_shape(dataset.shape(i), sampling, EmbeddingOptions(kind="xyz")) for i in range(len(dataset))]
+    rng = np.random.default_rng(options.seed)
+    found = MatchOptions(estimate_translation=True)
+    for i, j in itertools.combinations(range(len(samples)), 2):
+        overlap = overlap_share(dataset, samples, i, j)
+        if overlap < MIN_OVERLAP:
+            continue
+        turn = random_rotation(rng)
+        source, dense = samples[j].positions @ turn.T, samples[j].dense_positions @ turn.T
+        before = time.process_time()
+        result = match_problem(_open_problem(samples[i].positions, source), found)
+        seconds = time.process_time() - before
+        refined = minimise(
+            _open_problem(samples[i].dense_positions, dense),
+            result.R_target_source[None],
+            freedom=found.freedom,
+            shifts=result.translation[None],
+        )
+        truth = dataset.rotation(i, j) @ turn.T
+        poses = (result.R_target_source, refined.rotations[0], *(c.R_target_source for c in result.candidates))
+        errors = rotation_angle_deg(np.stack(poses), truth)
+        print(
+            f"{dataset.names[i]:9s} {dataset.names[j]:9s} overlap {100 * overlap:3.0f} %: {errors[0]:6.1f} deg, "
+            f"refined {errors[1]:6.1f} deg, best of {len(errors) - 2} candidates {errors[2:].min():6.1f} deg, "
+            f"{seconds:.1f} s",
+            flush=True,
+        )
+
+
+def _open_problem(target: FloatArray, source: FloatArray) -> Problem:
+    """Partial matching at a penalty of the squared spacing of the target's points."""
+    spacing = np.median(cKDTree(target).query(target, k=2)[0][:, 1])
+    return Problem.from_user(target, source, unmatched_penalty=float(spacing**2))
+
+
+def overlap_share(dataset: Dataset, samples: list[Samples], i: int, j: int) -> float:
+    """Share of the dense samples of both scans that have a counterpart in the other, at the known poses."""
+    clouds = [
+        (samples[s].dense_positions * samples[s].scale + samples[s].offset) @ dataset.rotations[s].T
+        + dataset.translations[s]
+        for s in (i, j)
+    ]
+    spacing = np.median(cKDTree(clouds[0]).query(clouds[0], k=2)[0][:, 1])
+    near = [cKDTree(a).query(b)[0] <= spacing for a, b in (clouds, clouds[::-1])]
+    return float(np.concatenate(near).mean())
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("energies", "table"))
+    parser.add_argument("what", choices=("energies", "table", "partial"))
     parser.add_argument("--data", type=Path, default=Path(__file__).resolve().parents[2] / ".." / "shared" / "data")
     parser.add_argument("--collections", nargs="+", default=["teeth", *CLASSES])
     parser.add_argument("--points", nargs="+", type=int, default=[20, 64])
@@ -178,6 +234,9 @@ def main() -> None:
     options = parser.parse_args()
     for kind, metric, k in itertools.product(options.embeddings, options.metrics, options.points):
         sampling = SamplingOptions(num_points=k, metric=metric, num_dense_points=0)
+        if options.what == "partial":
+            run_partial(options, sampling)
+            continue
         run = run_energies if options.what == "energies" else run_table
         run(options, sampling, EmbeddingOptions(kind=kind))
 
