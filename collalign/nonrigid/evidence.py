@@ -1,4 +1,4 @@
-"""Evidence for a map that the matching energy does not see: curvature, commutativity, orientation, coverage.
+"""Evidence for a map that the matching energy does not see: curvature, commutativity, smoothness, orientation.
 
 The energy prefers maps that squeeze the shapes into each other over true ones, so candidates are judged by what it
 does not contain.
@@ -15,6 +15,10 @@ from collalign.nonrigid.surface import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
 from pairwise.functional_map import FunctionalMap
 
+#: Functions, the constant one included, whose images must be smooth.
+NUM_SMOOTH = 30
+#: Below this absolute correlation of orientation forms, left and right are mixed.
+MIXED_ORIENTATION = 0.4
 #: Floor of a disagreement inside its logarithm.
 FLOOR = 1e-3
 
@@ -29,6 +33,9 @@ class Evidence:
         1 - correlation of the smoothed mean curvatures at matched points; NaN without normals.
     commutativity : float
         Share of the functional map that does not commute with the two Laplacians, in [0, 1].
+    roughness : float
+        Mean squared difference between the target's low functions at the images and the smooth functions that the
+        functional map makes of them: a map that is torn, or turned over in part, cannot be smooth.
     orientation : float
         Correlation of the orientation forms: near 1 keeps left and right, near -1 swaps them, near 0 mixes them; NaN
         without normals.
@@ -40,16 +47,20 @@ class Evidence:
 
     curvature: float
     commutativity: float
+    roughness: float
     orientation: float
     coverage: float
     bijectivity: float
 
     @property
     def score(self) -> float:
-        """Log of the disagreements plus what the orientation leaves open; the lower the better."""
-        total = np.log(max(self.commutativity, FLOOR))
+        """Logarithms of the disagreements plus what the orientation leaves open; the lower the better.
+
+        Curvature counts twice, because it alone tells the sides of an intrinsically symmetric surface apart.
+        """
+        total = np.log(max(self.commutativity, FLOOR)) + np.log(max(self.roughness, FLOOR))
         if np.isfinite(self.curvature):
-            total += np.log(max(self.curvature, FLOOR))
+            total += 2.0 * np.log(max(self.curvature, FLOOR))
         if np.isfinite(self.orientation):
             total += 1.0 - abs(self.orientation)
         return float(total)
@@ -63,6 +74,7 @@ def judge(target: SpectralShape, source: SpectralShape, refined: FunctionalMap) 
     return Evidence(
         curvature=_curvature_gap(target.curvature[on_target[forward]], source.curvature[on_source]),
         commutativity=_commutativity_gap(refined.C_source_target, target.eigenvalues, source.eigenvalues),
+        roughness=_roughness(target, source, refined),
         orientation=orientation_of(target, source, refined.C_source_target, forward),
         coverage=len(np.unique(forward)) / len(backward),
         bijectivity=float((np.linalg.norm(returned, axis=1) <= 0.1 * source.area**0.5).mean()),
@@ -123,6 +135,16 @@ def _curvature_gap(of_target: FloatArray, of_source: FloatArray) -> float:
     norms = np.linalg.norm(first, axis=0) * np.linalg.norm(second, axis=0)
     correlations = (first * second).sum(axis=0) / np.where(norms > 0, norms, 1.0)
     return float(1.0 - correlations.mean())
+
+
+def _roughness(target: SpectralShape, source: SpectralShape, refined: FunctionalMap) -> float:
+    """Return the mean of ``(Phi_T[map] - Phi_S C)^2`` over samples and the low functions of the target."""
+    forward, c = refined.map_target_source, refined.C_source_target
+    few = min(NUM_SMOOTH, len(c))
+    images = target.functions[target.dense[forward], : few - 1]
+    own = source.dense[: len(forward)]
+    smooth = c[0, 1:few] + source.functions[own, : len(c) - 1] @ c[1:, 1:few]
+    return float(((images - smooth) ** 2).mean())
 
 
 def _commutativity_gap(c: FloatArray, target_values: FloatArray, source_values: FloatArray) -> float:

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from collalign.nonrigid.evidence import MIXED_ORIENTATION
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.paper import paper_candidates
 from collalign.nonrigid.portfolio import Refined, find_candidates
 from collalign.nonrigid.prepare import prepare_file
 from collalign.nonrigid.refine import dense_point_maps
-from collalign.nonrigid.result import MIXED_ORIENTATION, NonrigidCandidate, NonrigidMatch
+from collalign.nonrigid.result import NonrigidCandidate, NonrigidMatch
 from collalign.nonrigid.surface import SpectralShape
 from data_tools.arrays import IntArray, read_only
 from data_tools.errors import InputError, OptionsError

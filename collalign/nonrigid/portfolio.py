@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from collalign.nonrigid.evidence import Evidence, judge
+from collalign.nonrigid.evidence import MIXED_ORIENTATION, Evidence, judge
 from collalign.nonrigid.masks import candidate_mask
 from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.refine import Refiner
@@ -20,8 +20,8 @@ from pairwise.status import Status
 
 #: Distinct starts that are refined on few samples, and how few.
 NUM_SCREENED, NUM_SCREEN_SAMPLES = 12, 400
-#: Screened candidates that are composed with the target's self-maps.
-NUM_TURNED = 3
+#: Screened candidates of each orientation that are composed with the target's self-maps.
+NUM_TURNED = 2
 #: Refinement on few samples ends with this number of functions.
 SCREEN_LAST = 60
 #: Starts closer than this in the lowest 8 functions (Frobenius norm) are one, and how many functions that are.
@@ -64,8 +64,8 @@ def find_candidates(
     for i in distinct_starts(starts, NUM_SCREENED):
         maps = start_maps(screen, starts.rotations[i], has_normals=has_normals(target, source))
         screened += [judged(target, source, refined, str(starts.origins[i])) for refined in maps]
-    best = distinct_maps(screened)
-    best = distinct_maps([*best, *composed(target, source, best[:NUM_TURNED], screen)])[: options.num_candidates]
+    turned = composed(target, source, of_both_orientations(distinct_maps(screened), 2 * NUM_TURNED), screen)
+    best = of_both_orientations(distinct_maps([*screened, *turned]), options.num_candidates)
     finish = finish_by_icp if options.ends_with_icp else finish_by_zoomout
     return distinct_maps(finish(target, source, best)), status
 
@@ -154,6 +154,14 @@ def distinct_maps(refined: list[Refined]) -> list[Refined]:
         if not any(is_same_map(c, other.functional_map.C_source_target) for other in kept):
             kept.append(candidate)
     return kept
+
+
+def of_both_orientations(best: list[Refined], num: int) -> list[Refined]:
+    """Return the first candidates, at least half of them orientation-preserving where there are so many."""
+    preserving = [c for c in best if not c.evidence.orientation < MIXED_ORIENTATION]
+    others = [c for c in best if c.evidence.orientation < MIXED_ORIENTATION]
+    first = preserving[: max((num + 1) // 2, num - len(others))]
+    return sorted([*first, *others[: num - len(first)]], key=lambda c: c.score)
 
 
 def composed(target: SpectralShape, source: SpectralShape, best: list[Refined], refiner: Refiner) -> list[Refined]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.starts import descend_maps, embedded_problem
 from collalign.nonrigid.surface import SpectralShape
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import BoolArray, IntArray
 from pairwise.local_search import LocalMinima, MatchingCosts
 from pairwise.problem import Problem
 from pairwise.results import RelaxationResult
+from pairwise.rounding import appendix_starts, draw_rotations, nearest_map
 from pairwise.solve import solve_pm_sdp
 from pairwise.status import Status
 
@@ -56,9 +56,7 @@ def relaxation_starts(
 def rounded_maps(problem: Problem, relaxed: RelaxationResult, *, num_draws: int, seed: int) -> IntArray:
     """Return distinct maps of the samples that round a relaxation's solution, shape (m, k).
 
-    The assignment nearest to X; the projection of R; the projections and assignments of the two factors of the best
-    rank-one fit of the B_j, stacked (Maron et al. 2016, appendix A); and projections of draws from the Gaussian with
-    mean [R] and second moment C.
+    The assignment nearest to X, what the four starts of appendix A of Maron et al. (2016) lead to, and draws.
 
     Parameters
     ----------
@@ -66,23 +64,7 @@ def rounded_maps(problem: Problem, relaxed: RelaxationResult, *, num_draws: int,
     relaxed : RelaxationResult
     num_draws, seed : int
     """
-    pattern = problem.pattern
-    stacked = np.moveaxis(relaxed.B, 1, 0).reshape(pattern.num_entries, -1)
-    left, _, right = np.linalg.svd(stacked, full_matrices=False)
-    sign = 1.0 if right[0].sum() >= 0 else -1.0
-    factor = np.moveaxis((sign * right[0]).reshape(problem.num_source, problem.num_target), 0, 1)
-    rotations = [pattern.unpack(pattern.pack(relaxed.R)), pattern.unpack(sign * left[:, 0])]
-    mean = pattern.pack(relaxed.R)
-    values, vectors = np.linalg.eigh(relaxed.C - np.outer(mean, mean))
-    spread = vectors * np.sqrt(np.maximum(values, 0.0))
-    drawn = mean + np.random.default_rng(seed).standard_normal((num_draws, len(values))) @ spread.T
-    matrices = np.concatenate([np.stack(rotations), pattern.unpack(drawn)])
-    projected = pattern.project(matrices)
+    draws = draw_rotations(problem, relaxed, num_draws, np.random.default_rng(seed))
+    projected = problem.pattern.project(np.concatenate([appendix_starts(problem, relaxed), draws]))
     by_rotation = MatchingCosts(problem).assign(projected, np.ones(len(projected)))
-    by_match = np.stack([_largest_assignment(weights, problem.candidates) for weights in (relaxed.X, factor)])
-    return np.unique(np.concatenate([by_match, by_rotation]), axis=0)
-
-
-def _largest_assignment(weights: FloatArray, candidates: BoolArray) -> IntArray:
-    _, point_map = linear_sum_assignment(np.where(candidates, -weights, np.inf).T)
-    return point_map
+    return np.unique(np.vstack([nearest_map(problem, relaxed.X), by_rotation]), axis=0)

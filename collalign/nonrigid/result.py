@@ -8,13 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.nonrigid.evidence import Evidence
+from collalign.nonrigid.evidence import MIXED_ORIENTATION, Evidence
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.files import write_atomic
 from pairwise.status import Status
-
-#: Below this absolute correlation of orientation forms, left and right are mixed.
-MIXED_ORIENTATION = 0.4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

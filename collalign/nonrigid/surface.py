@@ -6,6 +6,7 @@ import io
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -31,7 +32,7 @@ NUM_WAVES = 40
 #: Low functions whose orientation form is kept.
 NUM_ORIENTATION = 12
 #: Heat times of the curvature that is compared, at unit area.
-CURVATURE_TIMES = (0.001, 0.004)
+CURVATURE_TIMES = (0.0001, 0.0003)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,7 +120,7 @@ class SpectralShape:
         try:
             with np.load(existing_file(Path(path)), allow_pickle=False) as archive:
                 values: dict[str, Any] = {f.name: read_only(archive[f.name]) for f in fields(cls)}
-        except (ValueError, KeyError, OSError, EOFError) as error:
+        except (ValueError, KeyError, OSError, EOFError, BadZipFile) as error:
             raise InputError(f"{path}: not a prepared shape ({error})") from error
         values.update(name=str(values["name"]), area=float(values["area"]))
         values["notes"] = tuple(str(note) for note in values["notes"])
@@ -156,7 +157,7 @@ def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> Spec
     samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_SEEDS), solver=surface.geodesics)
     to_working = np.full(len(shape.vertices), -1, dtype=np.int64)
     to_working[kept] = cKDTree(working.vertices).query(part.vertices)[1]
-    curvature, orientation = _outside(working, eigen, dense)
+    curvature, orientation = _outside(surface, working, eigen, dense)
     return SpectralShape(
         name=shape.name,
         vertices=working.vertices,
@@ -207,12 +208,15 @@ def _eigen(surface: WorkingSurface, dense: IntArray, options: SurfaceOptions) ->
     return surface.eigenfunctions(options.num_functions)
 
 
-def _outside(working: Shape, eigen: Spectrum, dense: IntArray) -> tuple[FloatArray, FloatArray]:
+def _outside(
+    surface: WorkingSurface, working: Shape, eigen: Spectrum, dense: IntArray
+) -> tuple[FloatArray, FloatArray]:
     """Return curvatures and the orientation form at the dense samples; NaN where there are no normals."""
     num = min(NUM_ORIENTATION, len(eigen.values))
     if not working.is_mesh:
         return np.full((len(working.vertices), len(CURVATURE_TIMES)), np.nan), np.full((len(dense), num, num), np.nan)
-    curvature = np.column_stack([smoothed_curvature(working, eigen, time=t) for t in CURVATURE_TIMES])
+    operators = surface.operators
+    curvature = np.column_stack([smoothed_curvature(working, operators, time=t) for t in CURVATURE_TIMES])
     return curvature, orientation_form(working, eigen.functions[:, :num])[dense]
 
 

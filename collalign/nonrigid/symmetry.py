@@ -30,7 +30,7 @@ def self_maps(shape: SpectralShape) -> FloatArray:
 
     A wrong map between two shapes is most often the right one followed by such a self-map: left for right, front for
     back, or both. With the self-maps each is obtained from any other. They are found by the same search as between
-    two shapes, and by negating one eigenfunction at a time: the swap of front and back of a flat body leaves all lower
+    two shapes, and by negating one eigenfunction at a time: swapping front and back of a flat body leaves all lower
     functions alone.
     """
     own = replace(shape, self_maps=read_only(np.empty((0, 0, 0))))

@@ -1,0 +1,109 @@
+"""Both shapes coloured alike: the target by its coordinates, the source by those of its images."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from collalign.nonrigid.geometry import vertex_normals
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.errors import InputError
+from data_tools.files import write_atomic
+from data_tools.shape import Shape
+
+_GREY = np.full(3, 0.6)
+_LIGHT = np.array([0.3, 0.4, 0.87])
+#: Half turn about the vertical axis of the picture.
+_FROM_BEHIND = np.diag([-1.0, 1.0, -1.0])
+
+
+def transferred_colours(target: Shape, point_map_target_source: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return colours in [0, 1] of the target's vertices and of the source's, shapes (u, 3) and (v, 3).
+
+    Red, green and blue are the target's coordinates in its principal axes; unmatched vertices are grey.
+
+    Raises
+    ------
+    InputError
+        If the map names a vertex that the target does not have.
+    """
+    if len(point_map_target_source) and int(point_map_target_source.max()) >= len(target.vertices):
+        raise InputError(f"the map names vertex {point_map_target_source.max()} of {target.name}, which has fewer")
+    places = (target.vertices - target.vertices.mean(axis=0)) @ _axes(target.vertices)
+    low, high = places.min(axis=0), places.max(axis=0)
+    colours = 0.08 + 0.84 * (places - low) / np.where(high > low, high - low, 1.0)
+    images = np.maximum(point_map_target_source, 0)
+    return colours, np.where((point_map_target_source >= 0)[:, None], colours[images], _GREY)
+
+
+def draw_match(
+    path: Path | str, target: Shape, source: Shape, point_map_target_source: IntArray, *, title: str = ""
+) -> Path:
+    """Draw target and source from the front and from behind, coloured by the map, and write a PNG.
+
+    Parameters
+    ----------
+    path : Path or str
+    target, source : Shape
+        As in their files; point clouds are drawn as points.
+    point_map_target_source : ndarray of int, shape (v,)
+    title : str
+    """
+    from matplotlib.figure import Figure
+
+    of_target, of_source = transferred_colours(target, point_map_target_source)
+    frame = _axes(target.vertices)
+    matched = np.flatnonzero(point_map_target_source >= 0)
+    turned = frame
+    if len(matched):
+        turned = _procrustes(target.vertices[point_map_target_source[matched]], source.vertices[matched]).T @ frame
+    figure = Figure(figsize=(9.0, 3.6), dpi=130)
+    panels = [(target, of_target, frame), (source, of_source, turned)]
+    for column, (shape, colours, axes) in enumerate(panels):
+        for view, behind in enumerate((np.eye(3), _FROM_BEHIND)):
+            panel = figure.add_subplot(1, 4, 2 * column + view + 1)
+            _draw(panel, shape, colours, axes @ behind)
+            panel.set_title(shape.name if view == 0 else "from behind", fontsize="small")
+    figure.suptitle(title, fontsize="small")
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", metadata={"Software": None})
+    return write_atomic(Path(path), buffer.getvalue())
+
+
+def _axes(vertices: FloatArray) -> FloatArray:
+    """Return the frame of the picture as columns: second axis across, longest up, shortest towards the viewer."""
+    centred = vertices - vertices.mean(axis=0)
+    _, vectors = np.linalg.eigh(centred.T @ centred)
+    frame = vectors[:, [1, 2, 0]]
+    frame[:, 2] *= np.sign(np.linalg.det(frame))
+    return np.ascontiguousarray(frame)
+
+
+def _procrustes(target: FloatArray, source: FloatArray) -> FloatArray:
+    u, _, vt = np.linalg.svd((target - target.mean(axis=0)).T @ (source - source.mean(axis=0)))
+    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+
+
+def _draw(panel: Any, shape: Shape, colours: FloatArray, axes: FloatArray) -> None:
+    """Draw a shape by the painter's algorithm: far triangles first."""
+    from matplotlib.collections import PolyCollection
+
+    seen = (shape.vertices - shape.vertices.mean(axis=0)) @ axes
+    if shape.is_mesh:
+        shade = np.abs(vertex_normals(shape) @ axes @ _LIGHT)[:, None]
+        lit = colours * (0.45 + 0.55 * shade)
+        order = np.argsort(seen[shape.faces, 2].mean(axis=1), kind="stable")
+        faces = shape.faces[order]
+        corners = seen[faces][:, :, :2]
+        panel.add_collection(
+            PolyCollection(corners, facecolors=lit[faces].mean(axis=1), edgecolors="face", linewidths=0.2)
+        )
+    else:
+        order = np.argsort(seen[:, 2], kind="stable")
+        panel.scatter(seen[order, 0], seen[order, 1], c=colours[order], s=1.0)
+    panel.set_aspect("equal")
+    panel.set_axis_off()
+    panel.autoscale_view()
