@@ -39,18 +39,20 @@ class NearestCosts:
         self.freedom = Freedom(translate=translate)
         is_full = problem.num_source == problem.num_target and not problem.max_unmatched
         self.both_ways = is_full and not translate
-        weights = problem.weights[:, None]
-        fixed = np.where(
-            problem.candidates.T, weights * (problem.target**2).sum(axis=1) + problem.constant_cost.T, np.inf
-        )
-        source_squares = weights * (problem.source**2).sum(axis=1, keepdims=True)
+        self._unit = _size(problem)
+        weights = problem.weights[:, None] / problem.weights.max()
+        self._unit_cost = self._unit**2 * problem.weights.max()
+        target, source = problem.target / self._unit, problem.source / self._unit
+        constant = problem.constant_cost.T / self._unit_cost
+        fixed = np.where(problem.candidates.T, weights * (target**2).sum(axis=1) + constant, np.inf)
+        source_squares = weights * (source**2).sum(axis=1, keepdims=True)
         self._fixed = np.ascontiguousarray(fixed, dtype=np.float32)
         self._fixed_t = np.ascontiguousarray((fixed + source_squares).T, dtype=np.float32)
-        self._target = problem.target.astype(np.float32)
+        self._target = target.astype(np.float32)
         self._target_t = np.ascontiguousarray(self._target.T)
-        self._source = problem.source.astype(np.float32)
-        self._source_t = np.ascontiguousarray((-2.0 * weights * problem.source).T, dtype=np.float32)
-        self._weights = problem.weights.astype(np.float32)
+        self._source = source.astype(np.float32)
+        self._source_t = np.ascontiguousarray((-2.0 * weights * source).T, dtype=np.float32)
+        self._weights = weights[:, 0].astype(np.float32)
         self.chunk = max(1, _CHUNK_ENTRIES // fixed.size)
 
     def step(self, rotations: FloatArray, shifts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -69,13 +71,14 @@ class NearestCosts:
         """Return the nearest target points (m, k), the moments of the reverse direction, and the scores."""
         problem = self.problem
         m, k, n, d = len(rotations), problem.num_source, problem.num_target, problem.dim
-        moved = self._source @ np.swapaxes(rotations, 1, 2) + shifts[:, None, :].astype(np.float32)
+        moved = self._source @ np.swapaxes(rotations, 1, 2)
+        moved += (shifts[:, None, :] / self._unit).astype(np.float32)
         squares = self._weights * (moved**2).sum(axis=2)
         moved *= -2.0 * self._weights[:, None]
         costs = (moved.reshape(m * k, d) @ self._target_t).reshape(m, k, n)
         costs += self._fixed
         nearest = costs.argmin(axis=2)
-        values = _taken(costs, nearest) + squares
+        values = self._unit_cost * (_taken(costs, nearest) + squares)
         if problem.max_unmatched:
             values, is_matched = self._trimmed(values)
             nearest = np.where(is_matched, nearest, -1)
@@ -85,7 +88,7 @@ class NearestCosts:
         costs += self._fixed_t
         back = costs.argmin(axis=2)
         moments = problem.target.T @ (problem.weights[:, None] * problem.source)[back]
-        return nearest, moments, values.sum(axis=1) + _taken(costs, back).sum(axis=1)
+        return nearest, moments, values.sum(axis=1) + self._unit_cost * _taken(costs, back).sum(axis=1)
 
     def _trimmed(self, values: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Leave the dearest points unmatched: the costs after that, and which points are matched (m, k)."""
@@ -97,6 +100,11 @@ class NearestCosts:
             is_matched = np.zeros(values.shape, dtype=bool)
             np.put_along_axis(is_matched, np.argsort(values, axis=1, kind="stable")[:, :num_matches], True, axis=1)
         return np.where(is_matched, values, problem.unmatched_cost), is_matched
+
+
+def _size(problem: Problem) -> float:
+    """Return a length that brings the points into the range of single precision; 1 if all are at the origin."""
+    return float(max(np.abs(problem.target).max(), np.abs(problem.source).max())) or 1.0
 
 
 def _taken(costs: NDArray[np.floating[Any]], nearest: NDArray[np.intp]) -> FloatArray:

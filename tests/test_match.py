@@ -157,6 +157,15 @@ def test_relabelling_and_turning_change_labels_and_turns_only(num_source: int | 
     np.testing.assert_allclose(turns[0].T @ moved.R_target_source @ turns[1], plain.R_target_source, atol=1e-7)
 
 
+@pytest.mark.parametrize("unit", [1e-20, 1e20])
+def test_units_change_energies_only(unit: float) -> None:
+    rng = np.random.default_rng(10)
+    problem = planted(rng, rng.random((14, 3)) - 0.5, noise=0.2)
+    plain, scaled = match(problem.target, problem.source), match(unit * problem.target, unit * problem.source)
+    np.testing.assert_array_equal(scaled.map_target_source, plain.map_target_source)
+    assert scaled.energy == pytest.approx(plain.energy * unit**2)
+
+
 def test_given_starts_compete() -> None:
     rng = np.random.default_rng(11)
     problem = planted(rng, rng.random((12, 6)) - 0.5, noise=0.05)

@@ -62,6 +62,16 @@ def test_shifts_are_found_on_request(rng: np.random.Generator) -> None:
     assert scores[0] == pytest.approx(0.0, abs=1e-4)
 
 
+@pytest.mark.parametrize("unit", [1e-30, 1e30])
+def test_extreme_units_do_not_matter(rng: np.random.Generator, unit: float) -> None:
+    target, source, rotations = rng.random((12, 3)), rng.random((12, 3)), random_rotations(3, 5, rng)
+    weights = rng.random(12)
+    usual, _, scores = screen(Problem.from_user(target, source, weights=weights), rotations)
+    other, _, scaled = screen(Problem.from_user(unit * target, unit * source, weights=1e25 * weights), rotations)
+    np.testing.assert_allclose(other, usual, atol=1e-5)
+    np.testing.assert_allclose(scaled, scores * unit**2 * 1e25, rtol=1e-4)
+
+
 def test_batches_do_not_change_the_answer(rng: np.random.Generator) -> None:
     problem = planted(rng, rng.random((12, 3)), noise=0.1)
     rotations = random_rotations(3, 9, rng)
