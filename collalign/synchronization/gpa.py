@@ -71,15 +71,7 @@ def superimpose(
         If a shape has fewer than two labelled samples, or the arrays do not agree.
     """
     frames = np.array(rotations, dtype=np.float64)
-    clouds = [as_points(x, f"samples[{i}]") for i, x in enumerate(samples)]
-    names = [as_indices(v, f"labels[{i}]", upper=np.iinfo(np.int64).max, lower=-1) for i, v in enumerate(labels)]
-    if len(clouds) != len(frames) or [len(x) for x in clouds] != [len(v) for v in names]:
-        raise InputError("samples, labels and rotations must be of the same shapes and samples")
-    kept = [np.flatnonzero(v >= 0) for v in names]
-    if min(len(k) for k in kept) < 2:
-        raise InputError("labels: every shape needs two labelled samples or more")
-    points = [x[k] for x, k in zip(clouds, kept, strict=True)]
-    marks = [v[k] for v, k in zip(names, kept, strict=True)]
+    points, marks = _labelled(samples, labels, len(frames))
     total = max(int(v.max()) for v in marks) + 1
     state = _first_state(points, frames)
     mean, iterations = np.zeros((total, frames.shape[-1])), 0
@@ -92,18 +84,28 @@ def superimpose(
         if change <= tol**2 * size:
             break
     rotation, scales, shifts = state
-    residuals = [
-        np.sqrt(np.mean(np.sum((s * x @ r.T + t - mean[v]) ** 2, axis=1)))
-        for x, v, r, s, t in zip(points, marks, rotation, scales, shifts, strict=True)
-    ]
     return Superimposition(
         rotations=read_only(rotation),
         scales=read_only(scales),
         translations=read_only(shifts),
         mean=read_only(mean),
-        residuals=read_only(np.array(residuals)),
+        residuals=read_only(_residuals(points, marks, mean, state)),
         iterations=iterations,
     )
+
+
+def _labelled(
+    samples: Sequence[ArrayLike], labels: Sequence[ArrayLike], count: int
+) -> tuple[list[FloatArray], list[IntArray]]:
+    """Check samples and labels, and return those samples that have a label, with their labels."""
+    clouds = [as_points(x, f"samples[{i}]") for i, x in enumerate(samples)]
+    names = [as_indices(v, f"labels[{i}]", upper=np.iinfo(np.int64).max, lower=-1) for i, v in enumerate(labels)]
+    if len(clouds) != count or [len(x) for x in clouds] != [len(v) for v in names]:
+        raise InputError("samples, labels and rotations must be of the same shapes and samples")
+    kept = [np.flatnonzero(v >= 0) for v in names]
+    if min(len(k) for k in kept) < 2:
+        raise InputError("labels: every shape needs two labelled samples or more")
+    return [x[k] for x, k in zip(clouds, kept, strict=True)], [v[k] for v, k in zip(names, kept, strict=True)]
 
 
 _State = tuple[FloatArray, FloatArray, FloatArray]
@@ -153,3 +155,9 @@ def _fitted(
     for i, (x, v) in enumerate(zip(points, marks, strict=True)):
         shifts[i] = mean[v].mean(axis=0) - scales[i] * rotations[i] @ x.mean(axis=0)
     return rotations, scales, shifts
+
+
+def _residuals(points: list[FloatArray], marks: list[IntArray], mean: FloatArray, state: _State) -> FloatArray:
+    """Return the root mean square distance of each shape's samples to the mean, shape (N,)."""
+    apart = [s * x @ r.T + t - mean[v] for x, v, r, s, t in zip(points, marks, *state, strict=True)]
+    return np.array([np.sqrt(np.mean(np.sum(d**2, axis=1))) for d in apart])

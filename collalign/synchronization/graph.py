@@ -11,16 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import coo_matrix, csr_matrix
 
-from data_tools.arrays import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    as_indices,
-    as_rotations,
-    as_weights,
-    read_only,
-)
-from data_tools.errors import InputError, OptionsError
+from collalign.synchronization.checks import check_pattern, checked_edges, checked_energies
+from data_tools.arrays import BoolArray, FloatArray, IntArray, as_rotations, as_weights, read_only
+from data_tools.errors import InputError
 from pairwise.pattern import PatternLike, RotationPattern
 
 
@@ -92,7 +85,7 @@ class PairGraph:
         OptionsError
             If the group or the pattern is impossible.
         """
-        pairs = _checked_edges(edges, num_shapes)
+        pairs = checked_edges(edges, num_shapes)
         total = int(num_shapes) if num_shapes is not None else int(pairs.max(initial=-1)) + 1
         if total < 1:
             raise InputError("edges: there are no shapes; give num_shapes for a collection without pairs")
@@ -102,7 +95,7 @@ class PairGraph:
                 f"rotations: expected shape ({len(pairs)}, d, d) or ({len(pairs)}, m, d, d), got {stack.shape}"
             )
         stack = stack[:, None] if stack.ndim == 3 else stack
-        costs, present = _checked_energies(energies, stack.shape[:2])
+        costs, present = checked_energies(energies, stack.shape[:2])
         stack = np.where(present[..., None, None], stack, np.eye(stack.shape[-1]))
         pattern = RotationPattern.from_user(rotation_pattern, stack.shape[-1], group)
         checked = as_rotations(stack, "rotations")
@@ -266,52 +259,3 @@ def degrees(graph: PairGraph, weights: FloatArray) -> FloatArray:
     ends = graph.edges.ravel()
     total = np.bincount(ends, weights=np.repeat(weights, 2), minlength=graph.num_shapes)
     return np.asarray(total, dtype=np.float64)
-
-
-def _checked_edges(edges: ArrayLike, num_shapes: int | None) -> IntArray:
-    if num_shapes is not None and num_shapes < 1:
-        raise OptionsError(f"num_shapes: expected 1 or more, got {num_shapes}")
-    upper = num_shapes if num_shapes is not None else np.iinfo(np.int64).max
-    raw = np.asarray(edges)
-    pairs = as_indices(raw.reshape(0, 2) if raw.size == 0 else raw, "edges", upper=upper, shape=(None, 2))
-    loops = np.flatnonzero(pairs[:, 0] == pairs[:, 1])
-    if len(loops):
-        raise InputError(f"edges: row {loops[0]} joins shape {pairs[loops[0], 0]} to itself")
-    unordered, count = np.unique(np.sort(pairs, axis=1), axis=0, return_counts=True)
-    if (count > 1).any():
-        twice = unordered[np.argmax(count > 1)].tolist()
-        raise InputError(f"edges: the pair {twice} appears more than once; give its rotations as candidates")
-    return pairs
-
-
-def _checked_energies(energies: ArrayLike | None, shape: tuple[int, int]) -> tuple[FloatArray | None, BoolArray]:
-    if energies is None:
-        return None, np.ones(shape, dtype=bool)
-    costs = np.array(energies, dtype=np.float64)
-    if costs.shape == shape[:1] and shape[1] == 1:
-        costs = costs[:, None]
-    if costs.shape != shape:
-        raise InputError(f"energies: expected shape {shape}, got {costs.shape}")
-    if np.isnan(costs).any() or (costs < 0).any():
-        raise InputError("energies: expected numbers >= 0 (inf for a candidate that is not there), got NaN or less")
-    present = np.isfinite(costs)
-    empty = np.flatnonzero(~present.any(axis=1))
-    if len(empty):
-        raise InputError(f"energies: pair {empty[0]} has no candidate of finite energy; leave the pair out")
-    return costs, present
-
-
-def check_pattern(rotations: FloatArray, name: str, pattern: RotationPattern) -> None:
-    """Check that matrices (..., d, d) fit a pattern.
-
-    Raises
-    ------
-    InputError
-        If an entry outside the pattern is not zero, or a block that must be a rotation is a reflection.
-    """
-    outside = float(np.abs(rotations[..., ~pattern.mask]).max(initial=0.0))
-    if outside > 1e-6:
-        raise InputError(f"{name}: entries outside rotation_pattern reach {outside:.2g}")
-    for start, stop in pattern.special_blocks:
-        if rotations.size and np.linalg.det(rotations[..., start:stop, start:stop]).min() < 0:
-            raise InputError(f"{name}: contains a reflection (determinant -1) but group is 'SO'")

@@ -199,15 +199,6 @@ def _result(
     choice = np.where(full.held[:count], nearest, draft.choice[:count])
     misfit = angles_rad(transposed(graph.chosen(choice)) @ relative(transposed(poses), graph.edges))
     gauge = (poses @ draft.frames)[:, index[:, None], index]
-    alternatives = tuple(
-        tuple(
-            PoseAlternative(
-                rotation=_embedded(gauge[shape] @ other.rotation, poses[shape], index), log_odds=other.log_odds
-            )
-            for other in others
-        )
-        for shape, others in enumerate(draft.alternatives)
-    )
     identity = np.eye(graph.dim)
     cuts = [
         replace(cut, rotation=_embedded(gauge[s] @ cut.rotation @ gauge[s].T, identity, index))
@@ -224,7 +215,7 @@ def _result(
         groups=tuple(sorted(draft.groups, key=lambda part: int(part[0]))),
         components=components,
         weak_cuts=tuple(cuts),
-        alternatives=alternatives,
+        alternatives=_posed_alternatives(draft, poses, gauge, index),
         reflected=read_only(reflected_shapes(poses, graph.pattern)),
         chirality=signs_of_pairs(graph, graph.chosen(choice), draft.weights[:count]),
         symmetries=tuple(
@@ -234,6 +225,19 @@ def _result(
         certificate=combine_certificates(draft.certificates),
         status=Status.CONVERGED,
         warnings=(*connectivity_warnings(len(components)), *draft.warnings),
+    )
+
+
+def _posed_alternatives(
+    draft: _Draft, poses: FloatArray, gauge: FloatArray, index: IntArray
+) -> tuple[tuple[PoseAlternative, ...], ...]:
+    """Return the alternatives as full poses in the reported gauge."""
+    return tuple(
+        tuple(
+            PoseAlternative(rotation=_embedded(turn @ other.rotation, pose, index), log_odds=other.log_odds)
+            for other in others
+        )
+        for others, pose, turn in zip(draft.alternatives, poses, gauge, strict=True)
     )
 
 

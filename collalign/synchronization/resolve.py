@@ -17,7 +17,7 @@ from collalign.synchronization.geometry import angles_rad, relative, transposed
 from collalign.synchronization.graph import PairGraph
 from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solve import synchronize
-from data_tools.arrays import FloatArray, as_rotations, read_only
+from data_tools.arrays import BoolArray, FloatArray, as_rotations, read_only
 from data_tools.errors import InputError, OptionsError
 from pairwise.pattern import PatternLike
 
@@ -51,7 +51,7 @@ class RefinedSynchronization:
     rotations: FloatArray
     energies: FloatArray
     maps: dict[int, Any]
-    vetoed: np.ndarray
+    vetoed: BoolArray
     rounds: int
 
 
@@ -94,27 +94,17 @@ def refine_with_pairs(
     """
     if not max_energy_ratio >= 1.0:
         raise OptionsError(f"max_energy_ratio: expected 1 or more, got {max_energy_ratio}")
-    shared: dict[str, Any] = {
-        "group": group,
-        "num_shapes": num_shapes,
-        "rotation_pattern": rotation_pattern,
-    }
+    shared: dict[str, Any] = {"group": group, "num_shapes": num_shapes, "rotation_pattern": rotation_pattern}
     graph = PairGraph.from_user(edges, rotations, energies=energies, weights=weights, **shared)
-    if graph.energies is None:
-        raise InputError("energies: needed, they decide which of the collection's poses a pair accepts")
     shared |= {"weights": weights, "fixed": fixed, "reference": reference}
-    stack = np.concatenate([graph.candidates, np.zeros_like(graph.candidates[:, :1]) + np.eye(graph.dim)], axis=1)
-    costs = np.concatenate(
-        [np.where(graph.present, graph.energies, np.inf), np.full((graph.num_edges, 1), np.inf)], axis=1
-    )
+    stack, costs = _with_room(graph)
     result = start or synchronize(edges, stack, energies=costs, **shared)
     maps: dict[int, Any] = {}
     vetoed = np.zeros(graph.num_edges, dtype=bool)
     rounds = 0
     while rounds < max_rounds:
         rounds += 1
-        changed = _resolve_pairs(graph, stack, costs, maps, vetoed, result, resolve, max_energy_ratio)
-        if not changed:
+        if not _resolve_pairs(graph, stack, costs, maps, vetoed, result, resolve, max_energy_ratio):
             break
         result = synchronize(edges, stack, energies=costs, **shared)
     return RefinedSynchronization(
@@ -127,12 +117,21 @@ def refine_with_pairs(
     )
 
 
+def _with_room(graph: PairGraph) -> tuple[FloatArray, FloatArray]:
+    """Return the candidates and energies with an absent candidate appended, where re-solved poses go."""
+    if graph.energies is None:
+        raise InputError("energies: needed, they decide which of the collection's poses a pair accepts")
+    room = np.tile(np.eye(graph.dim), (graph.num_edges, 1, 1, 1))
+    costs = np.where(graph.present, graph.energies, np.inf)
+    return np.concatenate([graph.candidates, room], axis=1), np.pad(costs, ((0, 0), (0, 1)), constant_values=np.inf)
+
+
 def _resolve_pairs(
     graph: PairGraph,
     stack: FloatArray,
     costs: FloatArray,
     maps: dict[int, Any],
-    vetoed: np.ndarray,
+    vetoed: BoolArray,
     result: SynchronizationResult,
     resolve: Resolve,
     max_energy_ratio: float,

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from collalign.synchronization.certificate import certify_frames, combine_certificates
+from collalign.synchronization.checks import check_pattern
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.geometry import angles_rad, relative, transposed
-from collalign.synchronization.graph import PairGraph, check_pattern
+from collalign.synchronization.graph import PairGraph
 from collalign.synchronization.outcome import (
     connectivity_warnings,
     reflected_shapes,
