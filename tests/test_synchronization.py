@@ -53,6 +53,15 @@ def test_exact_pairs_are_recovered_on_every_connected_graph(name: str, method: s
     assert np.array_equal(found.rotations[0], np.eye(3)) or np.allclose(found.rotations[0], np.eye(3), atol=1e-12)
 
 
+@pytest.mark.parametrize("kind", ["path", "regular"])
+def test_large_sparse_graphs_are_solved_exactly(kind: str) -> None:
+    graphs = {"path": networkx.path_graph(450), "regular": networkx.random_regular_graph(4, 450, seed=2)}
+    edges = np.array(sorted(tuple(sorted(e)) for e in graphs[kind].edges))
+    truth = random_rotations(np.random.default_rng(18), 450)
+    found = synchronize(edges, exact_pairs(truth, edges))
+    assert np.abs(exact_pairs(found.rotations, edges) - exact_pairs(truth, edges)).max() < 1e-8
+
+
 @pytest.mark.parametrize(("dim", "group"), [(2, "SO"), (2, "O"), (3, "O"), (5, "SO"), (5, "O")])
 @pytest.mark.parametrize("method", METHODS)
 def test_other_groups_are_recovered(dim: int, group: str, method: str) -> None:
