@@ -57,7 +57,8 @@ def run_jobs(
     shared : SharedTable, optional
         Records that tasks look up by key; sent once per machine, or per Dask worker, and read on demand.
     batch_size : int, optional
-        Tasks per message. A lost worker loses a whole batch, so 1 on one machine by default, and 8 with Dask.
+        Tasks per message, whose results come back together. By default 1 for tasks of .2 s and more, and on one
+        machine so many shorter ones as make some tenths of a second (joblib's "auto"); 8 with Dask.
     progress : callable, optional
         Called with each result, for instance a :class:`collalign.jobs_progress.ProgressBar`.
 
@@ -90,7 +91,7 @@ def _outcomes(
         return run_dask(call, tasks, scheduler=scheduler, batch_size=batch_size or 8)
     if num_jobs == 1 and call.limits == Limits():
         return (run_in_process(call, task) for task in tasks)
-    return run_local(call, tasks, num_jobs=num_jobs, batch_size=batch_size or 1)
+    return run_local(call, tasks, num_jobs=num_jobs, batch_size=batch_size or "auto")
 
 
 def _stream(outcomes: Generator[JobResult], progress: Callable[[JobResult], None] | None) -> Generator[JobResult]:

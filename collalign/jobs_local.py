@@ -28,7 +28,9 @@ _MAX_STALLS_KILLED = 50
 _KILLED = "SIGKILL"
 
 
-def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int, batch_size: int = 1) -> Generator[Outcome]:
+def run_local(
+    call: Call, tasks: Iterator[Task], *, num_jobs: int, batch_size: int | str = "auto"
+) -> Generator[Outcome]:
     """Run tasks on worker processes of this machine; see :func:`collalign.jobs.run_jobs`.
 
     A dead worker ends joblib's whole call. The tasks that had started but not ended are suspects; the rest goes on in
@@ -86,7 +88,7 @@ class _Round:
 class _LocalRun:
     """The state of one run: which tasks are suspects, and how often each lost its worker."""
 
-    def __init__(self, call: Call, guard: Guard, num_jobs: int, batch_size: int) -> None:
+    def __init__(self, call: Call, guard: Guard, num_jobs: int, batch_size: int | str) -> None:
         self._call = call
         self._guard = guard
         self._num_jobs = num_jobs
@@ -138,7 +140,7 @@ class _LocalRun:
                 if _too_often(deaths, stalls, cause):
                     return _crash(task, f"{cause}, {deaths} times in a row")
 
-    def _parallel(self, tasks: Iterable[Task], num_jobs: int, batch_size: int) -> Generator[Outcome]:
+    def _parallel(self, tasks: Iterable[Task], num_jobs: int, batch_size: int | str) -> Generator[Outcome]:
         """Start one joblib call. One job still means a worker process: joblib's own one-job mode isolates nothing."""
         limited: dict[str, int] = {"pre_dispatch": 1} if num_jobs == 1 else {}
         pool = Parallel(
