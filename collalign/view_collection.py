@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
 #: Cycles of three pairs looked at, spread evenly over all of them.
 MOST_CYCLES = 20_000
+#: Poses of a pair closer than this are one and the same to a person.
+DISTINCT_PAIR_DEG = 20.0
+#: Poses kept per pair.
+MOST_PAIR_POSES = 4
 
 
 def view_collection(
@@ -66,7 +70,7 @@ def view_collection(
         faces=tuple(faces),
         pairs=tuple(_pair(pair, collection.rotations, sample_labels) for pair in collection.pairs),
         alternatives=tuple(
-            tuple(Pose(R=pose.rotation, score=pose.log_odds) for pose in poses) for poses in collection.alternatives
+            tuple(Pose(R=pose.rotation, score=-pose.log_odds) for pose in poses) for poses in collection.alternatives
         ),
         groups=_group_numbers(collection.groups, len(collection.names)),
         labels=dict(labels or {}),
@@ -136,25 +140,56 @@ def _pair(pair: PairEvidence, rotations: FloatArray, labels: IntArray) -> Pair:
     """One pair in terms of labels; its disagreement is that of its own best pose, chosen or not."""
     i, j = pair.target, pair.source
     angle, mirrored = float("nan"), False
-    if len(pair.rotations):
-        angle = angle_deg(pair.rotations[0], rotations[i].T @ rotations[j])
+    candidates, choice = (
+        distinct_poses(pair.rotations, pair.energies, pair.choice) if len(pair.rotations) else ((), -1)
+    )
+    if candidates:
+        angle = angle_deg(candidates[0].R_i_j, rotations[i].T @ rotations[j])
         mirrored = bool(np.isinf(angle))
     return Pair(
         i=i,
         j=j,
-        energy=float(pair.energies[0]) if len(pair.energies) else float("nan"),
+        energy=candidates[0].energy if candidates else float("nan"),
         lower_bound=pair.lower_bound,
         disagreement_deg=180.0 if mirrored else angle,
         mirrored=mirrored,
         inlier=pair.inlier,
-        choice=pair.choice,
+        choice=choice,
         chirality_proven=pair.chirality_proven,
         status=_advice(pair.status),
-        candidates=tuple(
-            PairPose(R_i_j=R, energy=float(energy)) for R, energy in zip(pair.rotations, pair.energies, strict=True)
-        ),
+        candidates=candidates,
         map_i_j=_label_map(pair.map_target_source, labels[i], labels[j], int(labels.max(initial=-1)) + 1),
     )
+
+
+def distinct_poses(rotations: FloatArray, energies: FloatArray, choice: int) -> tuple[tuple[PairPose, ...], int]:
+    """Poses of a pair that a person would tell apart, and which of them stands for the chosen one.
+
+    Parameters
+    ----------
+    rotations : ndarray, shape (m, 3, 3)
+    energies : ndarray, shape (m,)
+    choice : int
+        Index of the pose that synchronization used, -1 for none.
+
+    Returns
+    -------
+    poses : tuple of PairPose
+        Lowest energy first, at least :data:`DISTINCT_PAIR_DEG` apart, at most :data:`MOST_PAIR_POSES`, but always one
+        near the chosen pose.
+    choice : int
+        Index into ``poses``, -1 for none.
+    """
+    kept: list[int] = []
+    for at in np.argsort(energies, kind="stable"):
+        if all(angle_deg(rotations[at], rotations[other]) > DISTINCT_PAIR_DEG for other in kept):
+            kept.append(int(at))
+    near = next((at for at in kept if angle_deg(rotations[at], rotations[choice]) <= DISTINCT_PAIR_DEG), -1)
+    shown = kept[:MOST_PAIR_POSES]
+    if choice >= 0 and near not in shown:
+        shown[-1] = near
+    poses = tuple(PairPose(R_i_j=rotations[at], energy=float(energies[at])) for at in shown)
+    return poses, shown.index(near) if choice >= 0 else -1
 
 
 def _advice(status: str) -> str:

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from collalign.collection import AlignedCollection, Alternative, ConsistentMaps, Excluded, PairEvidence, RunRecord
 from collalign.options import AlignOptions
-from collalign.view_collection import by_label, cycle_errors_deg, view_collection
+from collalign.view_collection import MOST_PAIR_POSES, by_label, cycle_errors_deg, distinct_poses, view_collection
 from data_tools.arrays import FloatArray
 from data_tools.shape import Shape
 from pairwise.status import Status
@@ -116,13 +116,26 @@ def test_pair_maps_are_in_terms_of_labels(collection: AlignedCollection) -> None
     assert (failed.map_i_j == -1).all()
 
 
+def test_poses_of_a_pair_are_distinct_and_hold_the_chosen_one() -> None:
+    turns = Rotation.from_rotvec(np.radians([[0, 0, a] for a in (0, 5, 60, 120, 170, 240, 300, 303)])).as_matrix()
+    energies = np.array([1, 2, 5, 3, 4, 6, 8, 7.0])
+    poses, choice = distinct_poses(turns, energies, 6)
+    assert [pose.energy for pose in poses] == [1, 3, 4, 7]
+    assert choice == MOST_PAIR_POSES - 1
+    assert distinct_poses(turns, energies, 1)[1] == 0
+    assert distinct_poses(turns, energies, -1)[1] == -1
+    mirrored, choice = distinct_poses(np.stack([np.eye(3), -np.eye(3)]), np.array([2.0, 1.0]), 0)
+    assert [pose.energy for pose in mirrored] == [1, 2]
+    assert choice == 1
+
+
 def test_everything_else_is_carried_over(collection: AlignedCollection) -> None:
     view = view_collection(collection, read, labels={"taxon": tuple("xxyy")}, notes=("more",))
     assert view.groups.tolist() == [0, 0, 0, 1]
     assert view.excluded == (("e.ply", "empty"),)
     assert view.notes == ("two groups", "more")
     assert [len(poses) for poses in view.alternatives] == [0, 0, 0, 1]
-    assert view.alternatives[3][0].score == -0.5
+    assert view.alternatives[3][0].score == 0.5
     assert view.timings_s == {"pairs": 1.0}
     assert view.options["group"] == AlignOptions().group
     assert view.labels == {"taxon": tuple("xxyy")}

@@ -13,8 +13,6 @@ from collalign.report.statistics import cycle_histogram, main_group, shape_map, 
 from collalign.view_data import CollectionView, json_types
 from data_tools.arrays import FloatArray
 
-#: Poses kept per pair, the best first.
-MOST_PAIR_POSES = 4
 #: Columns of more different labels than this are shown per shape, but not as colours.
 MOST_CATEGORIES = 40
 #: Pairs' own maps are embedded while they have fewer entries than this; afterwards equal labels are shown as matched.
@@ -115,7 +113,7 @@ def _pairs(view: CollectionView) -> tuple[Fields, str, list[str]]:
     pairs = view.pairs
     statuses = sorted({pair.status for pair in pairs})
     number = {status: at for at, status in enumerate(statuses)}
-    poses = [pose for pair in pairs for pose in pair.candidates[:MOST_PAIR_POSES]]
+    poses = [pose for pair in pairs for pose in pair.candidates]
     rotations = np.array([pose.R_i_j for pose in poses], dtype=np.float64).reshape(-1, 3, 3)
     turns, mirrored = quaternions(rotations)
 
@@ -134,7 +132,7 @@ def _pairs(view: CollectionView) -> tuple[Fields, str, list[str]]:
             "chiralityProven": column("chirality_proven", np.uint8),
             "choice": column("choice", np.int16),
             "status": np.array([number[pair.status] for pair in pairs], dtype=np.uint16),
-            "poseCount": np.array([min(len(pair.candidates), MOST_PAIR_POSES) for pair in pairs], dtype=np.uint8),
+            "poseCount": np.array([len(pair.candidates) for pair in pairs], dtype=np.uint8),
             "poseEnergy": np.array([pose.energy for pose in poses], dtype=np.float32),
             "poseRotation": np.round(32767 * turns).astype(np.int16),
             "poseMirrored": mirrored,

@@ -88,6 +88,12 @@ function pairRows(app, index, openPair) {
   });
 }
 
+// Log-odds against the present pose, in words first.
+function plausibility(score) {
+  const words = score > -1 ? "about as likely" : score > -5 ? "less likely" : "far less likely";
+  return `${words} (log-odds ${number(score)})`;
+}
+
 export function shapeDialog(app) {
   const { stage, collection, corrections } = app;
   const drawn = figures(stage);
@@ -112,7 +118,7 @@ export function shapeDialog(app) {
     shape.alternatives.forEach(({ R, score, origin }, at) => {
       const { angle, mirrored } = angleDeg(rotationMatrix(shape.R), rotationMatrix(R));
       const turned = origin === "candidates" ? (mirrored ? "mirrored" : `turned by ${degrees(angle)}`) : origin;
-      const words = [`pose ${at + 1}: ${turned}`, score !== null && `log-odds ${number(score)}`];
+      const words = [`pose ${at + 1}: ${turned}`, score !== null && plausibility(score)];
       add(words.filter(Boolean).join(", "), () => [posed(app, index, rotationMatrix(R)), ...ghost()], at);
     });
   };
