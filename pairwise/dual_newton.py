@@ -22,6 +22,12 @@ from pairwise.dual_points import Direction, DualPoint, PrimalPoint
 from pairwise.dual_targets import Targets
 from pairwise.relaxation import RelaxationData
 
+#: Most refinements of a solution of the reduced system.
+_MAX_REFINEMENTS = 3
+
+#: A solution is refined until its residual is this share of the right hand side.
+_REFINEMENT_TOL = 1e-6
+
 #: Floor of eigenvalues that are positive but for rounding errors.
 _TINY = float(np.finfo(np.float64).tiny) ** 0.5
 
@@ -50,8 +56,8 @@ class NewtonSystem:
         T[:, 1:, 1:] = np.swapaxes(vectors, 1, 2) @ factor_t
         T[:, 1:, 0] = -(T[:, 1:, 1:] @ first[:, :, None])[..., 0] / total[:, None]
         T[:, 0, 0] = 1.0 / np.sqrt(total)
+        self.eigenvalues = eigenvalues = np.maximum(eigenvalues, _TINY)
         W = np.ones((num, size + 1, size + 1))
-        eigenvalues = np.maximum(eigenvalues, _TINY)
         W[:, 1:, 1:] = 1.0 / (eigenvalues[:, :, None] + eigenvalues[:, None, :])
         W[:, 0, 0] = 0.0
         self.T, self.T_t, self.W = T, np.ascontiguousarray(np.swapaxes(T, 1, 2)), W
@@ -81,14 +87,17 @@ class NewtonSystem:
         self.moves = outer.reshape(k, c, -1).take(basis.flat, axis=2) * basis.scale
 
     def _inverse_response(self, features: FloatArray) -> FloatArray:
-        """Return ``(diag(s / x) + features features^T)^-1``, by whichever side is smaller."""
+        """Return ``(diag(s / x) + features features^T)^-1``, by whichever side is smaller, and keep a root of it."""
+        self.root: FloatArray | None = None
         conductance = self.conductance
         num_matches, num_features = features.shape[1:]
         if num_matches <= num_features:
             dense = features @ np.swapaxes(features, 1, 2)
             diagonal = np.arange(num_matches)
             dense[:, diagonal, diagonal] += 1.0 / conductance
-            return np.linalg.inv(dense).astype(np.float64, copy=False)
+            root: FloatArray = np.linalg.inv(np.linalg.cholesky(dense)).astype(np.float64, copy=False)
+            self.root = root
+            return np.swapaxes(root, 1, 2) @ root
         weighted = conductance[..., None] * features
         inner = np.swapaxes(features, 1, 2) @ weighted
         diagonal = np.arange(num_features)
@@ -114,10 +123,18 @@ class NewtonSystem:
         data, basis = self.data, self.basis
         num = basis.num_coordinates
         totals = self.share * self.inverse_total[:, None]
-        reactions = self.inverse @ self.moves
-        reactions -= self.share[..., None] * (totals[:, None, :] @ self.moves)
-        moments = basis.congruence_sum(self.T, self.W)
-        moments -= self.moves.reshape(-1, num).T @ reactions.reshape(-1, num)
+        moments = basis.congruence_sum(self.T, self.eigenvalues)
+        if self.root is None:
+            reactions = self.inverse @ self.moves
+            reactions -= self.share[..., None] * (totals[:, None, :] @ self.moves)
+            moments -= self.moves.reshape(-1, num).T @ reactions.reshape(-1, num)
+        else:
+            halves = self.root @ self.moves
+            direction = self.root @ (self.ones / np.sqrt(self.inverse_total)[:, None])[..., None]
+            halves -= direction @ (np.swapaxes(direction, 1, 2) @ halves)
+            reactions = np.swapaxes(self.root, 1, 2) @ halves
+            flat = halves.reshape(-1, num)
+            moments -= flat.T @ flat
         means = slice(0, data.lifted.num_variables)
         for (_, slopes), (T, weights) in zip(data.lifted.quaternion_blocks, self.quaternion_maps, strict=True):
             transformed = ((T @ slopes @ T.T) * np.sqrt(weights)).reshape(-1, 16)
@@ -148,25 +165,46 @@ class NewtonSystem:
         return rows
 
     def solve(self, targets: Targets) -> Direction:
-        """Solve for all variables."""
-        data, basis, primal, dual = self.data, self.basis, self.primal, self.dual
-        dx, local = self._local(targets.moments, targets.products / self._safe_x())
-        means = slice(0, data.lifted.num_variables)
-        imbalance = basis.pack(local.sum(axis=0) + self._dual_sum())
-        for index, (_, slopes) in enumerate(data.lifted.quaternion_blocks):
-            change = self._quaternion_solve(index, targets.quaternions[index]) + dual.Y[index]
-            imbalance[means] += np.sqrt(0.5) * np.tensordot(slopes, change, 2)
-        open_rows = ~data.equality
-        row_rhs = data.capacity - data.row_sums(primal.x + dx) - primal.slack
-        row_rhs[open_rows] += targets.slacks[open_rows] / dual.beta[open_rows]
-        row_rhs[data.pinned] = 0.0
-        reduced = basis.reduce(imbalance) + self.coupling @ cho_solve(self.rows_factor, row_rhs, check_finite=False)
-        step = cho_solve(self.schur_factor, reduced, check_finite=False)
-        dbeta = cho_solve(self.rows_factor, row_rhs - self.coupling.T @ step, check_finite=False)
-        moments = basis.unpack(basis.expand(step))
-        push = targets.products / self._safe_x() + dbeta[data.index]
-        dx, local = self._local(targets.moments - moments, push)
+        """Solve for all variables, refining where the reduced system is inexact."""
+        data, basis = self.data, self.basis
+        num_rows = data.num_rows
+        coordinates, dbeta = np.zeros(basis.num_coordinates), np.zeros(num_rows)
+        pushes = targets.products / self._safe_x()
+        acceptable = 0.0
+        for refinement in range(_MAX_REFINEMENTS + 2):
+            moments = basis.unpack(coordinates)
+            dx, local = self._local(targets.moments - moments, pushes + dbeta[data.index])
+            imbalance = basis.reduce(self._imbalance(targets, local, moments))
+            row_rhs = self._row_residual(targets, dx, dbeta)
+            error = max(float(np.abs(imbalance).max(initial=0.0)), float(np.abs(row_rhs).max()))
+            if error <= acceptable or refinement > _MAX_REFINEMENTS:
+                break
+            acceptable = _REFINEMENT_TOL * error if refinement == 0 else acceptable
+            rhs = imbalance + self.coupling @ cho_solve(self.rows_factor, row_rhs, check_finite=False)
+            step = cho_solve(self.schur_factor, rhs, check_finite=False)
+            dbeta = dbeta + cho_solve(self.rows_factor, row_rhs - self.coupling.T @ step, check_finite=False)
+            coordinates = coordinates + basis.expand(step)
         return self._direction(targets, dx, local, moments, dbeta)
+
+    def _imbalance(self, targets: Targets, local: FloatArray, moments: FloatArray) -> FloatArray:
+        """Return the sum of the new u and F of all points, in coordinates: it must be spanned by the equations."""
+        imbalance = self.basis.pack(local.sum(axis=0) + self._dual_sum())
+        means = slice(0, self.data.lifted.num_variables)
+        for index, (_, slopes) in enumerate(self.data.lifted.quaternion_blocks):
+            change = targets.quaternions[index] - np.tensordot(moments[0, 1:], slopes, 1)
+            dY = self._quaternion_solve(index, change) + self.dual.Y[index]
+            imbalance[means] += np.sqrt(0.5) * np.tensordot(slopes, dY, 2)
+        return imbalance
+
+    def _row_residual(self, targets: Targets, dx: FloatArray, dbeta: FloatArray) -> FloatArray:
+        """Return what the rows' new sums, their new slack included, miss of the capacities."""
+        data, primal = self.data, self.primal
+        residual = data.capacity - data.row_sums(primal.x + dx) - primal.slack
+        open_rows = ~data.equality
+        change = targets.slacks[open_rows] + primal.slack[open_rows] * dbeta[open_rows]
+        residual[open_rows] += change / self.dual.beta[open_rows]
+        residual[data.pinned] = 0.0
+        return residual
 
     def _safe_x(self) -> FloatArray:
         return self.primal.x if self.data.is_full else np.where(self.data.valid, self.primal.x, 1.0)

@@ -88,7 +88,7 @@ class Comparison:
 def compare_with_reference(variant: Variant) -> Comparison:
     """Solve a problem with both solvers and verify the certificate.
 
-    The dual solver writes SO(2) blocks as (c, s) in the second moments too, so that it may exceed the reference there.
+    The dual solver writes SO(2) blocks as (c, s) in the second moments too, so it may exceed the reference there.
     """
     problem = variant.problem
     reference = solve_reference(problem, solver="clarabel", tol=1e-9, cross_products=variant.cross_products)

@@ -1,4 +1,4 @@
-"""Compares the dual solver with the CVXPY reference on many small problems: ``python -m tests.benchmarks.catalogue``."""
+"""The dual solver beside the CVXPY reference on many small problems: ``python -m tests.benchmarks.catalogue``."""
 
 from __future__ import annotations
 
