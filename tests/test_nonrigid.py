@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import collalign.nonrigid.batch as batch_module
+from collalign.nonrigid.__main__ import app
 from collalign.nonrigid.batch import match_pairs, read_pairs
 from collalign.nonrigid.evaluation import MapEvaluator
 from collalign.nonrigid.match import match_prepared, match_shapes
@@ -16,6 +17,7 @@ from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.pictures import draw_match, transferred_colours
 from collalign.nonrigid.prepare import prepare_file, prepare_shape
 from collalign.nonrigid.surface import SpectralShape
+from data_tools.datasets import read_registered_archive
 from data_tools.errors import InputError, OptionsError
 from data_tools.mesh_io import write_mesh
 from data_tools.rotations import random_rotation
@@ -153,6 +155,19 @@ def test_loose_parts_have_no_counterpart(pair: tuple[Shape, Shape, np.ndarray]) 
     assert (match.point_map_target_source[:num] == np.arange(num)).mean() > 0.99
 
 
+def test_vertex_indices_are_those_of_the_file(
+    tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
+) -> None:
+    target = pair[0]
+    loose = Shape.from_arrays(np.vstack([np.full((3, 3), 99.0), target.vertices]), target.faces + 3)
+    stored = prepare_file(write_mesh(tmp_path / "loose.ply", loose), SMALL)
+    assert (stored.to_working[:3] == -1).all()
+    assert stored.to_original.min() == 3
+    match = match_prepared(prepared[0], stored, QUICK)
+    assert (match.point_map_target_source[:3] == -1).all()
+    assert (match.point_map_target_source[3:] == np.arange(len(target.vertices))).mean() > 0.99
+
+
 def test_poor_meshes_work_or_say_what_to_do(
     pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
 ) -> None:
@@ -237,3 +252,28 @@ def test_pictures_colour_both_shapes_alike(tmp_path: Path, pair: tuple[Shape, Sh
     assert draw_match(tmp_path / "map.png", target, source, images).read_bytes()[:4] == b"\x89PNG"
     with pytest.raises(InputError, match="names vertex"):
         transferred_colours(target, truth + 1)
+
+
+def test_the_command_matches_a_list(
+    tmp_path: Path, files: tuple[Path, Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "pairs.txt").write_text("b.ply a.ply\na.ply missing.ply\n")
+    words = [str(tmp_path / "pairs.txt"), "--out", str(tmp_path / "maps"), "--folder", str(files[0].parent)]
+    small = ["--num-source", "30", "--surface.num-functions", "50", "--surface.num-samples", "60"]
+    code = app([*words, *small, "--surface.num-dense", "400", "--cache", str(files[2])], result_action="return_value")
+    assert code == 3
+    printed = capsys.readouterr().out
+    assert "matched  b.ply  a.ply" in printed
+    assert "1 of 2 maps" in printed
+    assert (tmp_path / "maps" / "b__a.txt").read_text().count("\n") == 1330
+
+
+@pytest.mark.data
+def test_two_poses_of_a_body(shared_data: Path) -> None:
+    data = read_registered_archive(shared_data / "scape71")
+    options = SurfaceOptions(num_functions=60, num_samples=100, num_dense=400)
+    shapes = [prepare_shape(data.shape(name), options) for name in ("mesh000", "mesh037")]
+    match = match_prepared(*shapes)
+    num = len(match.point_map_target_source)
+    assert match.orientation == "preserving"
+    assert mean_error(data.shape("mesh000"), match.point_map_target_source, np.arange(num)) < 0.04

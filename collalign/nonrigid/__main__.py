@@ -24,6 +24,7 @@ def batch(
     *,
     out: Path,
     folder: Path | None = None,
+    cache: Path | None = None,
     options: Annotated[NonrigidOptions, Parameter(name="*")] = NonrigidOptions(),  # noqa: B008
     surface: SurfaceOptions = SurfaceOptions(),  # noqa: B008
 ) -> int:
@@ -37,9 +38,16 @@ def batch(
         Folder for the maps; maps that are there already are kept.
     folder
         Where the shapes are; the folder of the list by default.
+    cache
+        Folder for prepared shapes; inside the folder for the maps by default.
     """
     outcomes = match_pairs(
-        read_pairs(pairs, folder), out, options=options, surface_options=surface, report=_print_outcome
+        read_pairs(pairs, folder),
+        out,
+        options=options,
+        surface_options=surface,
+        cache=cache,
+        report=_print_outcome,
     )
     failed = sum(outcome.state == "failed" for outcome in outcomes)
     print(f"{len(outcomes) - failed} of {len(outcomes)} maps are in {out}")

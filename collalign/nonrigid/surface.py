@@ -45,7 +45,8 @@ class SpectralShape:
     vertices, faces : ndarray, shapes (w, 3) and (f, 3)
         The working surface, in the units of the file: the largest component, decimated if it was large.
     to_working : ndarray of int, shape (v,)
-        For each vertex of the file the vertex of the working surface that stands for it, -1 for none.
+        For each vertex of the file the vertex of the working surface that stands for it, -1 for none; vertices
+        without a triangle that end the file are left out.
     to_original : ndarray of int, shape (w,)
         For each vertex of the working surface its vertex of the file.
     area : float
@@ -155,15 +156,16 @@ def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> Spec
     dense = farthest_points(working, min(options.num_dense, num), metric="euclidean")
     eigen = _eigen(surface, dense, options)
     samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_SEEDS), solver=surface.geodesics)
-    to_working = np.full(len(shape.vertices), -1, dtype=np.int64)
-    to_working[kept] = cKDTree(working.vertices).query(part.vertices)[1]
+    in_file = np.arange(len(shape.vertices)) if shape.source_indices is None else shape.source_indices
+    to_working = np.full(int(in_file.max()) + 1, -1, dtype=np.int64)
+    to_working[in_file[kept]] = cKDTree(working.vertices).query(part.vertices)[1]
     curvature, orientation = _outside(surface, working, eigen, dense)
     return SpectralShape(
         name=shape.name,
         vertices=working.vertices,
         faces=working.faces,
         to_working=read_only(to_working),
-        to_original=read_only(kept[surface.to_original]),
+        to_original=read_only(in_file[kept[surface.to_original]]),
         area=surface.area,
         eigenvalues=eigen.values,
         functions=eigen.functions,
