@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from collalign.analysis import (
     MIN_LABELS,
@@ -99,8 +100,9 @@ def variation(view: CollectionView) -> tuple[dict[str, Any], dict[str, tuple[dic
     except InputError as error:
         return {"problem": f"Not drawn: {error}."}, {}
     content["words"] = (
-        f"The surface of {view.names[typical]}, the shape nearest the mean, carried along by a thin-plate spline "
-        f"to the mean and to {DEVIATIONS:g} standard deviations on either side. Brighter: moved further."
+        f"The surface of {view.names[typical]}, the shape nearest the mean, carried along by a smoothing "
+        f"thin-plate spline to the mean and to {DEVIATIONS:g} standard deviations on either side. "
+        "Brighter: moved further."
     )
     return content, meshes
 
@@ -108,8 +110,12 @@ def variation(view: CollectionView) -> tuple[dict[str, Any], dict[str, tuple[dic
 def _surfaces(
     vertices: FloatArray, faces: IntArray, landmarks: FloatArray, components: PrincipalComponents
 ) -> tuple[dict[str, Any], dict[str, tuple[dict[str, Any], str]]]:
-    """Warp one display mesh to the mean and to both sides of it along every component."""
-    mean = thin_plate_warp(vertices, landmarks, components.mean)
+    """Warp one display mesh to the mean and to both sides of it along every component.
+
+    The spline is smoothed by the spacing of the landmarks, so that one misplaced landmark draws no spike.
+    """
+    smoothing = float(np.median(cKDTree(landmarks).query(landmarks, k=2)[0][:, 1]))
+    mean = thin_plate_warp(vertices, landmarks, components.mean, smoothing=smoothing)
     centre = mean.mean(axis=0)
     radius = float(np.linalg.norm(mean - centre, axis=1).max())
     none = np.empty((0, 3))
@@ -118,7 +124,7 @@ def _surfaces(
     for at, share in enumerate(components.shares):
         entry: dict[str, Any] = {"share": float(share)}
         for side, deviations in (("low", -DEVIATIONS), ("high", DEVIATIONS)):
-            moved = thin_plate_warp(vertices, landmarks, components.shape_at(at, deviations))
+            moved = thin_plate_warp(vertices, landmarks, components.shape_at(at, deviations), smoothing=smoothing)
             distance = np.linalg.norm(moved - mean, axis=1)
             entry[side] = f"component-{at}-{side}"
             scalars = distance / max(float(distance.max()), np.finfo(float).tiny)
