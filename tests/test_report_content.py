@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import gzip
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from collalign import report
 from collalign.report import display_mesh, faces_per_shape, render_report, write_report
 from collalign.report.content import build_content, categories
 from collalign.report.payload import MISSING, pack, pack_mesh, quaternions, sample_colors
@@ -221,3 +223,12 @@ def test_names_cannot_become_markup() -> None:
 def test_missing_confidence_is_shown_as_none_at_all() -> None:
     view = dataclasses.replace(view_of(3), confidence=np.array([np.nan, 0.5, 2.0]))
     assert [shape["confidence"] for shape in data_of(render_report(view))["shapes"]] == [0.0, 0.5, 1.0]
+
+
+def test_bundle_was_built_from_the_sources_beside_it() -> None:
+    """After a change in viewer/src run ``npm ci && npm run build`` in viewer/."""
+    folder = Path(report.__file__).parent
+    digest = hashlib.sha256()
+    for file in [*sorted((folder / "viewer" / "src").iterdir()), folder / "viewer" / "package-lock.json"]:
+        digest.update(file.read_bytes())
+    assert f"sources {digest.hexdigest()};" in (folder / "viewer.min.js").read_text(encoding="utf-8")[:200]
