@@ -34,7 +34,7 @@ class MatchOptions:
     """Relative gap between energy and bound at which a pose counts as proven."""
     num_rotations: int = 0
     """Rotations that the search tries; 0 sets it by the number of points and the dimension."""
-    num_draws: int = 20
+    num_draws: int = 64
     """Poses drawn from the solution of the relaxation."""
     max_candidates: int = 8
     """Distinct poses kept per pair; with reflections, per chirality."""

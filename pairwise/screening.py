@@ -108,7 +108,8 @@ def _size(problem: Problem) -> float:
 
 
 def _taken(costs: NDArray[np.floating[Any]], nearest: NDArray[np.intp]) -> FloatArray:
-    return np.take_along_axis(costs, nearest[:, :, None], axis=2)[:, :, 0].astype(np.float64)
+    rows = np.arange(nearest.size) * costs.shape[2]
+    return costs.reshape(-1)[rows + nearest.reshape(-1)].reshape(nearest.shape).astype(np.float64)
 
 
 def screen(
@@ -126,7 +127,7 @@ def screen(
     problem : Problem
     rotations : ndarray, shape (m, d, d)
     num_steps : int
-        Steps of ICP.
+        Steps of ICP, at least one.
     freedom : Freedom
         Whether to shift as well; scales are not estimated here.
     shifts : ndarray, shape (m, d), optional
@@ -137,12 +138,11 @@ def screen(
     rotations : ndarray, shape (m, d, d)
     shifts : ndarray, shape (m, d)
     scores : ndarray, shape (m,)
-        The sum of the nearest costs, in both directions where k = n.
+        The sum of the nearest costs before the last step, in both directions where k = n.
     """
     nearest = NearestCosts(problem, translate=freedom.translate)
     shifts = np.zeros(rotations.shape[:2]) if shifts is None else shifts
     for _ in range(num_steps):
-        rotations, shifts, _ = nearest.step(rotations, shifts)
-    _, _, scores = nearest.step(rotations, shifts)
+        rotations, shifts, scores = nearest.step(rotations, shifts)
     order = np.argsort(scores, kind="stable")
     return rotations[order], shifts[order], scores[order]
