@@ -18,7 +18,7 @@ from pairwise.relaxation import RelaxationData
 from pairwise.verify_pm_sdp import pm_sdp_bound
 
 #: Times that F may be shifted away from singularity, each time ten times further.
-_MAX_SHIFTS = 12
+_MAX_SHIFTS = 18
 
 
 def certify_dual(

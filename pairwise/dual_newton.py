@@ -73,40 +73,46 @@ class NewtonSystem:
         self.conductance = self.primal.x / self.dual.s
         if not data.is_full:
             self.conductance[~data.valid] = 1.0
-        root = np.sqrt(self.W.reshape(k, 1, -1).take(basis.flat, axis=2)) * basis.scale
-        features = transformed.take(basis.rows, axis=2) * transformed.take(basis.cols, axis=2)
-        features *= root
-        self.inverse = self._inverse_response(features)
-        totals = (self.inverse @ self.ones[..., None])[..., 0] * self.ones
-        self.inverse_total = totals.sum(axis=1)
-        self.share = totals / self.inverse_total[:, None]
         pairs = transformed[..., :, None] * transformed[..., None, :]
         pairs *= self.W[:, None]
         half = (pairs.reshape(k, c * size, size) @ self.T).reshape(k, c, size, size)
         outer = np.ascontiguousarray(np.swapaxes(half, 2, 3)).reshape(k, c * size, size) @ self.T
         self.moves = outer.reshape(k, c, -1).take(basis.flat, axis=2) * basis.scale
+        if c <= basis.num_coordinates:
+            self._invert_by_matches(transformed, pairs)
+        else:
+            self._invert_by_features(transformed)
+        totals = (self.inverse @ self.ones[..., None])[..., 0] * self.ones
+        self.inverse_total = totals.sum(axis=1)
+        self.share = totals / self.inverse_total[:, None]
 
-    def _inverse_response(self, features: FloatArray) -> FloatArray:
-        """Return ``(diag(s / x) + features features^T)^-1``, by whichever side is smaller, and keep a root of it."""
-        self.root: FloatArray | None = None
-        conductance = self.conductance
-        num_matches, num_features = features.shape[1:]
-        if num_matches <= num_features:
-            dense = features @ np.swapaxes(features, 1, 2)
-            diagonal = np.arange(num_matches)
-            dense[:, diagonal, diagonal] += 1.0 / conductance
-            root: FloatArray = np.linalg.inv(np.linalg.cholesky(dense)).astype(np.float64, copy=False)
-            self.root = root
-            return np.swapaxes(root, 1, 2) @ root
-        weighted = conductance[..., None] * features
+    def _invert_by_matches(self, transformed: FloatArray, pairs: FloatArray) -> None:
+        """Invert ``diag(s / x) + (b_i^T (W * b_h b_h^T) b_i)_hi``, and keep a root of the inverse."""
+        k, c, size = transformed.shape
+        columns = np.ascontiguousarray(np.swapaxes(transformed, 1, 2))
+        dense = (pairs.reshape(k, c * size, size) @ columns).reshape(k, c, size, c)
+        dense *= columns[:, None]
+        response = dense.sum(axis=2)
+        diagonal = np.arange(c)
+        response[:, diagonal, diagonal] += 1.0 / self.conductance
+        self.root: FloatArray | None = np.linalg.inv(np.linalg.cholesky(response)).astype(np.float64, copy=False)
+        self.inverse: FloatArray = np.swapaxes(self.root, 1, 2) @ self.root
+
+    def _invert_by_features(self, transformed: FloatArray) -> None:
+        """Invert the same matrix where there are more matches than coordinates (Woodbury)."""
+        basis = self.basis
+        root = np.sqrt(self.W.reshape(len(self.W), 1, -1).take(basis.flat, axis=2)) * basis.scale
+        features = transformed.take(basis.rows, axis=2) * transformed.take(basis.cols, axis=2)
+        features *= root
+        weighted = self.conductance[..., None] * features
         inner = np.swapaxes(features, 1, 2) @ weighted
-        diagonal = np.arange(num_features)
+        diagonal = np.arange(inner.shape[1])
         inner[:, diagonal, diagonal] += 1.0
         half = np.linalg.inv(np.linalg.cholesky(inner)) @ np.swapaxes(weighted, 1, 2)
-        result = -np.swapaxes(half, 1, 2) @ half
-        matches = np.arange(num_matches)
-        result[:, matches, matches] += conductance
-        return result
+        inverse: FloatArray = -np.swapaxes(half, 1, 2) @ half
+        matches = np.arange(inverse.shape[1])
+        inverse[:, matches, matches] += self.conductance
+        self.root, self.inverse = None, inverse
 
     def _quaternion_operators(self) -> None:
         """Diagonalise ``X -> sym(Y_dual^-1 X Y_primal)`` on symmetric 4x4 matrices, one per rotation block."""

@@ -141,7 +141,7 @@ class RelaxationData:
         Raises
         ------
         InputError
-            If no assignment fits the candidates.
+            If no assignment fits the candidates, or squared coordinates overflow.
         """
         lifted = LiftedRotation.build(problem.pattern, cross_products=cross_products)
         allowed, capacity = problem.candidates, np.ones(problem.num_target, dtype=np.int64)
@@ -152,7 +152,11 @@ class RelaxationData:
             capacity = np.append(capacity, max_unmatched)
         support = assignment_support(allowed, capacity)
         index, valid = _match_lists(support.allowed)
-        cost, vectors = _match_costs(problem, lifted, unmatched_costs)
+        with np.errstate(over="ignore", invalid="ignore"):
+            cost, vectors = _match_costs(problem, lifted, unmatched_costs)
+            constant = float((problem.weights * (problem.source**2).sum(axis=1)).sum())
+        if not (np.isfinite(constant) and np.isfinite(cost).all() and np.isfinite(vectors).all()):
+            raise InputError("points: their squared coordinates overflow; divide both shapes by one length")
         source = np.arange(problem.num_source)[:, None]
         return cls(
             lifted=lifted,
@@ -162,7 +166,7 @@ class RelaxationData:
             vectors=np.where(valid[..., None], vectors[index, source], 0.0),
             capacity=capacity,
             equality=support.always_full,
-            constant=float((problem.weights * (problem.source**2).sum(axis=1)).sum()),
+            constant=constant,
         )
 
 

@@ -119,6 +119,11 @@ def test_degenerate_points(target: np.ndarray, source: np.ndarray, scale: float)
         assert abs(result.value - result.lower_bound) < 1e-5 * size
 
 
+def test_overflowing_points_are_refused() -> None:
+    with pytest.raises(InputError, match="overflow"):
+        solve_relaxation(1e200 * np.eye(3), 1e200 * np.eye(3))
+
+
 def test_one_candidate_per_point(rng: np.random.Generator) -> None:
     problem = planted(rng, rng.random((6, 3)), noise=0.1, candidates=np.eye(6, dtype=bool))
     result = solve_pm_sdp(problem)
