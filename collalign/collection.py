@@ -82,7 +82,7 @@ class Alternative:
     rotation : ndarray, shape (3, 3)
         ``R_common_shape`` of that pose.
     log_odds : float
-        How much less likely it is than the chosen pose (0 is a tie, negative is less likely).
+        Log of how much more probable the chosen pose is (0 is a tie).
     """
 
     rotation: FloatArray

@@ -174,7 +174,7 @@ def _write_shapes(
     save_view(view, staging)
     draw_contact_sheet(tiles, staging / CONTACT_SHEET_FILE)
     if report:
-        write_report(view, staging / REPORT_FILE)
+        write_report(view, staging / REPORT_FILE, title=f"Aligned collection {collection.files[0].parent.name}")
 
 
 def _run_record(collection: AlignedCollection) -> dict[str, Any]:

@@ -128,7 +128,7 @@ def prepare_shapes(
         raise CollectionError(f"{len(good)} readable shapes, at least two are needed to align a collection{reasons}")
     return PreparedShapes(
         names=tuple(good),
-        files=tuple(keyed[name][1] for name in good),
+        files=tuple(keyed[name][1].absolute() for name in good),
         keys=tuple(keyed[name][0] for name in good),
         excluded=tuple(excluded),
         num_reused=len(reused),

@@ -1,0 +1,55 @@
+"""Every code block of the documentation runs, in order, in an empty folder; every page is in the navigation."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+BLOCK = re.compile(r"^```(bash|python)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+
+def run_page(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Run the bash and python blocks of a page in order and return how many there were."""
+    monkeypatch.chdir(folder)
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    names: dict[str, object] = {"__name__": "page"}
+    blocks = BLOCK.findall(text)
+    for language, code in blocks:
+        if language == "python":
+            exec(compile(code, "page", "exec"), names)
+        else:
+            environment = {**os.environ, "PATH": path, "OPENBLAS_NUM_THREADS": "1"}
+            subprocess.run(["bash", "-euc", code], check=True, env=environment, capture_output=True)
+    return len(blocks)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_block_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_page(page.read_text("utf-8"), tmp_path, monkeypatch)
+
+
+def test_a_wrong_block_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(AssertionError):
+        run_page("```python\nassert 1 == 2\n```\n", tmp_path, monkeypatch)
+    with pytest.raises(subprocess.CalledProcessError):
+        run_page("```bash\ncollalign align nowhere --out out\n```\n", tmp_path, monkeypatch)
+    assert run_page("```text\nanything\n```\n", tmp_path, monkeypatch) == 0
+
+
+def test_navigation_has_every_page() -> None:
+    navigation = (ROOT / "mkdocs.yml").read_text("utf-8")
+    for page in PAGES:
+        assert str(page.relative_to(ROOT / "docs")) in navigation
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text("utf-8")):
+        assert (page.parent / link).exists(), link
