@@ -69,10 +69,10 @@ def energy_scale(problem: Problem) -> float:
 
 
 def penalty(blocks: Blocks, lift: Lift) -> float:
-    """Return the splitting's rho for these costs: half of |W less its mean| / |S|, and 1 where all costs are zero.
+    """Return the splitting's rho for these costs: a quarter of |W less its mean| / |S|, and 1 where all are zero.
 
     The first norm estimates the dual slack, the second is that of the solution where the map is certain.
     """
     spread = float(np.linalg.norm(blocks.costs - blocks.costs.mean(axis=0)))
     largest = float(np.linalg.norm(blocks.costs))
-    return 0.5 * max(spread, 1e-3 * largest) / (lift.trace * np.sqrt(blocks.num_rows)) or 1.0
+    return 0.25 * max(spread, 1e-3 * largest) / (lift.trace * np.sqrt(blocks.num_rows)) or 1.0

@@ -90,11 +90,11 @@ class TightRun:
             self.splitting.run(steps)
             self.iterations += steps
             stage = stage_of(self.splitting, self.problem.num_source)
-            self.value = float((self.splitting.x * self.splitting.blocks.costs).sum())
             self._record(stage)
             self._descend(self._rounding())
-            self.value = min(max(self.value, self.bound), self.upper)
-            if self._has_ended() or (self.eliminate and self._drop(stage)):
+            estimate = float((self.splitting.x * self.splitting.blocks.costs).sum())
+            self.value = min(max(estimate, self.bound), self.upper)
+            if self._has_ended(estimate) or (self.eliminate and self._drop(stage)):
                 self.status = Status.CONVERGED
                 break
             if time.monotonic() > deadline:
@@ -132,11 +132,12 @@ class TightRun:
         if bound > self.bound:
             self.bound, self.proof = bound, (*self._stages, stage)
 
-    def _has_ended(self) -> bool:
+    def _has_ended(self, estimate: float) -> bool:
+        """Whether the bound meets the splitting's value or the best energy, and the blocks fit their sums."""
         if self.bound > self.cutoff:
             return True
-        gap = min(abs(self.value - self.bound), abs(self.upper - self.bound))
-        return gap <= self.gap_tol and self.splitting.residual <= max(10.0 * self.tol, 1e-6)
+        gap = min(abs(estimate - self.bound), abs(self.upper - self.bound))
+        return gap <= self.gap_tol and self.splitting.residual <= max(self.tol, 1e-5)
 
     def _rounding(self) -> FloatArray:
         return self.problem.pattern.project(self.lift.mean_rotations(self.mean_block()))[None]
