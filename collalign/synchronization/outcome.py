@@ -19,12 +19,15 @@ from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.geometry import angles_rad, relative, transposed
 from collalign.synchronization.graph import PairGraph
 from collalign.synchronization.least_squares import polish
-from collalign.synchronization.model import best_candidates, squared_distances
+from collalign.synchronization.model import EdgeModel, best_candidates, squared_distances
 from collalign.synchronization.result import PoseAlternative, SynchronizationResult, WeakCut
 from collalign.synchronization.search import State, find_poses
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from pairwise.pattern import RotationPattern
 from pairwise.status import Status
+
+#: Kinds of candidates are told apart by their residuals where there are this many of each.
+FEWEST_PAIRS = 10.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,9 +63,7 @@ def solve_block(graph: PairGraph, held: Mapping[int, FloatArray]) -> BlockOutcom
     best = states[0]
     squared = squared_distances(graph, best.frames)
     choice = best_candidates(squared, best.model)
-    share = best.model.responsibilities(squared)[np.arange(graph.num_edges), choice]
-    weights = share / best.model.variances
-    weights = np.maximum(weights / weights.max(), 1e-9)
+    weights = refinement_weights(best.model, squared, choice)
     free = np.ones(graph.num_shapes, dtype=bool)
     free[list(held) or [0]] = False
     frames = polish(best.frames, graph.edges, graph.chosen(choice), weights, free)
@@ -75,6 +76,28 @@ def solve_block(graph: PairGraph, held: Mapping[int, FloatArray]) -> BlockOutcom
         cuts=cuts,
         certificate=certify_frames(graph, graph.chosen(choice), weights, frames),
     )
+
+
+def refinement_weights(model: EdgeModel, squared: FloatArray, choice: IntArray) -> FloatArray:
+    """Return the weights of the last least squares, shape (E,), largest 1.
+
+    The probability that the chosen candidate is right, over the square of its relative variance: by the pair's energy
+    as the model has it, and by how much farther from the answer candidates are that are not their pair's lowest.
+    The variance counts twice because it shows only half of the trouble: pairs of unlike shapes are also biased, in
+    ways that agree with each other and so leave no residuals.
+    """
+    graph = model.graph
+    rows = np.arange(graph.num_edges)
+    share = model.responsibilities(squared)[rows, choice]
+    apart = squared[rows, choice]
+    lowest = choice == graph.best_choice
+    variance = model.variances / model.noise_rad**2
+    if min(share[lowest].sum(), share[~lowest].sum()) >= FEWEST_PAIRS:
+        spread = [float(share[part] @ apart[part] / share[part].sum()) for part in (~lowest, lowest)]
+        variance = np.where(lowest, 1.0, np.clip(spread[0] / max(spread[1], 1e-12), 1.0, 10.0)) * variance
+    weights = share / variance**2
+    weights[graph.held] = 1e3 * weights[~graph.held].max(initial=1.0)
+    return np.maximum(weights / weights.max(), 1e-9)
 
 
 def restricted(graph: PairGraph, index: IntArray, choice: IntArray | None = None) -> PairGraph:

@@ -78,14 +78,15 @@ def propose_turns(model: EdgeModel, aligned: FloatArray, *, num_global: int = 3,
     turns[:, 1 : 1 + len(common)] = common
     offered = np.zeros(turns.shape[:2], dtype=bool)
     offered[:, : 1 + len(common)] = True
-    explained = model.responsibilities(((aligned - np.eye(graph.dim)) ** 2).sum(axis=(2, 3))).sum(axis=1)
-    _add_own_turns(model, aligned, turns, offered, 1 + len(common), explained)
+    right = model.responsibilities(((aligned - np.eye(graph.dim)) ** 2).sum(axis=(2, 3))).sum(axis=1)
+    flipped = _flipped_pairs(model, aligned, common, right)
+    _add_own_turns(model, aligned, turns, offered, 1 + len(common), right + flipped.sum(axis=1))
     used = max(int(offered.sum(axis=1).max()), 2)
     return TurnSet(
         turns=turns[:, :used],
         offered=offered[:, :used],
         common=common,
-        rates=_flip_rates(model, aligned, common, explained),
+        rates=(flipped.sum(axis=0) + 0.1) / (graph.num_edges + 1.0),
     )
 
 
@@ -94,7 +95,7 @@ def _add_own_turns(
 ) -> None:
     """Write into ``turns`` the modes that the pairs of each shape propose besides its pose and the common turns.
 
-    Shapes whose pairs are nearly all explained have none.
+    Shapes whose pairs are nearly all explained by those have none.
     """
     graph = model.graph
     owner, edge, side = _incidence(graph)
@@ -174,17 +175,26 @@ def _incidence(graph: PairGraph) -> tuple[IntArray, IntArray, IntArray]:
     return owner[order], edge[order], side[order]
 
 
-def _flip_rates(model: EdgeModel, aligned: FloatArray, common: FloatArray, explained: FloatArray) -> FloatArray:
-    """Return the share of the pairs that are wrong by each common turn, shape (G,), shrunk by one pair."""
+def _flipped_pairs(model: EdgeModel, aligned: FloatArray, common: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the probability that each pair is wrong by each common turn, shape (E, G).
+
+    Parameters
+    ----------
+    model : EdgeModel
+    aligned : ndarray, shape (E, m, d, d)
+    common : ndarray, shape (G, d, d)
+    right : ndarray, shape (E,)
+        Probability that one of the pair's candidates is right.
+    """
     graph = model.graph
     if not len(common):
-        return np.zeros(0)
-    wrong = (1.0 - explained) * ~graph.held
-    best = aligned[np.arange(graph.num_edges), graph.best_choice]
-    both = np.stack([common, np.swapaxes(common, 1, 2)], axis=1)
-    squared = ((best[:, None, None] - both) ** 2).sum(axis=(3, 4)).min(axis=2)
+        return np.zeros((graph.num_edges, 0))
+    best = aligned[np.arange(graph.num_edges), graph.best_choice].reshape(graph.num_edges, -1)
+    both = np.stack([common, np.swapaxes(common, 1, 2)]).reshape(2 * len(common), -1)
+    squared = (2.0 * graph.dim - 2.0 * best @ both.T).reshape(graph.num_edges, 2, len(common)).min(axis=1)
     near = squared <= np.minimum(SAME_TURN, 36.0 * model.noise_rad**2)
-    return np.asarray((wrong @ near + 0.1) / (graph.num_edges + 1.0), dtype=np.float64)
+    wrong = np.maximum(1.0 - right, 0.0) * ~graph.held
+    return wrong[:, None] * near / np.maximum(near.sum(axis=1, keepdims=True), 1)
 
 
 def turn_costs(model: EdgeModel, aligned: FloatArray, alternatives: TurnSet) -> FloatArray:
