@@ -80,7 +80,8 @@ def match(
     -------
     MatchResult
         Its ``lower_bound`` is the relaxation's where that was solved, or the proof's with ``certify``; NaN otherwise,
-        and for banded patterns, whose bound is one for banded R only, while poses are any rotations.
+        and for banded patterns, whose bound is one for banded R only, while poses are any rotations. In partial
+        matching the relaxation's bound is valid but says little (often 0).
 
     Raises
     ------

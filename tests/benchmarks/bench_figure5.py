@@ -34,10 +34,15 @@ def planted(num: int, dim: int, sigma: float, rng: np.random.Generator) -> Probl
 
 
 def exhaustive_energies(problem: Problem, num: int) -> FloatArray:
-    """Energies of the local minima that an even set of O(d) leads to, one per start (not merged)."""
+    """Energies of the local minima that an even set of O(d) leads to, one per start."""
     rotations = rotation_set(problem.dim, num // 2)
     mirrored = rotations * np.r_[-1.0, np.ones(problem.dim - 1)]
-    rotations = np.concatenate([rotations, mirrored])
+    return minimise_each(problem, np.concatenate([rotations, mirrored]))
+
+
+def minimise_each(problem: Problem, rotations: FloatArray) -> FloatArray:
+    """Energies that alternating minimisation ends at from every start by itself: runs that meet go on apart."""
+    rotations = rotations.copy()
     scales, costs = np.ones(len(rotations)), MatchingCosts(problem)
     maps = np.full((len(rotations), problem.num_source), -1)
     moving = np.arange(len(rotations))
