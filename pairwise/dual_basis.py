@@ -29,6 +29,14 @@ def inverse_quadrature(smallest: float, largest: float) -> tuple[FloatArray, Flo
     return _QUADRATURE_STEP * rates, rates
 
 
+def gram(rows: FloatArray, *, coarse: bool) -> FloatArray:
+    """Return ``rows^T rows``, in single precision where ``coarse``."""
+    if not coarse:
+        return rows.T @ rows
+    single = rows.astype(np.float32)
+    return (single.T @ single).astype(np.float64)
+
+
 class MomentBasis:
     """Orthonormal coordinates of symmetric (s+1, s+1) matrices without their (0, 0) entry.
 
@@ -53,6 +61,11 @@ class MomentBasis:
         packed = np.asfortranarray(self.pack(equations).T)
         if self.num_equations:
             self._reflectors, self._tau, _, _ = lapack.dgeqrf(packed)
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether operators are formed to about four digits only, for solutions that are refined."""
+        return self.size >= _SEPARABLE_SIZE
 
     @property
     def num_coordinates(self) -> int:
@@ -98,7 +111,7 @@ class MomentBasis:
             Positive lambda_1, ..., lambda_s.
         """
         num = len(self._all_rows)
-        if self.size < _SEPARABLE_SIZE:
+        if not self.is_coarse:
             products = T[:, 1:].take(self._all_rows, axis=2) * T[:, 1:].take(self._all_cols, axis=2)
             weights = 1.0 / (eigenvalues[:, :, None] + eigenvalues[:, None, :])
             grams = (np.swapaxes(T[:, 1:], 1, 2)[:, None] * weights[:, :, None, :]) @ T[:, None, 1:]
@@ -110,8 +123,8 @@ class MomentBasis:
         operator[0] += first_row[self._all_flat]
         operator[:, 0] += first_row[self._all_flat]
         first, second, factor = self.congruence_gather
-        result: FloatArray = operator.ravel()[first]
-        result += operator.ravel()[second]
+        result: FloatArray = operator.take(first)
+        result += operator.take(second)
         result *= factor
         return result
 
@@ -122,8 +135,7 @@ class MomentBasis:
         scaled = T[:, None] * decays[..., None]
         grams = np.swapaxes(scaled, 2, 3) @ scaled
         flat = grams.reshape(len(T) * len(rates), -1).take(self._all_flat, axis=1)
-        operator: FloatArray = flat.T @ flat
-        return operator
+        return gram(flat, coarse=True)
 
     def reduce(self, coordinates: FloatArray) -> FloatArray:
         """Return the coordinates (m,) of a vector within the null space of the equations."""

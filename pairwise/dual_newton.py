@@ -17,10 +17,13 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from data_tools.arrays import FloatArray
-from pairwise.dual_basis import MomentBasis
-from pairwise.dual_points import Direction, DualPoint, PrimalPoint
+from pairwise.dual_basis import MomentBasis, gram
+from pairwise.dual_points import Direction, DualPoint, PrimalPoint, along
 from pairwise.dual_targets import Targets
 from pairwise.relaxation import RelaxationData
+
+#: R stands beside the diagonal of the moment matrix: its coordinates are scaled by the root of two.
+_ROOT_HALF = float(np.sqrt(0.5))
 
 #: Most refinements of a solution of the reduced system.
 _MAX_REFINEMENTS = 3
@@ -140,7 +143,7 @@ class NewtonSystem:
             halves -= direction @ (np.swapaxes(direction, 1, 2) @ halves)
             reactions = np.swapaxes(self.root, 1, 2) @ halves
             flat = halves.reshape(-1, num)
-            moments -= flat.T @ flat
+            moments -= gram(flat, coarse=basis.is_coarse)
         means = slice(0, data.lifted.num_variables)
         for (_, slopes), (T, weights) in zip(data.lifted.quaternion_blocks, self.quaternion_maps, strict=True):
             transformed = ((T @ slopes @ T.T) * np.sqrt(weights)).reshape(-1, 16)
@@ -197,9 +200,9 @@ class NewtonSystem:
         imbalance = self.basis.pack(local.sum(axis=0) + self._dual_sum())
         means = slice(0, self.data.lifted.num_variables)
         for index, (_, slopes) in enumerate(self.data.lifted.quaternion_blocks):
-            change = targets.quaternions[index] - np.tensordot(moments[0, 1:], slopes, 1)
+            change = targets.quaternions[index] - along(moments[0, 1:], slopes)
             dY = self._quaternion_solve(index, change) + self.dual.Y[index]
-            imbalance[means] += np.sqrt(0.5) * np.tensordot(slopes, dY, 2)
+            imbalance[means] += _ROOT_HALF * (slopes.reshape(-1, 16) @ dY.ravel())
         return imbalance
 
     def _row_residual(self, targets: Targets, dx: FloatArray, dbeta: FloatArray) -> FloatArray:
@@ -250,7 +253,7 @@ class NewtonSystem:
         dB = dx[..., None] * dual.mean - pull @ dual.inverse
         dR = moments[0, 1:]
         dY = tuple(
-            self._quaternion_solve(i, targets.quaternions[i] - np.tensordot(dR, slopes, 1))
+            self._quaternion_solve(i, targets.quaternions[i] - along(dR, slopes))
             for i, (_, slopes) in enumerate(data.lifted.quaternion_blocks)
         )
         dslack = np.zeros(data.num_rows)

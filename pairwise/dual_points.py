@@ -14,6 +14,9 @@ import numpy as np
 from data_tools.arrays import FloatArray
 from pairwise.relaxation import RelaxationData
 
+#: Y at R = 0.
+_QUARTER = np.eye(4) / 4.0
+
 
 @dataclass(frozen=True, eq=False)
 class PrimalPoint:
@@ -37,6 +40,8 @@ class PrimalPoint:
         Quaternion moments of each rotation block.
     inverse_factor : ndarray, shape (k, s, s)
         Inverse of the Cholesky factor of G.
+    Y_roots : tuple of ndarray (4, 4)
+        The same of each Y.
     """
 
     x: FloatArray
@@ -48,6 +53,7 @@ class PrimalPoint:
     G: FloatArray
     Y: tuple[FloatArray, ...]
     inverse_factor: FloatArray
+    Y_roots: tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +76,8 @@ class DualPoint:
         F^-1 w.
     s : ndarray, shape (k, c)
         Slack of every match; one where padded.
+    Y_roots : tuple of ndarray (4, 4)
+        Inverse of the Cholesky factor of each Y.
     """
 
     alpha: FloatArray
@@ -83,6 +91,7 @@ class DualPoint:
     w: FloatArray
     mean: FloatArray
     s: FloatArray
+    Y_roots: tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +112,7 @@ class Direction:
 
 def quaternion_moments(data: RelaxationData, R: FloatArray) -> tuple[FloatArray, ...]:
     """Return Y(R) of each rotation block."""
-    return tuple(np.eye(4) / 4.0 + np.tensordot(R, slopes, 1) for _, slopes in data.lifted.quaternion_blocks)
+    return tuple(_QUARTER + along(R, slopes) for _, slopes in data.lifted.quaternion_blocks)
 
 
 def primal_point(
@@ -112,16 +121,17 @@ def primal_point(
     """Return the point, or None where it is not strictly inside the cones."""
     if (x <= 0.0)[data.valid].any() or (slack <= 0.0)[~data.equality].any():
         return None
-    mean, G = _conditional_moments(data, x, B, C)
+    mean, G = conditional_moments(data, x, B, C)
     Y = quaternion_moments(data, R)
     factor = _cholesky(G)
-    if factor is None or any(_cholesky(block) is None for block in Y):
+    Y_roots = _inverse_roots(Y)
+    if factor is None or Y_roots is None:
         return None
     inverse_factor: FloatArray = np.linalg.inv(factor).astype(np.float64, copy=False)
-    return PrimalPoint(x, B, C, R, slack, mean, G, Y, inverse_factor)
+    return PrimalPoint(x, B, C, R, slack, mean, G, Y, inverse_factor, Y_roots)
 
 
-def _conditional_moments(
+def conditional_moments(
     data: RelaxationData, x: FloatArray, B: FloatArray, C: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return B / x and C - sum B B^T / x."""
@@ -139,7 +149,8 @@ def dual_point(
     Y: tuple[FloatArray, ...],
 ) -> DualPoint | None:
     """Return the point, or None where it is not strictly inside the cones."""
-    if (beta >= 0.0)[~data.equality].any() or any(_cholesky(block) is None for block in Y):
+    Y_roots = _inverse_roots(Y)
+    if (beta >= 0.0)[~data.equality].any() or Y_roots is None:
         return None
     factor = _cholesky(F)
     if factor is None:
@@ -155,7 +166,8 @@ def dual_point(
     if (s <= 0.0).any():
         return None
     inverse = np.swapaxes(inverse_factor, 1, 2) @ inverse_factor
-    return DualPoint(alpha, beta, F, u, Y, factor, inverse_factor, inverse, w, whitened @ inverse_factor, s)
+    mean = whitened @ inverse_factor
+    return DualPoint(alpha, beta, F, u, Y, factor, inverse_factor, inverse, w, mean, s, Y_roots)
 
 
 def _cholesky(matrices: FloatArray) -> FloatArray | None:
@@ -165,6 +177,14 @@ def _cholesky(matrices: FloatArray) -> FloatArray | None:
     except np.linalg.LinAlgError:
         return None
     return factor if np.isfinite(factor).all() else None
+
+
+def _inverse_roots(blocks: tuple[FloatArray, ...]) -> tuple[FloatArray, ...] | None:
+    """Return the inverses of the Cholesky factors, None where a block is not positive definite."""
+    factors = [_cholesky(block) for block in blocks]
+    if any(factor is None for factor in factors):
+        return None
+    return tuple(np.linalg.inv(factor).astype(np.float64, copy=False) for factor in factors if factor is not None)
 
 
 def move_primal(data: RelaxationData, point: PrimalPoint, step: Direction, size: float) -> PrimalPoint | None:
@@ -191,70 +211,17 @@ def move_dual(data: RelaxationData, point: DualPoint, step: Direction, size: flo
     )
 
 
-class PrimalRay:
-    """How far a primal step can go: a concave margin, one at the point itself and zero on the cones' boundary."""
-
-    def __init__(self, data: RelaxationData, point: PrimalPoint, step: Direction) -> None:
-        self.data, self.point, self.step = data, point, step
-        open_rows = ~data.equality
-        x_rates = step.x[data.valid] / point.x[data.valid]
-        self.slowest = min(x_rates.min(), _rate(step.slack[open_rows], point.slack[open_rows]))
-        self.blocks = [
-            (np.linalg.inv(np.linalg.cholesky(Y)), slope)
-            for Y, slope in zip(point.Y, quaternion_slopes(data, step.R), strict=True)
-        ]
-
-    def margin(self, size: float) -> float:
-        """Return the smallest share of the point's own distance to the boundary that is left after the step."""
-        data, point, step = self.data, self.point, self.step
-        linear = 1.0 + size * self.slowest
-        if linear <= 0.0:
-            return linear
-        for inverse, slope in self.blocks:
-            linear = min(linear, 1.0 + size * float(np.linalg.eigvalsh(inverse @ slope @ inverse.T)[0]))
-        _, G = _conditional_moments(data, point.x + size * step.x, point.B + size * step.B, point.C + size * step.C)
-        inverse = point.inverse_factor
-        return min(linear, float(np.linalg.eigvalsh(inverse @ G @ np.swapaxes(inverse, 1, 2)).min()))
-
-
-class DualRay:
-    """How far a dual step can go; see :class:`PrimalRay`."""
-
-    def __init__(self, data: RelaxationData, point: DualPoint, step: Direction) -> None:
-        self.data, self.point = data, point
-        open_rows = ~data.equality
-        slowest = _rate(step.beta[open_rows], point.beta[open_rows])
-        for Y, dY in zip(point.Y, step.Y, strict=True):
-            inverse_factor = np.linalg.inv(np.linalg.cholesky(Y))
-            slowest = min(slowest, float(np.linalg.eigvalsh(inverse_factor @ dY @ inverse_factor.T)[0]))
-        inverse = point.inverse_factor
-        self.rates, vectors = np.linalg.eigh(inverse @ step.F @ np.swapaxes(inverse, 1, 2))
-        self.slowest = min(slowest, float(self.rates.min()))
-        bend = -step.u[:, None, :] - point.mean @ step.F
-        whitened = bend @ (np.swapaxes(inverse, 1, 2) @ vectors)
-        self.squares = whitened * whitened
-        self.change = slack_change(data, point, step)
-
-    def margin(self, size: float) -> float:
-        """Return the smallest share of the point's own distance to the boundary that is left after the step."""
-        linear = 1.0 + size * self.slowest
-        if linear <= 0.0:
-            return linear
-        curved = (self.squares @ (1.0 / (1.0 + size * self.rates))[..., None])[..., 0]
-        left = 1.0 + (size * self.change - size * size * curved) / self.point.s
-        return min(linear, float(left[self.data.valid].min()))
-
-
 def quaternion_slopes(data: RelaxationData, direction: FloatArray) -> tuple[FloatArray, ...]:
     """Return the change of Y(R) of each rotation block along a change of R."""
-    return tuple(np.tensordot(direction, slopes, 1) for _, slopes in data.lifted.quaternion_blocks)
+    return tuple(along(direction, slopes) for _, slopes in data.lifted.quaternion_blocks)
+
+
+def along(direction: FloatArray, slopes: FloatArray) -> FloatArray:
+    """Return ``sum_a direction_a slopes_a`` for slopes (s, 4, 4)."""
+    return (direction @ slopes.reshape(-1, 16)).reshape(4, 4)
 
 
 def slack_change(data: RelaxationData, dual: DualPoint, step: Direction) -> FloatArray:
     """Return the linear change of every match's slack."""
     tilted = ((dual.mean @ step.F + 2.0 * step.u[:, None, :]) * dual.mean).sum(axis=2)
     return tilted - step.alpha[:, None] - step.beta[data.index]
-
-
-def _rate(change: FloatArray, at: FloatArray) -> float:
-    return float((change / at).min()) if len(at) else np.inf

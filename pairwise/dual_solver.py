@@ -8,7 +8,6 @@ difference of the two objectives is the gap; only the row sums of X may be viola
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -18,7 +17,8 @@ from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 from data_tools.arrays import FloatArray
 from pairwise.dual_basis import MomentBasis
 from pairwise.dual_newton import NewtonSystem
-from pairwise.dual_points import Direction, DualPoint, DualRay, PrimalPoint, PrimalRay, move_dual, move_primal
+from pairwise.dual_points import Direction, DualPoint, PrimalPoint, move_dual, move_primal
+from pairwise.dual_rays import SHORTEST_STEP, DualRay, PrimalRay, longest_step
 from pairwise.dual_start import starting_points
 from pairwise.dual_targets import aim
 from pairwise.relaxation import RelaxationData
@@ -26,12 +26,6 @@ from pairwise.status import Status
 
 #: Share of the distance to the cones' boundary that every step keeps.
 _MARGIN = 0.05
-
-#: Factor between two trial sizes of a step.
-_BACKTRACK = 0.6
-
-#: A chord may end at its own outside end, but for rounding errors; the next trial is at most this share of it.
-_CHORD_LIMIT = 0.99
 
 #: Correctors per factorisation; later ones are kept only if they allow longer steps.
 _MAX_CORRECTORS = 2
@@ -50,9 +44,6 @@ _PATIENCE = 8
 
 #: Share of the constant sum_j w_j |p_j|^2 that counts as scale of the gap beside the value itself.
 _CONSTANT_SHARE = 1e-2
-
-#: A step shorter than this is no progress.
-_SHORTEST_STEP = 1e-4
 
 #: Largest violation of a linear constraint of the scaled problem at convergence.
 _VIOLATION_TOL = 1e-6
@@ -184,7 +175,7 @@ class _InteriorPoint:
         total[1:, 1:] = point.F.sum(axis=0)
         total[0, 1:] = point.u.sum(axis=0)
         for Y, (_, slopes) in zip(point.Y, data.lifted.quaternion_blocks, strict=True):
-            total[0, 1:] += 0.5 * np.tensordot(slopes, Y, 2)
+            total[0, 1:] += 0.5 * (slopes.reshape(-1, 16) @ Y.ravel())
         multipliers, outside = basis.split(basis.pack(total))
         traces = sum(float(np.trace(Y)) for Y in point.Y)
         value = float(point.alpha.sum() + data.capacity @ point.beta + multipliers @ basis.constants) - 0.25 * traces
@@ -204,7 +195,7 @@ class _InteriorPoint:
         except np.linalg.LinAlgError:
             return False
         new_primal, new_dual = move_primal(data, primal, step, sizes[0]), move_dual(data, dual, step, sizes[1])
-        if new_primal is None or new_dual is None or max(sizes) < _SHORTEST_STEP:
+        if new_primal is None or new_dual is None or max(sizes) < SHORTEST_STEP:
             return False
         self.primal, self.dual = new_primal, new_dual
         return True
@@ -269,32 +260,6 @@ class _InteriorPoint:
         )
 
 
-def longest_step(margin: Callable[[float], float], slowest: float, least: float) -> float:
-    """Return a size of at most one at which a concave margin, one at zero, is at least ``least``.
-
-    Parameters
-    ----------
-    margin : callable
-        The margin of a size.
-    slowest : float
-        The margin is at most ``1 + size * slowest``.
-    least : float
-        In [0, 1).
-    """
-    trial = 1.0 if slowest > least - 1.0 else (least - 1.0) / slowest
-    value = margin(trial)
-    if value >= least:
-        return trial
-    while trial > _SHORTEST_STEP:
-        outside, outside_value = trial, value
-        chord = outside * (1.0 - least) / (1.0 - outside_value)
-        trial = min(max(chord, _BACKTRACK * outside), _CHORD_LIMIT * outside)
-        value = margin(trial)
-        if value >= least:
-            return trial + (outside - trial) * (value - least) / (value - outside_value)
-    return 0.0
-
-
 def _scaled(data: RelaxationData, factor: float) -> RelaxationData:
     return replace(data, cost=data.cost * factor, vectors=data.vectors * factor, constant=data.constant * factor)
 
@@ -313,4 +278,5 @@ def _unscaled(dual: DualPoint, scale: float) -> DualPoint:
         w=dual.w * scale,
         mean=dual.mean,
         s=dual.s * scale,
+        Y_roots=tuple(root / np.sqrt(scale) for root in dual.Y_roots),
     )

@@ -61,7 +61,8 @@ def aim(
     products = mu - primal.x * dual.s
     slacks = mu + primal.slack * dual.beta
     gram = mu * dual.inverse - primal.G
-    quaternions = tuple(mu * np.linalg.inv(Y) - P for Y, P in zip(dual.Y, primal.Y, strict=True))
+    inverses = [root.T @ root for root in dual.Y_roots]
+    quaternions = tuple(mu * inverse - Y for inverse, Y in zip(inverses, primal.Y, strict=True))
     if former is not None:
         bend = -former.u[:, None, :] - dual.mean @ former.F
         curved = ((bend @ dual.inverse) * bend).sum(axis=2)
@@ -70,9 +71,9 @@ def aim(
         slacks += weight * former.slack * former.beta
         gram += weight * _second_order_gram(data, primal, dual, former)
         quaternions = tuple(
-            target - weight * _symmetrised(np.linalg.inv(Y) @ dY @ slope)
-            for target, Y, dY, slope in zip(
-                quaternions, dual.Y, former.Y, quaternion_slopes(data, former.R), strict=True
+            target - weight * _symmetrised(inverse @ dY @ slope)
+            for target, inverse, dY, slope in zip(
+                quaternions, inverses, former.Y, quaternion_slopes(data, former.R), strict=True
             )
         )
     return Targets(_moment_targets(primal, dual, ratio, gram), products, slacks, quaternions, ratio)

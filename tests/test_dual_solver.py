@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 
 from data_tools.errors import InputError, OptionsError
 from pairwise import solve_relaxation, verify_certificate
-from pairwise.dual_solver import longest_step
+from pairwise.dual_rays import longest_step
 from pairwise.problem import Problem
 from pairwise.solve import solve_pm_sdp
 from pairwise.status import Status
