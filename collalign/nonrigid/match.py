@@ -18,8 +18,12 @@ from collalign.nonrigid.surface import SpectralShape
 from data_tools.arrays import IntArray, read_only
 from data_tools.errors import InputError, OptionsError
 
-#: Difference of scores at which the better candidate is right e times as often as the other.
-SCORE_SCALE = 0.12
+#: Difference of scores at which the better candidate is taken to be right e times as often as the other.
+SCORE_SCALE = 0.2
+#: Score at which a candidate without rivals is as likely wrong as right, and how fast that changes.
+DOUBTFUL_SCORE, DOUBT_SCALE = -9.5, 0.4
+#: A map that keeps left and right may be this much behind the best one.
+ORIENTATION_MARGIN = 1.0
 #: Eigenfunctions in which the energies of candidates are compared.
 ENERGY_DIM = 30
 
@@ -112,27 +116,37 @@ def match_prepared(
 
 
 def chosen_first(found: list[Refined], options: NonrigidOptions) -> list[Refined]:
-    """Return candidates with those of the wanted orientation in front, each group in its order.
+    """Return candidates with the chosen one first, then by score.
 
-    Where normals tell, that are the maps that keep left and right; if there is none, nothing changes.
+    It is the best one that keeps left and right, where normals tell, unless its evidence is far behind: a mirror
+    image scores like the true map, so the difference means that no true map was found.
     """
+    ordered = sorted(found, key=lambda c: c.score)
     if options.orientation == "any":
-        return found
-    return sorted(found, key=lambda c: c.evidence.orientation < MIXED_ORIENTATION)
+        return ordered
+    near = [c for c in ordered if c.score <= ordered[0].score + ORIENTATION_MARGIN]
+    chosen = next((c for c in near if not c.evidence.orientation < MIXED_ORIENTATION), ordered[0])
+    return [chosen, *(c for c in ordered if c is not chosen)]
 
 
 def confidence(found: list[Refined], options: NonrigidOptions) -> float:
-    """Return how probable the chosen candidate is among those of its orientation, by their scores."""
-    rivals = found[:1] + [c for c in found[1:] if _can_rival(c, found[0], options)]
-    scores = np.array([candidate.score for candidate in rivals])
-    odds = np.exp(-(scores - scores[0]) / SCORE_SCALE)
-    return float(1.0 / odds.sum())
+    """Return how far the chosen candidate can be trusted: its odds against its rivals, times how good it is at all.
+
+    Rivals are candidates of its orientation; its mirror image is none where normals tell the two apart. Without
+    normals it is at most one half. The scales were set on poses of one body and on ants, many of them matched wrongly.
+    """
+    chosen = found[0]
+    rivals = [c.score for c in found[1:] if options.orientation == "any" or _same_orientation(c, chosen)]
+    odds = np.exp(-(np.array([chosen.score, *rivals]) - chosen.score) / SCORE_SCALE)
+    quality = 0.5
+    if np.isfinite(chosen.evidence.orientation):
+        quality = 1.0 / (1.0 + np.exp((chosen.score - DOUBTFUL_SCORE) / DOUBT_SCALE))
+    return float(min(1.0, 1.0 / odds.sum()) * quality)
 
 
-def _can_rival(candidate: Refined, chosen: Refined, options: NonrigidOptions) -> bool:
-    if options.orientation == "any":
-        return abs(candidate.evidence.orientation) > MIXED_ORIENTATION or np.isnan(candidate.evidence.orientation)
-    return not candidate.evidence.orientation < min(MIXED_ORIENTATION, chosen.evidence.orientation)
+def _same_orientation(candidate: Refined, chosen: Refined) -> bool:
+    first, second = candidate.evidence.orientation, chosen.evidence.orientation
+    return not (np.isfinite(first) and np.isfinite(second)) or first * second > 0
 
 
 def _public(target: SpectralShape, source: SpectralShape, candidate: Refined) -> NonrigidCandidate:

@@ -68,7 +68,7 @@ class NonrigidMatch:
     dense_source : ndarray of int, shape (s,)
         Vertices of the source file at which the candidates are given.
     confidence : float
-        In [0, 1]: near 1 where no distinct candidate has nearly as good evidence, near 1 / 2 where one is as good.
+        In [0, 1]: near 1 where the evidence is good and no other candidate of the same orientation comes near it.
     status : Status
     times_s : dict of str to float
     notes : tuple of str
