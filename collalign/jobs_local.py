@@ -11,10 +11,11 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import chain
+from typing import Any
 
 from joblib import Parallel, delayed
 
-from collalign.jobs_worker import Call, Guard, Outcome, Task, run_guarded
+from collalign.jobs_worker import Call, Guard, Outcome, Task, end_with_parent, run_guarded
 from collalign.scratch import scratch_directory
 from data_tools.errors import CollalignError
 
@@ -38,7 +39,7 @@ def run_local(
     """
     directory = scratch_directory()
     try:
-        run = _LocalRun(call, Guard(directory=directory, parent_pid=os.getpid()), num_jobs, batch_size)
+        run = _LocalRun(call, Guard(directory=directory), num_jobs, batch_size)
         yield from run.rounds(tasks)
         yield from run.suspects_alone()
     finally:
@@ -142,13 +143,15 @@ class _LocalRun:
 
     def _parallel(self, tasks: Iterable[Task], num_jobs: int, batch_size: int | str) -> Generator[Outcome]:
         """Start one joblib call. One job still means a worker process: joblib's own one-job mode isolates nothing."""
-        limited: dict[str, int] = {"pre_dispatch": 1} if num_jobs == 1 else {}
+        limited: dict[str, Any] = {"pre_dispatch": 1} if num_jobs == 1 else {}
         pool = Parallel(
             n_jobs=max(2, num_jobs),
             backend="loky",
             return_as="generator_unordered",
             batch_size=batch_size,
             max_nbytes=None,
+            initializer=end_with_parent,
+            initargs=(os.getpid(),),
             **limited,
         )
         run: Callable[..., Outcome] = delayed(run_guarded)

@@ -86,12 +86,9 @@ class Guard:
     ----------
     directory : Path
         Of this run, on this machine.
-    parent_pid : int
-        The worker ends itself when this process is gone.
     """
 
     directory: Path
-    parent_pid: int
 
     @property
     def ledger(self) -> Path:
@@ -137,7 +134,6 @@ def run_guarded(call: Call, task: Task, guard: Guard | None) -> Outcome:
     """
     with _ONE_AT_A_TIME, ExitStack() as stack:
         if guard is not None:
-            _end_with_parent(guard.parent_pid)
             guard.note("S", task.token)
             stack.callback(guard.note, "E", task.token)
         stack.enter_context(_time_limit(call.limits.time_limit_s, guard))
@@ -231,14 +227,8 @@ def _one_blas_thread() -> AbstractContextManager[Any]:
     return controller.limit(limits=1) if controller.lib_controllers else nullcontext()
 
 
-_WATCHED: set[int] = set()
-
-
-def _end_with_parent(parent_pid: int) -> None:
-    """Start, once per process, a thread that ends it when the parent is gone."""
-    if parent_pid in _WATCHED:
-        return
-    _WATCHED.add(parent_pid)
+def end_with_parent(parent_pid: int) -> None:
+    """Start a thread that ends this process when the parent is gone; a worker does so before anything else."""
     threading.Thread(target=_wait_for_orphanhood, args=(parent_pid, os.getppid()), daemon=True).start()
 
 

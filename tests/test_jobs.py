@@ -17,6 +17,7 @@ from collalign.jobs import JobResult, SharedTable, run_jobs
 from collalign.jobs_progress import ProgressBar
 from collalign.jobs_worker import describe
 from data_tools.errors import CollalignError, InputError, OptionsError
+from tests.faults import worker_processes
 from tests.job_functions import look_up, misbehave, process_id, spectrum
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -127,10 +128,31 @@ def test_workers_end_when_their_parent_is_killed() -> None:
         assert process.stdout is not None
         workers = {int(process.stdout.readline()) for _ in range(20)}
         os.kill(process.pid, signal.SIGKILL)
+    assert_gone(workers)
+
+
+def test_workers_that_never_had_a_task_end_with_their_parent_too() -> None:
+    script = (
+        "import time\n"
+        "from collalign.jobs import run_jobs\n"
+        "from tests.job_functions import process_id\n"
+        "list(run_jobs(process_id, [('a', 1)], num_jobs=2))\n"
+        "print('ready', flush=True); time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, cwd=ROOT) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+        workers = worker_processes(process.pid)
+        os.kill(process.pid, signal.SIGKILL)
+    assert len(workers) == 2
+    assert_gone(set(workers))
+
+
+def assert_gone(processes: set[int]) -> None:
     deadline = time.monotonic() + 10.0
-    while any(is_running(pid) for pid in workers) and time.monotonic() < deadline:
+    while any(is_running(pid) for pid in processes) and time.monotonic() < deadline:
         time.sleep(0.1)
-    assert not any(is_running(pid) for pid in workers)
+    assert not any(is_running(pid) for pid in processes)
 
 
 def is_running(pid: int) -> bool:
