@@ -27,9 +27,6 @@ from pairwise.status import Status
 #: Share of the distance to the cones' boundary that every step keeps.
 _MARGIN = 0.05
 
-#: Correctors per factorisation; later ones are kept only if they allow longer steps.
-_MAX_CORRECTORS = 2
-
 #: A predictor that can be taken this far is corrected by all of its second-order terms.
 _FULL_CORRECTION = 0.4
 
@@ -204,29 +201,34 @@ class _InteriorPoint:
         """Return the predictor, corrected and centred, and how far both points may go along it."""
         data, primal, dual = self.data, self.primal, self.dual
         system = NewtonSystem(data, self.basis, primal, dual)
-        step = system.solve(aim(data, primal, dual, 0.0))
-        sizes = self._sizes(step, _MARGIN)
-        mu = self._complementarity() * self._remaining_share(step, sizes) ** 2
-        best: tuple[Direction, tuple[float, float]] | None = None
-        for _ in range(_MAX_CORRECTORS):
-            weight = min(1.0, min(sizes) / _FULL_CORRECTION)
-            step = system.solve(aim(data, primal, dual, mu, step, weight))
-            sizes = self._sizes(step, _MARGIN)
-            if best is not None and min(sizes) <= min(best[1]):
-                break
-            best = step, sizes
-        assert best is not None
-        if min(best[1]) < _SHORT_STEP:
-            step = system.solve(aim(data, primal, dual, self._complementarity()))
-            sizes = self._sizes(step, _MARGIN)
-            best = (step, sizes) if min(sizes) > min(best[1]) else best
-        return best
+        predictor = system.solve(aim(data, primal, dual, 0.0))
+        sizes = self._sizes(predictor)
+        mu = self._complementarity()
+        target = mu * self._remaining_share(predictor, sizes) ** 2
+        step, sizes = self._corrected(system, target, predictor, sizes)
+        again = self._corrected(system, target, step, sizes)
+        if min(again[1]) > min(sizes):
+            step, sizes = again
+        if min(sizes) < _SHORT_STEP:
+            centring = system.solve(aim(data, primal, dual, mu))
+            centring_sizes = self._sizes(centring)
+            if min(centring_sizes) > min(sizes):
+                return centring, centring_sizes
+        return step, sizes
 
-    def _sizes(self, step: Direction, margin: float) -> tuple[float, float]:
+    def _corrected(
+        self, system: NewtonSystem, mu: float, former: Direction, sizes: tuple[float, float]
+    ) -> tuple[Direction, tuple[float, float]]:
+        """Return the step to mu with the second-order terms of a former step, and how far it may go."""
+        weight = min(1.0, min(sizes) / _FULL_CORRECTION)
+        step = system.solve(aim(self.data, self.primal, self.dual, mu, former, weight))
+        return step, self._sizes(step)
+
+    def _sizes(self, step: Direction) -> tuple[float, float]:
         """Return how far the primal and the dual point may go along a step."""
         primal = PrimalRay(self.data, self.primal, step)
         dual = DualRay(self.data, self.dual, step)
-        return longest_step(primal.margin, primal.slowest, margin), longest_step(dual.margin, dual.slowest, margin)
+        return longest_step(primal.margin, primal.slowest, _MARGIN), longest_step(dual.margin, dual.slowest, _MARGIN)
 
     def _remaining_share(self, step: Direction, sizes: tuple[float, float]) -> float:
         """Return the share of the gap that is left after a step."""
