@@ -23,8 +23,6 @@ def gauss_newton_step(
     targets: FloatArray,
     weights: FloatArray,
     free: BoolArray,
-    *,
-    exact: bool = False,
 ) -> tuple[FloatArray, float]:
     """Move frames by one Gauss-Newton step of ``sum_e |P_i^T M_e P_j - w_e I|^2``, M_e the weighted measurement.
 
@@ -41,8 +39,6 @@ def gauss_newton_step(
         Total weight of each pair.
     free : ndarray of bool, shape (N,)
         Shapes that may move; at least one may not.
-    exact : bool
-        Whether large systems are factored, or solved to a thousandth by conjugate gradients.
 
     Returns
     -------
@@ -63,7 +59,7 @@ def gauss_newton_step(
         axis=1,
     )
     moves = np.zeros_like(force)
-    moves[free] = _solve_laplacian(edges, weights, count, free, force[free], exact=exact)
+    moves[free] = _solve_laplacian(edges, weights, count, free, force[free])
     largest = float(np.abs(moves).max(initial=0.0))
     moves *= min(1.0, MAX_STEP_RAD / max(largest, MAX_STEP_RAD))
     skew = np.zeros((count, dim, dim))
@@ -84,16 +80,20 @@ def polish(
     """Return a stationary point of ``sum_e w_e |R_e - P_i P_j^T|_F^2`` near the given frames."""
     targets = rotations * weights[:, None, None]
     for _ in range(max_iterations):
-        frames, step = gauss_newton_step(frames, edges, targets, weights, free, exact=True)
+        frames, step = gauss_newton_step(frames, edges, targets, weights, free)
         if step <= step_tol:
             break
     return frames
 
 
 def _solve_laplacian(
-    edges: IntArray, weights: FloatArray, count: int, free: BoolArray, force: FloatArray, *, exact: bool
+    edges: IntArray, weights: FloatArray, count: int, free: BoolArray, force: FloatArray
 ) -> FloatArray:
-    """Solve the weighted graph Laplacian of the free shapes; conjugate gradients first where they may do."""
+    """Solve the weighted graph Laplacian of the free shapes: directly, or where it is large by conjugate gradients.
+
+    These are stopped at a thousandth (each step of Gauss-Newton starts anew), and replaced by a factorization where
+    they are slow, as on chains.
+    """
     left, right = edges.T
     degree = np.bincount(edges.ravel(), weights=np.repeat(weights, 2), minlength=count).astype(np.float64)
     degree += 1e-12 * max(float(degree.max(initial=0.0)), np.finfo(float).tiny)
@@ -107,7 +107,7 @@ def _solve_laplacian(
             return np.asarray(np.linalg.lstsq(laplacian[np.ix_(free, free)], force, rcond=None)[0], dtype=np.float64)
     couplings = coo_matrix((weights, (left, right)), shape=(count, count))
     sparse = (diags(degree) - couplings - couplings.T).tocsr()[free][:, free]
-    solution = None if exact else _conjugate_gradients(sparse, degree[free], force)
+    solution = _conjugate_gradients(sparse, degree[free], force)
     return splu(sparse.tocsc()).solve(force) if solution is None else solution
 
 
