@@ -35,7 +35,9 @@ def test_the_certificate_survives_a_file(certified, tmp_path):
     assert loaded.bound == result.lower_bound
 
 
-@pytest.mark.parametrize(("dim", "size", "form"), [(3, 10, "tight"), (3, 4, "quaternion"), (2, 3, "tight")])
+@pytest.mark.parametrize(
+    ("dim", "size", "form"), [(3, 10, "tight"), (3, 4, "quaternion"), (2, 3, "tight"), (2, 2, "quaternion")]
+)
 def test_the_verifier_writes_the_same_lift_on_its_own(dim, size, form):
     entries, identities, trace = _lift(dim, size)
     lift = make_lift(form, dim)
