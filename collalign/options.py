@@ -43,7 +43,8 @@ class AlignOptions:
     auto matches all pairs of up to 40 shapes and is adaptive beyond."""
 
     synchronization: Synchronizer = "robust"
-    """robust chooses among the pairs' candidates and resists wrong pairs; spectral is the paper's eigenprojection."""
+    """robust chooses among the pairs' candidates, resists wrong pairs and refines; spectral is the paper's appendix B
+    as published, with neither confidence nor refinement."""
 
     refine: bool = True
     """Refine the poses on dense samples (``sampling.num_dense_points``) after synchronization."""

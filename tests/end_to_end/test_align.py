@@ -16,7 +16,7 @@ from collalign.cli import main
 from collalign.collection import AlignedCollection
 from data_tools.errors import CollectionError, InputError
 from data_tools.mesh_io import read_shape, write_mesh
-from data_tools.options import SamplingOptions
+from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
 from data_tools.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
 from data_tools.synthetic_shapes import chair
@@ -296,3 +296,13 @@ def test_certification_proves_pairs_and_says_so(folder: Path, tmp_path: Path) ->
     notes = " ".join(json.loads((out / "alignment.json").read_text())["notes"])
     assert f"{proven} of " in notes
     assert main(["align", str(folder), "--out", str(out), "--certify", "--embedding.kind", "xyz+lb"]) == 2
+
+
+@pytest.mark.parametrize("kind", ["xyz", "xyz+lb"])
+def test_the_published_synchronization_runs_with_both_embeddings(
+    kind: str, folder: Path, planted: PlantedCollection
+) -> None:
+    options = replace(OPTIONS, synchronization="spectral", embedding=EmbeddingOptions(kind=kind))
+    published = align_collection(folder, options=options, run=RunOptions(jobs=1))
+    assert worst_error_deg(published.rotations, planted) < 20
+    assert np.isnan(published.confidence).all()
