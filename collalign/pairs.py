@@ -25,7 +25,7 @@ from pairwise.options import MatchOptions
 from pairwise.problem import Problem
 
 #: Changes whenever the same two shapes and options would give other poses.
-PAIR_VERSION = "pair-1"
+PAIR_VERSION = "pair-2"
 
 
 @dataclass(frozen=True, kw_only=True)
