@@ -18,7 +18,6 @@ from typing import Any
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from collalign.jobs_table import SharedTable
-from collalign.scratch import is_running
 from data_tools.errors import CollalignError
 
 _MAX_FAILURE = 1000
@@ -228,11 +227,15 @@ def _one_blas_thread() -> AbstractContextManager[Any]:
 
 
 def end_with_parent(parent_pid: int) -> None:
-    """Start a thread that ends this process when the parent is gone; a worker does so before anything else."""
-    threading.Thread(target=_wait_for_orphanhood, args=(parent_pid, os.getppid()), daemon=True).start()
+    """Start a thread that ends this process when its parent is gone; a worker does so before anything else.
+
+    The parent is given by number because it may be gone already. Whether that number still runs would be the wrong
+    question: a killed process that nobody has waited for does.
+    """
+    threading.Thread(target=_wait_for_orphanhood, args=(parent_pid,), daemon=True).start()
 
 
-def _wait_for_orphanhood(parent_pid: int, direct_parent: int) -> None:
-    while os.getppid() == direct_parent and is_running(parent_pid):
+def _wait_for_orphanhood(parent_pid: int) -> None:
+    while os.getppid() == parent_pid:
         time.sleep(_ORPHAN_POLL_S)
     os._exit(1)

@@ -148,6 +148,18 @@ def test_workers_that_never_had_a_task_end_with_their_parent_too() -> None:
     assert_gone(set(workers))
 
 
+def test_a_worker_that_starts_after_its_parent_is_gone_ends_at_once() -> None:
+    script = (
+        "import os, sys, time\n"
+        "from collalign.jobs_worker import end_with_parent\n"
+        "end_with_parent(int(sys.argv[1])); time.sleep(60)\n"
+    )
+    with subprocess.Popen(["true"]) as zombie:
+        time.sleep(0.2)  # ended, and not waited for
+        ended = subprocess.run([sys.executable, "-c", script, str(zombie.pid)], cwd=ROOT, timeout=30, check=False)
+    assert ended.returncode == 1
+
+
 def assert_gone(processes: set[int]) -> None:
     deadline = time.monotonic() + 10.0
     while any(is_running(pid) for pid in processes) and time.monotonic() < deadline:
