@@ -78,6 +78,7 @@ def file_system_of(path: Path, mounts: str) -> str:
 
 def _harden(connection: sqlite3.Connection) -> None:
     """Let nothing inside the file run code or demand unbounded memory."""
+    connection.text_factory = lambda data: data.decode("utf-8", "replace")
     connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_ROW_BYTES)
     connection.execute("PRAGMA trusted_schema = OFF")
     connection.execute("PRAGMA cell_size_check = ON")
