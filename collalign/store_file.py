@@ -39,7 +39,7 @@ def open_connection(path: Path, *, read_only: bool) -> sqlite3.Connection:
             _set_journal(connection, path)
             _create_tables(connection)
         _check_layout(connection, path)
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeError) as error:  # SQLite quotes damaged text in its messages
         connection.close()
         raise StoreError(f"{path}: not a store, or damaged ({error})") from None
     except BaseException:
