@@ -25,7 +25,7 @@ from data_tools.shape import Shape
 from data_tools.synthetic import bent, mirrored, point_cloud, shuffled
 from data_tools.synthetic_shapes import figure
 
-SMALL = SurfaceOptions(num_functions=50, num_samples=60, num_dense=400)
+SMALL = SurfaceOptions(num_functions=45, num_samples=60, num_dense=300)
 QUICK = NonrigidOptions(num_source=30)
 
 
@@ -260,8 +260,8 @@ def test_the_command_matches_a_list(
 ) -> None:
     (tmp_path / "pairs.txt").write_text("b.ply a.ply\na.ply missing.ply\n")
     words = [str(tmp_path / "pairs.txt"), "--out", str(tmp_path / "maps"), "--folder", str(files[0].parent)]
-    small = ["--num-source", "30", "--surface.num-functions", "50", "--surface.num-samples", "60"]
-    code = app([*words, *small, "--surface.num-dense", "400", "--cache", str(files[2])], result_action="return_value")
+    small = ["--num-source", "30", "--surface.num-functions", "45", "--surface.num-samples", "60"]
+    code = app([*words, *small, "--surface.num-dense", "300", "--cache", str(files[2])], result_action="return_value")
     assert code == 3
     printed = capsys.readouterr().out
     assert "matched  b.ply  a.ply" in printed
@@ -272,7 +272,7 @@ def test_the_command_matches_a_list(
 @pytest.mark.data
 def test_two_poses_of_a_body(shared_data: Path) -> None:
     data = read_registered_archive(shared_data / "scape71")
-    options = SurfaceOptions(num_functions=60, num_samples=100, num_dense=400)
+    options = SurfaceOptions(num_functions=60, num_samples=100, num_dense=400, max_faces=6000)
     shapes = [prepare_shape(data.shape(name), options) for name in ("mesh000", "mesh037")]
     match = match_prepared(*shapes)
     num = len(match.point_map_target_source)

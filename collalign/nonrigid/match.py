@@ -133,7 +133,7 @@ def confidence(found: list[Refined], options: NonrigidOptions) -> float:
     """Return how far the chosen candidate can be trusted: its odds against its rivals, times how good it is at all.
 
     Rivals are candidates of its orientation; its mirror image is none where normals tell the two apart. Without
-    normals it is at most one half. The scales were set on poses of one body and on ants, many of them matched wrongly.
+    normals it is at most one half. The scales were set on poses of one body and on ants, many of which it gets wrong.
     """
     chosen = found[0]
     rivals = [c.score for c in found[1:] if options.orientation == "any" or _same_orientation(c, chosen)]

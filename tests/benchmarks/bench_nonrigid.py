@@ -83,7 +83,9 @@ def vary(shape: Shape, variant: str, seed: int) -> Copy:
         return Copy(copy, np.argsort(order))
     if variant == "remeshed":
         target = round(REMESHED_SHARE * len(shape.faces))
-        vertices, faces = fast_simplification.simplify(shape.vertices, shape.faces, target_count=target)
+        vertices, faces = fast_simplification.simplify(
+            np.array(shape.vertices), np.array(shape.faces), target_count=target
+        )
         copy = clean(shuffled(Shape.from_arrays(vertices, faces, name=shape.name), np.random.default_rng(seed))[0])
         return Copy(copy, cKDTree(copy.vertices).query(shape.vertices)[1])
     return Copy(shape, np.arange(len(shape.vertices)))
