@@ -1,4 +1,4 @@
-"""Every code block of the documentation runs, in order, in an empty folder; every page is in the navigation."""
+"""Every bash and python block of the documentation runs, in order; `console` blocks need more than one machine."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def run_page(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
             exec(compile(code, "page", "exec"), names)
         else:
             environment = {**os.environ, "PATH": path, "OPENBLAS_NUM_THREADS": "1"}
-            subprocess.run(["bash", "-euc", code], check=True, env=environment, capture_output=True)
+            subprocess.run(["bash", "-euc", code], check=True, env=environment, capture_output=True, timeout=600)
     return len(blocks)
 
 
