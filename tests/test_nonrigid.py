@@ -168,6 +168,21 @@ def test_vertex_indices_are_those_of_the_file(
     assert (match.point_map_target_source[3:] == np.arange(len(target.vertices))).mean() > 0.99
 
 
+def test_large_meshes_are_decimated_and_small_ones_work(
+    pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
+) -> None:
+    target = pair[0]
+    coarse = prepare_shape(target, replace(SMALL, max_faces=1200))
+    assert "decimated" in " ".join(coarse.notes)
+    match = match_prepared(prepared[0], coarse, QUICK)
+    own = np.arange(len(target.vertices))
+    assert mean_error(target, match.point_map_target_source, own) < 0.05
+    vertices, faces = coarse.vertices, coarse.faces
+    tiny = prepare_shape(Shape.from_arrays(vertices, faces), SurfaceOptions(num_functions=60, num_dense=5000))
+    assert len(tiny.dense) == len(vertices)
+    assert match_prepared(tiny, tiny).confidence > 0.5
+
+
 def test_poor_meshes_work_or_say_what_to_do(
     pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
 ) -> None:
