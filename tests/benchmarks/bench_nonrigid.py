@@ -55,7 +55,7 @@ def pair_names(name: str, data: Dataset) -> list[tuple[str, str]]:
     if name == "scape":
         words = (DATA / "scape71" / "Corr_Scape.query").read_text().split()
         ids = [(int(words[i + 2]), int(words[i + 5])) for i in range(0, len(words), 6)]
-        pairs = [(f"mesh{target:03d}", f"mesh{source:03d}") for target, source in ids]
+        pairs = [(f"mesh{target:03d}", f"mesh{source:03d}") for source, target in ids]
         return [pair for pair in pairs if set(pair) <= set(data.names)]
     return [(row["target"], row["source"]) for row in published(name, data)]
 
@@ -217,7 +217,8 @@ def run(collection: Collection, pairs: list[tuple[str, str]], options: NonrigidO
     if collection.name != "tosca":
         rows = {(row["target"], row["source"]): row for row in published(collection.name, data)}
         values = [float(rows[pair]["average_geodesic_error"]) for pair in pairs if pair in rows]
-        print(f"blended intrinsic maps, published, {len(values)} of these pairs: {np.mean(values):.4f}")
+        if values:
+            print(f"blended intrinsic maps, published, {len(values)} of these pairs: {np.mean(values):.4f}")
     if curves is not None:
         print(draw_curves(curves, {"direct": direct, "accepting flips": flips}))
 
