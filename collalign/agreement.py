@@ -110,6 +110,34 @@ def agree(
     return agreed, replace(refined.result, edge_choice=choice)
 
 
+def turned(solution: SynchronizationResult, turns: FloatArray) -> SynchronizationResult:
+    """Return the solution with the pose of each shape, and its alternatives, turned in the common frame.
+
+    Parameters
+    ----------
+    solution : SynchronizationResult
+        Of rotations of space.
+    turns : ndarray, shape (N, 3, 3)
+        The same for all shapes of a connected part.
+    """
+    cuts = tuple(
+        replace(cut, rotation=read_only(turns[cut.members[0]] @ cut.rotation @ turns[cut.members[0]].T))
+        for cut in solution.weak_cuts
+    )
+    alternatives = tuple(
+        tuple(replace(pose, rotation=read_only(turn @ pose.rotation)) for pose in poses)
+        for turn, poses in zip(turns, solution.alternatives, strict=True)
+    )
+    symmetries = tuple(read_only(turns[0] @ symmetry @ turns[0].T) for symmetry in solution.symmetries)
+    return replace(
+        solution,
+        rotations=read_only(turns @ solution.rotations),
+        weak_cuts=cuts,
+        alternatives=alternatives,
+        symmetries=symmetries,
+    )
+
+
 def match_at(samples: Sequence[Samples], pair: MatchedPair, rotations: FloatArray) -> tuple[IntArray, float]:
     """Return the best map of a pair at the common poses, and its energy."""
     target, source = samples[pair.target], samples[pair.source]

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.agreement import agree, match_at, synchronize_as_published
+from collalign.agreement import agree, match_at, synchronize_as_published, turned
 from collalign.collection import PairEvidence
 from collalign.options import AlignOptions
 from collalign.pairs import MatchedPair
+from collalign.parts import agree_in_parts
 from collalign.placement import common_labels, in_label_order, place_and_scale
 from collalign.refinement import refine_rotations
-from collalign.synchronization import SynchronizationResult
+from collalign.synchronization import SynchronizationResult, principal_axes_gauge
 from data_tools.arrays import FloatArray, IntArray, as_rotations, read_only
 from data_tools.embedding import Samples
 from data_tools.rotations import rotation_angle_deg
@@ -27,7 +28,7 @@ class Consistency:
     Attributes
     ----------
     synchronization : SynchronizationResult
-        Of the rotations in the embedding.
+        Of the rotations of space, before their refinement.
     rotations : ndarray, shape (N, 3, 3)
         ``R_common_shape``.
     transforms : ndarray, shape (N, 4, 4)
@@ -75,22 +76,19 @@ def make_consistent(
     if options.synchronization == "spectral":
         solution = synchronize_as_published(samples, pairs, options, fixed=held, reference=reference)
     else:
-        pairs, solution = agree(samples, pairs, options, fixed=held, reference=reference)
+        consent = agree if options.clusters == 1 else agree_in_parts
+        pairs, solution = consent(samples, pairs, options, fixed=held, reference=reference)
     rotations = solution.rotations
     if (
         options.refine
         and options.synchronization == "robust"
         and all(len(item.dense_indices) > 1 for item in samples)
     ):
-        rotations = refine_rotations(
-            samples,
-            rotations,
-            np.array([(pair.target, pair.source) for pair in pairs]),
-            np.array([match_at(samples, pair, rotations)[1] for pair in pairs]),
-            group=options.group,
-            fixed=held,
-            reference=reference,
-        )
+        rotations = _refined(samples, pairs, solution, options.group, held, reference)
+    if options.gauge == "axes" and not held:
+        posed = principal_axes_gauge([item.positions for item in samples], rotations)
+        turn = posed[0] @ rotations[0].T
+        rotations, solution = posed, turned(solution, np.tile(turn, (len(samples), 1, 1)))
     evidence = tuple(_evidence(samples, pair, e, solution, rotations) for e, pair in enumerate(pairs))
     labels = common_labels(samples, evidence, rotations)
     still = {names.index(name): transform for name, transform in (placed or {}).items()}
@@ -109,6 +107,34 @@ def make_consistent(
         positions=positions,
         consensus=in_label_order(positions, labels).mean(axis=0),
         pairs=evidence,
+    )
+
+
+def _refined(
+    samples: Sequence[Samples],
+    pairs: Sequence[MatchedPair],
+    solution: SynchronizationResult,
+    group: str,
+    held: Mapping[int, FloatArray],
+    reference: int,
+) -> FloatArray:
+    """Return the rotations refined by the pairs within connected parts, each part held where it is."""
+    rotations = solution.rotations
+    part = np.empty(len(samples), dtype=np.int64)
+    anchors = dict(held)
+    for number, members in enumerate(solution.components):
+        part[members] = number
+        if not set(members.tolist()) & held.keys():
+            anchor = reference if reference in members else int(members[0])
+            anchors[anchor] = rotations[anchor]
+    within = [pair for pair in pairs if part[pair.target] == part[pair.source]]
+    return refine_rotations(
+        samples,
+        rotations,
+        np.array([(pair.target, pair.source) for pair in within]),
+        np.array([match_at(samples, pair, rotations)[1] for pair in within]),
+        group=group,
+        fixed=anchors,
     )
 
 

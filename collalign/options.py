@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,6 +19,8 @@ Group = Literal["SO", "O"]
 PairStrategy = Literal["auto", "all", "sparse", "adaptive"]
 #: How the pairs' rotations become one rotation per shape.
 Synchronizer = Literal["robust", "spectral"]
+#: Where the axes of the common frame come from.
+Gauge = Literal["reference", "axes"]
 #: Whether the common frame keeps the sizes of the shapes.
 Scaling = Literal["similarity", "rigid"]
 
@@ -52,6 +55,14 @@ class AlignOptions:
     reference: str = ""
     """Name of the shape whose orientation is the common frame's; the first one if empty."""
 
+    gauge: Gauge = "reference"
+    """Orientation of the common frame: the reference's, or the principal axes of all aligned shapes together. Poses
+    set by hand go before both."""
+
+    clusters: int = 1
+    """Parts that a mixed folder is split into, each aligned on its own and then turned to the others; 0 finds their
+    number, 1 aligns all shapes together."""
+
     seed: int = 0
     """Seed of everything random; the same seed gives the same bytes."""
 
@@ -85,12 +96,22 @@ class AlignOptions:
             ("scaling", Scaling),
             ("pairs", PairStrategy),
             ("synchronization", Synchronizer),
+            ("gauge", Gauge),
         ):
             if getattr(self, name) not in get_args(choices):
                 raise OptionsError(f"{name}: expected one of {get_args(choices)}, got {getattr(self, name)!r}")
         for name in ("certify_budget_s", "certify_pair_s"):
-            if not getattr(self, name) > 0:
-                raise OptionsError(f"{name}: expected more than 0, got {getattr(self, name)!r}")
+            if not 0 < getattr(self, name) < math.inf:
+                raise OptionsError(f"{name}: expected a number of seconds, more than 0, got {getattr(self, name)!r}")
+        for name in ("refine", "certify", "strict"):
+            if not isinstance(getattr(self, name), bool):
+                raise OptionsError(f"{name}: expected true or false, got {getattr(self, name)!r}")
+        if self.gauge == "axes" and self.reference:
+            raise OptionsError("reference: the gauge 'axes' takes no reference; choose one of the two")
+        if isinstance(self.clusters, bool) or not isinstance(self.clusters, int) or self.clusters < 0:
+            raise OptionsError(f"clusters: expected an integer of at least 0, got {self.clusters!r}")
+        if self.clusters != 1 and self.synchronization != "robust":
+            raise OptionsError("clusters: only the robust synchronization splits a collection")
         if self.certify and self.embedding.has_eigenfunctions:
             raise OptionsError("certify: no proofs with eigenfunctions; choose embedding kind xyz+invariants")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
@@ -129,8 +150,8 @@ class RunOptions:
         if not isinstance(self.jobs, int) or self.jobs == 0 or self.jobs < -1:
             raise OptionsError(f"jobs: expected -1 or a positive number of processes, got {self.jobs!r}")
         for name in ("shape_time_limit_s", "pair_time_limit_s", "memory_limit_gib"):
-            if not getattr(self, name) > 0:
-                raise OptionsError(f"{name}: expected more than 0, got {getattr(self, name)!r}")
+            if not 0 < getattr(self, name) < math.inf:
+                raise OptionsError(f"{name}: expected a number more than 0, got {getattr(self, name)!r}")
 
     @property
     def num_workers(self) -> int:
@@ -151,6 +172,8 @@ def options_from_record(record: Mapping[str, Any]) -> AlignOptions:
     OptionsError
         If a name is unknown or a value impossible.
     """
+    if not isinstance(record, Mapping):
+        raise OptionsError(f"options: expected a table of names and values, got {record!r}")
     groups = {
         "cleaning": CleaningOptions,
         "sampling": SamplingOptions,

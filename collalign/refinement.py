@@ -33,7 +33,6 @@ def refine_rotations(
     *,
     group: str,
     fixed: Mapping[int, FloatArray],
-    reference: int,
 ) -> FloatArray:
     """Return ``R_common_shape`` refined on the shapes' dense samples, shape (N, 3, 3).
 
@@ -49,13 +48,10 @@ def refine_rotations(
         How well each pair matches at these poses.
     group : {"SO", "O"}
     fixed : mapping of int to ndarray (3, 3)
-        Poses set by hand, which stay.
-    reference : int
-        Shape whose pose stays where none is fixed.
+        Poses that stay, at least one in each part that the edges connect.
     """
     local = local_pairs(len(samples), edges, energies)
     points = [_dense_points(item) for item in samples]
-    held = dict(fixed) or {reference: rotations[reference]}
     for _ in range(NUM_ROUNDS):
         poses = [refine_pose(points[i], points[j], rotations[i].T @ rotations[j]) for i, j in local.tolist()]
         found = np.array([pose.energy / points[i].radius ** 2 for pose, i in zip(poses, local[:, 0], strict=True)])
@@ -64,11 +60,10 @@ def refine_rotations(
             local,
             np.stack([pose.R_target_source for pose in poses]),
             energies=found,
-            weights=np.clip(found / floor, 0.1, None) ** -LOCALITY,
+            weights=np.clip(found / floor, 0.1, 1e3) ** -LOCALITY,
             group=group,
             num_shapes=len(samples),
-            fixed=held,
-            reference=reference,
+            fixed=fixed,
         )
         rotations = solution.rotations
     return rotations

@@ -56,7 +56,7 @@ def test_disturbed_poses_come_back(rng: np.random.Generator) -> None:
     samples, truth = posed_crowns(rng, 4)
     disturbed = Rotation.from_rotvec(0.12 * rng.standard_normal((4, 3))).as_matrix() @ truth
     edges = all_edges(4)
-    refined = refine_rotations(samples, disturbed, edges, np.ones(len(edges)), group="O", fixed={}, reference=0)
+    refined = refine_rotations(samples, disturbed, edges, np.ones(len(edges)), group="O", fixed={0: disturbed[0]})
     assert errors_deg(disturbed, truth).max() > 5
     assert errors_deg(refined, truth).max() < 0.5
     assert np.allclose(refined[0], disturbed[0])
@@ -65,6 +65,6 @@ def test_disturbed_poses_come_back(rng: np.random.Generator) -> None:
 def test_fixed_poses_stay(rng: np.random.Generator) -> None:
     samples, truth = posed_crowns(rng, 3)
     fixed = {1: truth[1], 2: np.diag([1.0, -1.0, -1.0]) @ truth[2]}
-    refined = refine_rotations(samples, truth, all_edges(3), np.ones(3), group="O", fixed=fixed, reference=0)
+    refined = refine_rotations(samples, truth, all_edges(3), np.ones(3), group="O", fixed=fixed)
     for shape, pose in fixed.items():
         assert np.allclose(refined[shape], pose)
