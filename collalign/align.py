@@ -24,6 +24,7 @@ from collalign.store import Store
 from data_tools.arrays import FloatArray, read_only
 from data_tools.embedding import Samples
 from data_tools.errors import InputError
+from data_tools.files import readable_name
 from data_tools.mesh_io import FolderListing, read_folder
 
 _LIBRARIES = ("collalign", "numpy", "scipy", "trimesh", "potpourri3d", "robust-laplacian", "joblib")
@@ -170,11 +171,19 @@ def _collect(
         ),
         groups=solution.groups,
         excluded=(*shapes.excluded, *failed),
-        skipped=tuple(path.name for path in listing.skipped),
-        notes=(*solution.warnings, *notes),
+        skipped=tuple(readable_name(path) for path in listing.skipped),
+        notes=(*solution.warnings, *notes, *_unknown_confidence(solution.confidence)),
+        shape_notes=tuple(item.notes for item in samples),
         options=options,
         run=record,
     )
+
+
+def _unknown_confidence(confidence: FloatArray) -> tuple[str, ...]:
+    """Return the sentence that says that nothing is known about the poses, where that is so."""
+    if not np.isnan(confidence).all():
+        return ()
+    return ("No confidence is known for any pose: the spectral synchronization does not estimate it.",)
 
 
 def _check_names(shapes: PreparedShapes, options: AlignOptions, fixed: Mapping[str, ArrayLike]) -> None:

@@ -64,8 +64,11 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
     entries = content.get("jobs")
     if not isinstance(entries, list) or not entries:
         raise InputError(f"{path}: no [[jobs]], nothing to do")
-    jobs = tuple(_job(path, number, entry, content.get("options", {})) for number, entry in enumerate(entries, 1))
-    outs = [job.out.absolute() for job in jobs]
+    shared = content.get("options", {})
+    if not isinstance(shared, dict):
+        raise InputError(f"{path}: [options] must be a table")
+    jobs = tuple(_job(path, number, entry, shared) for number, entry in enumerate(entries, 1))
+    outs = [job.out.resolve() for job in jobs]
     if len(set(outs)) < len(outs):
         raise InputError(f"{path}: two jobs write to the same folder")
     return jobs
@@ -115,8 +118,11 @@ def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> Batc
         raise InputError(f"{name}: expected 'folder', 'out' and perhaps 'options'")
     if not isinstance(entry["folder"], str) or not isinstance(entry["out"], str):
         raise InputError(f"{name}: 'folder' and 'out' must be paths in quotes")
+    special = entry.get("options", {})
+    if not isinstance(special, dict):
+        raise InputError(f"{name}: [jobs.options] must be a table")
     try:
-        options = options_from_record(_merged(shared, entry.get("options", {})))
+        options = options_from_record(_merged(shared, special))
     except OptionsError as error:
         raise OptionsError(f"{name}: {error}") from None
     return BatchJob(folder=path.parent / entry["folder"], out=path.parent / entry["out"], options=options)

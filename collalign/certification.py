@@ -105,7 +105,7 @@ def certify_pairs(
     *,
     progress: ProgressFactory | None = None,
 ) -> tuple[list[MatchedPair], CertificationReport]:
-    """Prove the pairs that matter, the least settled first, within the budget of ``options.certification``.
+    """Prove the pairs that matter, the least settled first, within ``options.certify_budget_s``.
 
     Returns
     -------
@@ -160,7 +160,10 @@ def worth_proving(pairs: Sequence[MatchedPair], inlier: BoolArray) -> list[int]:
     inlier : ndarray of bool, shape (E,)
         Whether synchronization trusts each pair.
     """
-    rivals = np.array([pair.energies[1] / pair.energies[0] if len(pair.energies) > 1 else np.inf for pair in pairs])
+    tiny = np.finfo(float).tiny
+    rivals = np.array(
+        [pair.energies[1] / max(pair.energies[0], tiny) if len(pair.energies) > 1 else np.inf for pair in pairs]
+    )
     order = np.lexsort((rivals, inlier))
     return [int(e) for e in order if not inlier[e] or rivals[e] <= RIVAL_FACTOR]
 

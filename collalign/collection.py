@@ -159,7 +159,7 @@ class AlignedCollection:
     reflected : ndarray of bool, shape (N,)
         Whether the shape is mirrored.
     confidence : ndarray, shape (N,)
-        Probability that the pose is the right one of those considered.
+        Probability that the pose is the right one of those considered; NaN where it was not estimated.
     samples : tuple of ndarray of int, each (k,)
         Vertex indices of each shape's samples.
     positions : ndarray, shape (N, k, 3)
@@ -179,6 +179,8 @@ class AlignedCollection:
         Files of the folder that are no shapes.
     notes : tuple of str
         What a user must know before trusting the whole, one sentence each.
+    shape_notes : tuple of tuple of str
+        What was repaired or simplified in each shape before it was matched.
     options : AlignOptions
     run : RunRecord
     """
@@ -199,6 +201,7 @@ class AlignedCollection:
     excluded: tuple[Excluded, ...]
     skipped: tuple[str, ...]
     notes: tuple[str, ...]
+    shape_notes: tuple[tuple[str, ...], ...]
     options: AlignOptions
     run: RunRecord
 

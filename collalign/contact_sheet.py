@@ -21,7 +21,7 @@ _MAX_COLUMNS = 10
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tile:
-    """One shape for the sheet: its mesh (decimated), its transform, and how far it is trusted."""
+    """One shape for the sheet: its mesh (decimated), its transform, and how far it is trusted (NaN: unknown)."""
 
     name: str
     vertices: FloatArray
@@ -82,8 +82,9 @@ def draw_contact_sheet(tiles: Iterable[Tile], path: Path) -> None:
         _draw(before, tile.vertices, tile.faces, flipped=False)
         moved = tile.vertices @ tile.transform[:3, :3].T
         _draw(after, moved, tile.faces, flipped=bool(np.linalg.det(tile.transform[:3, :3]) < 0))
-        before.set_title(tile.name, fontsize=7, loc="left")
-        after.set_title(f"{tile.confidence:.2f}", fontsize=7, loc="right", color=_colour(tile.confidence))
+        before.set_title(tile.name, fontsize=7, loc="left", parse_math=False)
+        if not np.isnan(tile.confidence):
+            after.set_title(f"{tile.confidence:.2f}", fontsize=7, loc="right", color=_colour(tile.confidence))
     figure.savefig(path, format="png", metadata={"Software": None})
 
 

@@ -90,6 +90,8 @@ def save_collection(
         _write_tables(collection, staging)
         _write_shapes(collection, staging, report=report, labels=labels)
         return _move_into_place(staging, folder)
+    except OSError as error:
+        raise InputError(f"{folder}: the results cannot be written ({error.strerror or error})") from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
 
@@ -122,6 +124,9 @@ def alignment_record(collection: AlignedCollection) -> dict[str, Any]:
         "groups": [[collection.names[i] for i in group] for group in collection.groups],
         "excluded": [{"file": item.file, "reason": item.reason} for item in collection.excluded],
         "notes": list(collection.notes),
+        "shape_notes": {
+            name: list(notes) for name, notes in zip(collection.names, collection.shape_notes, strict=True) if notes
+        },
     }
 
 

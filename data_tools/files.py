@@ -45,6 +45,11 @@ def natural_key(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
     return tuple((0, int(part)) if part.isdecimal() else (1, part) for part in parts if part), name
 
 
+def readable_name(path: Path) -> str:
+    """Return a file's name as text that can be printed and saved: bytes that are no UTF-8 become escapes."""
+    return os.fsencode(path.name).decode("utf-8", "backslashreplace")
+
+
 def existing_file(path: Path) -> Path:
     """Return the path of a file that exists and is not empty.
 

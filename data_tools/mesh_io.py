@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.cleaning import clean
 from data_tools.errors import CollalignError, InputError
-from data_tools.files import existing_file, natural_key, write_atomic
+from data_tools.files import existing_file, natural_key, readable_name, write_atomic
 from data_tools.mesh_formats import READERS as MESH_READERS
 from data_tools.options import CleaningOptions
 from data_tools.point_io import READERS as POINT_READERS
@@ -34,7 +35,7 @@ class FolderListing:
     files : tuple of Path
         In natural order, with distinct ``names``.
     names : tuple of str
-        The stem of each file; the whole file name where two stems are equal.
+        The stem of each file, as readable text; the whole file name where two stems are equal.
     skipped : tuple of Path
         Other files and folders, in natural order.
     """
@@ -104,9 +105,7 @@ def read_folder(folder: Path | str) -> FolderListing:
     files = tuple(p for p in entries if p.is_file() and p.suffix.lower() in READERS)
     if not files:
         raise InputError(f"{folder}: holds no shape file; readable are {', '.join(sorted(READERS))}")
-    stems = [p.stem.casefold() for p in files]
-    names = tuple(p.stem if stems.count(p.stem.casefold()) == 1 else p.name for p in files)
-    return FolderListing(files=files, names=names, skipped=tuple(p for p in entries if p not in files))
+    return FolderListing(files=files, names=_names(files), skipped=tuple(p for p in entries if p not in files))
 
 
 def write_mesh(path: Path | str, shape: Shape) -> Path:
@@ -131,6 +130,15 @@ def write_mesh(path: Path | str, shape: Shape) -> Path:
         geometry = trimesh.PointCloud(shape.vertices)
     content: Any = geometry.export(file_type=suffix[1:])
     return write_atomic(path, content.encode() if isinstance(content, str) else content)
+
+
+def _names(files: tuple[Path, ...]) -> tuple[str, ...]:
+    """Return distinct names: stems where they are unlike, whole file names where even these could be taken."""
+    whole = [readable_name(path) for path in files]
+    stems = [name.removesuffix(path.suffix) for name, path in zip(whole, files, strict=True)]
+    counts = Counter(stem.casefold() for stem in stems)
+    names = tuple(stem if counts[stem.casefold()] == 1 else name for stem, name in zip(stems, whole, strict=True))
+    return names if len(set(names)) == len(names) else tuple(whole)
 
 
 def _checked(path: Path, vertices: FloatArray, faces: IntArray, name: str) -> Shape:

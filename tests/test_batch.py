@@ -66,6 +66,14 @@ def test_jobs_share_options_and_override_them(folder: Path) -> None:
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\n[[jobs]]\nfolder = 'z'\nout = 'y'", InputError, "same folder"),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\n[jobs.options]\ngruop = 'O'", OptionsError, "gruop"),
         ("[option]\n[[jobs]]\nfolder = 'x'\nout = 'y'", InputError, "option"),
+        ("options = 1\n[[jobs]]\nfolder = 'x'\nout = 'y'", InputError, "table"),
+        ("[[jobs]]\nfolder = 'x'\nout = 'y'\noptions = 1", InputError, "job 1"),
+        ("[[jobs]]\nfolder = 'x'\nout = 'y'\n[jobs.options]\nstrict = 'no'", OptionsError, "strict"),
+        (
+            "[[jobs]]\nfolder = 'x'\nout = 'y'\n[jobs.options]\ncertify_budget_s = inf",
+            OptionsError,
+            "certify_budget_s",
+        ),
         ("not toml", InputError, "TOML"),
     ],
 )

@@ -210,6 +210,16 @@ def test_folder_is_listed_in_natural_order_with_distinct_names(tmp_path: Path) -
     assert [f.name for f in listing.skipped] == ["folder.ply", "notes.md"]
 
 
+def test_names_stay_distinct_and_readable_whatever_the_files_are_called(tmp_path: Path) -> None:
+    for name in (b"a.ply", b"a.obj", b"a.ply.ply", b"\xff.ply"):
+        with open(os.fsencode(tmp_path) + b"/" + name, "wb"):
+            pass
+    listing = read_folder(tmp_path)
+    assert len(set(listing.names)) == 4
+    assert "\n".join(listing.names).encode()  # no surrogates
+    assert any("xff" in name for name in listing.names)
+
+
 def test_folder_without_shapes_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.md").touch()
     with pytest.raises(InputError, match="no shape file"):

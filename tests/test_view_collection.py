@@ -73,6 +73,7 @@ def collection() -> AlignedCollection:
         excluded=(Excluded(file="e.ply", reason="empty"),),
         skipped=(),
         notes=("two groups",),
+        shape_notes=((),) * 4,
         options=AlignOptions(),
         run=RunRecord(times_s={"pairs": 1.0}, versions={"numpy": "2"}),
     )

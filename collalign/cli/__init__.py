@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import sys
 import tomllib
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -82,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except CollalignError as error:
         if "-v" in words or "--verbose" in words:
-            raise
+            traceback.print_exc()
         print(f"collalign: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:

@@ -62,6 +62,8 @@ def align(
     report
         Write report.html.
     """
+    if folder.resolve() == out.resolve():
+        raise InputError(f"--out {out}: is the folder of the shapes; name another, or results are taken for shapes")
     fixed = {}
     if corrections is not None:
         fixed = read_corrections(corrections).fixed(read_folder(folder).names)
@@ -165,6 +167,9 @@ def _finish(collection: AlignedCollection, written: Sequence[Path]) -> int:
         print(f"Doubtful poses, look at them first: {named}{', ...' if len(doubtful) > 10 else ''}")
     for note in collection.notes:
         print(f"Note: {note}")
+    changed = sum(bool(notes) for notes in collection.shape_notes)
+    if changed:
+        print(f"Repaired or simplified before matching: {changed} shapes; {ALIGNMENT_FILE} says how.")
     if collection.skipped:
         print(f"Skipped, no shapes: {', '.join(collection.skipped)}")
     for item in collection.excluded:

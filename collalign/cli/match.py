@@ -19,6 +19,7 @@ from data_tools.files import write_atomic
 from data_tools.mesh_io import read_shape
 from data_tools.options import CleaningOptions
 from pairwise.match import match_problem
+from pairwise.options import MatchOptions
 from pairwise.results import MatchResult
 
 
@@ -48,12 +49,20 @@ def match(
     shapes = [read_shape(file, options.cleaning) for file in (target, source)]
     samples = [sample_shape(shape, options.sampling, options.embedding) for shape in shapes]
     problem = pair_problem(samples[0], samples[1], options.group)
-    result = match_problem(problem, replace(options.matching, seed=options.seed))
+    result = match_problem(problem, _matching(options))
     text = json.dumps(_record(target, source, samples, result), indent=1)
     print(text)
     if out is not None:
         print(write_atomic(out / "match.json", text.encode()))
     return 0
+
+
+def _matching(options: AlignOptions) -> MatchOptions:
+    """Return how the pair is matched: ``--certify`` means the same as for a collection."""
+    matching = replace(options.matching, seed=options.seed)
+    if not options.certify:
+        return matching
+    return replace(matching, certify=True, time_limit_s=matching.time_limit_s or options.certify_pair_s)
 
 
 def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOptions, surface: SurfaceOptions) -> int:

@@ -36,7 +36,7 @@ def write_report(view: CollectionView, path: Path | str, *, title: str = "Aligne
     if target.suffix.lower() not in (".html", ".htm"):
         target.mkdir(parents=True, exist_ok=True)
         target = target / "report.html"
-    target.write_text(render_report(view, title=title), encoding="utf-8", newline="\n")
+    target.write_text(render_report(view, title=title), encoding="utf-8", errors="backslashreplace", newline="\n")
     return target
 
 

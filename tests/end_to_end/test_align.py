@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -104,6 +105,19 @@ def test_a_reference_and_fixed_poses_are_respected(folder: Path, aligned: Aligne
         align_collection(folder, options=OPTIONS, run=RunOptions(jobs=1), fixed={"nobody": pose})
 
 
+def test_the_common_frame_can_be_the_principal_axes(
+    folder: Path, aligned: AlignedCollection, planted: PlantedCollection
+) -> None:
+    posed = align_collection(folder, options=replace(OPTIONS, gauge="axes"), run=RunOptions(jobs=1))
+    turn = posed.rotations[0] @ aligned.rotations[0].T
+    assert np.allclose(posed.rotations, turn @ aligned.rotations)
+    assert np.allclose(posed.alternatives[1][0].rotation, turn @ aligned.alternatives[1][0].rotation)
+    # Shapes of one size weigh alike: the axes of all samples together are those of the normalised samples.
+    variances = np.cov(posed.positions.reshape(-1, 3).T)
+    assert np.allclose(variances, np.diag(np.diag(variances)), atol=0.02 * variances[0, 0])
+    assert variances[0, 0] > variances[1, 1] > variances[2, 2]
+
+
 def test_command_line_writes_everything_and_reads_like_the_library(
     folder: Path, aligned: AlignedCollection, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -175,6 +189,8 @@ def test_one_bad_file_is_left_out_and_named(
         (["align", ".", "--out", "out", "--group", "U"], "group"),
         (["align", ".", "--out", "out", "--unknown", "1"], "--unknown"),
         (["align", ".", "--out", "out", "--jobs", "0"], "jobs"),
+        (["align", ".", "--out", "."], "name another"),
+        (["align", "nowhere", "--out", "out", "-v"], "nowhere"),
         (["status", "nothing.sqlite"], "nothing.sqlite"),
         (["--config", "missing.toml", "align", ".", "--out", "out"], "missing.toml"),
     ],
@@ -266,6 +282,29 @@ def test_corrections_are_kept_without_matching_again(folder: Path, tmp_path: Pat
     assert json.loads((out / "run.json").read_text())["num_reused"] == 15
 
 
+def test_any_file_name_goes_through_to_the_report(folder: Path, tmp_path: Path) -> None:
+    odd = tmp_path / "odd"
+    odd.mkdir()
+    names = (b"a$1_$2^{", b"b <script>", b'c, "d"', b"\xff e", b"f\nf")
+    for name, file in zip(names, sorted(folder.glob("*.ply")), strict=True):
+        with open(os.fsencode(odd) + b"/" + name + b".ply", "wb") as copy:
+            copy.write(file.read_bytes())
+    assert main(["align", str(odd), "--out", str(tmp_path / "out"), *FLAGS]) == 0
+    assert len(list((tmp_path / "out" / "meshes").iterdir())) == 5
+    with (tmp_path / "out" / "pairs.csv").open(newline="") as table:
+        assert len(list(csv.DictReader(table))) == 10
+
+
+def test_equal_files_do_not_drown_the_one_that_differs(planted: PlantedCollection, tmp_path: Path) -> None:
+    for name in "abcde":
+        write_mesh(tmp_path / f"{name}.ply", planted.shapes[0])
+    write_mesh(tmp_path / "other.ply", planted.shapes[1])
+    options = replace(OPTIONS, sampling=SamplingOptions(num_points=24, num_dense_points=100))
+    found = align_collection(tmp_path, options=options, run=RunOptions(jobs=1))
+    assert np.allclose(found.rotations[:5], np.eye(3), atol=1e-6)
+    assert rotation_angle_deg(found.rotations[5], planted.relative_rotation(0, 1)) < 15
+
+
 def test_export_and_classify_read_a_result(
     folder: Path, aligned: AlignedCollection, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -306,3 +345,4 @@ def test_the_published_synchronization_runs_with_both_embeddings(
     published = align_collection(folder, options=options, run=RunOptions(jobs=1))
     assert worst_error_deg(published.rotations, planted) < 20
     assert np.isnan(published.confidence).all()
+    assert any("No confidence" in note for note in published.notes)
