@@ -12,7 +12,7 @@ from data_tools.synthetic_shapes import sphere_mesh
 
 def sphere() -> Shape:
     vertices, faces = sphere_mesh(300)
-    return Shape.from_arrays(vertices + [3.0, 0.0, 1.0], faces)
+    return Shape.from_arrays(vertices + np.array([3.0, 0.0, 1.0]), faces)
 
 
 def test_normals_of_a_sphere_are_its_radii_even_inside_out() -> None:
