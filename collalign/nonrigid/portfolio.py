@@ -92,7 +92,8 @@ def screening_refiner(target: SpectralShape, source: SpectralShape) -> Refiner:
 def finish_by_zoomout(target: SpectralShape, source: SpectralShape, screened: list[Refined]) -> list[Refined]:
     """Refine with all dense samples and functions."""
     last = len(target.eigenvalues) + 1
-    full = Refiner(target, source, num_dense=len(target.dense), first=NUM_COMPOSED, last=last, factor=1.2)
+    num_dense = max(len(target.dense), len(source.dense))
+    full = Refiner(target, source, num_dense=num_dense, first=NUM_COMPOSED, last=last, factor=1.2)
     refined = []
     for candidate in screened:
         coarse = candidate.functional_map.C_source_target[:NUM_COMPOSED, :NUM_COMPOSED]
