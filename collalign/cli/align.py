@@ -24,7 +24,7 @@ from collalign.options import AlignOptions, RunOptions
 from collalign.outputs import ALIGNMENT_FILE
 from collalign.stage import ProgressFactory
 from data_tools.arrays import FloatArray
-from data_tools.errors import InputError
+from data_tools.errors import InputError, OptionsError
 from data_tools.mesh_io import read_folder
 from data_tools.rotations import rotation_angle_deg
 from data_tools.synthetic import PlantedCollection, demo_collection, write_collection
@@ -78,6 +78,7 @@ def add(
     result: Path,
     folder: Path,
     *,
+    labels: Path | None = None,
     report: bool = True,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
@@ -89,12 +90,16 @@ def add(
         Folder that ``collalign align`` wrote; it is brought up to date.
     folder
         The new shapes.
+    labels
+        CSV file with one row per shape, old and new, for the report.
     report
         Write report.html.
     """
+    table = read_labels(labels) if labels is not None else None
     run = replace(run, store=run.store or result / STORE_FILE)
     collection = add_to_collection(result, folder, run=run, progress=_progress())
-    return _finish(collection, collection.save(result, report=report))
+    columns = table.columns_for(collection.names) if table is not None else None
+    return _finish(collection, collection.save(result, report=report, labels=columns))
 
 
 def demo(
@@ -114,8 +119,12 @@ def demo(
         How many shapes to generate.
     """
     start_s = time.perf_counter()
+    if num_shapes < 2:
+        raise OptionsError(f"--num-shapes: expected at least 2, got {num_shapes}")
     planted = demo_collection(seed=options.seed, num=num_shapes)
     files = write_collection(out / "shapes", planted)
+    if len(read_folder(out / "shapes").files) > len(files):
+        raise InputError(f"{out / 'shapes'}: holds other shapes as well, from an earlier call; choose another --out")
     print(f"Generated {len(files)} shapes in random poses: {out / 'shapes'}")
     code = align(out / "shapes", out=out / "aligned", options=options, run=run)
     if code in (0, INCOMPLETE):

@@ -1,0 +1,55 @@
+"""Folders that are unusual but allowed: odd file names, the same file many times."""
+
+from __future__ import annotations
+
+import csv
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign import RunOptions, align_collection
+from collalign.cli import main
+from data_tools.mesh_io import write_mesh
+from data_tools.options import SamplingOptions
+from data_tools.rotations import rotation_angle_deg
+from data_tools.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
+from data_tools.synthetic_shapes import chair
+from tests.end_to_end.test_align import FLAGS, OPTIONS
+
+
+@pytest.fixture(scope="module")
+def planted() -> PlantedCollection:
+    rng = np.random.default_rng(5)
+    return planted_collection(deformed_family(chair(rng, resolution=1), 5, rng, rms=0.02), rng)
+
+
+@pytest.fixture
+def folder(planted: PlantedCollection, tmp_path: Path) -> Path:
+    write_collection(tmp_path / "shapes", planted)
+    return tmp_path / "shapes"
+
+
+def test_any_file_name_goes_through_to_the_report(folder: Path, tmp_path: Path) -> None:
+    odd = tmp_path / "odd"
+    odd.mkdir()
+    names = (b"a$1_$2^{", b"b <script>", b'c, "d"', b"\xff e", b"f\nf")
+    for name, file in zip(names, sorted(folder.glob("*.ply")), strict=True):
+        with open(os.fsencode(odd) + b"/" + name + b".ply", "wb") as copy:
+            copy.write(file.read_bytes())
+    assert main(["align", str(odd), "--out", str(tmp_path / "out"), *FLAGS]) == 0
+    assert len(list((tmp_path / "out" / "meshes").iterdir())) == 5
+    with (tmp_path / "out" / "pairs.csv").open(newline="") as table:
+        assert len(list(csv.DictReader(table))) == 10
+
+
+def test_equal_files_do_not_drown_the_one_that_differs(planted: PlantedCollection, tmp_path: Path) -> None:
+    for name in "abcde":
+        write_mesh(tmp_path / f"{name}.ply", planted.shapes[0])
+    write_mesh(tmp_path / "other.ply", planted.shapes[1])
+    options = replace(OPTIONS, sampling=SamplingOptions(num_points=24, num_dense_points=100))
+    found = align_collection(tmp_path, options=options, run=RunOptions(jobs=1))
+    assert np.allclose(found.rotations[:5], np.eye(3), atol=1e-6)
+    assert rotation_angle_deg(found.rotations[5], planted.relative_rotation(0, 1)) < 15
