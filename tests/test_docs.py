@@ -1,4 +1,4 @@
-"""Every bash and python block of the documentation runs, in order; `console` blocks need more than one machine."""
+"""Every bash and python block of the documentation runs, in order; `console` and `py` blocks need a cluster."""
 
 from __future__ import annotations
 
