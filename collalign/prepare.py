@@ -120,9 +120,7 @@ def prepare_shapes(
     )
     failures, done = store.failures("shapes"), store.keys("shapes")
     good = [name for name, (key, _) in keyed.items() if key in done]
-    excluded += [
-        Excluded(file=file.name, reason=failures[key].reason) for key, file in keyed.values() if key not in done
-    ]
+    excluded += [_excluded(file, failures[key].reason) for key, file in keyed.values() if key not in done]
     if len(good) < 2:
         reasons = "".join(f"\n  {item.file}: {item.reason}" for item in excluded)
         raise CollectionError(f"{len(good)} readable shapes, at least two are needed to align a collection{reasons}")
@@ -133,6 +131,13 @@ def prepare_shapes(
         excluded=tuple(excluded),
         num_reused=len(reused),
     )
+
+
+def _excluded(file: Path, reason: str) -> Excluded:
+    """Return the file and why it is left out; the reason does not say again where it lies."""
+    for path in (file.absolute(), file):
+        reason = reason.removeprefix(f"{path}: ")
+    return Excluded(file=file.name, reason=reason)
 
 
 def _task(file: Path, name: str, options: AlignOptions) -> ShapeTask:
@@ -155,7 +160,7 @@ def shape_keys(listing: FolderListing, options: AlignOptions) -> tuple[dict[str,
         except InputError as error:
             if options.strict:
                 raise
-            excluded.append(Excluded(file=file.name, reason=str(error)))
+            excluded.append(_excluded(file, str(error)))
             continue
         # The reader depends on the suffix as well as on the content.
         keyed[name] = (fingerprint(SHAPE_VERSION, settings | {"suffix": file.suffix.lower()}, content), file)
