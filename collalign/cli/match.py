@@ -14,13 +14,14 @@ from collalign.nonrigid import NonrigidOptions, SurfaceOptions, match_shapes
 from collalign.nonrigid.pictures import draw_match
 from collalign.options import AlignOptions
 from collalign.pairs import pair_problem
+from data_tools.arrays import FloatArray
 from data_tools.embedding import Samples, sample_shape
 from data_tools.files import write_atomic
 from data_tools.mesh_io import read_shape
 from data_tools.options import CleaningOptions
 from pairwise.match import match_problem
 from pairwise.options import MatchOptions
-from pairwise.results import MatchResult
+from pairwise.results import Candidate, MatchResult
 
 
 def match(
@@ -94,7 +95,7 @@ def _record(target: Path, source: Path, samples: list[Samples], result: MatchRes
         "lower_bound": None if np.isnan(result.lower_bound) else result.lower_bound,
         "candidates": [
             {
-                "transform": _transform(to, of, candidate.R_target_source[:3, :3]).tolist(),
+                "transform": _transform(to, of, candidate).tolist(),
                 "energy": candidate.energy,
                 "reflected": candidate.reflected,
                 "map_target_source": [
@@ -107,10 +108,11 @@ def _record(target: Path, source: Path, samples: list[Samples], result: MatchRes
     }
 
 
-def _transform(to: Samples, of: Samples, rotation: np.ndarray) -> np.ndarray:
-    """Return x -> scale_to * R (x - offset_of) / scale_of + offset_to as a 4 x 4 matrix."""
-    linear = rotation * (to.scale / of.scale)
+def _transform(to: Samples, of: Samples, pose: Candidate) -> FloatArray:
+    """Return x -> scale_to * (scale * R (x - offset_of) / scale_of + shift) + offset_to as a 4 x 4 matrix."""
+    linear = pose.R_target_source[:3, :3] * (pose.scale * to.scale / of.scale)
+    shift = np.zeros(3) if pose.translation is None else to.scale * pose.translation[:3]
     transform = np.eye(4)
     transform[:3, :3] = linear
-    transform[:3, 3] = to.offset - linear @ of.offset
+    transform[:3, 3] = to.offset + shift - linear @ of.offset
     return transform

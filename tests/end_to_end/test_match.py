@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from collalign.cli import main
-from data_tools.mesh_io import write_mesh
+from data_tools.mesh_io import read_shape, write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.shape import Shape
 from data_tools.synthetic import bent
@@ -34,6 +34,34 @@ def test_rigid_match_prints_and_writes_the_transform(
     transform = np.array(record["candidates"][0]["transform"])
     assert rotation_angle_deg(transform[:3, :3] * 3.0, turn) < 2.0
     assert np.linalg.det(transform[:3, :3]) == pytest.approx(1 / 27, rel=0.05)
+
+
+def test_estimated_scale_and_shift_are_part_of_the_transform(
+    files: tuple[Path, Path, np.ndarray], tmp_path: Path
+) -> None:
+    """In the unit of the files the matcher has to find the scale; the energy says how far apart the samples are."""
+    target, source, _ = files
+    shape = read_shape(target)
+    write_mesh(source, Shape.from_arrays(1.25 * shape.vertices + [1.0, 2.0, 3.0], shape.faces))
+    flags = ["--sampling.normalisation", "none", "--embedding.kind", "xyz", "--sampling.num-points", "24"]
+    flags += ["--matching.estimate-scale", "--matching.estimate-translation", "--out", str(tmp_path / "out")]
+    assert main(["match", str(target), str(source), *flags]) == 0
+    record = json.loads((tmp_path / "out" / "match.json").read_text())
+    best = record["candidates"][0]
+    transform = np.array(best["transform"])
+    sources = read_shape(source).vertices[record["source_vertices"]]
+    moved = sources @ transform[:3, :3].T + transform[:3, 3]
+    apart = ((moved - shape.vertices[best["map_target_source"]]) ** 2).sum()
+    assert apart == pytest.approx(best["energy"], abs=1e-6 * (shape.vertices**2).sum())
+    assert np.cbrt(np.linalg.det(transform[:3, :3])) == pytest.approx(0.8, rel=0.02)
+
+
+def test_certify_reaches_the_pair(files: tuple[Path, Path, np.ndarray], tmp_path: Path) -> None:
+    target, source, _ = files
+    flags = ["--certify", "--certify-pair-s", "1", "--sampling.num-points", "8", "--out", str(tmp_path / "out")]
+    assert main(["match", str(target), str(source), *flags]) == 0
+    record = json.loads((tmp_path / "out" / "match.json").read_text())
+    assert record["lower_bound"] <= record["energy"] * (1 + 1e-9)
 
 
 def test_nonrigid_match_writes_a_map_of_all_vertices(
