@@ -12,6 +12,9 @@ from collalign.options import AlignOptions
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import InputError
 
+#: Poses below this confidence are called doubtful, on the command line, in the contact sheet and in the report.
+DOUBT = 0.95
+
 
 @dataclass(frozen=True, kw_only=True)
 class Excluded:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from collalign.collection import DOUBT
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.shape import Shape
 
@@ -113,4 +114,4 @@ def _draw(axes: Any, vertices: FloatArray, faces: IntArray, *, flipped: bool) ->
 
 
 def _colour(confidence: float) -> str:
-    return "tab:green" if confidence >= 0.95 else "tab:orange" if confidence >= 0.5 else "tab:red"
+    return "tab:green" if confidence >= DOUBT else "tab:orange" if confidence >= 0.5 else "tab:red"

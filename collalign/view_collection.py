@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from collalign.collection import DOUBT
 from collalign.report.display import display_mesh, faces_per_shape
 from collalign.report.poses import angle_deg
 from collalign.view_data import CollectionView, Pair, PairPose, Pose
@@ -80,6 +81,7 @@ def view_collection(
         timings_s=collection.run.times_s,
         cycle_errors_deg=cycle_errors_deg(collection.pairs, len(collection.names)),
         notes=(*collection.notes, *notes),
+        doubt_threshold=DOUBT,
     )
 
 

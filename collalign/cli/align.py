@@ -15,7 +15,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from collalign.align import align_collection
-from collalign.collection import AlignedCollection
+from collalign.collection import DOUBT, AlignedCollection
 from collalign.corrections import read_corrections
 from collalign.extend import add_to_collection
 from collalign.jobs_progress import ProgressBar
@@ -33,8 +33,6 @@ from data_tools.synthetic import PlantedCollection, demo_collection, write_colle
 STORE_FILE = "store.sqlite"
 #: Exit code of a run that left shapes or pairs out.
 INCOMPLETE = 3
-#: Shapes below this confidence are named.
-_DOUBT = 0.95
 
 
 def align(
@@ -170,7 +168,7 @@ def _finish(collection: AlignedCollection, written: Sequence[Path]) -> int:
     print(f"Aligned {len(collection.names)} shapes by {len(collection.pairs)} pairs in {seconds:.1f} s", end="")
     print(f" ({collection.run.num_reused} results reused)." if collection.run.num_reused else ".")
     order = np.argsort(collection.confidence)
-    doubtful = [i for i in order if collection.confidence[i] < _DOUBT]
+    doubtful = [i for i in order if collection.confidence[i] < DOUBT]
     if doubtful:
         named = ", ".join(f"{collection.names[i]} ({collection.confidence[i]:.2f})" for i in doubtful[:10])
         print(f"Doubtful poses, look at them first: {named}{', ...' if len(doubtful) > 10 else ''}")
