@@ -162,16 +162,26 @@ def _default_store(out: Path) -> Path:
     return out / STORE_FILE
 
 
+def _doubtful(collection: AlignedCollection) -> list[str]:
+    """Return name and confidence of the doubtful shapes, the most doubtful first; none if nothing was estimated."""
+    known = ~np.isnan(collection.confidence)
+    if not known.any():
+        return []
+    order = np.argsort(np.where(known, collection.confidence, -1.0), kind="stable")
+    words = [f"{c:.2f}" if sure else "unknown" for c, sure in zip(collection.confidence, known, strict=True)]
+    return [f"{collection.names[i]} ({words[i]})" for i in order if not collection.confidence[i] >= DOUBT]
+
+
 def _finish(collection: AlignedCollection, written: Sequence[Path]) -> int:
     """Say what came out, whom to doubt, what was left out, and where everything is; return the exit code."""
     seconds = sum(collection.run.times_s.values())
     print(f"Aligned {len(collection.names)} shapes by {len(collection.pairs)} pairs in {seconds:.1f} s", end="")
     print(f" ({collection.run.num_reused} results reused)." if collection.run.num_reused else ".")
-    order = np.argsort(collection.confidence)
-    doubtful = [i for i in order if collection.confidence[i] < DOUBT]
+    doubtful = _doubtful(collection)
     if doubtful:
-        named = ", ".join(f"{collection.names[i]} ({collection.confidence[i]:.2f})" for i in doubtful[:10])
-        print(f"Doubtful poses, look at them first: {named}{', ...' if len(doubtful) > 10 else ''}")
+        print(
+            f"Doubtful poses, look at them first: {', '.join(doubtful[:10])}{', ...' if len(doubtful) > 10 else ''}"
+        )
     for note in collection.notes:
         print(f"Note: {note}")
     changed = sum(bool(notes) for notes in collection.shape_notes)

@@ -162,7 +162,7 @@ def _orders(view: CollectionView, shape_statistics: dict[str, Any]) -> dict[str,
         similar = [members[leaf] for leaf in shape_statistics["tree"]["order"]]
         orders["similarity"] = similar + [at for at in every if at not in set(similar)]
     orders["name"] = sorted(every, key=lambda at: view.names[at])
-    orders["confidence"] = np.argsort(view.confidence, kind="stable").tolist()
+    orders["confidence"] = np.argsort(np.nan_to_num(view.confidence), kind="stable").tolist()
     for column in categories(view):
         orders[column] = sorted(every, key=lambda at, values=view.labels[column]: (values[at], at))  # type: ignore[misc]
     return orders

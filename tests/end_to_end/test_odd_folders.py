@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from collalign import RunOptions, align_collection
 from collalign.cli import main
+from collalign.collection import Excluded
+from collalign.pairs import MatchedPair, match_pairs
 from data_tools.mesh_io import write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import rotation_angle_deg
@@ -53,3 +57,20 @@ def test_equal_files_do_not_drown_the_one_that_differs(planted: PlantedCollectio
     found = align_collection(tmp_path, options=options, run=RunOptions(jobs=1))
     assert np.allclose(found.rotations[:5], np.eye(3), atol=1e-6)
     assert rotation_angle_deg(found.rotations[5], planted.relative_rotation(0, 1)) < 15
+
+
+def test_a_shape_without_any_pair_is_named_first(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def match_all_but_the_last(*args: Any, **options: Any) -> tuple[list[MatchedPair], list[Excluded]]:
+        pairs, failed = match_pairs(*args, **options)
+        return [pair for pair in pairs if 4 not in (pair.target, pair.source)], failed
+
+    monkeypatch.setattr("collalign.pair_choice.match_pairs", match_all_but_the_last)
+    assert main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS]) == 0
+    printed = capsys.readouterr().out
+    assert "look at them first: chair5 (unknown)" in printed
+    assert "unconnected" in printed
+    shapes = json.loads((tmp_path / "out" / "alignment.json").read_text())["shapes"]
+    assert shapes[4]["confidence"] is None
+    assert np.isfinite(shapes[4]["transform"]).all()
