@@ -164,7 +164,7 @@ class AlignedCollection:
     confidence : ndarray, shape (N,)
         Probability that the pose is the right one of those considered; NaN where it was not estimated.
     samples : tuple of ndarray of int, each (k,)
-        Vertex indices of each shape's samples.
+        Vertex indices of each shape's samples, as its file counts them.
     positions : ndarray, shape (N, k, 3)
         The samples in the common frame.
     maps : ConsistentMaps

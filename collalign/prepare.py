@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from collalign.collection import Excluded
@@ -12,13 +12,14 @@ from collalign.records import Record
 from collalign.stage import ProgressFactory, run_stage
 from collalign.store import Store
 from collalign.stored_types import samples_from_record, samples_to_record
+from data_tools.arrays import read_only
 from data_tools.embedding import Samples, sample_shape
 from data_tools.errors import CollectionError, InputError
 from data_tools.mesh_io import FolderListing, read_shape
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 
 #: Changes whenever the same file and options would give other samples.
-SHAPE_VERSION = "shape-2"
+SHAPE_VERSION = "shape-3"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,8 +63,16 @@ def prepare_shape(task: ShapeTask) -> Record:
     dict
         The fields of :class:`data_tools.embedding.Samples` as a record, without the name.
     """
+    return samples_to_record(sample_file(task))
+
+
+def sample_file(task: ShapeTask) -> Samples:
+    """Read, clean, sample and embed one shape; ``vertex_indices`` count the vertices of the file."""
     shape = read_shape(task.path, task.cleaning, name=task.name)
-    return samples_to_record(sample_shape(shape, task.sampling, task.embedding))
+    samples = sample_shape(shape, task.sampling, task.embedding)
+    if shape.source_indices is None:
+        return samples
+    return replace(samples, vertex_indices=read_only(shape.source_indices[samples.vertex_indices]))
 
 
 def stored_samples(store: Store, shapes: PreparedShapes) -> list[Samples]:
@@ -106,7 +115,7 @@ def prepare_shapes(
         If fewer than two shapes remain.
     """
     keyed, excluded = shape_keys(listing, options)
-    tasks = {key: (file.name, _task(file, name, options)) for name, (key, file) in keyed.items()}
+    tasks = {key: (file.name, shape_task(file, name, options)) for name, (key, file) in keyed.items()}
     reused = store.keys("shapes") & tasks.keys()
     run_stage(
         "shapes",
@@ -140,7 +149,8 @@ def _excluded(file: Path, reason: str) -> Excluded:
     return Excluded(file=file.name, reason=reason)
 
 
-def _task(file: Path, name: str, options: AlignOptions) -> ShapeTask:
+def shape_task(file: Path, name: str, options: AlignOptions) -> ShapeTask:
+    """Return what has to be done for one file."""
     return ShapeTask(
         path=file.absolute(),
         name=name,

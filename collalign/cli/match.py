@@ -14,8 +14,9 @@ from collalign.nonrigid import NonrigidOptions, SurfaceOptions, match_shapes
 from collalign.nonrigid.pictures import draw_match
 from collalign.options import AlignOptions
 from collalign.pairs import pair_problem
+from collalign.prepare import sample_file, shape_task
 from data_tools.arrays import FloatArray
-from data_tools.embedding import Samples, sample_shape
+from data_tools.embedding import Samples
 from data_tools.files import write_atomic
 from data_tools.mesh_io import read_shape
 from data_tools.options import CleaningOptions
@@ -47,8 +48,7 @@ def match(
     """
     if nonrigid:
         return _match_nonrigid(target, source, out or Path("."), deformation, surface)
-    shapes = [read_shape(file, options.cleaning) for file in (target, source)]
-    samples = [sample_shape(shape, options.sampling, options.embedding) for shape in shapes]
+    samples = [sample_file(shape_task(file, file.stem, options)) for file in (target, source)]
     problem = pair_problem(samples[0], samples[1], options.group)
     result = match_problem(problem, _matching(options))
     text = json.dumps(_record(target, source, samples, result), indent=1)

@@ -19,6 +19,7 @@ from collalign.pairs import MatchedPair, match_pairs
 from data_tools.mesh_io import write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import rotation_angle_deg
+from data_tools.shape import Shape
 from data_tools.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
 from data_tools.synthetic_shapes import chair
 from tests.end_to_end.test_align import FLAGS, OPTIONS
@@ -57,6 +58,22 @@ def test_equal_files_do_not_drown_the_one_that_differs(planted: PlantedCollectio
     found = align_collection(tmp_path, options=options, run=RunOptions(jobs=1))
     assert np.allclose(found.rotations[:5], np.eye(3), atol=1e-6)
     assert rotation_angle_deg(found.rotations[5], planted.relative_rotation(0, 1)) < 15
+
+
+def test_samples_are_vertices_of_the_file_whatever_cleaning_drops(planted: PlantedCollection, tmp_path: Path) -> None:
+    fragment = np.array([[9.0, 9.0, 9.0], [9.1, 9.0, 9.0], [9.0, 9.1, 9.0]])
+    stored = {}
+    for shape in planted.shapes[:2]:
+        stored[shape.name] = np.vstack([fragment, shape.vertices, shape.vertices[:5]])
+        faces = np.vstack([[[0, 1, 2]], shape.faces + 3])
+        write_mesh(tmp_path / f"{shape.name}.ply", Shape.from_arrays(stored[shape.name], faces))
+    found = align_collection(tmp_path, options=OPTIONS, run=RunOptions(jobs=1))
+    for name, indices, transform, placed in zip(
+        found.names, found.samples, found.transforms, found.positions, strict=True
+    ):
+        vertices = stored[name][indices]
+        assert np.allclose(vertices @ transform[:3, :3].T + transform[:3, 3], placed, atol=1e-5)
+    assert all("dropped" in " ".join(notes) for notes in found.shape_notes)
 
 
 def test_a_shape_without_any_pair_is_named_first(
