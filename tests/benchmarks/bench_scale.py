@@ -1,0 +1,89 @@
+"""How time and memory grow with the collection: ``python -m tests.benchmarks.bench_scale --sizes 100 300 1000``.
+
+Generated chairs in random poses, default options (so sparse pairs that grow where poses are uncertain). Prints the
+seconds of each stage, the peak memory of the parent and of the largest worker, the errors against the truth, and the
+exponent of the total time against the number of shapes; ``--plot`` draws it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import resource
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from collalign import RunOptions, align_collection
+from data_tools.rotations import rotation_angle_deg
+from data_tools.synthetic import bumped, planted_collection, write_collection
+from data_tools.synthetic_shapes import chair
+
+
+def generate(num: int, folder: Path, seed: int) -> np.ndarray:
+    """Write chairs of varied proportions in random poses and return ``R_common_shape`` of each, in natural order."""
+    rng = np.random.default_rng(seed)
+    width = len(str(num))
+    family = [bumped(chair(rng, resolution=1, name=f"chair{i:0{width}d}"), rng, rms=0.015) for i in range(num)]
+    planted = planted_collection(family, rng, scale_range=(0.7, 1.5))
+    write_collection(folder, planted)
+    return planted.rotations
+
+
+def gibibytes(who: int) -> float:
+    return resource.getrusage(who).ru_maxrss / 2**20
+
+
+def measure(num: int, jobs: int, seed: int) -> float:
+    """Align a generated collection, print what it took, and return the seconds."""
+    with tempfile.TemporaryDirectory() as folder:
+        truth = generate(num, Path(folder) / "shapes", seed)
+        start_s = time.perf_counter()
+        run = RunOptions(jobs=jobs, store=Path(folder) / "store.sqlite")
+        collection = align_collection(Path(folder) / "shapes", run=run)
+        seconds = time.perf_counter() - start_s
+    chosen = np.random.default_rng(0).permutation(num)[:60]
+    found = collection.rotations
+    errors = [
+        float(rotation_angle_deg(found[i].T @ found[j], truth[i].T @ truth[j]))
+        for i, j in itertools.combinations(chosen, 2)
+    ]
+    stages = {stage: round(value, 1) for stage, value in collection.run.times_s.items()}
+    print(f"N = {num}: {seconds:.0f} s {stages}, {len(collection.pairs)} pairs", end=", ")
+    parent, worker = gibibytes(resource.RUSAGE_SELF), gibibytes(resource.RUSAGE_CHILDREN)
+    print(f"peak memory {parent:.2f} GiB, largest worker {worker:.2f} GiB", end=", ")
+    print(f"error median {np.median(errors):.2f} deg, worst {max(errors):.1f}", flush=True)
+    return seconds
+
+
+def plot(sizes: list[int], seconds: list[float], exponent: float, path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.5, 3.2), layout="constrained")
+    axes = figure.subplots()
+    axes.loglog(sizes, seconds, "o-")
+    axes.set_xlabel("shapes")
+    axes.set_ylabel("seconds, two processes")
+    axes.set_title(f"time ~ N^{exponent:.2f}")
+    figure.savefig(path, dpi=150)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", type=int, nargs="+", default=[100, 300, 1000])
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--plot", type=Path)
+    arguments = parser.parse_args()
+    seconds = [measure(num, arguments.jobs, arguments.seed) for num in arguments.sizes]
+    if len(seconds) > 1:
+        exponent = float(np.polyfit(np.log(arguments.sizes), np.log(seconds), 1)[0])
+        print(f"exponent {exponent:.2f}")
+        if arguments.plot:
+            plot(arguments.sizes, seconds, exponent, arguments.plot)
+
+
+if __name__ == "__main__":
+    main()
