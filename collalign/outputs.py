@@ -58,8 +58,8 @@ def save_collection(
 ) -> tuple[Path, ...]:
     """Write every output of a collection into ``folder``.
 
-    Everything is written beside it first, and then moved into place with ``alignment.json`` last: an interruption
-    leaves the former outputs or the new ones, and never a half-written file.
+    Everything is written beside it first, and then moved into place. ``alignment.json`` goes first and comes back
+    last: an interruption leaves the former outputs, or a folder without a summary, and never a half-written file.
 
     Parameters
     ----------
@@ -210,6 +210,9 @@ def _pairs_table(collection: AlignedCollection) -> str:
 
 def _move_into_place(staging: Path, folder: Path) -> tuple[Path, ...]:
     names = sorted(p.name for p in staging.iterdir() if p.name != ALIGNMENT_FILE)
+    (folder / ALIGNMENT_FILE).unlink(missing_ok=True)
+    if REPORT_FILE not in names:
+        (folder / REPORT_FILE).unlink(missing_ok=True)
     for name in names:
         place = folder / name
         if place.is_dir():

@@ -11,6 +11,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from collalign.nonrigid import NonrigidOptions, SurfaceOptions, match_shapes
+from collalign.nonrigid.page import vertices_map, write_match_page
 from collalign.nonrigid.pictures import draw_match
 from collalign.options import AlignOptions
 from collalign.pairs import pair_problem
@@ -42,7 +43,7 @@ def match(
     target, source
         Two mesh or point cloud files; the result takes the source to the target.
     out
-        Folder for the result: match.json, or map.npz, map.txt and map.png. A pose is printed as well.
+        Folder for the result: match.json, or map.npz, map.txt, map.png and map.html. A pose is printed as well.
     nonrigid
         Match deformable shapes; the options of deformation and surface belong to this.
     """
@@ -72,7 +73,9 @@ def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOpti
     written = [*result.save(out)]
     as_stored = CleaningOptions(merge_vertices=False, largest_component=False)
     left, right = (read_shape(file, as_stored) for file in (target, source))
-    written.append(draw_match(out / "map.png", left, right, result.point_map_target_source))
+    point_map = vertices_map(result.point_map_target_source, left, right)
+    written.append(draw_match(out / "map.png", left, right, point_map))
+    written.append(write_match_page(out / "map.html", result, left, right))
     best = result.candidates[0]
     print(f"{result.source_name} -> {result.target_name}: confidence {result.confidence:.2f}, {best.orientation}")
     print(f"{result.bijectivity:.0%} of the samples come back near themselves; {len(result.candidates)} candidates")
