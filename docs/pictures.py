@@ -1,0 +1,85 @@
+"""Draws the pictures of the documentation: ``python docs/pictures.py``."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import collalign
+import pairwise
+from collalign.cli import main as collalign_command
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.synthetic import planted_pair
+
+HERE = Path(__file__).resolve().parent
+
+
+def contact_sheet() -> None:
+    """The demonstration's shapes before and after alignment."""
+    with tempfile.TemporaryDirectory() as folder:
+        collalign_command(["demo", "--out", folder])
+        shutil.copy(Path(folder) / "aligned" / "contact_sheet.png", HERE / "contact_sheet.png")
+
+
+def candidates() -> None:
+    """Energy of a pair's distinct poses against their angle to the true one, and what is proven."""
+    figure = Figure(figsize=(7.5, 3.0), layout="constrained")
+    for axes, noise in zip(figure.subplots(1, 2, sharey=True), (0.05, 0.15), strict=True):
+        pair = planted_pair(np.random.default_rng(4), 20, 20, noise=noise)
+        result = pairwise.match(pair.target, pair.source, options=pairwise.MatchOptions(candidate_factor=10.0))
+        bound = pairwise.solve_relaxation(pair.target, pair.source, relaxation="tight").lower_bound
+        angles = [rotation_angle_deg(c.R_target_source, pair.R_target_source) for c in result.candidates]
+        axes.scatter(angles, [c.energy for c in result.candidates])
+        axes.axhline(bound, color="tab:green", label="proven lower bound")
+        axes.set_title(f"20 points, noise {noise}", fontsize="small")
+        axes.set_xlabel("angle to the true pose (deg)")
+        axes.set_ylim(bottom=0.0)
+    figure.axes[0].set_ylabel("energy")
+    figure.axes[1].legend(fontsize="small")
+    figure.savefig(HERE / "candidates.png", dpi=130)
+
+
+def synchronization() -> None:
+    """Median error against the share of wrong pairs, for the eigenprojection and the robust method."""
+    shares = np.arange(0.0, 0.61, 0.1)
+    figure = Figure(figsize=(4.2, 3.0), layout="constrained")
+    axes = figure.subplots()
+    for method, style in (("spectral", "o--"), ("robust", "o-")):
+        axes.plot(shares, [_median_error_deg(share, method) for share in shares], style, label=method)
+    axes.set_xlabel("share of wrong pairs (half turns)")
+    axes.set_ylabel("median error (deg)")
+    axes.legend()
+    figure.savefig(HERE / "synchronization.png", dpi=130)
+
+
+def _median_error_deg(share: float, method: str) -> float:
+    rng = np.random.default_rng(0)
+    num = 40
+    true = np.stack([random_rotation(rng) for _ in range(num)])
+    edges = [(i, j) for i in range(num) for j in range(i + 1, num)]
+    turns = [np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), np.diag([-1.0, -1.0, 1.0])]
+    measured = []
+    for i, j in edges:
+        wrong = turns[rng.integers(3)] if rng.random() < share else np.eye(3)
+        noise = random_rotation_near(rng, 0.17)
+        measured.append(true[i].T @ noise @ wrong @ true[j])
+    found = collalign.synchronize(edges, np.array(measured), method=method).rotations
+    errors = [rotation_angle_deg(found[i].T @ found[j], true[i].T @ true[j]) for i, j in edges]
+    return float(np.median(errors))
+
+
+def random_rotation_near(rng: np.random.Generator, spread_rad: float) -> np.ndarray:
+    """Draw a rotation by a random vector of the given standard deviation."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_rotvec(spread_rad / np.sqrt(3.0) * rng.standard_normal(3)).as_matrix()
+
+
+if __name__ == "__main__":
+    contact_sheet()
+    candidates()
+    synchronization()
