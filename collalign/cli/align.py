@@ -21,7 +21,7 @@ from collalign.extend import add_to_collection
 from collalign.jobs_progress import ProgressBar
 from collalign.labels import read_labels
 from collalign.options import AlignOptions, RunOptions
-from collalign.outputs import ALIGNMENT_FILE
+from collalign.outputs import ALIGNMENT_FILE, REPORT_FILE
 from collalign.stage import ProgressFactory
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError, OptionsError
@@ -119,17 +119,21 @@ def demo(
     start_s = time.perf_counter()
     if num_shapes < 2:
         raise OptionsError(f"--num-shapes: expected at least 2, got {num_shapes}")
+    print(
+        f"This generates {num_shapes} chairs in random poses, aligns them consistently and compares with the truth."
+    )
     planted = demo_collection(seed=options.seed, num=num_shapes)
     files = write_collection(out / "shapes", planted)
     if len(read_folder(out / "shapes").files) > len(files):
         raise InputError(f"{out / 'shapes'}: holds other shapes as well, from an earlier call; choose another --out")
-    print(f"Generated {len(files)} shapes in random poses: {out / 'shapes'}")
     code = align(out / "shapes", out=out / "aligned", options=options, run=run)
     if code in (0, INCOMPLETE):
         errors = _errors_deg(out / "aligned" / ALIGNMENT_FILE, planted)
         print(f"Rotation error against the truth, over all pairs: median {np.median(errors):.2f} deg, ", end="")
         print(f"worst {errors.max():.2f} deg")
-    print(f"Took {time.perf_counter() - start_s:.0f} s.")
+    print(f"Took {time.perf_counter() - start_s:.0f} s. The shapes, the result, and the page to open in a browser:")
+    for path in (out / "shapes", out / "aligned", out / "aligned" / REPORT_FILE):
+        print(path)
     return code
 
 
