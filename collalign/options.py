@@ -45,6 +45,10 @@ class AlignOptions:
     """Which pairs are matched: all, a sparse connected graph, or a sparse one that grows where poses are uncertain;
     auto matches all pairs of up to 40 shapes and is adaptive beyond."""
 
+    landmarks: int = 0
+    """Sparse and adaptive pairs: so many shapes, far from one another, are paired with each other, and every other
+    shape with the nearest of them: shorter chains in very large collections."""
+
     synchronization: Synchronizer = "robust"
     """robust chooses among the pairs' candidates, resists wrong pairs and refines; spectral is the paper's appendix B
     as published, with neither confidence nor refinement."""
@@ -114,6 +118,8 @@ class AlignOptions:
             raise OptionsError("clusters: only the robust synchronization splits a collection")
         if self.certify and self.embedding.has_eigenfunctions:
             raise OptionsError("certify: no proofs with eigenfunctions; choose embedding kind xyz+invariants")
+        if isinstance(self.landmarks, bool) or not isinstance(self.landmarks, int) or self.landmarks < 0:
+            raise OptionsError(f"landmarks: expected an integer of at least 0, got {self.landmarks!r}")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
             raise OptionsError(f"seed: expected an integer of at least 0, got {self.seed!r}")
 

@@ -70,7 +70,7 @@ def choose_and_match(
     descriptors = np.stack([shape_descriptor(item) for item in samples])
     known: dict[str, Any] = {"descriptors": descriptors, "identities": shapes.keys, "seed": options.seed}
     if former is None:
-        edges = select_pairs(num, strategy=strategy, **known)
+        edges = select_pairs(num, strategy=strategy, num_landmarks=options.landmarks, **known)
     else:
         new = extend_pairs(former.num_shapes, num - former.num_shapes, strategy=strategy, **known)
         edges = _merged(former.edges, new)

@@ -323,3 +323,16 @@ def test_the_published_synchronization_runs_with_both_embeddings(
     assert worst_error_deg(published.rotations, planted) < 20
     assert np.isnan(published.confidence).all()
     assert any("No confidence" in note for note in published.notes)
+
+
+def test_sparse_pairs_and_landmarks_choose_other_pairs(folder: Path, tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    family = deformed_family(chair(rng, resolution=1), 16, rng, rms=0.02)
+    write_collection(tmp_path, planted_collection(family, rng))
+    quick = replace(OPTIONS, sampling=SamplingOptions(num_points=8, num_dense_points=0), pairs="sparse")
+    chosen = {}
+    for landmarks in (0, 3):
+        collection = align_collection(tmp_path, options=replace(quick, landmarks=landmarks), run=RunOptions(jobs=1))
+        chosen[landmarks] = {(pair.target, pair.source) for pair in collection.pairs}
+    assert len(chosen[0]) < 120
+    assert chosen[0] < chosen[3]
