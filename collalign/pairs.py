@@ -80,13 +80,22 @@ def match_pair(task: PairTask, shared: SharedTable) -> Record:
     return poses_to_record(match_problem(pair_problem(target, source, task.group), task.options))
 
 
-def pair_problem(target: Samples, source: Samples, group: str) -> Problem:
+def pair_problem(
+    target: Samples,
+    source: Samples,
+    group: str,
+    *,
+    num_matches: int | None = None,
+    unmatched_penalty: float | None = None,
+) -> Problem:
     """Return the Procrustes matching problem of two preprocessed shapes.
 
     Parameters
     ----------
     target, source : Samples
     group : {"SO", "O"}
+    num_matches, unmatched_penalty : optional
+        Partial matching, see :func:`pairwise.match`.
     """
     return Problem.from_user(
         target.coordinates,
@@ -94,6 +103,8 @@ def pair_problem(target: Samples, source: Samples, group: str) -> Problem:
         group=group,
         rotation_pattern=target.block_sizes if len(target.block_sizes) > 1 else None,
         invariants=(target.invariants, source.invariants),
+        num_matches=num_matches,
+        unmatched_penalty=unmatched_penalty,
     )
 
 

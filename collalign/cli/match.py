@@ -32,6 +32,8 @@ def match(
     *,
     out: Path | None = None,
     nonrigid: Annotated[bool, Parameter(negative=())] = False,
+    num_matches: int | None = None,
+    unmatched_penalty: float | None = None,
     options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
     deformation: NonrigidOptions = NonrigidOptions(),  # noqa: B008
     surface: SurfaceOptions = SurfaceOptions(),  # noqa: B008
@@ -46,11 +48,17 @@ def match(
         Folder for the result: match.json, or map.npz, map.txt, map.png and map.html. A pose is printed as well.
     nonrigid
         Match deformable shapes; the options of deformation and surface belong to this.
+    num_matches
+        Partial shapes: match so many samples only, and leave the others out on both sides.
+    unmatched_penalty
+        Partial shapes: what leaving a sample out costs, in squares of the centroid size of the samples.
     """
     if nonrigid:
         return _match_nonrigid(target, source, out or Path("."), deformation, surface)
     samples = [sample_file(shape_task(file, file.stem, options)) for file in (target, source)]
-    problem = pair_problem(samples[0], samples[1], options.group)
+    problem = pair_problem(
+        samples[0], samples[1], options.group, num_matches=num_matches, unmatched_penalty=unmatched_penalty
+    )
     result = match_problem(problem, _matching(options))
     text = json.dumps(_record(target, source, samples, result), indent=1)
     print(text)

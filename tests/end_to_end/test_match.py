@@ -64,6 +64,16 @@ def test_certify_reaches_the_pair(files: tuple[Path, Path, np.ndarray], tmp_path
     assert record["lower_bound"] <= record["energy"] * (1 + 1e-9)
 
 
+def test_partial_match_leaves_samples_out(
+    files: tuple[Path, Path, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    target, source, _ = files
+    flags = ["--num-matches", "12", "--sampling.num-points", "20", "--embedding.kind", "xyz"]
+    assert main(["match", str(target), str(source), *flags]) == 0
+    found = json.loads(capsys.readouterr().out)["candidates"][0]["map_target_source"]
+    assert sum(vertex >= 0 for vertex in found) == 12
+
+
 def test_nonrigid_match_writes_a_map_of_all_vertices(
     tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
