@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.linalg import lapack, solve_triangular
@@ -29,12 +30,10 @@ def inverse_quadrature(smallest: float, largest: float) -> tuple[FloatArray, Flo
     return _QUADRATURE_STEP * rates, rates
 
 
-def gram(rows: FloatArray, *, coarse: bool) -> FloatArray:
-    """Return ``rows^T rows``, in single precision where ``coarse``."""
-    if not coarse:
-        return rows.T @ rows
-    single = rows.astype(np.float32)
-    return (single.T @ single).astype(np.float64)
+def gram(rows: FloatArray) -> FloatArray:
+    """Return ``rows^T rows``."""
+    product: FloatArray = rows.T @ rows
+    return product
 
 
 class MomentBasis:
@@ -55,6 +54,8 @@ class MomentBasis:
         self.rows, self.cols = rows[1:], cols[1:]
         self._all_flat = rows * (size + 1) + cols
         self.flat = self.rows * (size + 1) + self.cols
+        self._position = np.zeros((size + 1, size + 1), dtype=np.int64)
+        self._position[self.rows, self.cols] = self._position[self.cols, self.rows] = np.arange(len(self.rows))
         self.scale = np.where(self.rows == self.cols, 1.0, np.sqrt(2.0))
         self.num_equations = len(equations)
         self.constants = equations[:, 0, 0]
@@ -68,24 +69,43 @@ class MomentBasis:
         return self.size >= _SEPARABLE_SIZE
 
     @property
+    def dtype(self) -> type[np.floating[Any]]:
+        """Type in which operators are formed and factored."""
+        return np.float32 if self.is_coarse else np.float64
+
+    @property
     def num_coordinates(self) -> int:
         """Number of coordinates, (s+1)(s+2)/2 - 1."""
         return len(self.rows)
 
     def pack(self, matrices: FloatArray) -> FloatArray:
         """Return the coordinates (..., m) of symmetric matrices; inner products without (0, 0) are kept."""
-        return matrices[..., self.rows, self.cols] * self.scale
+        flat = matrices.reshape(*matrices.shape[:-2], -1)
+        packed: FloatArray = flat.take(self.flat, axis=-1)
+        packed *= self.scale
+        return packed
 
     def unpack(self, coordinates: FloatArray) -> FloatArray:
         """Return the symmetric matrices (..., s+1, s+1) whose (0, 0) entry is zero."""
-        matrices = np.zeros((*coordinates.shape[:-1], self.size + 1, self.size + 1))
-        matrices[..., self.rows, self.cols] = coordinates / self.scale
-        matrices[..., self.cols, self.rows] = matrices[..., self.rows, self.cols]
+        matrices: FloatArray = (coordinates / self.scale).take(self._position, axis=-1)
+        matrices[..., 0, 0] = 0.0
+        return matrices
+
+    def congruences(self, T: FloatArray) -> FloatArray:
+        """Return the matrices (k, m, m) of ``X -> T_j X T_j^T`` for T of shape (k, s+1, s+1)."""
+        size = self.size + 1
+        a, b, c, d = self.rows[:, None], self.cols[:, None], self.rows, self.cols
+        flat = T.reshape(len(T), -1)
+        matrices: FloatArray = flat.take(a * size + c, axis=1)
+        matrices *= flat.take(b * size + d, axis=1)
+        matrices += flat.take(a * size + d, axis=1) * flat.take(b * size + c, axis=1)
+        half = np.where(self.rows == self.cols, np.sqrt(0.5), 1.0)
+        matrices *= np.outer(half, half)
         return matrices
 
     @cached_property
     def congruence_gather(self) -> tuple[IntArray, IntArray, FloatArray]:
-        """Where the pair products (ac, bd) and (ad, bc) of an operator stand, and the factor of each entry."""
+        """Where the pair products (ac, bd) and (ad, bc) of an operator stand, and the factor of each side."""
         num = len(self._all_rows)
         position = np.zeros((self.size + 1, self.size + 1), dtype=np.int64)
         position[self._all_rows, self._all_cols] = np.arange(num)
@@ -93,8 +113,8 @@ class MomentBasis:
         a, b, c, d = self.rows[:, None], self.cols[:, None], self.rows, self.cols
         first = position[a, c] * num + position[b, d]
         second = position[a, d] * num + position[b, c]
-        half = np.where(self.rows == self.cols, np.sqrt(0.5), 1.0)
-        return first, second, np.outer(half, half)
+        half = np.where(self.rows == self.cols, np.sqrt(0.5), 1.0).astype(self.dtype)
+        return first, second, half
 
     def congruence_sum(self, T: FloatArray, eigenvalues: FloatArray) -> FloatArray:
         """Return the matrix (m, m) of ``X -> sum_j T_j^T (W_j * (T_j X T_j^T)) T_j``.
@@ -120,22 +140,24 @@ class MomentBasis:
         else:
             operator = self._separable_sum(T[:, 1:], eigenvalues)
         first_row = (T[:, 0, 0] ** 2) @ (np.swapaxes(T[:, 1:], 1, 2) @ T[:, 1:]).reshape(len(T), -1)
-        operator[0] += first_row[self._all_flat]
-        operator[:, 0] += first_row[self._all_flat]
-        first, second, factor = self.congruence_gather
+        first_row = first_row[self._all_flat].astype(self.dtype)
+        operator[0] += first_row
+        operator[:, 0] += first_row
+        first, second, half = self.congruence_gather
         result: FloatArray = operator.take(first)
         result += operator.take(second)
-        result *= factor
+        result *= half[:, None]
+        result *= half
         return result
 
     def _separable_sum(self, T: FloatArray, eigenvalues: FloatArray) -> FloatArray:
         """Return the pair products' operator with 1 / (lambda_a + lambda_b) as a sum of separable terms."""
         weights, rates = inverse_quadrature(2.0 * float(eigenvalues.min()), 2.0 * float(eigenvalues.max()))
         decays = np.sqrt(np.sqrt(weights))[:, None] * np.exp(-0.5 * rates[:, None] * eigenvalues[:, None, :])
-        scaled = T[:, None] * decays[..., None]
+        scaled = T.astype(self.dtype)[:, None] * decays.astype(self.dtype)[..., None]
         grams = np.swapaxes(scaled, 2, 3) @ scaled
         flat = grams.reshape(len(T) * len(rates), -1).take(self._all_flat, axis=1)
-        return gram(flat, coarse=True)
+        return gram(flat)
 
     def reduce(self, coordinates: FloatArray) -> FloatArray:
         """Return the coordinates (m,) of a vector within the null space of the equations."""
@@ -175,14 +197,19 @@ class MomentBasis:
             )
         return self._rotate(padded[:, None], "N")[:, 0]
 
+    @cached_property
+    def _single_reflections(self) -> tuple[FloatArray, FloatArray]:
+        return self._reflectors.astype(np.float32), self._tau.astype(np.float32)
+
     def _rotate(self, columns: FloatArray, trans: str, *, side: str = "L", overwrite: bool = False) -> FloatArray:
         """Apply the Householder reflections of the equations' QR factorisation."""
         if self.num_equations == 0:
             return columns
         lwork = 64 * max(columns.shape)
-        rotated, _, info = lapack.dormqr(
-            side, trans, self._reflectors, self._tau, columns, lwork, overwrite_c=overwrite
-        )
+        rotate, (reflectors, tau) = lapack.dormqr, (self._reflectors, self._tau)
+        if columns.dtype == np.float32:
+            rotate, (reflectors, tau) = lapack.sormqr, self._single_reflections
+        rotated, _, info = rotate(side, trans, reflectors, tau, columns, lwork, overwrite_c=overwrite)
         if info != 0:
-            raise ArithmeticError(f"dormqr returned {info}")
+            raise ArithmeticError(f"ormqr returned {info}")
         return rotated
