@@ -80,7 +80,7 @@ class MomentBasis:
 
     def pack(self, matrices: FloatArray) -> FloatArray:
         """Return the coordinates (..., m) of symmetric matrices; inner products without (0, 0) are kept."""
-        flat = matrices.reshape(*matrices.shape[:-2], -1)
+        flat = matrices.reshape(*matrices.shape[:-2], (self.size + 1) ** 2)
         packed: FloatArray = flat.take(self.flat, axis=-1)
         packed *= self.scale
         return packed
@@ -92,16 +92,17 @@ class MomentBasis:
         return matrices
 
     def congruences(self, T: FloatArray) -> FloatArray:
-        """Return the matrices (k, m, m) of ``X -> T_j X T_j^T`` for T of shape (k, s+1, s+1)."""
-        size = self.size + 1
-        a, b, c, d = self.rows[:, None], self.cols[:, None], self.rows, self.cols
-        flat = T.reshape(len(T), -1)
-        matrices: FloatArray = flat.take(a * size + c, axis=1)
-        matrices *= flat.take(b * size + d, axis=1)
-        matrices += flat.take(a * size + d, axis=1) * flat.take(b * size + c, axis=1)
+        """Return the matrices (k, m, m) of ``X -> T_j X T_j^T`` for T of shape (k, s+1, s+1).
+
+        Whole rows are gathered, which is several times faster than entries; they are the result's columns.
+        """
+        columns = np.swapaxes(T, 1, 2)
+        first, second = columns.take(self.rows, axis=2), columns.take(self.cols, axis=2)
+        adjoint: FloatArray = first.take(self.rows, axis=1) * second.take(self.cols, axis=1)
+        adjoint += first.take(self.cols, axis=1) * second.take(self.rows, axis=1)
         half = np.where(self.rows == self.cols, np.sqrt(0.5), 1.0)
-        matrices *= np.outer(half, half)
-        return matrices
+        adjoint *= np.outer(half, half)
+        return np.swapaxes(adjoint, 1, 2)
 
     @cached_property
     def congruence_gather(self) -> tuple[IntArray, IntArray, FloatArray]:

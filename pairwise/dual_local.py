@@ -45,10 +45,11 @@ class LocalBlocks:
         self._diagonalise(primal, dual)
         lifted = np.concatenate([np.where(data.valid, 1.0, 0.0)[..., None], dual.mean], axis=2)
         self.ones = np.ascontiguousarray(lifted[..., 0])
-        self.transformed = lifted @ self.T_t
-        self.features = self.transformed.take(basis.rows, axis=2)
-        self.features *= self.transformed.take(basis.cols, axis=2)
-        self.features *= (self.root_weights * basis.scale)[:, None]
+        self.transformed = self.T @ np.swapaxes(lifted, 1, 2)
+        features_t = self.transformed.take(basis.rows, axis=1)
+        features_t *= self.transformed.take(basis.cols, axis=1)
+        features_t *= (self.root_weights * basis.scale)[..., None]
+        self.features = np.swapaxes(features_t, 1, 2)
         self.conductance = primal.x / dual.s
         if not data.is_full:
             self.conductance[~data.valid] = 1.0
@@ -142,8 +143,9 @@ class LocalBlocks:
         basis = self.basis
         if basis.size <= _DENSE_SIZE:
             return self.features @ self._congruences()
-        k, c, size = self.transformed.shape
-        transformed, T = self.transformed.astype(basis.dtype, copy=False), self.T.astype(basis.dtype, copy=False)
+        k, size, c = self.transformed.shape
+        T = self.T.astype(basis.dtype, copy=False)
+        transformed = np.ascontiguousarray(np.swapaxes(self.transformed, 1, 2), dtype=basis.dtype)
         pairs = transformed[..., :, None] * transformed[..., None, :]
         pairs *= basis.unpack(self.root_weights**2 * basis.scale).astype(basis.dtype, copy=False)[:, None]
         half = (pairs.reshape(k, c * size, size) @ T).reshape(k, c, size, size)

@@ -33,6 +33,9 @@ _FULL_CORRECTION = 0.4
 #: Smallest share of the gap that a predictor is trusted to leave.
 _SMALLEST_SHARE = 1e-3
 
+#: A corrected step that can be taken this far is not corrected again.
+_LONG_STEP = 0.99
+
 #: Where a corrected step is shorter than this, one that only centres is tried as well.
 _SHORT_STEP = 0.2
 
@@ -206,9 +209,10 @@ class _InteriorPoint:
         mu = self._complementarity()
         target = mu * self._remaining_share(predictor, sizes) ** 2
         step, sizes = self._corrected(system, target, predictor, sizes)
-        again = self._corrected(system, target, step, sizes)
-        if min(again[1]) > min(sizes):
-            step, sizes = again
+        if min(sizes) < _LONG_STEP:
+            again = self._corrected(system, target, step, sizes)
+            if min(again[1]) > min(sizes):
+                step, sizes = again
         if min(sizes) < _SHORT_STEP:
             centring = system.solve(aim(data, primal, dual, mu))
             centring_sizes = self._sizes(centring)
