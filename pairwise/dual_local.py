@@ -25,6 +25,9 @@ TINY = float(np.finfo(np.float64).tiny) ** 0.5
 #: Up to this many variables the matrices of congruences are formed; beyond, factors are applied one after the other.
 _DENSE_SIZE = 12
 
+#: Numbers that are formed at a time when points are treated in chunks.
+_CHUNK_ENTRIES = 2**15
+
 #: From this size on, triangular factors are inverted by LAPACK's own routine rather than as general matrices.
 _TRIANGULAR_SIZE = 16
 
@@ -110,7 +113,9 @@ class LocalBlocks:
     def _condense_matches(self) -> tuple[FloatArray, FloatArray]:
         num = self.basis.num_coordinates
         root = self.root.astype(self.basis.dtype, copy=False)
-        halves = root @ self._moves()
+        halves = np.empty((*self.ones.shape, num), dtype=root.dtype)
+        for points in self._chunks():
+            np.matmul(root[points], self._moves(points), out=halves[points])
         direction = root @ (self.ones / np.sqrt(self.inverse_total)[:, None]).astype(root.dtype)[..., None]
         halves -= direction @ (np.swapaxes(direction, 1, 2) @ halves)
         flat = halves.reshape(-1, num)
@@ -122,9 +127,13 @@ class LocalBlocks:
 
     def _condense_features(self) -> tuple[FloatArray, FloatArray]:
         num = self.basis.num_coordinates
-        congruences = self._congruences()
-        halves = self.root @ congruences
-        mean = ((self.totals[:, None, :] @ self.features) @ congruences)[:, 0]
+        halves = np.empty_like(self.root)
+        mean = self.totals[:, None, :] @ self.features
+        for points in self._chunks():
+            congruences = self._congruences(points)
+            np.matmul(self.root[points], congruences, out=halves[points])
+            mean[points] = mean[points] @ congruences
+        mean = mean[:, 0]
         flat = halves.reshape(-1, num)
         operator = flat.T @ flat + (mean / self.inverse_total[:, None]).T @ mean
         if self.data.is_complete:
@@ -132,22 +141,28 @@ class LocalBlocks:
         reactions = np.swapaxes(self.half, 1, 2) @ halves - self.share[..., None] * mean[:, None, :]
         return operator, self.data.row_sums(reactions)
 
-    def _congruences(self) -> FloatArray:
-        """Return the matrices (k, m, m) of ``X -> sqrt(W) * (T X T^T)``."""
-        matrices = self.basis.congruences(self.T)
-        matrices *= self.root_weights[..., None]
+    def _chunks(self) -> list[slice]:
+        """Split the points so that what is formed for a chunk stays in the processor's cache."""
+        num, size = len(self.ones), self.basis.num_coordinates
+        step = max(1, _CHUNK_ENTRIES // (size * max(size, self.ones.shape[1])))
+        return [slice(start, start + step) for start in range(0, num, step)]
+
+    def _congruences(self, points: slice) -> FloatArray:
+        """Return the matrices (., m, m) of ``X -> sqrt(W) * (T X T^T)``."""
+        matrices = self.basis.congruences(self.T[points])
+        matrices *= self.root_weights[points, :, None]
         return matrices
 
-    def _moves(self) -> FloatArray:
-        """Return how the matches' costs depend on the moments, shape (k, c, m)."""
+    def _moves(self, points: slice) -> FloatArray:
+        """Return how the costs of the matches of some points depend on the moments, shape (., c, m)."""
         basis = self.basis
         if basis.size <= _DENSE_SIZE:
-            return self.features @ self._congruences()
-        k, size, c = self.transformed.shape
-        T = self.T.astype(basis.dtype, copy=False)
-        transformed = np.ascontiguousarray(np.swapaxes(self.transformed, 1, 2), dtype=basis.dtype)
+            return self.features[points] @ self._congruences(points)
+        T = self.T[points].astype(basis.dtype, copy=False)
+        transformed = np.ascontiguousarray(np.swapaxes(self.transformed[points], 1, 2), dtype=basis.dtype)
+        k, c, size = transformed.shape
         pairs = transformed[..., :, None] * transformed[..., None, :]
-        pairs *= basis.unpack(self.root_weights**2 * basis.scale).astype(basis.dtype, copy=False)[:, None]
+        pairs *= basis.unpack(self.root_weights[points] ** 2 * basis.scale).astype(basis.dtype, copy=False)[:, None]
         half = (pairs.reshape(k, c * size, size) @ T).reshape(k, c, size, size)
         outer = np.ascontiguousarray(np.swapaxes(half, 2, 3)).reshape(k, c * size, size) @ T
         moves: FloatArray = outer.reshape(k, c, -1).take(basis.flat, axis=2)
