@@ -113,11 +113,11 @@ class LocalBlocks:
     def _condense_matches(self) -> tuple[FloatArray, FloatArray]:
         num = self.basis.num_coordinates
         root = self.root.astype(self.basis.dtype, copy=False)
+        direction = root @ (self.ones / np.sqrt(self.inverse_total)[:, None]).astype(root.dtype)[..., None]
         halves = np.empty((*self.ones.shape, num), dtype=root.dtype)
         for points in self._chunks():
-            np.matmul(root[points], self._moves(points), out=halves[points])
-        direction = root @ (self.ones / np.sqrt(self.inverse_total)[:, None]).astype(root.dtype)[..., None]
-        halves -= direction @ (np.swapaxes(direction, 1, 2) @ halves)
+            chunk = np.matmul(root[points], self._moves(points), out=halves[points])
+            chunk -= direction[points] * (np.swapaxes(direction[points], 1, 2) @ chunk)
         flat = halves.reshape(-1, num)
         operator = self.basis.congruence_sum(self.T, self.eigenvalues)
         operator -= gram(flat)
