@@ -39,6 +39,9 @@ def gram(rows: FloatArray) -> FloatArray:
 class MomentBasis:
     """Orthonormal coordinates of symmetric (s+1, s+1) matrices without their (0, 0) entry.
 
+    While ``is_coarse``, which it is at first where s is large, operators are formed to about four digits only and
+    kept in single precision, for solutions that are refined.
+
     Parameters
     ----------
     size : int
@@ -49,6 +52,7 @@ class MomentBasis:
 
     def __init__(self, size: int, equations: FloatArray) -> None:
         self.size = size
+        self.is_coarse = size >= _SEPARABLE_SIZE
         rows, cols = np.triu_indices(size + 1)
         self._all_rows, self._all_cols = rows, cols
         self.rows, self.cols = rows[1:], cols[1:]
@@ -62,11 +66,6 @@ class MomentBasis:
         packed = np.asfortranarray(self.pack(equations).T)
         if self.num_equations:
             self._reflectors, self._tau, _, _ = lapack.dgeqrf(packed)
-
-    @property
-    def is_coarse(self) -> bool:
-        """Whether operators are formed to about four digits only, for solutions that are refined."""
-        return self.size >= _SEPARABLE_SIZE
 
     @property
     def dtype(self) -> type[np.floating[Any]]:
@@ -114,7 +113,7 @@ class MomentBasis:
         a, b, c, d = self.rows[:, None], self.cols[:, None], self.rows, self.cols
         first = position[a, c] * num + position[b, d]
         second = position[a, d] * num + position[b, c]
-        half = np.where(self.rows == self.cols, np.sqrt(0.5), 1.0).astype(self.dtype)
+        half = np.where(self.rows == self.cols, np.sqrt(0.5), 1.0)
         return first, second, half
 
     def congruence_sum(self, T: FloatArray, eigenvalues: FloatArray) -> FloatArray:
@@ -147,6 +146,7 @@ class MomentBasis:
         first, second, half = self.congruence_gather
         result: FloatArray = operator.take(first)
         result += operator.take(second)
+        half = half.astype(self.dtype)
         result *= half[:, None]
         result *= half
         return result

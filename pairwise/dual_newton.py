@@ -29,15 +29,25 @@ _ROOT_HALF = float(np.sqrt(0.5))
 #: Most refinements of a solution of the reduced system.
 _MAX_REFINEMENTS = 3
 
+#: A solution whose residual stays above this share of the right hand side is no use.
+_ACCURACY = 1e-3
+
 #: A solution is refined until its residual is this share of the right hand side.
 _REFINEMENT_TOL = 1e-6
 
 
 class NewtonSystem:
-    """Factorisation of the Newton system at one pair of primal and dual points."""
+    """Factorisation of the Newton system at one pair of primal and dual points.
+
+    Attributes
+    ----------
+    is_accurate : bool
+        Whether refinement made up for the operators' errors in every solution so far.
+    """
 
     def __init__(self, data: RelaxationData, basis: MomentBasis, primal: PrimalPoint, dual: DualPoint) -> None:
         self.data, self.basis, self.primal, self.dual = data, basis, primal, dual
+        self.is_accurate = True
         self.blocks = LocalBlocks(data, basis, primal, dual)
         self._quaternion_operators()
         self._assemble()
@@ -86,7 +96,7 @@ class NewtonSystem:
         num_rows = data.num_rows
         coordinates, dbeta = np.zeros(basis.num_coordinates), np.zeros(num_rows)
         pushes = targets.products / self._safe_x()
-        acceptable = 0.0
+        first_error = acceptable = 0.0
         for refinement in range(_MAX_REFINEMENTS + 2):
             moments = basis.unpack(coordinates)
             dx, local = self.blocks.solve(targets.moments - moments, pushes + dbeta[data.index])
@@ -95,11 +105,13 @@ class NewtonSystem:
             error = max(float(np.abs(imbalance).max(initial=0.0)), float(np.abs(row_rhs).max()))
             if error <= acceptable or refinement > _MAX_REFINEMENTS:
                 break
-            acceptable = _REFINEMENT_TOL * error if refinement == 0 else acceptable
+            if refinement == 0:
+                first_error, acceptable = error, _REFINEMENT_TOL * error
             rhs = imbalance + self.coupling @ cho_solve(self.rows_factor, row_rhs, check_finite=False)
             step = self._solve_schur(rhs)
             dbeta = dbeta + cho_solve(self.rows_factor, row_rhs - self.coupling.T @ step, check_finite=False)
             coordinates = coordinates + basis.expand(step)
+        self.is_accurate &= error <= _ACCURACY * first_error
         return self._direction(targets, dx, local, moments, dbeta)
 
     def _solve_schur(self, rhs: FloatArray) -> FloatArray:
@@ -163,10 +175,4 @@ class NewtonSystem:
 
 
 def _factor(matrix: FloatArray) -> tuple[FloatArray, bool]:
-    """Return the lower Cholesky factor; a symmetric matrix in single precision that has none gets one in double."""
-    try:
-        return cho_factor(matrix, lower=True, check_finite=False)
-    except np.linalg.LinAlgError:
-        if matrix.dtype == np.float64:
-            raise
-        return cho_factor(matrix.astype(np.float64), lower=True, check_finite=False)
+    return cho_factor(matrix, lower=True, check_finite=False)

@@ -153,14 +153,9 @@ class _InteriorPoint:
         self.dual_value += data.constant
         self.value = self._primal_objective(primal) + data.constant
         rows = data.row_sums(primal.x) + primal.slack - data.capacity
+        misses = (rows, primal.x.sum(axis=1) - 1.0, primal.B.sum(axis=1) - primal.R)
         self.violations = {
-            "primal": float(
-                max(
-                    np.abs(rows).max(),
-                    np.abs(primal.x.sum(axis=1) - 1.0).max(),
-                    np.abs(primal.B.sum(axis=1) - primal.R).max(),
-                )
-            ),
+            "primal": max(float(np.abs(miss).max()) for miss in misses),
             "dual": outside / (1.0 + float(np.abs(dual.F).max())),
         }
 
@@ -202,9 +197,7 @@ class _InteriorPoint:
 
     def _corrected_step(self) -> tuple[Direction, tuple[float, float]]:
         """Return the predictor, corrected and centred, and how far both points may go along it."""
-        data, primal, dual = self.data, self.primal, self.dual
-        system = NewtonSystem(data, self.basis, primal, dual)
-        predictor = system.solve(aim(data, primal, dual, 0.0))
+        system, predictor = self._predictor()
         sizes = self._sizes(predictor)
         mu = self._complementarity()
         target = mu * self._remaining_share(predictor, sizes) ** 2
@@ -214,11 +207,26 @@ class _InteriorPoint:
             if min(again[1]) > min(sizes):
                 step, sizes = again
         if min(sizes) < _SHORT_STEP:
-            centring = system.solve(aim(data, primal, dual, mu))
+            centring = system.solve(aim(self.data, self.primal, self.dual, mu))
             centring_sizes = self._sizes(centring)
             if min(centring_sizes) > min(sizes):
                 return centring, centring_sizes
         return step, sizes
+
+    def _predictor(self) -> tuple[NewtonSystem, Direction]:
+        """Return Newton's system and its step to the solution, from exact operators once coarse ones do not do."""
+        targets = aim(self.data, self.primal, self.dual, 0.0)
+        if self.basis.is_coarse:
+            try:
+                system = NewtonSystem(self.data, self.basis, self.primal, self.dual)
+                predictor = system.solve(targets)
+                if system.is_accurate:
+                    return system, predictor
+            except np.linalg.LinAlgError:
+                pass
+            self.basis.is_coarse = False
+        system = NewtonSystem(self.data, self.basis, self.primal, self.dual)
+        return system, system.solve(targets)
 
     def _corrected(
         self, system: NewtonSystem, mu: float, former: Direction, sizes: tuple[float, float]

@@ -213,3 +213,12 @@ def test_longest_step_stays_inside() -> None:
         size = longest_step(margin, -slope, 0.05)
         assert margin(size) >= 0.05 - 1e-12
         assert size == 1.0 or margin(1.2 * size) < 0.05
+
+
+def test_many_variables_converge_once_rough_operators_no_longer_do(rng: np.random.Generator) -> None:
+    target = rng.random((10, 7))
+    source = target[rng.permutation(10)] @ random_rotation(rng, 7) + 0.1 * rng.standard_normal((10, 7))
+    problem = Problem.from_user(target, source, group="O")
+    result = solve_pm_sdp(problem, tol=1e-5)
+    assert result.status is Status.CONVERGED
+    assert check_relaxation(problem, result, 1e-5) == []
