@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from collalign.collection import DOUBT
+from collalign.report.display import display_mesh
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.shape import Shape
 
@@ -41,19 +42,8 @@ def tile_of(shape: Shape, transform: FloatArray, confidence: float) -> Tile:
         File coordinates to the common frame.
     confidence : float
     """
-    vertices, faces = shape.vertices, shape.faces
-    if len(faces) > _MAX_FACES:
-        import fast_simplification
-
-        ratio = 1.0 - _MAX_FACES / len(faces)
-        vertices, faces = fast_simplification.simplify(vertices.astype(np.float32), faces.astype(np.int32), ratio)
-    return Tile(
-        name=shape.name,
-        vertices=np.asarray(vertices, dtype=np.float64),
-        faces=np.asarray(faces, dtype=np.int64),
-        transform=transform,
-        confidence=confidence,
-    )
+    vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=_MAX_FACES)
+    return Tile(name=shape.name, vertices=vertices, faces=faces, transform=transform, confidence=confidence)
 
 
 def draw_contact_sheet(tiles: Iterable[Tile], path: Path) -> None:
