@@ -22,10 +22,21 @@ class ProgressBar:
         How many earlier runs left; they do not count for the rate.
     file : optional
         Standard error by default.
+    disable : bool
+        Show nothing.
     """
 
-    def __init__(self, description: str, total: int, *, done: int = 0, file: IO[str] | None = None) -> None:
-        self._bar = tqdm(desc=description, total=total, initial=done, file=file, unit=description.rstrip("s"))
+    def __init__(
+        self,
+        description: str,
+        total: int,
+        *,
+        done: int = 0,
+        file: IO[str] | None = None,
+        disable: bool = False,
+    ) -> None:
+        unit = description.rstrip("s")
+        self._bar = tqdm(desc=description, total=total, initial=done, file=file, unit=unit, disable=disable)
         self._num_failed = 0
 
     def __call__(self, outcome: Outcome) -> None:

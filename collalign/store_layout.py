@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: Kinds of records, each a table.
-KINDS = ("shapes", "pairs", "proofs")
+#: Kinds of records, each a table; ``measurements`` are the cells of an experiment's tables.
+KINDS = ("shapes", "pairs", "proofs", "measurements")
 #: Raised whenever the tables or the encoding of records change.
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 #: Marks an SQLite file as a store ("cola").
 APPLICATION_ID = 0x636F6C61
 #: Of the file, in bytes: two records of 64 points fit a page, where SQLite's default would leave a third empty.

@@ -15,7 +15,7 @@ import pytest
 from collalign import store_file
 from collalign.store import Store
 from collalign.store_file import file_system_of
-from collalign.store_layout import Counts
+from collalign.store_layout import FORMAT_VERSION, Counts
 from data_tools.errors import StoreError
 
 RECORD = {"R": np.eye(3), "energy": 0.25, "names": ["a", "b"]}
@@ -192,7 +192,7 @@ def test_a_refused_store_is_not_left_locked(path: Path) -> None:
     tamper(path, "PRAGMA user_version = 99")
     with pytest.raises(StoreError):
         Store.open(path)
-    tamper(path, "PRAGMA user_version = 1")
+    tamper(path, f"PRAGMA user_version = {FORMAT_VERSION}")
     Store.open(path).close()
 
 

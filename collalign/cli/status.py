@@ -34,6 +34,8 @@ def status(store: Path, *, as_json: Annotated[bool, Parameter(name="--json", neg
         print(json.dumps(report, indent=1))
         return 0
     for kind, count in counts.items():
+        if not count.planned and kind not in ("shapes", "pairs"):
+            continue
         print(f"{kind}: {count.done} done, {count.failed} failed, {count.left} left of {count.planned}")
         for failure in failures[kind].values():
             print(f"  {failure.label}: {failure.reason}")

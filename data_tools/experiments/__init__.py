@@ -2,3 +2,27 @@
 
 They use the whole toolkit, so this sub-package alone in ``data_tools`` imports ``pairwise`` and ``collalign``.
 """
+
+from __future__ import annotations
+
+import importlib
+
+from data_tools.errors import OptionsError
+from data_tools.experiments.experiment import Experiment
+
+#: Experiments in the order of the page, each a module of this package with a constant ``EXPERIMENT``.
+NAMES: tuple[str, ...] = ("theorem3",)
+
+
+def load_experiment(name: str) -> Experiment:
+    """Return an experiment by name.
+
+    Raises
+    ------
+    OptionsError
+        If there is none of this name.
+    """
+    if name not in NAMES:
+        raise OptionsError(f"no experiment is called {name!r}; there are {', '.join(NAMES)}")
+    experiment: Experiment = importlib.import_module(f"{__name__}.{name}").EXPERIMENT
+    return experiment
