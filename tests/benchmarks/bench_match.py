@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 from data_tools.arrays import FloatArray
 from data_tools.datasets import Dataset, read_range_scans, read_shrec07_class, read_teeth
 from data_tools.embedding import Samples, sample_shape
+from data_tools.experiments.exhaustive import minimise_each
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from pairwise import MatchOptions
@@ -31,7 +32,6 @@ from pairwise.problem import Problem
 from pairwise.results import MatchResult
 from pairwise.search import of_chirality
 from pairwise.starts import random_rotations
-from tests.benchmarks.bench_figure5 import minimise_each
 
 RIGHT_DEG = 20.0
 MIN_OVERLAP = 0.3

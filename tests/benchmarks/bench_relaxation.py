@@ -17,37 +17,20 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
-from numpy.typing import NDArray
 
+from data_tools.experiments.planted import planted_problem
 from pairwise.problem import Problem
 from pairwise.reference import solve_reference
 from pairwise.results import RelaxationResult
 from pairwise.solve import solve_pm_sdp
-from tests.problems import random_rotation
 
 #: Gap asked for; the figures ask for values within 1e-5, and 1e-3 for the largest case.
 TOL = 4e-6
 
 
-def uniform(num_target: int, num_source: int, dim: int, seed: int = 0, num_candidates: int = 0, **options) -> Problem:
-    """Noisy rotated points, each with its own and ``num_candidates`` - 1 random candidates where there are any."""
-    rng = np.random.default_rng(seed)
-    target = rng.random((num_target, dim))
-    matched = rng.permutation(num_target)[:num_source]
-    source = target[matched] @ random_rotation(rng, dim) + 0.1 * rng.standard_normal((num_source, dim))
-    if num_candidates:
-        options["candidates"] = random_candidates(rng, num_target, matched, num_candidates)
-    return Problem.from_user(target, source, **options)
-
-
-def random_candidates(
-    rng: np.random.Generator, num_target: int, matched: NDArray[np.int64], num: int
-) -> NDArray[np.bool_]:
-    candidates = np.zeros((num_target, len(matched)), dtype=bool)
-    for column, row in enumerate(matched):
-        candidates[rng.choice(num_target, num - 1, replace=False), column] = True
-        candidates[row, column] = True
-    return candidates
+def uniform(num_target: int, num_source: int, dim: int, **options) -> Problem:
+    """Noisy turned points, always the same ones."""
+    return planted_problem(np.random.default_rng(0), num_target, num_source, dim, **options)
 
 
 CASES: dict[str, Callable[[], Problem]] = {
