@@ -9,11 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
+from collalign.records import Record
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.datasets import Dataset
 from data_tools.mesh_io import write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.shape import Shape
+
+#: A pair beyond this angle is called gross.
+GROSS_DEG = 30.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,6 +53,34 @@ class PosedCollection:
                 for a, b in itertools.combinations(range(len(names)), 2)
             ]
         )
+
+    def figures(self, rotations: FloatArray, names: Sequence[str]) -> Record:
+        """Return how right an alignment is.
+
+        Parameters
+        ----------
+        rotations : ndarray, shape (M, 3, 3)
+        names : sequence of str, length M
+
+        Returns
+        -------
+        dict
+            ``shapes``, ``pairs``; ``median_deg``, ``worst_deg`` and ``gross`` of the pairs whose chirality is right
+            (NaN if there is none), ``mirrored``: pairs of wrong chirality; ``within_10`` and ``within_20``: shapes.
+        """
+        errors = self.pair_errors_deg(rotations, names)
+        right = errors[~np.isnan(errors)]
+        shapes = self.shape_errors_deg(rotations, names)
+        return {
+            "shapes": len(names),
+            "pairs": len(errors),
+            "median_deg": float(np.median(right)) if len(right) else float("nan"),
+            "worst_deg": float(right.max()) if len(right) else float("nan"),
+            "gross": int((right > GROSS_DEG).sum()),
+            "mirrored": int(np.isnan(errors).sum()),
+            "within_10": int((shapes <= 10).sum()),
+            "within_20": int((shapes <= 20).sum()),
+        }
 
     def shape_errors_deg(self, rotations: FloatArray, names: Sequence[str]) -> FloatArray:
         """Return each shape's error for the gauge that puts most shapes within 20 degrees (ties: least median).

@@ -1,0 +1,69 @@
+"""Wall time and processor time of what an experiment compares, worker processes included."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(kw_only=True)
+class Elapsed:
+    """What a stopwatch showed; NaN until it was stopped.
+
+    Attributes
+    ----------
+    wall_s : float
+        Seconds on the wall.
+    processor_s : float
+        Seconds of all cores together, of this process and of those it started; NaN where ``/proc`` is missing.
+        On a machine that others use it says more than the wall.
+    """
+
+    wall_s: float = float("nan")
+    processor_s: float = float("nan")
+
+
+@contextmanager
+def stopwatch() -> Iterator[Elapsed]:
+    """Measure the block.
+
+    Yields
+    ------
+    Elapsed
+        Filled in at the end of the block.
+    """
+    elapsed = Elapsed()
+    processor_s, start_s = _processor_s(), time.perf_counter()
+    try:
+        yield elapsed
+    finally:
+        elapsed.wall_s = time.perf_counter() - start_s
+        elapsed.processor_s = _processor_s() - processor_s
+
+
+def _processor_s(root: Path = Path("/proc")) -> float:
+    """Return the processor time of this process and all its descendants, those that ended included."""
+    if not (root / "self").exists():
+        return float("nan")
+    parents, ticks = {}, {}
+    for folder in root.glob("[0-9]*"):
+        try:
+            fields = (folder / "stat").read_text("utf-8", "replace").rpartition(")")[2].split()
+        except OSError:  # it ended meanwhile
+            continue
+        parents[int(folder.name)] = int(fields[1])
+        ticks[int(folder.name)] = sum(int(value) for value in fields[11:15])
+    ours = [pid for pid in parents if _descends(pid, os.getpid(), parents)]
+    return sum(ticks[pid] for pid in ours) / os.sysconf("SC_CLK_TCK")
+
+
+def _descends(pid: int, ancestor: int, parents: dict[int, int]) -> bool:
+    while pid != ancestor:
+        if pid not in parents:
+            return False
+        pid = parents[pid]
+    return True
