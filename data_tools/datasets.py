@@ -88,15 +88,17 @@ class Dataset:
         return self.loaders[self.index(which) if isinstance(which, str) else which]()
 
     def rotation(self, target: int, source: int, *, group: str = "SO") -> FloatArray:
-        """Return the true R_target_source, shape (3, 3): from the known poses, else from the landmarks.
+        """Return the true R_target_source, shape (3, 3): from known poses, corresponding vertices, or landmarks.
 
         Raises
         ------
         InputError
-            If neither is known.
+            If none of these is known.
         """
         if self.rotations is not None:
             return self.rotations[target].T @ self.rotations[source]
+        if self.vertices_correspond:
+            return landmark_rotation(self.shape(target).vertices, self.shape(source).vertices, group=group)
         if self.landmarks is None:
             raise InputError("the collection has neither poses nor landmarks")
         return landmark_rotation(self.landmarks[target], self.landmarks[source], group=group)

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -93,8 +94,10 @@ def test_registered_archive_layout(tmp_path: Path, registered: list[Shape]) -> N
     assert found.mirror.tolist() == [1, 0]
     assert found.vertex_sides is not None
     np.testing.assert_array_equal(found.shape("b").vertices, vertices[1])
+    truth = landmark_rotation(vertices[0].astype(float), vertices[1].astype(float))
+    np.testing.assert_allclose(found.rotation(0, 1), truth, atol=1e-12)
     with pytest.raises(InputError, match="neither poses nor landmarks"):
-        found.rotation(0, 1)
+        replace(found, vertices_correspond=False).rotation(0, 1)
     np.savez(tmp_path / "all.npz", vertices=vertices, faces=faces, names=["a"])
     with pytest.raises(InputError, match="1 names"):
         datasets.read_registered_archive(tmp_path)
