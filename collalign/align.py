@@ -6,6 +6,7 @@ import platform
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -13,15 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from collalign.certification import certify_pairs
-from collalign.collection import AlignedCollection, Alternative, ConsistentMaps, Excluded, RunRecord
+from collalign.collection import AlignedCollection, Alternative, ConsistentMaps, RunRecord
 from collalign.consistency import Consistency, make_consistent
 from collalign.options import AlignOptions, RunOptions
-from collalign.pair_choice import FormerPairs, choose_and_match
+from collalign.pair_choice import FormerPairs, MatchedPairs, choose_and_match
 from collalign.pairs import synchronize_pairs
 from collalign.prepare import PreparedShapes, prepare_shapes, stored_samples
 from collalign.stage import ProgressFactory
 from collalign.store import Store
-from data_tools.arrays import FloatArray, read_only
+from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.embedding import Samples
 from data_tools.errors import InputError
 from data_tools.files import readable_name
@@ -123,29 +124,39 @@ def _align(
         _check_names(shapes, options, fixed)
         samples = stored_samples(store, shapes)
     with _timed(times_s, "pairs"):
-        matched = choose_and_match(shapes, samples, options, run, store, former=former, progress=progress)
-    pairs = matched.pairs
-    notes: tuple[str, ...] = ()
+        matched = choose_and_match(
+            shapes,
+            samples,
+            options,
+            run,
+            store,
+            former=former,
+            any_mirrored=_any_mirrored(fixed),
+            progress=progress,
+        )
+    pairs, choice = matched.pairs, matched.choice
+    decided = replace(options, group=choice.group)
+    notes: tuple[str, ...] = (choice.note,) if choice.note else ()
     if options.certify:
         with _timed(times_s, "proofs"):
-            solution = synchronize_pairs(pairs, len(samples), options)
-            pairs, report = certify_pairs(shapes, pairs, solution, options, run, store, progress=progress)
-            notes = (str(report),)
+            solution = synchronize_pairs(pairs, len(samples), decided)
+            pairs, report = certify_pairs(shapes, pairs, solution, decided, run, store, progress=progress)
+            notes += (str(report),)
     with _timed(times_s, "synchronization"):
-        consistent = make_consistent(samples, pairs, options, fixed=fixed, placed=placed)
+        consistent = make_consistent(samples, pairs, decided, fixed=fixed, placed=placed)
     record = RunRecord(
         times_s=times_s,
         versions={"python": platform.python_version()} | {name: version(name) for name in _LIBRARIES},
         num_reused=shapes.num_reused + matched.num_reused,
     )
-    return _collect(listing, shapes, samples, matched.failed, consistent, notes, options, record)
+    return _collect(listing, shapes, samples, matched, consistent, notes, options, record)
 
 
 def _collect(
     listing: FolderListing,
     shapes: PreparedShapes,
     samples: list[Samples],
-    failed: list[Excluded],
+    matched: MatchedPairs,
     consistent: Consistency,
     notes: tuple[str, ...],
     options: AlignOptions,
@@ -170,11 +181,12 @@ def _collect(
             for poses in solution.alternatives
         ),
         groups=solution.groups,
-        excluded=(*shapes.excluded, *failed),
+        excluded=(*shapes.excluded, *matched.failed),
         skipped=tuple(readable_name(path) for path in listing.skipped),
         notes=(*solution.warnings, *notes, *_unknown_confidence(solution.confidence)),
         shape_notes=tuple(item.notes for item in samples),
         options=options,
+        group=matched.choice.group,
         run=record,
     )
 
@@ -184,6 +196,12 @@ def _unknown_confidence(confidence: FloatArray) -> tuple[str, ...]:
     if not np.isnan(confidence).all():
         return ()
     return ("No confidence is known for any pose: the spectral synchronization does not estimate it.",)
+
+
+def _any_mirrored(fixed: Mapping[str, ArrayLike]) -> bool:
+    """Whether a pose set by hand mirrors its shape."""
+    poses = [as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in fixed.items()]
+    return any(bool(np.linalg.det(pose) < 0) for pose in poses)
 
 
 def _check_names(shapes: PreparedShapes, options: AlignOptions, fixed: Mapping[str, ArrayLike]) -> None:

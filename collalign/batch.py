@@ -77,11 +77,15 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
 def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
     """Estimate what a job will take, from its store and a trial with a few of its shapes.
 
+    Where the group is "auto", as if no shape had to be mirrored, and without the pairs that find that out.
+
     Raises
     ------
     CollalignError
         If the folder cannot be read or too few of the first shapes are usable.
     """
+    if job.options.group == "auto":
+        job = replace(job, options=replace(job.options, group="SO"))
     listing = read_folder(job.folder)
     few = replace(listing, files=listing.files[:NUM_TRIAL_SHAPES], names=listing.names[:NUM_TRIAL_SHAPES])
     with Store.memory() as trial:

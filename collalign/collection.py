@@ -185,6 +185,9 @@ class AlignedCollection:
     shape_notes : tuple of tuple of str
         What was repaired or simplified in each shape before it was matched.
     options : AlignOptions
+        As asked for.
+    group : str
+        "SO" or "O": whether shapes could be mirrored, as asked for or, with ``options.group`` "auto", as decided.
     run : RunRecord
     """
 
@@ -206,6 +209,7 @@ class AlignedCollection:
     notes: tuple[str, ...]
     shape_notes: tuple[tuple[str, ...], ...]
     options: AlignOptions
+    group: str
     run: RunRecord
 
     @property

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from collalign.align import align_listing
-from collalign.collection import AlignedCollection
+from collalign.collection import AlignedCollection, Excluded
 from collalign.options import RunOptions, options_from_record
 from collalign.outputs import ALIGNMENT_FILE
 from collalign.pair_choice import FormerPairs
@@ -27,6 +28,9 @@ def add_to_collection(
 ) -> AlignedCollection:
     """Align the shapes of a folder to an existing result, with the options of that result.
 
+    Whether shapes may be mirrored stays as it was decided for the result. A specimen of the other side that comes to
+    a collection without mirror images is therefore not mirrored; a note says that it looks like one.
+
     Parameters
     ----------
     result : str or Path
@@ -40,7 +44,8 @@ def add_to_collection(
     Returns
     -------
     AlignedCollection
-        The old shapes first, with exactly their old transforms, then the new ones.
+        The old shapes first, with exactly their old transforms, then the new ones. What the first run left out is
+        still named.
 
     Raises
     ------
@@ -50,7 +55,9 @@ def add_to_collection(
     view = load_view(result)
     record = Path(result) / ALIGNMENT_FILE
     try:
-        options = options_from_record(json.loads(record.read_text("utf-8"))["options"])
+        content = json.loads(record.read_text("utf-8"))
+        options = options_from_record(content["options"])
+        group = options.group if options.group != "auto" else str(content["decided"]["group"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{record}: not the summary of an alignment ({error})") from None
     files = tuple(Path(file) for file in view.files)
@@ -63,12 +70,15 @@ def add_to_collection(
         raise InputError(f"{folder}: the collection has a shape called {taken[0]!r} already; rename the new file")
     listing = FolderListing(files=files + new.files, names=view.names + new.names, skipped=new.skipped)
     edges = np.array([sorted((pair.i, pair.j)) for pair in view.pairs], dtype=np.int64).reshape(-1, 2)
-    return align_listing(
+    aligned = align_listing(
         listing,
         options,
         run or RunOptions(),
         fixed=dict(zip(view.names, view.rotations, strict=True)),
         placed=dict(zip(view.names, view.transforms, strict=True)),
-        former=FormerPairs(num_shapes=len(files), edges=edges),
+        former=FormerPairs(num_shapes=len(files), edges=edges, group=group),
         progress=progress,
     )
+    again = {file.name for file in new.files}
+    left_out = tuple(Excluded(file=file, reason=reason) for file, reason in view.excluded if file not in again)
+    return replace(aligned, excluded=(*left_out, *aligned.excluded))

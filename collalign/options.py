@@ -13,8 +13,8 @@ from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 from pairwise.options import MatchOptions
 
-#: Rotations only, or mirror images as well.
-Group = Literal["SO", "O"]
+#: Rotations only, mirror images as well, or whichever of the two the shapes ask for.
+Group = Literal["SO", "O", "auto"]
 #: Which pairs of shapes are matched.
 PairStrategy = Literal["auto", "all", "sparse", "adaptive"]
 #: How the pairs' rotations become one rotation per shape.
@@ -35,8 +35,10 @@ class AlignOptions:
         If a value is impossible.
     """
 
-    group: Group = "SO"
-    """SO keeps every shape as it is; O may mirror shapes (left and right specimens in one folder)."""
+    group: Group = "auto"
+    """SO keeps every shape as it is; O may mirror shapes (left and right specimens in one folder); auto mirrors only
+    where pairs of similar shapes clearly say that both sides are there (a single pair of shapes is matched as with
+    SO)."""
 
     scaling: Scaling = "similarity"
     """similarity brings all shapes to one size; rigid keeps the sizes of the files."""

@@ -111,6 +111,7 @@ def alignment_record(collection: AlignedCollection) -> dict[str, Any]:
     return {
         "version": __version__,
         "options": asdict(collection.options),
+        "decided": {"group": collection.group},
         "shapes": [
             {
                 "name": name,

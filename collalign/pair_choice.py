@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from collalign.chirality import GroupChoice, choose_group
 from collalign.collection import Excluded
 from collalign.descriptor import shape_descriptor
 from collalign.options import AlignOptions, RunOptions
@@ -16,30 +17,40 @@ from collalign.pairs import MatchedPair, match_pairs, pair_key, synchronize_pair
 from collalign.prepare import PreparedShapes
 from collalign.stage import ProgressFactory
 from collalign.store import Store
-from data_tools.arrays import IntArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding import Samples
 
 #: Collections up to this size match all their pairs with ``pairs="auto"``.
 MAX_ALL_PAIRS = 40
 #: How often pairs are added where synchronization is uncertain.
 MAX_ROUNDS = 3
+#: Said of specimens of the other side that are added to a collection without mirror images.
+KEPT_UNMIRRORED = (
+    "Added shapes look like mirror images, but the collection was aligned without mirror images and keeps that; to "
+    "mirror them, align all shapes again."
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MatchedPairs:
-    """The pairs that were matched, those that failed, and how many came out of the store."""
+    """The pairs that were matched, those that failed, and how many came out of the store.
+
+    ``choice`` is the group that they were matched with, "SO" or "O", with a note where the shapes decided.
+    """
 
     pairs: list[MatchedPair]
     failed: list[Excluded]
     num_reused: int
+    choice: GroupChoice
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FormerPairs:
-    """The pairs that an earlier run matched among the first ``num_shapes`` shapes."""
+    """The pairs that an earlier run matched among the first ``num_shapes`` shapes, and with which group."""
 
     num_shapes: int
     edges: IntArray
+    group: str
 
 
 def choose_and_match(
@@ -50,9 +61,10 @@ def choose_and_match(
     store: Store,
     *,
     former: FormerPairs | None = None,
+    any_mirrored: bool = False,
     progress: ProgressFactory | None = None,
 ) -> MatchedPairs:
-    """Match the pairs that ``options.pairs`` asks for.
+    """Match the pairs that ``options.pairs`` asks for, with the group that was asked for or that the shapes call for.
 
     Parameters
     ----------
@@ -62,7 +74,9 @@ def choose_and_match(
     run : RunOptions
     store : Store
     former : FormerPairs, optional
-        What an earlier run matched: only pairs with a new shape come on top.
+        What an earlier run matched: only pairs with a new shape come on top, and its group stays.
+    any_mirrored : bool
+        Whether a pose set by hand mirrors its shape.
     progress : callable, optional
     """
     num = len(samples)
@@ -75,6 +89,8 @@ def choose_and_match(
         new = extend_pairs(former.num_shapes, num - former.num_shapes, strategy=strategy, **known)
         edges = _merged(former.edges, new)
     before = store.keys("pairs")
+    choice = _choice(shapes, edges, descriptors, options, run, store, former, any_mirrored, progress)
+    options = replace(options, group=choice.group)
     pairs, failed = match_pairs(shapes, edges, options, run, store, progress=progress)
     for _ in range(MAX_ROUNDS if strategy == "adaptive" else 0):
         solution = synchronize_pairs(pairs, num, options)
@@ -90,12 +106,36 @@ def choose_and_match(
         edges = _merged(edges, added)
         pairs, failed = match_pairs(shapes, edges, options, run, store, progress=progress)
     reused = [1 for i, j in edges.tolist() if pair_key(shapes.keys[i], shapes.keys[j], options) in before]
-    return MatchedPairs(pairs=pairs, failed=failed, num_reused=len(reused))
+    return MatchedPairs(pairs=pairs, failed=failed, num_reused=len(reused), choice=choice)
 
 
 def planned_edges(num_shapes: int, options: AlignOptions) -> IntArray:
     """Return about the pairs that a run would match first, before any shape has been read."""
     return select_pairs(num_shapes, strategy=_strategy(num_shapes, options), seed=options.seed)
+
+
+def _choice(
+    shapes: PreparedShapes,
+    edges: IntArray,
+    descriptors: FloatArray,
+    options: AlignOptions,
+    run: RunOptions,
+    store: Store,
+    former: FormerPairs | None,
+    any_mirrored: bool,
+    progress: ProgressFactory | None,
+) -> GroupChoice:
+    """Return the group asked for, or with "auto" that of the earlier run, of the fixed poses, or of the shapes."""
+    if options.group != "auto":
+        return GroupChoice(group=options.group, note="")
+    if former is not None and former.group == "O":
+        return GroupChoice(group="O", note="Shapes may be mirrored, as in the collection that shapes were added to.")
+    if any_mirrored:
+        return GroupChoice(group="O", note="Shapes may be mirrored, because a pose set by hand is.")
+    choice = choose_group(shapes, edges, descriptors, options, run, store, progress=progress)
+    if former is None or choice.group == "SO":
+        return choice
+    return GroupChoice(group="SO", note=f"{KEPT_UNMIRRORED} The evidence: {choice.note}")
 
 
 def _strategy(num_shapes: int, options: AlignOptions) -> str:

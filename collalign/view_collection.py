@@ -76,7 +76,7 @@ def view_collection(
         groups=_group_numbers(collection.groups, len(collection.names)),
         labels=dict(labels or {}),
         excluded=tuple((one.file, one.reason) for one in collection.excluded),
-        options=asdict(collection.options),
+        options=asdict(collection.options) | {"decided": {"group": collection.group}},
         versions=collection.run.versions,
         timings_s=collection.run.times_s,
         cycle_errors_deg=cycle_errors_deg(collection.pairs, len(collection.names)),

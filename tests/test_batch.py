@@ -51,7 +51,7 @@ num_points = 16
 
 def test_jobs_share_options_and_override_them(folder: Path) -> None:
     first, second = read_batch(batch_file(folder, GOOD))
-    assert (first.options.seed, first.options.sampling.num_points, first.options.group) == (3, 20, "SO")
+    assert (first.options.seed, first.options.sampling.num_points, first.options.group) == (3, 20, "auto")
     assert (second.options.seed, second.options.sampling.num_points, second.options.group) == (3, 16, "O")
     assert second.options.sampling.num_dense_points == 50
     assert first.folder == folder / "chairs"

@@ -75,6 +75,7 @@ def collection() -> AlignedCollection:
         notes=("two groups",),
         shape_notes=((),) * 4,
         options=AlignOptions(),
+        group="SO",
         run=RunRecord(times_s={"pairs": 1.0}, versions={"numpy": "2"}),
     )
 

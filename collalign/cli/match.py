@@ -56,8 +56,9 @@ def match(
     if nonrigid:
         return _match_nonrigid(target, source, out or Path("."), deformation, surface)
     samples = [sample_file(shape_task(file, file.stem, options)) for file in (target, source)]
+    group = "O" if options.group == "O" else "SO"
     problem = pair_problem(
-        samples[0], samples[1], options.group, num_matches=num_matches, unmatched_penalty=unmatched_penalty
+        samples[0], samples[1], group, num_matches=num_matches, unmatched_penalty=unmatched_penalty
     )
     result = match_problem(problem, _matching(options))
     text = json.dumps(_record(target, source, samples, result), indent=1)

@@ -69,6 +69,7 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=64)
     parser.add_argument("--embedding", default="xyz+invariants")
     parser.add_argument("--pairs", default="auto")
+    parser.add_argument("--group", default="auto")
     parser.add_argument("--synchronization", default="robust")
     parser.add_argument("--no-refine", action="store_true")
     parser.add_argument("--jobs", type=int, default=-1)
@@ -76,7 +77,7 @@ def main() -> None:
     dataset = read_dataset(arguments.name, arguments.data)
     rng = np.random.default_rng(arguments.seed)
     options = AlignOptions(
-        group="O" if dataset.chirality is not None else "SO",
+        group=arguments.group,
         pairs=arguments.pairs,
         synchronization=arguments.synchronization,
         refine=not arguments.no_refine,

@@ -1,0 +1,158 @@
+"""Notices by itself whether a collection mixes left and right specimens (``group="auto"``).
+
+A pilot: some pairs of similar shapes are matched as they are, which the run needs anyway, and with one shape
+mirrored. Only where these few leave the suspicion of two sides, more pairs are. Shapes are mirrored on clear and
+consistent evidence only (:mod:`collalign.sides`), because nearly bilateral shapes prefer mirror images at random.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from collalign.options import AlignOptions, RunOptions
+from collalign.pairs import MIRRORED, pair_key, pair_label, pair_task, run_pair_tasks
+from collalign.prepare import PreparedShapes
+from collalign.sides import MIN_SHAPES, Sides, find_sides
+from collalign.stage import ProgressFactory
+from collalign.store import Store
+from collalign.stored_types import poses_from_record
+from data_tools.arrays import FloatArray, IntArray
+
+#: Nearest partners of each shape that the pilot compares, at first and where that leaves a suspicion.
+NUM_PARTNERS = (2, 6)
+#: Median preference, in pairs between the sides, that is worth a word though it does not suffice.
+_WORTH_A_WORD = 0.15
+#: Names in a note.
+_MOST_NAMES = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroupChoice:
+    """Whether a collection's shapes may be mirrored, and why.
+
+    Attributes
+    ----------
+    group : {"SO", "O"}
+    note : str
+        For the user, one sentence or two.
+    """
+
+    group: Literal["SO", "O"]
+    note: str
+
+
+def choose_group(
+    shapes: PreparedShapes,
+    edges: IntArray,
+    descriptors: FloatArray,
+    options: AlignOptions,
+    run: RunOptions,
+    store: Store,
+    *,
+    progress: ProgressFactory | None = None,
+) -> GroupChoice:
+    """Decide whether shapes may be mirrored, from pairs matched both ways.
+
+    Parameters
+    ----------
+    shapes : PreparedShapes
+    edges : ndarray of int, shape (E, 2)
+        The pairs that the run will match.
+    descriptors : ndarray, shape (N, m)
+        Similar shapes have similar ones; mirror images have the same.
+    options, run, store, progress
+        As for :func:`collalign.pairs.match_pairs`.
+    """
+    num = len(shapes.names)
+    for num_partners in NUM_PARTNERS:
+        chosen = nearest_pairs(edges, descriptors, num_partners)
+        energies = chirality_energies(shapes, chosen, options, run, store, progress=progress)
+        sides = find_sides(chosen, energies, num)
+        if num < MIN_SHAPES or not sides.are_suspected:
+            break
+    num_better = int((energies[:, 1] < energies[:, 0]).sum())
+    return GroupChoice(group="O" if sides.are_clear else "SO", note=_note(sides, num_better, shapes.names))
+
+
+def nearest_pairs(edges: IntArray, descriptors: FloatArray, num_partners: int) -> IntArray:
+    """Return those of the pairs that join a shape to one of its nearest partners.
+
+    Parameters
+    ----------
+    edges : ndarray of int, shape (E, 2)
+    descriptors : ndarray, shape (N, m)
+    num_partners : int
+        Per shape, among those that it is paired with.
+    """
+    lengths = np.linalg.norm(descriptors[edges[:, 0]] - descriptors[edges[:, 1]], axis=1)
+    order = np.argsort(lengths, kind="stable")
+    taken = np.zeros(len(descriptors), dtype=np.int64)
+    kept = np.zeros(len(edges), dtype=np.bool_)
+    for e in order:
+        i, j = edges[e]
+        kept[e] = min(taken[i], taken[j]) < num_partners
+        taken[[i, j]] += 1
+    return edges[kept]
+
+
+def chirality_energies(
+    shapes: PreparedShapes,
+    edges: IntArray,
+    options: AlignOptions,
+    run: RunOptions,
+    store: Store,
+    *,
+    progress: ProgressFactory | None = None,
+) -> FloatArray:
+    """Return the least energy of every pair as it is, and with one of its shapes mirrored.
+
+    The former come from the records that a run with ``group="SO"`` needs.
+
+    Parameters
+    ----------
+    shapes, edges, options, run, store, progress
+        As for :func:`collalign.pairs.match_pairs`.
+
+    Returns
+    -------
+    ndarray, shape (E, 2)
+        NaN where a pair failed.
+    """
+    keys, tasks = [], {}
+    for i, j in edges.tolist():
+        for group in ("SO", MIRRORED):
+            key = pair_key(shapes.keys[i], shapes.keys[j], options, group)
+            tasks[key] = (pair_label(shapes, i, j), pair_task(shapes, i, j, options, group))
+            keys.append(key)
+    run_pair_tasks(shapes, tasks, run, store, progress=progress)
+    energies = np.full(len(keys), np.nan)
+    for row, key in enumerate(keys):
+        record = store.get("pairs", key)
+        if record is not None:
+            energies[row] = poses_from_record(record, tasks[key][0])["energies"][0]
+    return energies.reshape(-1, 2)
+
+
+def _note(sides: Sides, num_better: int, names: tuple[str, ...]) -> str:
+    """Return what was decided and on which evidence."""
+    num_mirrored = int(sides.mirrored.sum())
+    if sides.are_clear:
+        return (
+            f"Left and right specimens are mixed, {num_mirrored} of {len(names)} on the smaller side: shapes may be "
+            f"mirrored. In {sides.num_between} pairs between the sides the mirror image fits better, by a median "
+            f"factor of {np.exp(sides.median_between):.2f} in energy; {sides.contradicted:.1%} of the evidence "
+            f"contradicts the sides (--group SO forbids mirror images)."
+        )
+    evidence = f"in {num_better} of {sides.num_pairs} pairs of similar shapes the mirror image fits better"
+    if not (sides.are_suspected and sides.median_between >= _WORTH_A_WORD):
+        return f"No shape is mirrored: no mix of left and right specimens was noticed ({evidence})."
+    listed = ", ".join([name for name, is_there in zip(names, sides.mirrored, strict=True) if is_there][:_MOST_NAMES])
+    more = f" and {num_mirrored - _MOST_NAMES} more" if num_mirrored > _MOST_NAMES else ""
+    why = "so few shapes cannot tell" if len(names) < MIN_SHAPES else "the evidence is not clear enough"
+    return (
+        f"No shape is mirrored, but {listed}{more} may be mirror images of the others ({evidence}): {why}; if left "
+        f"and right specimens are mixed, align with --group O."
+    )
