@@ -58,7 +58,7 @@ class Prepared:
 def measure_map(cell: Cell) -> Record:
     """Match one pair and return its errors at the evaluated points."""
     settings = cell.settings
-    maps = _map_set(cell.data, settings["set"])
+    maps = map_set(cell.data, settings["set"])
     shapes = [prepared(cell.data, settings, settings[role]) for role in ("target", "source")]
     started = time.process_time()
     match = match_prepared(shapes[0].spectral, shapes[1].spectral, NonrigidOptions(**settings["options"]))
@@ -114,7 +114,7 @@ def evaluate(
 def evaluated_points(maps: MapSet, source: str, num: int) -> IntArray:
     """Return the vertices of the source at which its maps are evaluated: landmarks, or farthest points."""
     if maps.name in SHREC07_CLASSES:
-        return _landmarks(maps, source)
+        return maps.landmarks(source)
     return farthest_points(maps.data.shape(source), num, metric="euclidean")
 
 
@@ -123,7 +123,7 @@ def true_places(
 ) -> tuple[IntArray, IntArray | None]:
     """Return the vertices of the target at which the evaluated points belong, and those of their mirror images."""
     if maps.name in SHREC07_CLASSES:
-        marks = _landmarks(maps, target)
+        marks = maps.landmarks(target)
         return marks, None if maps.data.mirror is None else marks[maps.data.mirror]
     return points, None if mirror is None else mirror.image[points]
 
@@ -149,19 +149,15 @@ def mirror_of(data: Path, settings: Mapping[str, Any]) -> Mirror | None:
     return _mirror(data, settings["set"], json.dumps(settings["surface"], sort_keys=True))
 
 
-def _landmarks(maps: MapSet, name: str) -> IntArray:
-    assert maps.data.landmark_vertices is not None
-    return maps.data.landmark_vertices[maps.data.index(name)]
-
-
 @functools.lru_cache(maxsize=4)
-def _map_set(data: Path, name: str) -> MapSet:
+def map_set(data: Path, name: str) -> MapSet:
+    """Return a benchmark; the last ones are kept in memory."""
     return read_map_set(data, name)
 
 
 @functools.lru_cache(maxsize=_NUM_KEPT)
 def _prepared(data: Path, set_name: str, variant: str, name: str, surface: str) -> Prepared:
-    copy = vary(_map_set(data, set_name), name, variant)
+    copy = vary(map_set(data, set_name), name, variant)
     started = time.process_time()
     spectral = prepare_shape(copy.shape, SurfaceOptions(**json.loads(surface)))
     return Prepared(copy=copy, spectral=spectral, seconds=time.process_time() - started)
@@ -169,12 +165,12 @@ def _prepared(data: Path, set_name: str, variant: str, name: str, surface: str) 
 
 @functools.lru_cache(maxsize=4)
 def _mirror(data: Path, set_name: str, surface: str) -> Mirror | None:
-    maps = _map_set(data, set_name)
+    maps = map_set(data, set_name)
     if maps.data.mirror is None or maps.data.landmark_vertices is None:
         return None
     name = maps.data.names[0]
     shape = _prepared(data, set_name, "original", name, surface).spectral
-    marks = _landmarks(maps, name)
+    marks = maps.landmarks(name)
     evaluator = MapEvaluator(maps.data.shape(name), marks[maps.data.mirror])
     refiner = screening_refiner(shape, shape)
     found = []

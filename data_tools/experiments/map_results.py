@@ -128,7 +128,7 @@ def outcome_of(results: Sequence[tuple[MapSet, Sequence[Measured]]]) -> Outcome:
 
 
 def findings(maps: MapSet, measured: Sequence[Measured]) -> list[str]:
-    """Return what the figures of one set say: the first trial beside the best published method, the mirrored truth."""
+    """Return what the figures of one set say: the first trial beside the best published method, and flips."""
     default = measured[0]
     mean = summary(default.direct)["mean"]
     sentences = [f"{maps.name}: mean error {mean:.4f} over {len(default.records)} maps ({default.trial.label})."]

@@ -67,6 +67,18 @@ class MapSet:
     pairs: tuple[Pair, ...]
     published: dict[str, dict[Pair, float]] = field(default_factory=dict)
 
+    def landmarks(self, name: str) -> IntArray:
+        """Return the vertices of a shape's landmarks.
+
+        Raises
+        ------
+        InputError
+            If the set has none.
+        """
+        if self.data.landmark_vertices is None:
+            raise InputError(f"{self.folder}: has no landmarks")
+        return self.data.landmark_vertices[self.data.index(name)]
+
     def on(self, pairs: tuple[Pair, ...]) -> dict[str, tuple[float, ...]]:
         """Return the published errors of these pairs, by method; a method that lacks one of them is left out."""
         return {
