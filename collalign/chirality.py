@@ -71,7 +71,7 @@ def choose_group(
         chosen = nearest_pairs(edges, descriptors, num_partners)
         energies = chirality_energies(shapes, chosen, options, run, store, progress=progress)
         sides = find_sides(chosen, energies, num)
-        if num < MIN_SHAPES or not sides.are_suspected:
+        if num < MIN_SHAPES or not sides.are_suspected or sides.are_obvious:
             break
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
     return GroupChoice(group="O" if sides.are_clear else "SO", note=_note(sides, num_better, shapes.names))
@@ -139,20 +139,20 @@ def chirality_energies(
 def _note(sides: Sides, num_better: int, names: tuple[str, ...]) -> str:
     """Return what was decided and on which evidence."""
     num_mirrored = int(sides.mirrored.sum())
+    listed = ", ".join([name for name, is_there in zip(names, sides.mirrored, strict=True) if is_there][:_MOST_NAMES])
+    listed += f" and {num_mirrored - _MOST_NAMES} more" if num_mirrored > _MOST_NAMES else ""
     if sides.are_clear:
         return (
-            f"Left and right specimens are mixed, {num_mirrored} of {len(names)} on the smaller side: shapes may be "
-            f"mirrored. In {sides.num_between} pairs between the sides the mirror image fits better, by a median "
-            f"factor of {np.exp(sides.median_between):.2f} in energy; {sides.contradicted:.1%} of the evidence "
-            f"contradicts the sides (--group SO forbids mirror images)."
+            f"Left and right specimens are mixed, {num_mirrored} of {len(names)} on the smaller side ({listed}): "
+            f"shapes may be mirrored. In {sides.num_between} pairs between the sides the mirror image fits better, by "
+            f"a median factor of {np.exp(sides.median_between):.2f} in energy; {sides.contradicted:.1%} of the "
+            f"evidence contradicts the sides (--group SO forbids mirror images)."
         )
     evidence = f"in {num_better} of {sides.num_pairs} pairs of similar shapes the mirror image fits better"
     if not (sides.are_suspected and sides.median_between >= _WORTH_A_WORD):
         return f"No shape is mirrored: no mix of left and right specimens was noticed ({evidence})."
-    listed = ", ".join([name for name, is_there in zip(names, sides.mirrored, strict=True) if is_there][:_MOST_NAMES])
-    more = f" and {num_mirrored - _MOST_NAMES} more" if num_mirrored > _MOST_NAMES else ""
     why = "so few shapes cannot tell" if len(names) < MIN_SHAPES else "the evidence is not clear enough"
     return (
-        f"No shape is mirrored, but {listed}{more} may be mirror images of the others ({evidence}): {why}; if left "
-        f"and right specimens are mixed, align with --group O."
+        f"No shape is mirrored, but {listed} may be mirror images of the others ({evidence}): {why}; if left and "
+        f"right specimens are mixed, align with --group O."
     )

@@ -34,6 +34,8 @@ _MOST_CONTRADICTED, _LEAST_BALANCE = 0.1, 0.7
 _LEAST_SUSPICION = (0.06, 0.05)
 #: Log-odds, divided by two, that a pair's preference is right, per unit of its preference.
 _TRUST = 4.0
+#: So many pairs settle the matter at once if both medians are that large and so little contradicts them.
+_MANY_PAIRS, _LEAST_OBVIOUS, _MOST_NOISE = 100, 0.2, 0.03
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,6 +73,16 @@ class Sides:
         """Whether both sides may be there: worth more pairs."""
         least_all, least_between = _LEAST_SUSPICION
         return bool(self.num_between > 0 and self.median_all >= least_all and self.median_between >= least_between)
+
+    @property
+    def are_obvious(self) -> bool:
+        """Whether more pairs could not change the verdict that both sides are there."""
+        return bool(
+            self.are_clear
+            and self.num_pairs >= _MANY_PAIRS
+            and min(self.median_all, self.median_between) >= _LEAST_OBVIOUS
+            and self.contradicted <= _MOST_NOISE
+        )
 
     @property
     def are_clear(self) -> bool:
