@@ -144,8 +144,8 @@ def _note(sides: Sides, num_better: int, names: tuple[str, ...]) -> str:
     if sides.are_clear:
         return (
             f"Left and right specimens are mixed, {num_mirrored} of {len(names)} on the smaller side ({listed}): "
-            f"shapes may be mirrored. In {sides.num_between} pairs between the sides the mirror image fits better, by "
-            f"a median factor of {np.exp(sides.median_between):.2f} in energy; {sides.contradicted:.1%} of the "
+            f"shapes may be mirrored. In {sides.num_between} pairs between the sides the mirror image fits better, "
+            f"by a median factor of {np.exp(sides.median_between):.2f} in energy; {sides.contradicted:.1%} of the "
             f"evidence contradicts the sides (--group SO forbids mirror images)."
         )
     evidence = f"in {num_better} of {sides.num_pairs} pairs of similar shapes the mirror image fits better"
