@@ -26,7 +26,7 @@ from pairwise.problem import Problem
 from pairwise.search import of_chirality
 
 #: Changes whenever the same two shapes and options would give other poses.
-PAIR_VERSION = "pair-2"
+PAIR_VERSION = "pair-3"
 #: Stands for the poses of determinant -1 alone where a group is named.
 MIRRORED = "mirrored"
 

@@ -11,32 +11,43 @@ from pairwise.local_search import LocalMinima
 from pairwise.options import MatchOptions
 from pairwise.pattern import RotationPattern
 from pairwise.results import Candidate
-from pairwise.search import distinct, mirror_rotations, rotation_block
+from pairwise.search import distinct
 from pairwise.starts import rotation_angles
 
 
-def distinct_candidates(
-    pattern: RotationPattern, minima: LocalMinima, options: MatchOptions, *, reflected: bool
-) -> list[Candidate]:
-    """Return the distinct poses of one chirality, best first, at most ``max_candidates``.
+def distinct_candidates(pattern: RotationPattern, minima: LocalMinima, options: MatchOptions) -> list[Candidate]:
+    """Return the distinct poses of each chirality that the group has, best first, at most ``max_candidates`` of each.
 
     Parameters
     ----------
     pattern : RotationPattern
         Poses whose rotation blocks are closer than ``candidate_angle_deg`` are one.
     minima : LocalMinima
-        Of the problem of that chirality (:func:`pairwise.search.of_chirality`), best first.
+        Best first.
     options : MatchOptions
-    reflected : bool
-        Whether these minima are for the mirrored source; they are returned for the source itself.
     """
-    block = rotation_block(pattern)
+    mirrored = pattern.mirrored(minima.rotations)
+    if mirrored is None:
+        return _distinct_of_one(pattern, minima, options, reflected=False)
+    return [
+        candidate
+        for reflected in (False, True)
+        for candidate in _distinct_of_one(
+            pattern, minima.take(np.flatnonzero(mirrored == reflected)), options, reflected=reflected
+        )
+    ]
+
+
+def _distinct_of_one(
+    pattern: RotationPattern, minima: LocalMinima, options: MatchOptions, *, reflected: bool
+) -> list[Candidate]:
+    """Return the distinct poses of one chirality."""
+    block = pattern.rotation_block
     angle_rad = np.deg2rad(options.candidate_angle_deg)
     chosen = minima.take(distinct(minima.rotations[:, :block, :block], angle_rad, options.max_candidates))
-    rotations = mirror_rotations(chosen.rotations) if reflected else chosen.rotations
     return [
         Candidate(
-            R_target_source=read_only(rotations[c].copy()),
+            R_target_source=read_only(chosen.rotations[c].copy()),
             map_target_source=read_only(chosen.maps[c].copy()),
             energy=float(chosen.energies[c]),
             reflected=reflected,
@@ -65,7 +76,7 @@ def with_better(
     """
     if better.energy >= ranked[0].energy:
         return ranked
-    block = rotation_block(pattern)
+    block = pattern.rotation_block
     angle_rad = np.deg2rad(options.candidate_angle_deg)
 
     def is_apart(other: Candidate) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 from typing import TypeAlias
 
 import numpy as np
@@ -90,6 +91,8 @@ class RotationPattern:
     @cached_property
     def components(self) -> tuple[IntArray, ...]:
         """Index sets of the finest diagonal blocks that hold the pattern; R is projected block by block."""
+        if self.mask.all():
+            return (np.arange(self.dim),)
         _, labels = connected_components(self.mask | self.mask.T, directed=False)
         return tuple(np.flatnonzero(labels == c) for c in range(labels.max() + 1))
 
@@ -97,6 +100,33 @@ class RotationPattern:
     def is_block_diagonal(self) -> bool:
         """Whether all orthogonal matrices of the components fit the mask: false for bands, true for blocks."""
         return all(bool(self.mask[np.ix_(index, index)].all()) for index in self.components)
+
+    @cached_property
+    def rotation_block(self) -> int:
+        """Size of the first block of R, the one that turns the shape.
+
+        It is the block of determinant +1 where there is one, the first diagonal block of two or three coordinates, or
+        all of R.
+
+        Raises
+        ------
+        OptionsError
+            If the block of determinant +1 is not the first one.
+        """
+        if self.special_blocks:
+            start, stop = self.special_blocks[0]
+            if start != 0:
+                raise OptionsError("rotation_pattern: the rotation block must come first")
+            return stop
+        first = len(self.components[0])
+        return first if first in (2, 3) else self.dim
+
+    def mirrored(self, rotations: FloatArray) -> BoolArray | None:
+        """Return whether the rotation block of matrices (..., d, d) mirrors; None where the group never does."""
+        if self.special_blocks:
+            return None
+        block = self.rotation_block
+        return np.asarray(np.linalg.det(rotations[..., :block, :block]) < 0)
 
     def pack(self, matrix: FloatArray) -> FloatArray:
         """Return [R], the free entries of (..., d, d) matrices, shape (..., r)."""
@@ -110,7 +140,7 @@ class RotationPattern:
         matrix[..., rows, cols] = entries
         return matrix
 
-    def project(self, matrices: FloatArray) -> FloatArray:
+    def project(self, matrices: FloatArray, mirrored: BoolArray | None = None) -> FloatArray:
         """Return the nearest orthogonal matrices, block by block, with determinant +1 where it is asked for.
 
         Orthogonal Procrustes (Schoenemann 1966; Kabsch 1976 for the determinant). A banded pattern has no closed
@@ -120,32 +150,39 @@ class RotationPattern:
         ----------
         matrices : ndarray, shape (..., d, d)
             For Procrustes pass ``target[map].T @ (weights * source)``.
+        mirrored : ndarray of bool, shape (...), optional
+            Ask for determinant -1 of the rotation block where true, +1 elsewhere, whatever the group.
 
         Returns
         -------
         ndarray, shape (..., d, d)
         """
+        blocks = [matrices]
+        if len(self.components) > 1:
+            blocks = [matrices[..., index[:, None], index] for index in self.components]
+        factors = [np.linalg.svd(block) for block in blocks]
+        wanted = 1.0 if mirrored is None else np.where(mirrored, -1.0, 1.0)
+        for start, stop in self.special_blocks if mirrored is None else ((0, self.rotation_block),):
+            within = (start <= index[0] < stop for index in self.components)
+            _set_determinants(list(compress(factors, within)), wanted)
+        if len(factors) == 1:
+            return np.asarray(factors[0][0] @ factors[0][2])
         rotations = np.zeros(matrices.shape)
-        weakest = np.full((*matrices.shape[:-2], len(self.components)), np.inf)
-        signs = np.ones(weakest.shape)
-        flips = []
-        for b, index in enumerate(self.components):
-            rows, cols = index[:, None], index
-            u, s, vt = np.linalg.svd(matrices[..., rows, cols])
-            q = u @ vt
-            rotations[..., rows, cols] = q
-            weakest[..., b] = s[..., -1]
-            signs[..., b] = np.sign(np.linalg.det(q))
-            flips.append(-2.0 * u[..., :, -1:] * vt[..., -1:, :])
-        for start, stop in self.special_blocks:
-            members = [b for b, index in enumerate(self.components) if start <= index[0] < stop]
-            cheapest = np.argmin(weakest[..., members], axis=-1)
-            mirrored = np.prod(signs[..., members], axis=-1) < 0
-            for position, b in enumerate(members):
-                rows, cols = self.components[b][:, None], self.components[b]
-                flipped = (mirrored & (cheapest == position))[..., None, None]
-                rotations[..., rows, cols] += np.where(flipped, flips[b], 0.0)
+        for index, (u, _, vt) in zip(self.components, factors, strict=True):
+            rotations[..., index[:, None], index] = u @ vt
         return rotations
+
+
+def _set_determinants(factors: list[tuple[FloatArray, FloatArray, FloatArray]], wanted: FloatArray | float) -> None:
+    """Give a block, by the singular vectors of its components, the wanted determinant, in place.
+
+    Where it has the other one, the weakest direction is turned round.
+    """
+    signs = [np.linalg.det(u @ vt) for u, _, vt in factors]
+    is_wrong = np.prod(signs, axis=0) * wanted < 0
+    weakest = np.argmin([s[..., -1] for _, s, _ in factors], axis=0)
+    for position, (u, _, _) in enumerate(factors):
+        u[is_wrong & (weakest == position), :, -1] *= -1.0
 
 
 def _mask_from_user(pattern: PatternLike, dim: int) -> tuple[BoolArray, int]:

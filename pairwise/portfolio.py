@@ -9,16 +9,17 @@ poses that search does not. And with ``certify`` where branch and bound does not
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray
 from pairwise.branch_and_bound import can_certify
 from pairwise.candidates import distinct_candidates, rank
-from pairwise.local_search import RIGID, LocalMinima, merge, minimise
+from pairwise.local_search import RIGID, merge, minimise
 from pairwise.options import MatchOptions
 from pairwise.problem import Problem
 from pairwise.results import Candidate, RelaxationResult
 from pairwise.rounding import appendix_starts, draw_rotations
-from pairwise.search import explore, look_around, mirror_rotations, of_chirality, rotation_block
+from pairwise.search import explore, look_around
 from pairwise.solve import solve_pm_sdp
 
 #: Largest dimension of the rotation block that a set of rotations covers.
@@ -29,7 +30,7 @@ def wants_relaxation(problem: Problem, options: MatchOptions) -> bool:
     """Whether the relaxation is solved, by the rule above."""
     if options.freedom != RIGID:
         return False
-    uncovered = rotation_block(problem.pattern) > _MAX_COVERED_DIM
+    uncovered = problem.pattern.rotation_block > _MAX_COVERED_DIM
     by_strategy = {"search": False, "relaxation": True, "portfolio": uncovered}[options.strategy]
     return by_strategy or (options.certify and not can_certify(problem))
 
@@ -64,25 +65,24 @@ def find_poses(
     starts : ndarray, shape (m, d, d), optional
         Poses to descend from as well.
     """
-    chiralities = (False,) if problem.pattern.special_blocks else (False, True)
-    parts = {reflected: of_chirality(problem, reflected=reflected) for reflected in chiralities}
-    matrices, origins = _given_starts(problem, options, relaxation, starts)
-    minima: dict[bool, LocalMinima] = {}
-    for reflected, part in parts.items():
-        turned = part.pattern.project(mirror_rotations(matrices) if reflected else matrices)
-        minima[reflected] = _descend(part, options, turned, origins)
-    least = min(float(m.energies[0]) for m in minima.values())
-    found: list[Candidate] = []
-    for reflected, part in parts.items():
-        polished = look_around(part, minima[reflected], least, seed=options.seed, freedom=options.freedom)
-        found += distinct_candidates(part.pattern, polished, options, reflected=reflected)
-    return rank(found, options)
+    given, origins = _given_starts(problem, options, relaxation, starts)
+    parts = []
+    if len(given):
+        parts.append(minimise(problem, given, freedom=options.freedom, hold_chirality=True, origins=origins))
+    if options.strategy != "relaxation" or not parts:
+        parts.append(
+            explore(problem, num_rotations=options.num_rotations, seed=options.seed, freedom=options.freedom)
+        )
+    polished = look_around(problem, merge(parts), seed=options.seed, freedom=options.freedom)
+    return rank(distinct_candidates(problem.pattern, polished, options), options)
 
 
 def _given_starts(
     problem: Problem, options: MatchOptions, relaxation: RelaxationResult | None, starts: FloatArray | None
-) -> tuple[FloatArray, list[str]]:
-    """Return matrices to project, beside the search's own rotations, and what gave each."""
+) -> tuple[FloatArray, NDArray[np.str_]]:
+    """Return rotations beside the search's own ones, of each chirality that the group has, and what gave each."""
+    if starts is None and relaxation is None:
+        return np.zeros((0, problem.dim, problem.dim)), np.zeros(0, dtype=np.str_)
     matrices = [np.zeros((0, problem.dim, problem.dim)) if starts is None else starts]
     origins = ["start"] * len(matrices[0])
     if relaxation is not None and np.isfinite(relaxation.R).all():
@@ -90,16 +90,8 @@ def _given_starts(
         matrices.append(appendix_starts(problem, relaxation))
         matrices.append(draw_rotations(problem, relaxation, options.num_draws, rng))
         origins += ["relaxation"] * (len(matrices[-2]) + len(matrices[-1]))
-    return np.concatenate(matrices), origins
-
-
-def _descend(problem: Problem, options: MatchOptions, starts: FloatArray, origins: list[str]) -> LocalMinima:
-    """Return the local minima of one chirality, from the given starts and, unless excluded, from the search."""
-    parts = []
-    if len(starts):
-        parts.append(minimise(problem, starts, freedom=options.freedom, origins=np.array(origins)))
-    if options.strategy != "relaxation" or not parts:
-        parts.append(
-            explore(problem, num_rotations=options.num_rotations, seed=options.seed, freedom=options.freedom)
-        )
-    return merge(parts)
+    joined, names, pattern = np.concatenate(matrices), np.array(origins, dtype=np.str_), problem.pattern
+    if pattern.special_blocks:
+        return pattern.project(joined), names
+    held = np.zeros(len(joined), dtype=bool)
+    return np.concatenate([pattern.project(joined, held), pattern.project(joined, ~held)]), np.tile(names, 2)

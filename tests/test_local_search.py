@@ -8,6 +8,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pairwise.local_search import Freedom, LocalMinima, MatchingCosts, energies_of, merge, minimise, procrustes
 from pairwise.problem import Problem
+from pairwise.search import of_chirality
 from pairwise.starts import random_rotations
 from tests.problems import catalogue, planted
 
@@ -24,7 +25,7 @@ def test_costs_and_maps_are_those_of_the_problem(known) -> None:
     rotations = starts_for(problem, 5)
     costs = MatchingCosts(problem)
     expected = np.swapaxes(problem.assignment_costs(rotations), 1, 2)
-    np.testing.assert_allclose(costs(rotations, np.ones(5)), expected, atol=1e-12)
+    np.testing.assert_allclose(costs(rotations, np.ones(5)).transpose(2, 1, 0), expected, atol=1e-12)
     maps = costs.assign(rotations, np.ones(5))
     for cost, point_map in zip(expected, maps, strict=True):
         rows, cols = linear_sum_assignment(cost)
@@ -103,3 +104,26 @@ def test_energies_come_from_the_differences_themselves(rng: np.random.Generator)
     np.testing.assert_allclose(best, [problem.procrustes(m) for m in maps])
     found = energies_of(problem, rotations, maps, scales)
     np.testing.assert_allclose(found, [problem.energy(r, m) for r, m in zip(rotations, maps, strict=True)])
+
+
+def test_runs_hold_the_chirality_of_their_starts_on_request(rng: np.random.Generator) -> None:
+    points = rng.random((12, 3)) - 0.5
+    problem = Problem.from_user(points, points, group="O")
+    mirror = np.diag([-1.0, 1.0, 1.0])
+    starts = np.concatenate([random_rotations(3, 8, rng), random_rotations(3, 8, rng) @ mirror])
+    found = minimise(problem, starts, hold_chirality=True)
+    mirrored = np.linalg.det(found.rotations) < 0
+    apart = [
+        minimise(of_chirality(problem, reflected=r), starts[8 * r :][:8] @ (mirror if r else np.eye(3)))
+        for r in (0, 1)
+    ]
+    assert sorted(found.energies[mirrored]) == pytest.approx(sorted(apart[1].energies))
+    assert sorted(found.energies[~mirrored]) == pytest.approx(sorted(apart[0].energies))
+
+
+def test_merging_keeps_equal_maps_of_both_chiralities() -> None:
+    plane = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [-1.0, -1.0, 0.0], [2.0, -1.0, 0.0]])
+    problem = Problem.from_user(plane, plane, group="O")
+    found = minimise(problem, np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])]), hold_chirality=True)
+    assert len(found) == 2
+    assert len(merge([found, found])) == 2

@@ -51,6 +51,20 @@ def test_special_projection_of_diagonals_is_nearest() -> None:
     assert np.allclose(pattern.project(given), np.eye(3))
 
 
+@pytest.mark.parametrize(("pattern", "dim"), [(None, 3), ((3, 2), 5), (0, 4)])
+def test_projection_mirrors_on_request_whatever_the_group(
+    rng: np.random.Generator, pattern: object, dim: int
+) -> None:
+    matrices = rng.standard_normal((20, dim, dim))
+    wanted = rng.random(20) < 0.5
+    special = RotationPattern.from_user(pattern, dim, "SO")
+    for group in ("SO", "O"):
+        found = RotationPattern.from_user(pattern, dim, group).project(matrices, wanted)
+        block = special.rotation_block
+        np.testing.assert_array_equal(np.linalg.det(found[:, :block, :block]) < 0, wanted)
+        np.testing.assert_allclose(found[~wanted], special.project(matrices[~wanted]), atol=1e-12)
+
+
 def test_pack_is_column_major_and_unpack_its_inverse(rng: np.random.Generator) -> None:
     pattern = RotationPattern.from_user(1, 4, "O")
     matrix = np.where(pattern.mask, rng.random((4, 4)), 0)

@@ -16,7 +16,6 @@ from pairwise.search import (
     look_around,
     mirror_rotations,
     of_chirality,
-    rotation_block,
     search,
 )
 from pairwise.starts import random_rotations, rotation_angles
@@ -37,9 +36,9 @@ def test_search_is_no_worse_than_many_random_starts(
 def test_a_second_look_never_loses(rng: np.random.Generator) -> None:
     problem = planted(rng, rng.random((20, 3)) - 0.5, noise=0.4)
     first = explore(problem, num_rotations=10)
-    second = look_around(problem, first, float(first.energies[0]))
+    second = look_around(problem, first)
     assert second.energies[0] <= first.energies[0]
-    assert len(look_around(problem, first, 0.0)) == len(first)
+    assert {m.tobytes() for m in first.maps} <= {m.tobytes() for m in second.maps}
 
 
 def test_distinct_keeps_the_first_of_every_cluster() -> None:
@@ -71,13 +70,13 @@ def test_the_group_of_a_special_problem_is_left_as_it_is(rng: np.random.Generato
 
 def test_the_rotation_block_is_the_first_one() -> None:
     def block(pattern, dim, group):
-        return rotation_block(RotationPattern.from_user(pattern, dim, group))
+        return RotationPattern.from_user(pattern, dim, group).rotation_block
 
     assert block(None, 3, "SO") == block(None, 3, "O") == 3
     assert block([3, 4], 7, "SO") == block([3, 4], 7, "O") == 3
     assert block(0, 5, "O") == block(2, 5, "SO") == 5
     with pytest.raises(OptionsError, match="first"):
-        rotation_block(RotationPattern(np.eye(3, dtype=bool), ((1, 3),)))
+        _ = RotationPattern(np.eye(3, dtype=bool), ((1, 3),)).rotation_block
 
 
 def test_other_blocks_follow_in_closed_form(rng: np.random.Generator) -> None:
@@ -107,3 +106,25 @@ def test_the_search_turns_with_the_points() -> None:
     first, second = search(problem), search(moved)
     assert second.energies[0] == pytest.approx(first.energies[0])
     assert rotation_angles(turns[0] @ first.rotations[0] @ turns[1].T, second.rotations[0]) < 1e-6
+
+
+def test_both_chiralities_go_on_from_the_screening(rng: np.random.Generator) -> None:
+    points = rng.random((12, 3)) - 0.5
+    problem = Problem.from_user(points, points, group="O")
+    found = explore(problem)
+    mirrored = problem.pattern.mirrored(found.rotations)
+    assert mirrored is not None
+    assert mirrored.any()
+    assert not mirrored[0]
+    apart = explore(of_chirality(problem, reflected=True))
+    assert found.energies[mirrored][0] == pytest.approx(apart.energies[0])
+
+
+def test_distinct_goes_on_until_each_chirality_has_its_share() -> None:
+    turns = np.stack(
+        [np.eye(3), np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), -np.eye(3), np.diag([-1.0, 1.0, 1.0])]
+    )
+    mirrored = np.linalg.det(turns) < 0
+    np.testing.assert_array_equal(distinct(turns, 0.1, 2), [0, 1])
+    np.testing.assert_array_equal(distinct(turns, 0.1, 2, mirrored=mirrored), [0, 1])
+    np.testing.assert_array_equal(distinct(turns, 0.1, 3, mirrored=mirrored), [0, 1, 2, 3])
