@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Largest mean error of a map in the plots.
-_MAX_MEAN = 0.5
+#: Mean error of a map up to which the plots go at least.
+_MIN_RANGE = 0.25
 
 PROTOCOL = f"""The protocol is that of Kim, Lipman and Funkhouser (2011): the error of a point is the geodesic
 distance on the target from its image to its true place, over the square root of the target's area, at the landmarks
@@ -99,11 +99,12 @@ def draw_maps(axes: Axes, maps: MapSet, default: Measured) -> None:
     """Draw the share of maps within each mean error, the first trial beside the published methods."""
     means = {default.trial.label: np.array([errors.mean() for errors in default.direct])}
     means |= {f"{m} (published)": np.array(errors) for m, errors in maps.on(default.trial.pairs).items()}
-    grid = np.linspace(0, _MAX_MEAN, 251)
+    limit = max(_MIN_RANGE, *(float(values.max()) for values in means.values()))
+    grid = np.linspace(0, limit, 501)
     for number, (label, values) in enumerate(means.items()):
         shares = (values[:, None] <= grid).mean(axis=0)
         axes.plot(grid, 100 * shares, linewidth=2 if number == 0 else 1, label=f"{label}, mean {values.mean():.3f}")
-    axes.set(xlabel="mean error of the map", ylabel="maps within, %", xlim=(0, _MAX_MEAN), ylim=(0, 102))
+    axes.set(xlabel="mean error of the map", ylabel="maps within, %", xlim=(0, limit), ylim=(0, 102))
     axes.grid(visible=True, alpha=0.3)
     axes.legend(loc="lower right", fontsize="small")
 
