@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,7 +70,7 @@ def aligned_mixed(mixed: Path, store: RunOptions) -> AlignedCollection:
     return align_collection(mixed, options=OPTIONS, run=store)
 
 
-def without_decision(collection: AlignedCollection) -> dict:
+def without_decision(collection: AlignedCollection) -> dict[str, Any]:
     """What two runs share if one was asked for what the other decided."""
     record = alignment_record(collection)
     record["options"].pop("group")
