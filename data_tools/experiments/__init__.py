@@ -11,7 +11,20 @@ from data_tools.errors import OptionsError
 from data_tools.experiments.experiment import Experiment
 
 #: Experiments in the order of the page, each a module of this package with a constant ``EXPERIMENT``.
-NAMES: tuple[str, ...] = ("figure3", "figure5", "scape", "tosca", "shrec07_maps", "faust", "theorem3", "figure14", "invariants")
+NAMES: tuple[str, ...] = (
+    "figure3",
+    "figure5",
+    "scape",
+    "tosca",
+    "shrec07_maps",
+    "faust",
+    "theorem3",
+    "figure14",
+    "invariants",
+    "peers",
+    "teeth_jobs",
+    "deformations",
+)
 
 
 def load_experiment(name: str) -> Experiment:
