@@ -15,7 +15,8 @@ import numpy as np
 from collalign.synchronization import synchronize
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding import Samples
-from pairwise.refine import DensePoints, refine_pose
+from pairwise.dense_points import DensePoints
+from pairwise.refine import refine_pose
 
 #: Pairs that each shape is refined with, beside a spanning tree.
 NUM_NEIGHBOURS = 8

@@ -45,6 +45,7 @@ def samples_to_record(samples: Samples) -> Record:
         "dense_indices": samples.dense_indices,
         "dense_positions": samples.dense_positions,
         "dense_normals": samples.dense_normals,
+        "dense_invariants": samples.dense_invariants,
         "notes": list(samples.notes),
     }
 
@@ -74,18 +75,22 @@ def samples_from_record(record: Record, name: str) -> Samples:
         scale = _number(record["scale"], "scale")
         if not 0 < scale < np.inf:
             raise InputError(f"scale: expected a positive number, got {scale}")
+        invariants = _floats(record["invariants"], "invariants", (k, None))
         return Samples(
             name=name,
             vertex_indices=_indices(record["vertex_indices"], "vertex_indices", num=k),
             positions=read_only(positions),
             coordinates=_floats(record["coordinates"], "coordinates", (k, sum(block_sizes))),
             block_sizes=block_sizes,
-            invariants=_floats(record["invariants"], "invariants", (k, None)),
+            invariants=invariants,
             offset=_floats(record["offset"], "offset", (3,)),
             scale=scale,
             dense_indices=dense_indices,
             dense_positions=_floats(record["dense_positions"], "dense_positions", (len(dense_indices), 3)),
             dense_normals=_normals(record["dense_normals"], len(dense_indices)),
+            dense_invariants=_floats(
+                record["dense_invariants"], "dense_invariants", (len(dense_indices), invariants.shape[1])
+            ),
             notes=tuple(_text(note, "notes") for note in _listed(record["notes"], "notes")),
         )
 

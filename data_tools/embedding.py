@@ -51,6 +51,8 @@ class Samples:
         With the same offset and scale.
     dense_normals : ndarray, shape (l, 3) or (0, 3)
         Outward unit normals there; empty where the shape has no oriented surface.
+    dense_invariants : ndarray, shape (l, m)
+        As ``invariants``, relative to the dense positions.
     notes : tuple of str
         What a user should know: decimated, which operators.
     """
@@ -66,6 +68,7 @@ class Samples:
     dense_indices: IntArray
     dense_positions: FloatArray
     dense_normals: FloatArray
+    dense_invariants: FloatArray
     notes: tuple[str, ...] = ()
 
 
@@ -103,8 +106,10 @@ def sample_shape(
     size = float(np.linalg.norm(positions))
     eigen = _spectrum(surface, embedding)
     coordinates, block_sizes = _coordinates(positions, size, eigen, chosen, embedding)
-    invariants = _invariants(surface, eigen, chosen, embedding) * size
-    dense = _dense_indices(shape, surface, sampling)
+    descriptors = _descriptors(surface, eigen, embedding)
+    dense_chosen = _choose_dense(surface, sampling)
+    dense = surface.to_original[dense_chosen]
+    dense_positions = (shape.vertices[dense] - offset) / scale
     normals = outward_normals(shape)
     return Samples(
         name=shape.name,
@@ -112,12 +117,13 @@ def sample_shape(
         positions=read_only(positions),
         coordinates=read_only(coordinates),
         block_sizes=block_sizes,
-        invariants=read_only(invariants),
+        invariants=read_only(_invariants(descriptors, chosen, positions)),
         offset=read_only(offset),
         scale=scale,
         dense_indices=read_only(dense),
-        dense_positions=read_only((shape.vertices[dense] - offset) / scale),
+        dense_positions=read_only(dense_positions),
         dense_normals=read_only(normals[dense] if len(normals) else normals),
+        dense_invariants=read_only(_invariants(descriptors, dense_chosen, dense_positions)),
         notes=shape.notes + surface.notes,
     )
 
@@ -169,29 +175,38 @@ def _coordinates(
     return np.ascontiguousarray(np.hstack([positions, block])), (3, num)
 
 
-def _invariants(
-    surface: WorkingSurface, eigen: Spectrum | None, chosen: IntArray, options: EmbeddingOptions
-) -> FloatArray:
-    """Return the weighted invariants at the samples, for positions of unit norm, shape (k, m)."""
-    blocks = [np.empty((len(chosen), 0))]
+def _descriptors(
+    surface: WorkingSurface, eigen: Spectrum | None, options: EmbeddingOptions
+) -> list[tuple[float, FloatArray]]:
+    """Return weights and values on the working surface, shapes (w, m), of the invariants that are asked for."""
+    found: list[tuple[float, FloatArray]] = []
     if not options.has_invariants:
-        return blocks[0]
+        return found
     if options.hks_weight > 0 and eigen is not None:
-        blocks.append(options.hks_weight**0.5 * standardised(heat_kernel_signature(eigen), chosen))
+        found.append((options.hks_weight, heat_kernel_signature(eigen)))
     if options.wks_weight > 0 and eigen is not None:
-        blocks.append(options.wks_weight**0.5 * standardised(wave_kernel_signature(eigen), chosen))
+        found.append((options.wks_weight, wave_kernel_signature(eigen)))
     if options.agd_weight > 0:
-        blocks.append(options.agd_weight**0.5 * standardised(surface.agd[:, None], chosen))
+        found.append((options.agd_weight, surface.agd[:, None]))
     if options.boundary_weight > 0:
-        distance = boundary_distance(surface.shape, surface.geodesics)[:, None]
-        blocks.append(options.boundary_weight**0.5 * standardised(distance, chosen))
-    return np.ascontiguousarray(np.hstack(blocks))
+        found.append((options.boundary_weight, boundary_distance(surface.shape, surface.geodesics)[:, None]))
+    return found
 
 
-def _dense_indices(shape: Shape, surface: WorkingSurface, options: SamplingOptions) -> IntArray:
+def _invariants(descriptors: list[tuple[float, FloatArray]], chosen: IntArray, positions: FloatArray) -> FloatArray:
+    """Return the invariants at the chosen vertices, weighted relative to their positions, shape (k, m)."""
+    if not len(chosen):
+        return np.empty((0, sum(values.shape[1] for _, values in descriptors)))
+    size = np.linalg.norm(positions - positions.mean(axis=0))
+    blocks = [size * weight**0.5 * standardised(values, chosen) for weight, values in descriptors]
+    return np.ascontiguousarray(np.hstack([np.empty((len(chosen), 0)), *blocks]))
+
+
+def _choose_dense(surface: WorkingSurface, options: SamplingOptions) -> IntArray:
+    """Return the dense samples as vertices of the working surface, no two of the same original vertex."""
     num = min(options.num_dense_points, len(surface.shape.vertices))
     if not num:
         return np.empty(0, dtype=np.int64)
-    chosen = surface.to_original[farthest_points(surface.shape, num, metric="euclidean")]
-    _, first = np.unique(chosen, return_index=True)
+    chosen = farthest_points(surface.shape, num, metric="euclidean")
+    _, first = np.unique(surface.to_original[chosen], return_index=True)
     return chosen[np.sort(first)]

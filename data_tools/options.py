@@ -96,7 +96,7 @@ class EmbeddingOptions:
     hks_weight: float = 0.2
     """Weight of the log heat kernel signature at times .003, .01, .03, .1 of the surface scaled to unit area."""
 
-    agd_weight: float = 0.0
+    agd_weight: float = 0.2
     """Weight of the average geodesic distance."""
 
     wks_weight: float = 0.0

@@ -17,7 +17,9 @@ from data_tools.arrays import FloatArray, as_rotations
 from pairwise.branch_and_bound import can_certify
 from pairwise.branch_and_bound import certify as prove_by_branching
 from pairwise.candidates import with_better
-from pairwise.options import MatchOptions, Strategy
+from pairwise.dense_points import DensePoints
+from pairwise.dense_stage import DenseLike, dense_pair, refine_candidates
+from pairwise.options import DenseOptions, MatchOptions, Strategy
 from pairwise.pattern import PatternLike
 from pairwise.portfolio import find_poses, relax, wants_relaxation
 from pairwise.problem import Problem
@@ -40,11 +42,13 @@ def match(
     num_matches: int | None = None,
     unmatched_penalty: float | None = None,
     starts: ArrayLike | None = None,
+    dense: tuple[DenseLike, DenseLike] | None = None,
     strategy: Strategy | None = None,
     certify: bool | None = None,
     time_limit_s: float | None = None,
     seed: int | None = None,
     options: MatchOptions | None = None,
+    dense_options: DenseOptions | None = None,
 ) -> MatchResult:
     """Match the source's points to the target's: rotation and injective map of least energy (Procrustes matching).
 
@@ -71,10 +75,15 @@ def match(
         Two-way partial matching: what each source point left out costs, in squared units of the points.
     starts : array_like, shape (m, d, d), optional
         Poses to descend from as well.
+    dense : pair of DensePoints, of arrays (l, d), or of pairs (points, normals), optional
+        Many points of target and source in the same units: every candidate is refined on them, and the candidates are
+        ranked by both energies (:mod:`pairwise.dense_stage`).
     strategy, certify, time_limit_s, seed : optional
         Override the fields of ``options`` of the same names.
     options : MatchOptions, optional
         The other ones.
+    dense_options : DenseOptions, optional
+        How poses are refined on the dense points.
 
     Returns
     -------
@@ -113,11 +122,20 @@ def match(
     poses = None
     if starts is not None:
         poses = as_rotations(starts, "starts", group=group, dim=problem.dim).reshape(-1, problem.dim, problem.dim)
-    return match_problem(problem, replace(options or MatchOptions(), **changes), starts=poses)
+    clouds = None if dense is None else dense_pair(dense, problem)
+    options = replace(options or MatchOptions(), **changes)
+    return match_problem(problem, options, starts=poses, dense=clouds, dense_options=dense_options)
 
 
-def match_problem(problem: Problem, options: MatchOptions, *, starts: FloatArray | None = None) -> MatchResult:
-    """Match as :func:`match` does, from a checked problem and checked starts (m, d, d)."""
+def match_problem(
+    problem: Problem,
+    options: MatchOptions,
+    *,
+    starts: FloatArray | None = None,
+    dense: tuple[DensePoints, DensePoints] | None = None,
+    dense_options: DenseOptions | None = None,
+) -> MatchResult:
+    """Match as :func:`match` does, from a checked problem, checked starts (m, d, d) and checked dense points."""
     begin_s = time.perf_counter()
     relaxation = relax(problem, options) if wants_relaxation(problem, options) else None
     relaxed_s = time.perf_counter()
@@ -129,6 +147,12 @@ def match_problem(problem: Problem, options: MatchOptions, *, starts: FloatArray
         proven, better, status = prove_by_branching(problem, ranked, tol=options.gap_tol, time_limit_s=left_s)
         ranked = with_better(ranked, better, problem.pattern, options)
         bound = min(float(np.fmax(bound, proven)), ranked[0].energy)
+    proven_s = time.perf_counter()
+    if dense is not None:
+        optimum = ranked[0]
+        ranked = refine_candidates(ranked, problem, dense, options, dense_options or DenseOptions())
+        if ranked[0].energy > optimum.energy and status is Status.PROVEN_OPTIMAL:
+            status = Status.LOCAL_OPTIMUM
     best = ranked[0]
     return MatchResult(
         R_target_source=best.R_target_source,
@@ -142,9 +166,11 @@ def match_problem(problem: Problem, options: MatchOptions, *, starts: FloatArray
         times_s={
             "relaxation": relaxed_s - begin_s,
             "search": found_s - relaxed_s,
-            "certify": time.perf_counter() - found_s,
+            "certify": proven_s - found_s,
+            "refinement": time.perf_counter() - proven_s,
         },
         certificate=None if relaxation is None else relaxation.certificate,
+        refined=best.refined,
     )
 
 

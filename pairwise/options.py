@@ -1,4 +1,4 @@
-"""Options of :func:`pairwise.match`."""
+"""Options of :func:`pairwise.match` and of its stage on dense points."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from data_tools.errors import OptionsError
 from pairwise.local_search import RIGID, Freedom
+from pairwise.refine import RefinementMethod
 
 Strategy = Literal["search", "relaxation", "portfolio"]
 
@@ -80,3 +81,33 @@ class MatchOptions:
                 "estimate_scale, estimate_translation: bounds are for rotations only; use neither strategy "
                 "'relaxation' nor certify with them"
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DenseOptions:
+    """How the poses of a pair are refined and ranked on dense points.
+
+    Raises
+    ------
+    OptionsError
+        If a value is impossible.
+    """
+
+    method: RefinementMethod = "nearest"
+    """Each point with the nearest of the other shape, both ways; or a one-to-one assignment; or point-to-plane by
+    Open3D, for surfaces with normals."""
+
+    normal_weight: float = 0.0
+    """Weight of normals beside positions. They pull bent limbs off the pose that most of the shape agrees on, so they
+    are left out by default."""
+
+    max_iterations: int = 30
+    """Steps per pose."""
+
+    def __post_init__(self) -> None:
+        if self.method not in get_args(RefinementMethod):
+            raise OptionsError(f"method: expected one of {get_args(RefinementMethod)}, got {self.method!r}")
+        if not (np.isfinite(self.normal_weight) and self.normal_weight >= 0):
+            raise OptionsError(f"normal_weight: expected a number of at least 0, got {self.normal_weight}")
+        if not self.max_iterations >= 1:
+            raise OptionsError(f"max_iterations: expected at least 1, got {self.max_iterations}")

@@ -10,6 +10,7 @@ from pairwise.status import Status
 
 if TYPE_CHECKING:
     from pairwise.certificate import Certificate
+    from pairwise.refine import RefinedPose
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,6 +33,9 @@ class Candidate:
         Factor of the source's points; 1 unless it was estimated.
     translation : ndarray, shape (d,), or None
         Added to the turned source's points; None unless it was estimated.
+    refined : RefinedPose or None
+        The rotation block of this pose refined on dense points, with the energies there; None without them. All
+        other fields are about the samples.
     """
 
     R_target_source: FloatArray
@@ -41,11 +45,16 @@ class Candidate:
     origin: str
     scale: float = 1.0
     translation: FloatArray | None = None
+    refined: RefinedPose | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MatchResult:
     """The best pose found for a pair, its alternatives, and what is proven about it.
+
+    With dense points the best pose is the candidate of least energy on the samples times energy on the dense points
+    (:mod:`pairwise.dense_stage`), and its refined pose is ``refined``. Bound, certificate and energy stay about the
+    samples.
 
     Attributes
     ----------
@@ -56,8 +65,10 @@ class MatchResult:
     lower_bound : float
         No pose has a smaller energy; NaN where nothing was certified.
     candidates : tuple of Candidate
-        The distinct poses found, best energy first; the first one is the answer itself.
+        The distinct poses found, the best one first, which is the answer itself: by energy, or with dense points by
+        the product of both energies.
     status : Status
+        ``PROVEN_OPTIMAL`` only where the answer has the energy that is proven.
     times_s : dict of str to float
         Seconds per stage.
     scale : float
@@ -66,6 +77,8 @@ class MatchResult:
         Added to the turned source's points; None unless it was estimated.
     certificate : Certificate or None
         Of the relaxation, where one was solved.
+    refined : RefinedPose or None
+        The answer's pose refined on dense points, where these were given.
     """
 
     R_target_source: FloatArray
@@ -78,6 +91,7 @@ class MatchResult:
     scale: float = 1.0
     translation: FloatArray | None = None
     certificate: Certificate | None = None
+    refined: RefinedPose | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -23,6 +23,7 @@ def samples_of(points: np.ndarray, invariants: np.ndarray | None = None) -> Samp
         dense_indices=np.empty(0, dtype=np.int64),
         dense_positions=np.empty((0, 3)),
         dense_normals=np.empty((0, 3)),
+        dense_invariants=np.empty((0, 0)),
     )
 
 

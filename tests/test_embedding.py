@@ -21,7 +21,7 @@ def shape() -> Shape:
 
 
 @pytest.mark.parametrize(
-    ("kind", "dim", "num_invariants"), [("xyz", 3, 0), ("xyz+lb", 7, 0), ("xyz+invariants", 3, 5), ("all", 7, 5)]
+    ("kind", "dim", "num_invariants"), [("xyz", 3, 0), ("xyz+lb", 7, 0), ("xyz+invariants", 3, 6), ("all", 7, 6)]
 )
 def test_blocks_of_each_kind(shape: Shape, kind: str, dim: int, num_invariants: int) -> None:
     samples = sample_shape(shape, FEW, EmbeddingOptions(kind=kind))  # type: ignore[arg-type]
@@ -59,7 +59,17 @@ def test_weights_are_squared_norms_relative_to_positions() -> None:
         size = np.linalg.norm(samples.positions)
         assert np.linalg.norm(samples.coordinates[:, 3:]) ** 2 == pytest.approx(0.5 * size**2)
         assert np.linalg.norm(samples.invariants[:, :4]) ** 2 == pytest.approx(0.2 * size**2)
-        assert np.linalg.norm(samples.invariants[:, 4]) ** 2 == pytest.approx(0.4 * size**2)
+        assert np.linalg.norm(samples.invariants[:, 4]) ** 2 == pytest.approx(0.2 * size**2)
+        assert np.linalg.norm(samples.invariants[:, 5]) ** 2 == pytest.approx(0.4 * size**2)
+
+
+def test_dense_invariants_are_those_of_as_many_samples(shape: Shape) -> None:
+    dense = sample_shape(shape, FEW, ALL)
+    centred = dense.dense_positions - dense.dense_positions.mean(axis=0)
+    assert dense.dense_invariants.shape == (60, dense.invariants.shape[1])
+    assert (dense.dense_invariants[:, :4] ** 2).sum() == pytest.approx(0.2 * (centred**2).sum())
+    without = sample_shape(shape, SamplingOptions(num_points=24, num_dense_points=0), ALL)
+    assert without.dense_invariants.shape == (0, dense.invariants.shape[1])
 
 
 def test_pose_scale_and_vertex_order_only_turn_the_positions(shape: Shape, rng: np.random.Generator) -> None:
@@ -72,6 +82,7 @@ def test_pose_scale_and_vertex_order_only_turn_the_positions(shape: Shape, rng: 
     np.testing.assert_allclose(b.coordinates[:, 3:], a.coordinates[:, 3:], atol=1e-6)
     np.testing.assert_allclose(b.invariants, a.invariants, atol=1e-6)
     np.testing.assert_allclose(b.dense_positions, a.dense_positions @ rotation.T, atol=1e-9)
+    np.testing.assert_allclose(b.dense_invariants, a.dense_invariants, atol=1e-6)
 
 
 def test_mirror_images_have_mirrored_samples(shape: Shape) -> None:
@@ -126,4 +137,4 @@ def test_unusable_shapes_are_refused_by_name(shape: Shape) -> None:
     few = SamplingOptions(num_points=8, num_dense_points=0)
     with pytest.raises(InputError, match="small: too few vertices for 30 eigenfunctions"):
         sample_shape(small, few, EmbeddingOptions(kind="xyz+lb", num_eigenfunctions=30))
-    assert sample_shape(small, few).invariants.shape == (8, 5)
+    assert sample_shape(small, few).invariants.shape == (8, 6)

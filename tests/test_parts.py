@@ -47,6 +47,7 @@ def samples(rng: np.random.Generator) -> list[Samples]:
             name=str(i), vertex_indices=np.arange(6), positions=points, coordinates=points, block_sizes=(3,),
             invariants=np.empty((6, 0)), offset=np.zeros(3), scale=1.0, dense_indices=none,
             dense_positions=np.empty((0, 3)), dense_normals=np.empty((0, 3)),
+            dense_invariants=np.empty((0, 0)),
         )
         for i, points in enumerate(clouds)
     ]  # fmt: skip

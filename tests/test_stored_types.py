@@ -33,6 +33,7 @@ def make_samples(
         dense_indices=np.arange(7),
         dense_positions=rng.standard_normal((7, 3)),
         dense_normals=rng.standard_normal((7, 3)),
+        dense_invariants=rng.standard_normal((7, num_invariants)),
         notes=("decimated",),
     )
 

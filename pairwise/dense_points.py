@@ -1,0 +1,188 @@
+"""Dense samples of two shapes matched at a pose: two-way nearest neighbours, or a one-to-one assignment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import linear_sum_assignment
+
+from data_tools.arrays import FloatArray, IntArray, as_floats, as_points, read_only
+from data_tools.errors import InputError
+
+#: Entries of the cost matrix that nearest neighbours hold at once.
+_CHUNK_ENTRIES = 1_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class DensePoints:
+    """The dense samples of one shape, prepared once for many pairs; build it with :meth:`from_user`.
+
+    Attributes
+    ----------
+    points : ndarray, shape (l, d)
+    normals : ndarray, shape (l, d), or None
+        Of unit length; None where the shape has no surface.
+    invariants : ndarray, shape (l, m)
+        Coordinates that no rotation changes, in units of the points; m may be 0.
+    """
+
+    points: FloatArray
+    normals: FloatArray | None
+    invariants: FloatArray
+
+    @classmethod
+    def from_user(
+        cls, points: ArrayLike, normals: ArrayLike | None = None, invariants: ArrayLike | None = None
+    ) -> DensePoints:
+        """Check the arrays.
+
+        Raises
+        ------
+        InputError
+            If they are not finite, of different shapes, or all points lie in one place.
+        """
+        checked = as_points(points, "points", min_points=2)
+        if not np.ptp(checked, axis=0).any():
+            raise InputError("points: all lie in one place")
+        directions = None if normals is None else read_only(as_floats(normals, "normals", shape=checked.shape))
+        scalars = np.empty((len(checked), 0)) if invariants is None else invariants
+        return cls(
+            read_only(checked), directions, read_only(as_floats(scalars, "invariants", shape=(len(checked), None)))
+        )
+
+    @cached_property
+    def radius(self) -> float:
+        """Root mean square distance from the centroid."""
+        return float(np.sqrt(((self.points - self.points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Similarity:
+    """x -> scale * rotation x + shift.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (d, d)
+        Orthogonal, of either determinant.
+    scale : float
+    shift : ndarray, shape (d,)
+    """
+
+    rotation: FloatArray
+    scale: float
+    shift: FloatArray
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Return moved points, shape (l, d)."""
+        return self.scale * points @ self.rotation.T + self.shift
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DensePairs:
+    """Matched points; in partial matching those that take part.
+
+    Attributes
+    ----------
+    of_target, of_source : ndarray of int, shape (p,)
+    num_left_out : int
+        Pairs that cost the penalty instead.
+    """
+
+    of_target: IntArray
+    of_source: IntArray
+    num_left_out: int
+
+
+class DenseMatcher:
+    """Matches the dense samples of two shapes at any pose.
+
+    Parameters
+    ----------
+    target, source : DensePoints
+    normal_weight : float
+        Weight of the unit normals, in units of the target; 0 leaves them out.
+    one_to_one : bool
+        Assignment of as many points as the smaller shape has, instead of nearest neighbours both ways.
+    unmatched_penalty : float
+        Pairs that cost more are left out.
+    matched_share : float
+        Share of the pairs that takes part, those that cost least.
+    """
+
+    def __init__(
+        self,
+        target: DensePoints,
+        source: DensePoints,
+        *,
+        normal_weight: float = 0.0,
+        one_to_one: bool = False,
+        unmatched_penalty: float = np.inf,
+        matched_share: float = 1.0,
+    ) -> None:
+        self.target, self.source = target, source
+        self.penalty, self.share, self.one_to_one = unmatched_penalty, matched_share, one_to_one
+        has_normals = target.normals is not None and source.normals is not None
+        self._normal_weight = normal_weight if has_normals else 0.0
+        self._target_features = np.hstack([target.points, *self._fixed_features(target)])
+        self._target_squares = (self._target_features**2).sum(axis=1)
+
+    def pair_up(self, pose: Similarity) -> DensePairs:
+        """Return the matched points at a pose."""
+        features = self._moved_features(pose)
+        if self.one_to_one:
+            of_target, of_source = linear_sum_assignment(np.minimum(self._costs(features), self.penalty))
+        else:
+            of_target, of_source = self._nearest(features)
+        costs = ((self._target_features[of_target] - features[of_source]) ** 2).sum(axis=1)
+        kept = costs <= self.penalty
+        if self.share < 1.0:
+            num = max(len(self.target.points[0]), round(self.share * len(costs)))
+            kept[np.argsort(costs, kind="stable")[num:]] = False
+            return DensePairs(of_target=of_target[kept], of_source=of_source[kept], num_left_out=0)
+        return DensePairs(
+            of_target=of_target[kept], of_source=of_source[kept], num_left_out=int(len(costs) - kept.sum())
+        )
+
+    def mean_cost(self, pairs: DensePairs, pose: Similarity) -> float:
+        """Return the mean over the pairs of squared distance of points and of invariants; normals are left out."""
+        gaps = self.target.points[pairs.of_target] - pose.apply(self.source.points[pairs.of_source])
+        other = self.target.invariants[pairs.of_target] - self.source.invariants[pairs.of_source]
+        total = (gaps**2).sum() + (other**2).sum()
+        if pairs.num_left_out:
+            total += pairs.num_left_out * self.penalty
+        return float(total / max(len(gaps) + pairs.num_left_out, 1))
+
+    def _fixed_features(self, shape: DensePoints, turn: FloatArray | None = None) -> list[FloatArray]:
+        if not self._normal_weight or shape.normals is None:
+            return [shape.invariants]
+        normals = shape.normals if turn is None else shape.normals @ turn.T
+        return [shape.invariants, self._normal_weight * normals]
+
+    def _moved_features(self, pose: Similarity) -> FloatArray:
+        return np.hstack([pose.apply(self.source.points), *self._fixed_features(self.source, pose.rotation)])
+
+    def _costs(self, features: FloatArray) -> FloatArray:
+        """Return the costs of all matches, shape (target, source)."""
+        costs = self._target_features @ (-2.0 * features.T)
+        costs += self._target_squares[:, None]
+        costs += (features**2).sum(axis=1)
+        return costs
+
+    def _nearest(self, features: FloatArray) -> tuple[IntArray, IntArray]:
+        """Return nearest neighbours both ways, in slabs of source points."""
+        num_target, num_source = len(self._target_features), len(features)
+        slab = max(1, _CHUNK_ENTRIES // num_target)
+        least = np.full(num_target, np.inf)
+        back = np.zeros(num_target, dtype=np.int64)
+        there = np.empty(num_source, dtype=np.int64)
+        for first in range(0, num_source, slab):
+            costs = self._costs(features[first : first + slab])
+            there[first : first + slab] = costs.argmin(axis=0)
+            nearest = costs.argmin(axis=1)
+            values = costs[np.arange(num_target), nearest]
+            better = values < least
+            least[better], back[better] = values[better], nearest[better] + first
+        return np.concatenate([there, np.arange(num_target)]), np.concatenate([np.arange(num_source), back])
