@@ -8,7 +8,7 @@ from data_tools.experiments.map_sets import FOLDERS, read_map_set
 from data_tools.experiments.map_trials import SEED, measure_trials, usual_trials
 
 #: Pairs matched as copies too, and by the paper's own strategies.
-NUM_COPIES, NUM_PAPER = 8, 4
+NUM_COPIES, NUM_PAPER = 5, 3
 
 _ABOUT = f"""
 Non-rigid maps between the bodies of SCAPE (section 6.1 of Maron et al. 2016), on the benchmark's pairs whose meshes
