@@ -1,24 +1,24 @@
 """Notices by itself whether a collection mixes left and right specimens (``group="auto"``).
 
-A pilot: some pairs of similar shapes are matched as they are, which the run needs anyway, and with one shape
-mirrored. Only where these few leave the suspicion of two sides, more pairs are. Shapes are mirrored on clear and
-consistent evidence only (:mod:`collalign.sides`), because nearly bilateral shapes prefer mirror images at random.
+A pilot: some pairs of similar shapes are matched with mirror images, which costs little more than without and gives
+the best pose of either kind. Only where these few leave the suspicion of two sides, more pairs are. Shapes are
+mirrored on clear and consistent evidence only (:mod:`collalign.sides`), because nearly bilateral shapes prefer mirror
+images at random. If the run goes on with mirror images, the pilot's pairs are among its own.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from collalign.options import AlignOptions, RunOptions
-from collalign.pairs import MIRRORED, pair_key, pair_label, pair_task, run_pair_tasks
+from collalign.pairs import MatchedPair, match_pairs
 from collalign.prepare import PreparedShapes
 from collalign.sides import MIN_SHAPES, Sides, find_sides
 from collalign.stage import ProgressFactory
 from collalign.store import Store
-from collalign.stored_types import poses_from_record
 from data_tools.arrays import FloatArray, IntArray
 
 #: Nearest partners of each shape that the pilot compares, at first and where that leaves a suspicion.
@@ -54,7 +54,7 @@ def choose_group(
     *,
     progress: ProgressFactory | None = None,
 ) -> GroupChoice:
-    """Decide whether shapes may be mirrored, from pairs matched both ways.
+    """Decide whether shapes may be mirrored, from some pairs matched with mirror images.
 
     Parameters
     ----------
@@ -67,10 +67,12 @@ def choose_group(
         As for :func:`collalign.pairs.match_pairs`.
     """
     num = len(shapes.names)
+    both_kinds = replace(options, group="O")
     for num_partners in NUM_PARTNERS:
         chosen = nearest_pairs(edges, descriptors, num_partners)
-        energies = chirality_energies(shapes, chosen, options, run, store, progress=progress)
-        sides = find_sides(chosen, energies, num)
+        pairs, _ = match_pairs(shapes, chosen, both_kinds, run, store, progress=progress)
+        energies = np.array([chirality_energies(pair) for pair in pairs])
+        sides = find_sides([(pair.target, pair.source) for pair in pairs], energies, num)
         if num < MIN_SHAPES or not sides.are_suspected or sides.are_obvious:
             break
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
@@ -98,42 +100,11 @@ def nearest_pairs(edges: IntArray, descriptors: FloatArray, num_partners: int) -
     return edges[kept]
 
 
-def chirality_energies(
-    shapes: PreparedShapes,
-    edges: IntArray,
-    options: AlignOptions,
-    run: RunOptions,
-    store: Store,
-    *,
-    progress: ProgressFactory | None = None,
-) -> FloatArray:
-    """Return the least energy of every pair as it is, and with one of its shapes mirrored.
-
-    The former come from the records that a run with ``group="SO"`` needs.
-
-    Parameters
-    ----------
-    shapes, edges, options, run, store, progress
-        As for :func:`collalign.pairs.match_pairs`.
-
-    Returns
-    -------
-    ndarray, shape (E, 2)
-        NaN where a pair failed.
-    """
-    keys, tasks = [], {}
-    for i, j in edges.tolist():
-        for group in ("SO", MIRRORED):
-            key = pair_key(shapes.keys[i], shapes.keys[j], options, group)
-            tasks[key] = (pair_label(shapes, i, j), pair_task(shapes, i, j, options, group))
-            keys.append(key)
-    run_pair_tasks(shapes, tasks, run, store, progress=progress)
-    energies = np.full(len(keys), np.nan)
-    for row, key in enumerate(keys):
-        record = store.get("pairs", key)
-        if record is not None:
-            energies[row] = poses_from_record(record, tasks[key][0])["energies"][0]
-    return energies.reshape(-1, 2)
+def chirality_energies(pair: MatchedPair) -> tuple[float, float]:
+    """Return the least energy of a pair's poses of determinant +1, and of -1; NaN where there is none."""
+    is_mirrored = np.linalg.det(pair.rotations[:, :3, :3]) < 0
+    plain, mirrored = pair.energies[~is_mirrored], pair.energies[is_mirrored]
+    return (float(plain.min()) if len(plain) else np.nan), (float(mirrored.min()) if len(mirrored) else np.nan)
 
 
 def _note(sides: Sides, num_better: int, names: tuple[str, ...]) -> str:

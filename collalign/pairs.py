@@ -23,20 +23,14 @@ from data_tools.errors import CollectionError
 from pairwise.match import match_problem
 from pairwise.options import MatchOptions
 from pairwise.problem import Problem
-from pairwise.search import of_chirality
 
 #: Changes whenever the same two shapes and options would give other poses.
 PAIR_VERSION = "pair-3"
-#: Stands for the poses of determinant -1 alone where a group is named.
-MIRRORED = "mirrored"
 
 
 @dataclass(frozen=True, kw_only=True)
 class PairTask:
-    """What a worker needs to match one pair; the samples come from the shared table.
-
-    ``group`` is "SO", "O" or :data:`MIRRORED`.
-    """
+    """What a worker needs to match one pair; the samples come from the shared table."""
 
     target_key: str
     source_key: str
@@ -80,15 +74,10 @@ def match_pair(task: PairTask, shared: SharedTable) -> Record:
     Returns
     -------
     dict
-        ``rotations`` (m, d, d), ``maps`` (m, k), ``energies`` (m,), ``lower_bound``, ``status``. With
-        :data:`MIRRORED`, rotations of the source with its first coordinate negated.
+        ``rotations`` (m, d, d), ``maps`` (m, k), ``energies`` (m,), ``lower_bound``, ``status``.
     """
     target, source = (samples_from_record(shared[key], key) for key in (task.target_key, task.source_key))
-    if task.group == MIRRORED:
-        problem = of_chirality(pair_problem(target, source, "O"), reflected=True)
-    else:
-        problem = pair_problem(target, source, task.group)
-    return poses_to_record(match_problem(problem, task.options))
+    return poses_to_record(match_problem(pair_problem(target, source, task.group), task.options))
 
 
 def pair_problem(
@@ -155,31 +144,7 @@ def match_pairs(
     """
     # Files of equal content give equal keys, so a key may stand for several pairs.
     keyed = [(pair_key(shapes.keys[i], shapes.keys[j], options), i, j) for i, j in edges.tolist()]
-    tasks = {key: (pair_label(shapes, i, j), pair_task(shapes, i, j, options)) for key, i, j in keyed}
-    run_pair_tasks(shapes, tasks, run, store, strict=options.strict, progress=progress)
-    failures, done = store.failures("pairs"), store.keys("pairs")
-    pairs = [
-        _matched(store.require("pairs", key), i, j, pair_label(shapes, i, j)) for key, i, j in keyed if key in done
-    ]
-    failed = [
-        Excluded(file=pair_label(shapes, i, j), reason=failures[key].reason) for key, i, j in keyed if key not in done
-    ]
-    if not pairs:
-        reasons = "".join(f"\n  {item.file}: {item.reason}" for item in failed[:10])
-        raise CollectionError(f"not one of {len(edges)} pairs could be matched{reasons}")
-    return pairs, failed
-
-
-def run_pair_tasks(
-    shapes: PreparedShapes,
-    tasks: Mapping[str, tuple[str, PairTask]],
-    run: RunOptions,
-    store: Store,
-    *,
-    strict: bool = False,
-    progress: ProgressFactory | None = None,
-) -> None:
-    """Match what the store lacks of the labelled tasks, by key."""
+    tasks = {key: (_label(shapes, i, j), _task(shapes, i, j, options)) for key, i, j in keyed}
     with SharedTable.create((key, store.require("shapes", key)) for key in sorted(set(shapes.keys))) as table:
         run_stage(
             "pairs",
@@ -188,10 +153,19 @@ def run_pair_tasks(
             store,
             run,
             time_limit_s=run.pair_time_limit_s,
-            strict=strict,
+            strict=options.strict,
             shared=table,
             progress=progress,
         )
+    failures, done = store.failures("pairs"), store.keys("pairs")
+    pairs = [_matched(store.require("pairs", key), i, j, _label(shapes, i, j)) for key, i, j in keyed if key in done]
+    failed = [
+        Excluded(file=_label(shapes, i, j), reason=failures[key].reason) for key, i, j in keyed if key not in done
+    ]
+    if not pairs:
+        reasons = "".join(f"\n  {item.file}: {item.reason}" for item in failed[:10])
+        raise CollectionError(f"not one of {len(edges)} pairs could be matched{reasons}")
+    return pairs, failed
 
 
 def candidate_arrays(pairs: Sequence[MatchedPair]) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -214,6 +188,10 @@ def candidate_arrays(pairs: Sequence[MatchedPair]) -> tuple[IntArray, FloatArray
         rotations[e, : len(pair.energies)] = pair.rotations
         energies[e, : len(pair.energies)] = pair.energies
     return np.array([(pair.target, pair.source) for pair in pairs]), rotations, energies
+
+
+def _label(shapes: PreparedShapes, i: int, j: int) -> str:
+    return f"{shapes.names[i]} - {shapes.names[j]}"
 
 
 def synchronize_pairs(
@@ -249,27 +227,18 @@ def synchronize_pairs(
     )
 
 
-def pair_key(target_key: str, source_key: str, options: AlignOptions, group: str = "") -> str:
-    """Return the key of a pair's record in the store, from the keys of its shapes.
-
-    ``group`` is "SO", "O" or :data:`MIRRORED`; that of the options, which may not be "auto" then, by default.
-    """
-    settings = {"group": group or options.group, "matching": options.matching, "seed": options.seed}
+def pair_key(target_key: str, source_key: str, options: AlignOptions) -> str:
+    """Return the key of a pair's record in the store, from the keys of its shapes; the group is "SO" or "O"."""
+    settings = {"group": options.group, "matching": options.matching, "seed": options.seed}
     return fingerprint(PAIR_VERSION, settings, target_key, source_key)
 
 
-def pair_label(shapes: PreparedShapes, i: int, j: int) -> str:
-    """Return the names of a pair's shapes, for people."""
-    return f"{shapes.names[i]} - {shapes.names[j]}"
-
-
-def pair_task(shapes: PreparedShapes, i: int, j: int, options: AlignOptions, group: str = "") -> PairTask:
-    """Return what has to be done for one pair; ``group`` as for :func:`pair_key`."""
+def _task(shapes: PreparedShapes, i: int, j: int, options: AlignOptions) -> PairTask:
     seed = pair_seed(options.seed + options.matching.seed, shapes.keys[i], shapes.keys[j])
     return PairTask(
         target_key=shapes.keys[i],
         source_key=shapes.keys[j],
-        group=group or options.group,
+        group=options.group,
         options=replace(options.matching, seed=seed),
     )
 
