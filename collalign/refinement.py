@@ -52,7 +52,7 @@ def refine_rotations(
         Poses that stay, at least one in each part that the edges connect.
     """
     local = local_pairs(len(samples), edges, energies)
-    points = [_dense_points(item) for item in samples]
+    points = [dense_points(item, invariants=False) for item in samples]
     for _ in range(NUM_ROUNDS):
         poses = [refine_pose(points[i], points[j], rotations[i].T @ rotations[j]) for i, j in local.tolist()]
         found = np.array([pose.energy / points[i].radius ** 2 for pose, i in zip(poses, local[:, 0], strict=True)])
@@ -96,6 +96,10 @@ def local_pairs(num_shapes: int, edges: IntArray, energies: FloatArray, *, num: 
     return np.array([pair for pair in edges.tolist() if frozenset(pair) in kept]).reshape(-1, 2)
 
 
-def _dense_points(samples: Samples) -> DensePoints:
-    has_normals = len(samples.dense_normals) > 0
-    return DensePoints.from_user(samples.dense_positions, samples.dense_normals if has_normals else None)
+def dense_points(samples: Samples, *, invariants: bool = True) -> DensePoints:
+    """Return a shape's dense samples for refinement, with normals where it has them."""
+    return DensePoints.from_user(
+        samples.dense_positions,
+        samples.dense_normals if len(samples.dense_normals) else None,
+        samples.dense_invariants if invariants else None,
+    )

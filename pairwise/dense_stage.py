@@ -96,12 +96,15 @@ def _refine(
     block = problem.pattern.rotation_block
     is_penalised = problem.max_unmatched == problem.num_source
     share = 1.0 if is_penalised else 1.0 - problem.max_unmatched / problem.num_source
+    shift = candidate.translation
+    if shift is None and problem.max_unmatched:
+        shift = np.zeros(problem.dim)  # the centroids of overlapping parts differ
     return refine_pose(
         dense[0],
         dense[1],
         candidate.R_target_source[:block, :block],
         scale=candidate.scale,
-        translation=None if candidate.translation is None else candidate.translation[:block],
+        translation=None if shift is None else shift[:block],
         method=dense_options.method,
         estimate_scale=options.estimate_scale,
         normal_weight=dense_options.normal_weight,

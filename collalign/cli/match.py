@@ -16,13 +16,15 @@ from collalign.nonrigid.pictures import draw_match
 from collalign.options import AlignOptions
 from collalign.pairs import pair_problem
 from collalign.prepare import sample_file, shape_task
+from collalign.refinement import dense_points
 from data_tools.arrays import FloatArray
 from data_tools.embedding import Samples
 from data_tools.files import write_atomic
 from data_tools.mesh_io import read_shape
 from data_tools.options import CleaningOptions
 from pairwise.match import match_problem
-from pairwise.options import MatchOptions
+from pairwise.options import DenseOptions, MatchOptions
+from pairwise.refine import RefinedPose
 from pairwise.results import Candidate, MatchResult
 
 
@@ -35,17 +37,22 @@ def match(
     num_matches: int | None = None,
     unmatched_penalty: float | None = None,
     options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
+    dense: DenseOptions = DenseOptions(),  # noqa: B008
     deformation: NonrigidOptions = NonrigidOptions(),  # noqa: B008
     surface: SurfaceOptions = SurfaceOptions(),  # noqa: B008
 ) -> int:
     """Match two shapes: the best pose and its alternatives, or (--nonrigid) a map of all vertices.
+
+    Every pose is refined on dense samples (--sampling.num-dense-points) and the poses are ranked by the energies on
+    both kinds of samples, unless --no-refine is given.
 
     Parameters
     ----------
     target, source
         Two mesh or point cloud files; the result takes the source to the target.
     out
-        Folder for the result: match.json, or map.npz, map.txt, map.png and map.html. A pose is printed as well.
+        Folder for the result: match.json, or map.npz, map.txt, map.png and map.html. A pose is printed as well;
+        its first "transform" is the answer, those of the candidates are about the samples alone.
     nonrigid
         Match deformable shapes; the options of deformation and surface belong to this.
     num_matches
@@ -60,7 +67,10 @@ def match(
     problem = pair_problem(
         samples[0], samples[1], group, num_matches=num_matches, unmatched_penalty=unmatched_penalty
     )
-    result = match_problem(problem, _matching(options))
+    clouds = None
+    if options.refine and options.sampling.num_dense_points:
+        clouds = dense_points(samples[0]), dense_points(samples[1])
+    result = match_problem(problem, _matching(options), dense=clouds, dense_options=dense)
     text = json.dumps(_record(target, source, samples, result), indent=1)
     print(text)
     if out is not None:
@@ -105,10 +115,12 @@ def _record(target: Path, source: Path, samples: list[Samples], result: MatchRes
         "advice": result.status.value,
         "energy": result.energy,
         "lower_bound": None if np.isnan(result.lower_bound) else result.lower_bound,
+        "transform": _transform(to, of, result.refined or result.candidates[0]).tolist(),
         "candidates": [
             {
                 "transform": _transform(to, of, candidate).tolist(),
                 "energy": candidate.energy,
+                "refined": None if candidate.refined is None else _refined(to, of, candidate.refined),
                 "reflected": candidate.reflected,
                 "map_target_source": [
                     int(to.vertex_indices[i]) if i >= 0 else -1 for i in candidate.map_target_source
@@ -120,7 +132,18 @@ def _record(target: Path, source: Path, samples: list[Samples], result: MatchRes
     }
 
 
-def _transform(to: Samples, of: Samples, pose: Candidate) -> FloatArray:
+def _refined(to: Samples, of: Samples, pose: RefinedPose) -> dict[str, Any]:
+    """Return what the dense samples say of a candidate: mean costs per point before and after refinement."""
+    return {
+        "transform": _transform(to, of, pose).tolist(),
+        "initial_energy": pose.initial_energy,
+        "energy": pose.energy,
+        "iterations": pose.iterations,
+        "status": pose.status.name,
+    }
+
+
+def _transform(to: Samples, of: Samples, pose: Candidate | RefinedPose) -> FloatArray:
     """Return x -> scale_to * (scale * R (x - offset_of) / scale_of + shift) + offset_to as a 4 x 4 matrix."""
     linear = pose.R_target_source[:3, :3] * (pose.scale * to.scale / of.scale)
     shift = np.zeros(3) if pose.translation is None else to.scale * pose.translation[:3]

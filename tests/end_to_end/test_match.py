@@ -36,6 +36,23 @@ def test_rigid_match_prints_and_writes_the_transform(
     assert np.linalg.det(transform[:3, :3]) == pytest.approx(1 / 27, rel=0.05)
 
 
+def test_the_answer_is_refined_on_dense_samples(files: tuple[Path, Path, np.ndarray], tmp_path: Path) -> None:
+    target, source, turn = files
+    folders = {flag: tmp_path / flag.strip("-") for flag in ("--refine", "--no-refine")}
+    records = {}
+    for flag, folder in folders.items():
+        flags = [flag, "--sampling.num-points", "12", "--out", str(folder)]
+        assert main(["match", str(target), str(source), *flags]) == 0
+        records[flag] = json.loads((folder / "match.json").read_text())
+    refined, plain = records["--refine"], records["--no-refine"]
+    best = refined["candidates"][0]
+    assert refined["transform"] == best["refined"]["transform"]
+    assert best["refined"]["energy"] < 1e-6
+    assert rotation_angle_deg(np.array(refined["transform"])[:3, :3] * 3.0, turn) < 0.1
+    assert plain["candidates"][0]["refined"] is None
+    assert plain["transform"] == plain["candidates"][0]["transform"]
+
+
 def test_estimated_scale_and_shift_are_part_of_the_transform(
     files: tuple[Path, Path, np.ndarray], tmp_path: Path
 ) -> None:
