@@ -127,6 +127,7 @@ def test_figure5(bench: Bench, tmp_path: Path) -> None:
     exact = [row for row in histograms if row["sigma"] == 0]
     assert max(max(row["least"], row["pm_sdp"]) for row in exact) < 1e-9
     assert [row["dim"] for row in runs] == [3, 3, 5, 5]
+    assert len(bench.store.keys("measurements")) == len(histograms) + sum(row["runs"] for row in runs)
     assert all(f"{row['reached']:.0f} % of {row['runs']} runs" in outcome.text for row in runs)
     reused = bench.num_reused
     rows_of(bench, "figure5", tmp_path)
