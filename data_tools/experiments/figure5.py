@@ -45,7 +45,7 @@ in the repeated runs from {RUN_STARTS:,}, to save time. PM-SDP minimises locally
 and from {DRAWS} draws from (R, C). The paper does not say whether the points are centred. Points of the unit cube
 about the origin lie all on one side of it, which leaves few local minima in three dimensions; about their centroid
 there are many more, so both are measured. Distinct minima are counted by energy, rounded to {_DECIMALS} decimals.
-Where nearly every start has its own, the search is not exhaustive. Run r in dimension d is drawn with the seed (d, r).
+Where nearly every start has its own, the search is not exhaustive. Run r in dimension d has the seed (d, r).
 """
 
 
