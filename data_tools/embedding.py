@@ -10,7 +10,6 @@ from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.invariants import (
     NUM_SPECTRUM,
-    boundary_distance,
     heat_kernel_signature,
     standardised,
     wave_kernel_signature,
@@ -73,7 +72,11 @@ class Samples:
 
 
 def sample_shape(
-    shape: Shape, sampling: SamplingOptions | None = None, embedding: EmbeddingOptions | None = None
+    shape: Shape,
+    sampling: SamplingOptions | None = None,
+    embedding: EmbeddingOptions | None = None,
+    *,
+    surface: WorkingSurface | None = None,
 ) -> Samples:
     """Choose samples on a shape, normalise them and compute their coordinates.
 
@@ -84,6 +87,9 @@ def sample_shape(
     shape : Shape
     sampling : SamplingOptions, optional
     embedding : EmbeddingOptions, optional
+    surface : WorkingSurface, optional
+        Of this shape and of sampling options with the same limits of size, if there is one already: it keeps what
+        several samplings share.
 
     Returns
     -------
@@ -96,7 +102,7 @@ def sample_shape(
     """
     sampling = SamplingOptions() if sampling is None else sampling
     embedding = EmbeddingOptions() if embedding is None else embedding
-    surface = WorkingSurface(shape, sampling)
+    surface = WorkingSurface(shape, sampling) if surface is None else surface
     chosen = _choose_samples(surface, sampling)
     indices = _distinct(surface.to_original[chosen], shape)
     points = shape.vertices[indices]
@@ -189,7 +195,7 @@ def _descriptors(
     if options.agd_weight > 0:
         found.append((options.agd_weight, surface.agd[:, None]))
     if options.boundary_weight > 0:
-        found.append((options.boundary_weight, boundary_distance(surface.shape, surface.geodesics)[:, None]))
+        found.append((options.boundary_weight, surface.boundary_distance[:, None]))
     return found
 
 

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.cleaning import clean
 from data_tools.geodesics import AGD_SOURCES, GeodesicSolver, agd_maxima, average_geodesic_distance
+from data_tools.invariants import boundary_distance
 from data_tools.laplacian import Spectrum, SurfaceOperators, spectrum, surface_operators, vertex_areas
 from data_tools.options import SamplingOptions
 from data_tools.sampling import farthest_points
@@ -44,6 +45,7 @@ class WorkingSurface:
     def __init__(self, shape: Shape, options: SamplingOptions) -> None:
         self.shape, self.to_original, note = _reduce(shape, options)
         self._notes = [note] if note else []
+        self._spectra: dict[int, Spectrum] = {}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -87,9 +89,17 @@ class WorkingSurface:
         """Return at most ``num`` extrema of the average geodesic distance."""
         return agd_maxima(self.agd, self.geodesics, num=num, radius=SEED_SPACING * self.area**0.5)
 
+    @cached_property
+    def boundary_distance(self) -> FloatArray:
+        """Distance of each vertex to the rim, shape (w,); zero where there is none."""
+        return boundary_distance(self.shape, self.geodesics)
+
     def eigenfunctions(self, num: int) -> Spectrum:
         """Return the lowest non-constant eigenpairs, as many as the surface has vertices for."""
-        return spectrum(self.operators, min(num, len(self.shape.vertices) - 2), name=self.shape.name)
+        if num not in self._spectra:
+            size = min(num, len(self.shape.vertices) - 2)
+            self._spectra[num] = spectrum(self.operators, size, name=self.shape.name)
+        return self._spectra[num]
 
 
 def _reduce(shape: Shape, options: SamplingOptions) -> tuple[Shape, IntArray, str]:
