@@ -30,15 +30,15 @@ _UNCOVERED_STEPS = 1
 _SAME_RAD = np.deg2rad(4.0)
 #: Share of the rotations that meet exact assignment where they cover what is searched, and where they do not (shifts,
 #: higher dimensions); for so many steps; share of these that are minimised to the end.
-_TRIED, _TRIED_UNCOVERED, _TRIAL_STEPS, _KEPT = 0.07, 0.16, 2, 0.25
-_LEAST_TRIED, _LEAST_KEPT = 20, 12
+_TRIED, _TRIED_UNCOVERED, _TRIAL_STEPS, _KEPT = 0.07, 0.16, 1, 0.25
+_LEAST_TRIED, _LEAST_KEPT = 20, 20
 #: Of two chiralities, each has at least this share of the poses that go on.
 _CHIRALITY_SHARE = 0.25
 #: Steps of nearest-neighbour ICP where a shift is estimated as well.
 _SHIFTED_STEPS = 6
 #: The second look: around how many distinct minima, up to which multiple of the least energy, with how many rotations
 #: each, by which angle.
-_NUM_CENTRES, _CENTRE_FACTOR, _NUM_AROUND, _ANGLE_AROUND_RAD = 6, 1.25, 8, np.deg2rad(15.0)
+_NUM_CENTRES, _CENTRE_FACTOR, _NUM_AROUND, _ANGLE_AROUND_RAD = 6, 1.25, 12, np.deg2rad(15.0)
 
 
 def of_chirality(problem: Problem, *, reflected: bool) -> Problem:
@@ -102,8 +102,8 @@ def search(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: 
 def explore(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
     """Return local minima found from the principal axes and an even set of rotations; parameters as :func:`search`.
 
-    Lower bounds rank all rotations; the most promising ones take two steps with exact assignment; the best distinct
-    ones of these are minimised to the end. The set is laid in the frames of the principal axes, so that the answer
+    Lower bounds rank all rotations; the most promising ones take a step with exact assignment; the best distinct ones
+    of these are minimised to the end. The set is laid in the frames of the principal axes, so that the answer
     turns with the points.
     """
     lead = leading_problem(problem)
