@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 NUM_SHAPES = 8
 NUM_SEEDS = 20
+#: Other tools, by their names in the comparison.
+PEERS = ("open3d", "axes")
 #: Root mean square displacement of the bumps, as a share of the bounding box's diagonal: drawn in between.
 RMS = (0.045, 0.08)
 #: Families without a gross pair that are to be reached.
@@ -37,19 +39,20 @@ _ABOUT = f"""
 One shape, {NUM_SHAPES} times bent by twelve random radial bumps of a root mean square height between {RMS[0]:.1%} and
 {RMS[1]:.1%} of the bounding box's diagonal (drawn for each family), the vertices shuffled, in random poses: the true
 rotations are known exactly. {NUM_SEEDS} families of a tooth drawn from the collection and {NUM_SEEDS} of a generated
-chair. *Gross* is a pair beyond 30 degrees; to reach: no gross pair in at least {TO_REACH} families of {NUM_SEEDS}.
-The first family of each kind runs twice, with all cores and with one, and everything that `alignment.json` says is
-compared byte by byte. Open3D and principal axes as in the table of other tools.
+chair. *Gross* is a pair beyond 30 degrees or of wrong chirality; to reach: no gross pair in at least {TO_REACH}
+families of {NUM_SEEDS}. The first family of each kind runs twice, with all cores and with one, and everything that
+`alignment.json` says is compared byte by byte. Open3D and principal axes as in the table of other tools.
 """
 
 
-def make_family(kind: str, seed: int, data: Path, folder: Path) -> PosedCollection:
+def make_family(kind: str, seed: int, num: int, data: Path, folder: Path) -> PosedCollection:
     """Write a family in random poses.
 
     Parameters
     ----------
     kind : {"tooth", "chair"}
-    seed : int
+    seed, num : int
+        Seed, and how many shapes.
     data : Path
         Folder of the public collections, for the teeth.
     folder : Path
@@ -57,9 +60,9 @@ def make_family(kind: str, seed: int, data: Path, folder: Path) -> PosedCollecti
     rng = np.random.default_rng(seed)
     rms = rng.uniform(*RMS)
     base = _drawn_tooth(data, rng) if kind == "tooth" else chair(rng)
-    planted = planted_collection(deformed_family(base, NUM_SHAPES, rng, rms=rms), rng)
+    planted = planted_collection(deformed_family(base, num, rng, rms=rms), rng)
     write_collection(folder, planted)
-    relative = np.array([[planted.relative_rotation(a, b) for b in range(NUM_SHAPES)] for a in range(NUM_SHAPES)])
+    relative = np.array([[planted.relative_rotation(a, b) for b in range(num)] for a in range(num)])
     return PosedCollection(folder=folder, names=tuple(shape.name for shape in planted.shapes), relative=relative)
 
 
@@ -68,12 +71,16 @@ def _drawn_tooth(data: Path, rng: np.random.Generator) -> Shape:
     return teeth.shape(int(rng.integers(len(teeth))))
 
 
+def _posed_family(cell: Cell, folder: Path) -> PosedCollection:
+    return make_family(cell.settings["kind"], cell.settings["seed"], cell.settings["num"], cell.data, folder)
+
+
 def measure_toolkit(cell: Cell) -> Record:
     """Align one family with default options; twice if asked, to compare the bytes."""
     with tempfile.TemporaryDirectory() as name:
-        posed = make_family(cell.settings["kind"], cell.settings["seed"], cell.data, Path(name))
+        posed = _posed_family(cell, Path(name))
         with stopwatch() as elapsed:
-            found = align_collection(name, options=AlignOptions(), run=RunOptions(jobs=os.cpu_count() or 1))
+            found = align_collection(name, options=AlignOptions(), run=RunOptions(jobs=cell.settings["jobs"]))
         record = posed.figures(found.rotations, found.names)
         if cell.settings["twice"]:
             again = align_collection(name, options=AlignOptions(), run=RunOptions(jobs=1))
@@ -88,8 +95,8 @@ def measure_toolkit(cell: Cell) -> Record:
 def measure_peer(cell: Cell) -> Record:
     """Align one family with another tool; a record for each of its answers."""
     with tempfile.TemporaryDirectory() as name:
-        posed = make_family(cell.settings["kind"], cell.settings["seed"], cell.data, Path(name))
-        answers = TOOLS[cell.settings["tool"]].align(posed.folder, False, os.cpu_count() or 1)
+        posed = _posed_family(cell, Path(name))
+        answers = TOOLS[cell.settings["tool"]].align(posed.folder, False, cell.settings["jobs"])
     return {
         name: posed.figures(answer.rotations, answer.names)
         | {"wall_s": answer.elapsed.wall_s, "processor_s": answer.elapsed.processor_s}
@@ -101,15 +108,16 @@ def measure(bench: Bench) -> Outcome:
     """Run all families, then the other tools on the same."""
     kinds = ("chair",) if bench.quick else ("tooth", "chair")
     seeds = range(1 if bench.quick else NUM_SEEDS)
-    peers = [name for name in ("open3d", "axes") if not TOOLS[name].lacks()]
+    size: dict[str, Any] = {"num": 5, "jobs": 1} if bench.quick else {"num": NUM_SHAPES, "jobs": os.cpu_count() or 1}
+    peers = [name for name in PEERS if not TOOLS[name].lacks()]
     bench.seeds.update(seeds)
     found: dict[tuple[str, str], list[Record]] = {}
     for kind in kinds:
-        cells = {f"{kind} {seed}": {"kind": kind, "seed": seed, "twice": seed == 0} for seed in seeds}
+        cells = {f"{kind} {seed}": size | {"kind": kind, "seed": seed, "twice": seed == 0} for seed in seeds}
         found[kind, "collalign"] = list(bench.measure(measure_toolkit, cells, apart=True).values())
     for kind in kinds:
         for peer in peers:
-            others = {f"{peer}, {kind} {seed}": {"kind": kind, "seed": seed, "tool": peer} for seed in seeds}
+            others = {f"{peer}, {kind} {seed}": size | {"kind": kind, "seed": seed, "tool": peer} for seed in seeds}
             for answers in bench.measure(measure_peer, others, apart=True).values():
                 for name, record in answers.items():
                     found.setdefault((kind, name), []).append(record)
@@ -126,15 +134,20 @@ def _row(kind: str, tool: str, records: list[Record]) -> dict[str, Any]:
         "kind": kind,
         "tool": tool,
         "families": len(records),
-        "clean": sum(record["gross"] == 0 for record in records),
+        "clean": sum(_wrong(record) == 0 for record in records),
         "to_reach": _to_reach(len(records)),
-        "gross": 100.0 * sum(record["gross"] for record in records) / sum(record["pairs"] for record in records),
+        "gross": 100.0 * sum(map(_wrong, records)) / sum(record["pairs"] for record in records),
         "median_deg": float(np.median([record["median_deg"] for record in records])),
         "worst_deg": max(record["worst_deg"] for record in records),
         "same_bytes": ("yes" if all(same) else "no") if same else None,
         "wall_s": float(np.median([record["wall_s"] for record in records])),
         "processor_s": float(np.median([record["processor_s"] for record in records])),
     }
+
+
+def _wrong(record: Record) -> int:
+    """Return the pairs that are gross or mirrored."""
+    return int(record["gross"] + record["mirrored"])
 
 
 def _to_reach(num_families: int) -> int:
@@ -169,11 +182,11 @@ def _families_table(found: dict[tuple[str, str], list[Record]]) -> Table:
         Column(key="confidence", title="lowest confidence", format=".2f"),
     )
     rows: tuple[dict[str, Any], ...] = tuple(
-        {"kind": kind, "seed": seed, "tool": tool}
-        | {key: record.get(key) for key in ("gross", "median_deg", "worst_deg", "confidence")}
+        {"kind": kind, "seed": seed, "tool": tool, "gross": _wrong(record)}
+        | {key: record.get(key) for key in ("median_deg", "worst_deg", "confidence")}
         for (kind, tool), records in found.items()
         for seed, record in enumerate(records)
-        if tool == "collalign" or record["gross"]
+        if tool == "collalign" or _wrong(record)
     )
     caption = "Each family of the toolkit, and those with gross pairs of the others."
     return Table(name="families", columns=columns, rows=rows, caption=caption)
@@ -185,7 +198,7 @@ def _plot(found: dict[tuple[str, str], list[Record]]) -> Plot:
     def draw(figure: Figure) -> None:
         for axes, kind in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds, strict=True):
             for tool, records in ((tool, some) for (some_kind, tool), some in found.items() if some_kind == kind):
-                axes.plot(sorted(record["gross"] for record in records), label=tool)
+                axes.plot(sorted(map(_wrong, records)), label=tool)
             axes.set_title(kind)
             axes.set_xlabel("families, fewest gross pairs first")
             axes.set_ylabel("gross pairs")
@@ -199,15 +212,15 @@ def _text(rows: tuple[dict[str, Any], ...], found: dict[tuple[str, str], list[Re
     short = [f"{row['kind']}: {row['clean']} of {row['families']}" for row in ours if row["clean"] < row["to_reach"]]
     short += [f"{row['kind']}: two runs differ" for row in ours if row["same_bytes"] == "no"]
     wrong = [
-        f"{kind}, seed {seed} ({record['gross']} gross pairs, lowest confidence {record['confidence']:.2f})"
+        f"{kind}, seed {seed} ({_wrong(record)} gross pairs, lowest confidence {record['confidence']:.2f})"
         for (kind, tool), records in found.items()
         for seed, record in enumerate(records)
-        if tool == "collalign" and record["gross"]
+        if tool == "collalign" and _wrong(record)
     ]
     lines = ["Short of the figures: " + ("; ".join(short) or "nothing") + "."]
     if wrong:
         lines.append("Families that the toolkit gets wrong: " + "; ".join(wrong) + ".")
-    lines += [f"{name} is left out: not installed." for name in ("open3d", "axes") if name not in peers]
+    lines += [f"{name} is left out: not installed." for name in PEERS if name not in peers]
     return "\n\n".join(lines)
 
 
