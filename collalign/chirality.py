@@ -8,6 +8,7 @@ images at random. If the run goes on with mirror images, the pilot's pairs are a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -20,11 +21,16 @@ from collalign.sides import MIN_SHAPES, Sides, find_sides
 from collalign.stage import ProgressFactory
 from collalign.store import Store
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.embedding import Samples
+from pairwise.dense_points import DensePoints
+from pairwise.refine import refine_pose
 
 #: Nearest partners of each shape that the pilot compares, at first and where that leaves a suspicion.
 NUM_PARTNERS = (2, 6)
 #: Median preference, in pairs between the sides, that is worth a word though it does not suffice.
 _WORTH_A_WORD = 0.15
+#: Steps by which poses are refined on dense samples before they are compared.
+_DENSE_STEPS = 4
 #: Names in a note.
 _MOST_NAMES = 5
 
@@ -46,6 +52,7 @@ class GroupChoice:
 
 def choose_group(
     shapes: PreparedShapes,
+    samples: Sequence[Samples],
     edges: IntArray,
     descriptors: FloatArray,
     options: AlignOptions,
@@ -59,6 +66,8 @@ def choose_group(
     Parameters
     ----------
     shapes : PreparedShapes
+    samples : sequence of Samples
+        Of these shapes.
     edges : ndarray of int, shape (E, 2)
         The pairs that the run will match.
     descriptors : ndarray, shape (N, m)
@@ -71,7 +80,7 @@ def choose_group(
     for num_partners in NUM_PARTNERS:
         chosen = nearest_pairs(edges, descriptors, num_partners)
         pairs, _ = match_pairs(shapes, chosen, both_kinds, run, store, progress=progress)
-        energies = np.array([chirality_energies(pair) for pair in pairs])
+        energies = np.array([chirality_energies(p, samples[p.target], samples[p.source]) for p in pairs])
         sides = find_sides([(pair.target, pair.source) for pair in pairs], energies, num)
         if num < MIN_SHAPES or not sides.are_suspected or sides.are_obvious:
             break
@@ -100,11 +109,31 @@ def nearest_pairs(edges: IntArray, descriptors: FloatArray, num_partners: int) -
     return edges[kept]
 
 
-def chirality_energies(pair: MatchedPair) -> tuple[float, float]:
-    """Return the least energy of a pair's poses of determinant +1, and of -1; NaN where there is none."""
+def chirality_energies(pair: MatchedPair, target: Samples, source: Samples) -> tuple[float, float]:
+    """Return the least energy of a pair's poses of determinant +1, and of -1; NaN where there is none.
+
+    Where the shapes have dense samples, the best pose of either kind is refined and measured on these: the energies
+    of few samples are mostly due to where on the surfaces the samples happen to lie.
+
+    Parameters
+    ----------
+    pair : MatchedPair
+    target, source : Samples
+        The pair's shapes.
+    """
     is_mirrored = np.linalg.det(pair.rotations[:, :3, :3]) < 0
-    plain, mirrored = pair.energies[~is_mirrored], pair.energies[is_mirrored]
-    return (float(plain.min()) if len(plain) else np.nan), (float(mirrored.min()) if len(mirrored) else np.nan)
+    best = [np.flatnonzero(is_mirrored == kind)[:1] for kind in (False, True)]
+    if min(len(target.dense_positions), len(source.dense_positions)) <= 1:
+        plain, mirrored = (float(pair.energies[pose].sum()) if len(pose) else np.nan for pose in best)
+        return plain, mirrored
+    to, of = (DensePoints.from_user(samples.dense_positions) for samples in (target, source))
+    plain, mirrored = (
+        refine_pose(to, of, pair.rotations[pose[0], :3, :3], max_iterations=_DENSE_STEPS).energy
+        if len(pose)
+        else np.nan
+        for pose in best
+    )
+    return plain, mirrored
 
 
 def _note(sides: Sides, num_better: int, names: tuple[str, ...]) -> str:

@@ -89,7 +89,7 @@ def choose_and_match(
         new = extend_pairs(former.num_shapes, num - former.num_shapes, strategy=strategy, **known)
         edges = _merged(former.edges, new)
     before = store.keys("pairs")
-    choice = _choice(shapes, edges, descriptors, options, run, store, former, any_mirrored, progress)
+    choice = _choice(shapes, samples, edges, descriptors, options, run, store, former, any_mirrored, progress)
     options = replace(options, group=choice.group)
     pairs, failed = match_pairs(shapes, edges, options, run, store, progress=progress)
     for _ in range(MAX_ROUNDS if strategy == "adaptive" else 0):
@@ -116,6 +116,7 @@ def planned_edges(num_shapes: int, options: AlignOptions) -> IntArray:
 
 def _choice(
     shapes: PreparedShapes,
+    samples: Sequence[Samples],
     edges: IntArray,
     descriptors: FloatArray,
     options: AlignOptions,
@@ -132,7 +133,7 @@ def _choice(
         return GroupChoice(group="O", note="Shapes may be mirrored, as in the collection that shapes were added to.")
     if any_mirrored:
         return GroupChoice(group="O", note="Shapes may be mirrored, because a pose set by hand is.")
-    choice = choose_group(shapes, edges, descriptors, options, run, store, progress=progress)
+    choice = choose_group(shapes, samples, edges, descriptors, options, run, store, progress=progress)
     if former is None or choice.group == "SO":
         return choice
     return GroupChoice(group="SO", note=f"{KEPT_UNMIRRORED} The evidence: {choice.note}")

@@ -27,7 +27,7 @@ from data_tools.errors import InputError
 MIN_SHAPES = 6
 #: Least median preference for the sides' verdict, over all pairs and over those between the sides; and what is added,
 #: divided by the number of pairs.
-_LEAST_ALL, _LEAST_BETWEEN = (0.08, 1.8), (0.05, 2.5)
+_LEAST_ALL, _LEAST_BETWEEN = (0.08, 2.6), (0.06, 3.0)
 #: Most share of all preferences that may contradict the sides, least balance of those between the sides.
 _MOST_CONTRADICTED, _LEAST_BALANCE = 0.1, 0.7
 #: Least medians at which a few pairs make it worth to match more.

@@ -18,10 +18,12 @@ from collalign.outputs import alignment_record
 from collalign.pair_choice import KEPT_UNMIRRORED
 from collalign.pair_selection import all_pairs
 from collalign.pairs import MatchedPair
+from data_tools.arrays import FloatArray
 from data_tools.datasets import Dataset, read_shrec07_class, read_teeth
+from data_tools.embedding import sample_shape
 from data_tools.experiments.posed import PosedCollection, pose_collection
 from data_tools.mesh_io import read_folder, write_mesh
-from data_tools.options import SamplingOptions
+from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.shape import Shape
 from data_tools.synthetic import bumped, deformed_family, mirrored
 from data_tools.synthetic_shapes import chair, crown
@@ -119,20 +121,34 @@ def test_bilateral_shapes_are_not_mirrored(tmp_path: Path) -> None:
     assert not found.reflected.any()
 
 
-def test_the_energies_of_both_kinds_are_told_apart() -> None:
-    kinds = [np.diag([1.0, 1.0, -1.0]), np.eye(3), np.diag([-1.0, -1.0, 1.0])]
-    pair = MatchedPair(
+def pair_of(rotations: list[FloatArray], energies: list[float]) -> MatchedPair:
+    return MatchedPair(
         target=0,
         source=1,
-        rotations=np.array(kinds),
-        maps=np.zeros((3, 2), dtype=np.int64),
-        energies=np.array([0.1, 0.2, 0.3]),
+        rotations=np.array(rotations),
+        maps=np.zeros((len(energies), 8), dtype=np.int64),
+        energies=np.array(energies),
         lower_bound=float("nan"),
         status="LOCAL_OPTIMUM",
     )
-    assert chirality_energies(pair) == (0.2, 0.1)
-    alone = replace(pair, rotations=pair.rotations[1:], energies=pair.energies[1:])
-    assert chirality_energies(alone) == pytest.approx((0.2, np.nan), nan_ok=True)
+
+
+def test_the_energies_of_both_kinds_are_told_apart() -> None:
+    few = sample_shape(crown(num_vertices=200), SamplingOptions(num_points=8, num_dense_points=0), EmbeddingOptions())
+    kinds = [np.diag([1.0, 1.0, -1.0]), np.eye(3), np.diag([-1.0, -1.0, 1.0])]
+    assert chirality_energies(pair_of(kinds, [0.1, 0.2, 0.3]), few, few) == (0.2, 0.1)
+    alone = chirality_energies(pair_of(kinds[1:], [0.2, 0.3]), few, few)
+    assert alone == pytest.approx((0.2, np.nan), nan_ok=True)
+
+
+def test_dense_samples_tell_the_kinds_apart_where_few_do_not() -> None:
+    shape, options = lopsided(crown(num_vertices=300)), SamplingOptions(num_points=8, num_dense_points=150)
+    target, source = (sample_shape(one, options, EmbeddingOptions()) for one in (shape, mirrored(shape)))
+    mirror = np.diag([-1.0, 1.0, 1.0])
+    plain, reflected = chirality_energies(pair_of([np.eye(3), mirror], [0.2, 0.2]), target, source)
+    assert reflected < 0.2 * plain
+    alone = chirality_energies(pair_of([mirror], [0.2]), target, source)
+    assert alone == pytest.approx((np.nan, reflected), nan_ok=True)
 
 
 def test_the_pilot_takes_the_nearest_pairs_of_every_shape() -> None:
