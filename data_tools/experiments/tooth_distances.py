@@ -1,0 +1,191 @@
+"""Cells of the classification: distances of teeth from landmarks, from pairs alone, and at common poses."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from collalign.align import align_collection
+from collalign.analysis import best_rotations, procrustes_distances
+from collalign.options import RunOptions
+from collalign.records import Record
+from data_tools.arrays import FloatArray
+from data_tools.datasets import Dataset, read_teeth
+from data_tools.embedding import Samples, sample_shape
+from data_tools.experiments.clock import stopwatch
+from data_tools.experiments.experiment import Cell
+from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.rotations import rotation_angle_deg
+from data_tools.shape import Shape
+from pairwise.dense_points import DensePoints
+from pairwise.local_search import minimise
+from pairwise.match import match
+from pairwise.problem import Problem
+from pairwise.refine import refine_pose
+
+FOLDER = "teeth_pnas116"
+NUM_LANDMARKS = 18
+#: Dense points that distances are measured on, and those that a pair is matched by on its own.
+NUM_DENSE, NUM_PAIR_POINTS = 400, 120
+_FLIP = np.array([-1.0, 1.0, 1.0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distances:
+    """Distances of two shapes of unit centroid size.
+
+    Attributes
+    ----------
+    posed : float
+        Procrustes distance rho of the dense points matched one to one at the given pose.
+    refined : float
+        The same at the pose refined by closest points.
+    closest : float
+        Root mean square distance of closest points, both ways, at the refined pose, in parts of the root mean square
+        radius.
+    rotation : ndarray, shape (3, 3)
+        The refined ``R_target_source``.
+    """
+
+    posed: float
+    refined: float
+    closest: float
+    rotation: FloatArray
+
+
+def measure_landmarks(cell: Cell) -> Record:
+    """Return the Procrustes distances of the landmarks, mirrored specimens reflected, and the labels."""
+    dataset = read_teeth(cell.data / FOLDER, num_landmarks=cell.settings["landmarks"])
+    if dataset.landmarks is None or dataset.chirality is None:
+        raise TypeError("the teeth have landmarks and sides")
+    mirrored = np.where(dataset.chirality[:, None, None] < 0, dataset.landmarks * _FLIP, dataset.landmarks)
+    labels = {level: list(values) for level, values in dataset.labels.items()}
+    return {"names": list(dataset.names), "labels": labels, "distances": procrustes_distances(mirrored)}
+
+
+def measure_poses(cell: Cell) -> Record:
+    """Align the files as they are with default options; rotations in the order of the labels."""
+    dataset = read_teeth(cell.data / FOLDER)
+    with stopwatch() as elapsed:
+        aligned = align_collection(cell.data / FOLDER / "meshes", run=RunOptions(jobs=1))
+    stems = {shape.name: shape.file.stem for shape in _shapes(cell.data, len(dataset)) if shape.file is not None}
+    position = {name: at for at, name in enumerate(aligned.names)}
+    rotations = np.stack([aligned.rotations[position[stems[name]]] for name in dataset.names])
+    first, second = np.triu_indices(len(dataset), 1)
+    true = np.stack([dataset.rotation(i, j, group="O") for i, j in zip(first.tolist(), second.tolist(), strict=True)])
+    errors = rotation_angle_deg(np.swapaxes(rotations[first], 1, 2) @ rotations[second], true)
+    return {
+        "rotations": rotations,
+        "mirrored": int(np.isnan(errors).sum()),
+        "median_deg": float(np.nanmedian(errors)),
+        "gross": int((errors > 30).sum()),
+        "processor_s": elapsed.processor_s,
+    }
+
+
+def measure_pairs(cell: Cell) -> Record:
+    """Match each pair alone with n = k = ``points``, then refine it on the dense points.
+
+    Other settings: ``rows`` (first, last), ``signs`` of the teeth (+1 and -1 for the sides; those without are left
+    out), ``coarse`` (see :func:`match_alone`).
+    """
+    first, last = cell.settings["rows"]
+    signs = cell.settings["signs"]
+    samples = _samples(cell.data, cell.settings["points"], len(signs))
+    points = [_unit_size(item.dense_positions * sign_flip(sign)) for item, sign in zip(samples, signs, strict=True)]
+    clouds = [item.positions * sign_flip(sign) for item, sign in zip(samples, signs, strict=True)]
+    rows = np.full((3, last - first, len(samples)), np.nan)
+    for i in range(first, last):
+        for j in range(i + 1, len(samples)):
+            pose = match_alone(clouds[i], clouds[j], num_coarse=cell.settings["coarse"])
+            found = distances_at(points[i], points[j], pose)
+            true = _true_rotation(cell.data, i, j)
+            flipped = np.diag(sign_flip(signs[i])) @ found.rotation @ np.diag(sign_flip(signs[j]))
+            rows[:, i - first, j] = found.refined, found.closest, rotation_angle_deg(flipped, true)
+    return {"refined": rows[0], "closest": rows[1], "error_deg": rows[2]}
+
+
+def measure_at_poses(cell: Cell) -> Record:
+    """Measure distances at common poses: settings ``rows`` (first, last) and ``poses`` (``R_common_shape``)."""
+    first, last = cell.settings["rows"]
+    poses = np.array(cell.settings["poses"])
+    samples = _samples(cell.data, cell.settings["points"], len(poses))
+    points = [_unit_size(item.dense_positions @ pose.T) for item, pose in zip(samples, poses, strict=True)]
+    rows = np.full((3, last - first, len(samples)), np.nan)
+    for i in range(first, last):
+        for j in range(i + 1, len(samples)):
+            found = distances_at(points[i], points[j], np.eye(3))
+            rows[:, i - first, j] = found.posed, found.refined, found.closest
+    return {"posed": rows[0], "refined": rows[1], "closest": rows[2]}
+
+
+def match_alone(target: FloatArray, source: FloatArray, *, num_coarse: int) -> FloatArray:
+    """Return R_target_source of the least energy found for farthest points, shape (3, 3).
+
+    The first points chosen are farthest points as well, only fewer: distinct poses are searched on ``num_coarse`` of
+    them, and all of these poses are minimised on all points.
+    """
+    few = [points[:num_coarse] - points[:num_coarse].mean(axis=0) for points in (target, source)]
+    poses = match(few[0], few[1], strategy="search").candidates
+    problem = Problem.from_user(target, source)
+    return minimise(problem, np.stack([pose.R_target_source for pose in poses])).rotations[0]
+
+
+def distances_at(target: DensePoints, source: DensePoints, rotation: FloatArray) -> Distances:
+    """Return the distances of two dense point sets of unit centroid size at a pose, and at the pose refined."""
+    refined = refine_pose(target, source, rotation)
+    turn = np.array(refined.R_target_source)
+    return Distances(
+        posed=one_to_one_distance(target.points, source.points @ rotation.T),
+        refined=one_to_one_distance(target.points, source.points @ turn.T),
+        # In the units of the geometric mean of both sizes, so that target and source may be exchanged.
+        closest=float(np.sqrt(refined.energy / refined.scale)) / target.radius,
+        rotation=turn,
+    )
+
+
+def one_to_one_distance(target: FloatArray, source: FloatArray) -> float:
+    """Return the Procrustes distance rho of centred points of unit norm, matched one to one where they are.
+
+    The match is exact (least sum of squares); the points are then turned once to fit best. Full and partial
+    Procrustes distances, sin(rho) and 2 sin(rho / 2), have the same nearest neighbours.
+    """
+    rows, columns = linear_sum_assignment(-target @ source.T)
+    to, of = target[rows], source[columns]
+    cosine = float((to * (of @ best_rotations(to, of).T)).sum())
+    return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def sign_flip(sign: int) -> FloatArray:
+    """Return the factors that reflect a specimen of the other side, shape (3,)."""
+    return _FLIP if sign < 0 else np.ones(3)
+
+
+def _unit_size(points: FloatArray) -> DensePoints:
+    centred = points - points.mean(axis=0)
+    return DensePoints.from_user(centred / np.linalg.norm(centred))
+
+
+@functools.cache
+def _dataset(data: Path) -> Dataset:
+    return read_teeth(data / FOLDER)
+
+
+@functools.cache
+def _samples(data: Path, points: int, num: int) -> tuple[Samples, ...]:
+    """Return the samples of the first teeth; kept, since every block of rows needs them."""
+    sampling = SamplingOptions(num_points=points, num_dense_points=NUM_DENSE)
+    return tuple(sample_shape(shape, sampling, EmbeddingOptions(kind="xyz")) for shape in _shapes(data, num))
+
+
+@functools.cache
+def _shapes(data: Path, num: int) -> tuple[Shape, ...]:
+    return tuple(_dataset(data).shape(which) for which in range(num))
+
+
+def _true_rotation(data: Path, i: int, j: int) -> FloatArray:
+    return _dataset(data).rotation(i, j, group="O")
