@@ -147,7 +147,7 @@ def solve_pm_sdp(
     certificate = certify_dual(problem, data, solution, unmatched)
     times = {"setup": solution.times_s["setup"] + read - started, "solve": solution.times_s["solve"]}
     times["certify"] = time.perf_counter() - read - sum(solution.times_s.values())
-    x, B, R, C = _full_variables(data, solution)
+    x, B, R, C = full_variables(data, solution)
     return RelaxationResult(
         value=solution.value,
         lower_bound=certificate.bound,
@@ -163,7 +163,7 @@ def solve_pm_sdp(
     )
 
 
-def _full_variables(data: RelaxationData, solution: DualSolution) -> tuple[FloatArray, ...]:
+def full_variables(data: RelaxationData, solution: DualSolution) -> tuple[FloatArray, ...]:
     """Return X, B, R and C over all matches and all free entries of R."""
     primal, lifted = solution.primal, data.lifted
     size = lifted.num_variables

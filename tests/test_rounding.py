@@ -8,7 +8,8 @@ import pytest
 from pairwise.local_search import minimise
 from pairwise.problem import Problem
 from pairwise.results import RelaxationResult
-from pairwise.rounding import appendix_starts, draw_rotations, nearest_map, rank_one_factors
+from pairwise.rounding import appendix_starts, draw_rotations, extreme_starts, nearest_map, rank_one_factors
+from pairwise.solve import solve_pm_sdp
 from pairwise.starts import random_rotations, rotation_angles
 from pairwise.status import Status
 
@@ -90,3 +91,18 @@ def test_the_nearest_map_keeps_to_the_candidates_and_may_leave_points_out() -> N
     np.testing.assert_array_equal(nearest_map(masked, np.array([[0.0, 9.0], [1.0, 0.0]])), [0, 1])
     partial = Problem.from_user(np.zeros((2, 3)), np.zeros((2, 3)), unmatched_penalty=0.1)
     np.testing.assert_array_equal(nearest_map(partial, np.array([[0.1, 0.6], [0.1, 0.1], [0.8, 0.3]])), [-1, 0])
+
+
+def test_extreme_points_are_single_poses_where_the_solution_mixes_them(rng: np.random.Generator) -> None:
+    half = rng.random((4, 3)) - 0.5
+    points = np.concatenate([half, half * [-1.0, -1.0, 1.0]])
+    problem = Problem.from_user(points, points)
+    turns = np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])])
+    relaxation = solve_pm_sdp(problem, tol=1e-3)
+    assert np.abs(relaxation.R[:2, :2]).max() < 0.1
+    starts = extreme_starts(problem, relaxation, 6, np.random.default_rng(0))
+    assert starts.shape == (24, 3, 3)
+    assert np.abs(starts[::4, None] - turns).max(axis=(2, 3)).min(axis=1).max() < 0.5
+    assert all(rotation_angles(problem.pattern.project(starts), turn).min() < 1e-6 for turn in turns)
+    np.testing.assert_array_equal(starts, extreme_starts(problem, relaxation, 6, np.random.default_rng(0)))
+    assert extreme_starts(problem, relaxation, 0, rng).shape == (0, 3, 3)
