@@ -19,7 +19,7 @@ from data_tools.mesh_io import FolderListing, read_shape
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 
 #: Changes whenever the same file and options would give other samples.
-SHAPE_VERSION = "shape-4"
+SHAPE_VERSION = "shape-5"
 
 
 @dataclass(frozen=True, kw_only=True)

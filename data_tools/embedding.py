@@ -138,7 +138,7 @@ def _choose_samples(surface: WorkingSurface, options: SamplingOptions) -> IntArr
     """Return the samples as vertices of the working surface."""
     metric = options.metric
     if metric == "auto":
-        metric = "geodesic" if surface.shape.is_mesh and not surface.is_open else "euclidean"
+        metric = "geodesic" if surface.is_closed else "euclidean"
     seeds = surface.seeds(options.num_points // 2) if options.seeds == "agd" else None
     solver = surface.geodesics if metric == "geodesic" else None
     return farthest_points(surface.shape, options.num_points, metric=metric, seeds=seeds, solver=solver)
@@ -196,7 +196,8 @@ def _descriptors(
         found.append((options.agd_weight, surface.agd[:, None]))
     if options.boundary_weight > 0:
         found.append((options.boundary_weight, surface.boundary_distance[:, None]))
-    return found
+    factor = 1.0 if surface.is_closed else options.open_factor
+    return [(factor * weight, values) for weight, values in found]
 
 
 def _invariants(descriptors: list[tuple[float, FloatArray]], chosen: IntArray, positions: FloatArray) -> FloatArray:

@@ -57,6 +57,11 @@ class WorkingSurface:
         """Whether the surface has a rim."""
         return is_open_surface(self.shape.vertices, self.shape.faces)
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether it is a mesh without a rim (small holes do not count)."""
+        return self.shape.is_mesh and not self.is_open
+
     @cached_property
     def geodesics(self) -> GeodesicSolver:
         """Geodesic distances."""
