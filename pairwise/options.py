@@ -37,6 +37,9 @@ class MatchOptions:
     """Rotations that the search tries; 0 sets it by the number of points and the dimension."""
     num_draws: int = 64
     """Poses drawn from the solution of the relaxation."""
+    num_extreme_draws: int = 0
+    """Extreme points of the relaxation's nearly optimal set (theorem 3) that are rounded as well; each costs about as
+    much as the relaxation, and they seldom find what the other draws miss."""
     max_candidates: int = 8
     """Distinct poses kept per pair; with reflections, per chirality."""
     candidate_factor: float = 2.0
@@ -62,7 +65,13 @@ class MatchOptions:
     def __post_init__(self) -> None:
         if self.strategy not in get_args(Strategy):
             raise OptionsError(f"strategy: expected one of {get_args(Strategy)}, got {self.strategy!r}")
-        for name, least in (("num_rotations", 0), ("num_draws", 0), ("max_candidates", 1), ("seed", 0)):
+        for name, least in (
+            ("num_rotations", 0),
+            ("num_draws", 0),
+            ("num_extreme_draws", 0),
+            ("max_candidates", 1),
+            ("seed", 0),
+        ):
             if not getattr(self, name) >= least:
                 raise OptionsError(f"{name}: expected at least {least}, got {getattr(self, name)}")
         if not self.candidate_factor >= 1:

@@ -18,7 +18,7 @@ from pairwise.local_search import RIGID, merge, minimise
 from pairwise.options import MatchOptions
 from pairwise.problem import Problem
 from pairwise.results import Candidate, RelaxationResult
-from pairwise.rounding import appendix_starts, draw_rotations
+from pairwise.rounding import appendix_starts, draw_rotations, extreme_starts
 from pairwise.search import explore, look_around
 from pairwise.solve import solve_pm_sdp
 
@@ -87,9 +87,14 @@ def _given_starts(
     origins = ["start"] * len(matrices[0])
     if relaxation is not None and np.isfinite(relaxation.R).all():
         rng = np.random.default_rng(options.seed)
-        matrices.append(appendix_starts(problem, relaxation))
-        matrices.append(draw_rotations(problem, relaxation, options.num_draws, rng))
-        origins += ["relaxation"] * (len(matrices[-2]) + len(matrices[-1]))
+        rounded = [
+            appendix_starts(problem, relaxation),
+            draw_rotations(problem, relaxation, options.num_draws, rng),
+        ]
+        if options.num_extreme_draws and not problem.max_unmatched:
+            rounded.append(extreme_starts(problem, relaxation, options.num_extreme_draws, rng))
+        matrices += rounded
+        origins += ["relaxation"] * sum(map(len, rounded))
     joined, names, pattern = np.concatenate(matrices), np.array(origins, dtype=np.str_), problem.pattern
     if pattern.special_blocks:
         return pattern.project(joined), names

@@ -105,11 +105,11 @@ def extreme_starts(
     linear energy of R beside the relaxed energy leaves one: without noise almost surely (Maron et al. 2016,
     theorem 3), with noise one of low energy. Every draw solves the relaxation once more, to a wide gap.
 
-    :func:`pairwise.match` does not use them, for on shapes they add little. At 30 points, four of them found the best
-    energy of all ways for 75 % of 20 pairs at d = 7, 60 % and 35 % with diagonal R at d = 10 and 17, 60 % with
-    tridiagonal R at d = 10 (10 % by themselves alone) and none of 6 pairs at d = 17. 64 draws from (R, C), at a
-    quarter of the time, found it for 95, 95, 80, 65 and 83 %; search, at less than half the time of these, for 100,
-    100, 90, 75 and 50 % (``python -m tests.benchmarks.bench_draws draws``).
+    :func:`pairwise.match` uses them only if asked (``num_extreme_draws``), for on shapes they add little. At 30
+    points, four of them found the best energy of all ways for 75 % of 20 pairs at d = 7, 60 % and 35 % with diagonal
+    R at d = 10 and 17, 60 % with tridiagonal R at d = 10 (10 % by themselves alone) and none of 6 pairs at d = 17. 64
+    draws from (R, C), at a quarter of the time, found it for 95, 95, 80, 65 and 83 %; search, at less than half the
+    time of these, for 100, 100, 90, 75 and 50 % (``python -m tests.benchmarks.bench_draws draws``).
 
     Parameters
     ----------

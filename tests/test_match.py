@@ -68,6 +68,13 @@ def test_symmetric_shapes_keep_every_pose() -> None:
     assert sorted(c.reflected for c in exact) == [False, False, True, True]
 
 
+def test_extreme_points_are_drawn_on_request() -> None:
+    half = np.random.default_rng(5).random((4, 3)) - 0.5
+    points = np.concatenate([half, half * [-1.0, -1.0, 1.0]])
+    found = match(points, points, options=MatchOptions(strategy="relaxation", num_draws=0, num_extreme_draws=6))
+    assert sum(c.energy < 1e-12 for c in found.candidates) == 2
+
+
 def test_both_chiralities_are_reported_apart() -> None:
     rng = np.random.default_rng(1)
     points = rng.random((14, 3)) - 0.5
@@ -234,6 +241,7 @@ def test_bad_input_is_refused_by_name(arguments, message: str) -> None:
         {"candidate_angle_deg": -1.0},
         {"max_candidates": 0},
         {"num_draws": -1},
+        {"num_extreme_draws": -1},
         {"gap_tol": 0.0},
         {"scale_range": (1.5, 2.0)},
         {"scale_range": (0.5, np.inf)},
