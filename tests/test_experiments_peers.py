@@ -186,7 +186,14 @@ def test_the_text_names_who_is_ahead() -> None:
 
 
 def test_a_job_that_falls_short_says_so() -> None:
-    row = {"job": "116 teeth, mixed sides", "gross": 0, "mirrored": 0, "median_deg": 5.0, "wall_s": 100.0}
+    row = {
+        "job": "116 teeth, mixed sides",
+        "tool": "collalign",
+        "gross": 0,
+        "mirrored": 0,
+        "median_deg": 5.0,
+        "wall_s": 100.0,
+    }
     assert teeth_jobs._text((row,)) == "Short of the figures: nothing."
     text = teeth_jobs._text((row | {"gross": 2, "mirrored": 1, "median_deg": 6.0, "wall_s": 300.0},))
     assert all(words in text for words in ("2 gross", "1 pairs of wrong chirality", "6.00 degrees", "300 seconds"))
@@ -220,7 +227,7 @@ def test_the_quick_run_of_peers_has_a_row_per_tool(shared_data: Path) -> None:
 @pytest.mark.data
 def test_a_job_of_three_teeth_has_no_gross_pair(shared_data: Path) -> None:
     record = teeth_jobs.measure_job(
-        Cell(data=shared_data, settings={"num": 3, "one_side": True, "seed": 0, "jobs": 1})
+        Cell(data=shared_data, settings={"num": 3, "one_side": True, "seed": 0, "jobs": 1, "tool": "collalign"})
     )
     assert record["gross"] == record["mirrored"] == 0
     assert 1 < record["landmarks_deg"] < 10
