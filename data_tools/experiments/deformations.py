@@ -108,7 +108,7 @@ def measure(bench: Bench) -> Outcome:
     """Run all families, then the other tools on the same."""
     kinds = ("chair",) if bench.quick else ("tooth", "chair")
     seeds = range(1 if bench.quick else NUM_SEEDS)
-    size: dict[str, Any] = {"num": 5, "jobs": 1} if bench.quick else {"num": NUM_SHAPES, "jobs": os.cpu_count() or 1}
+    size: dict[str, Any] = {"num": 3, "jobs": 1} if bench.quick else {"num": NUM_SHAPES, "jobs": os.cpu_count() or 1}
     peers = [name for name in PEERS if not TOOLS[name].lacks()]
     bench.seeds.update(seeds)
     found: dict[tuple[str, str], list[Record]] = {}

@@ -34,6 +34,7 @@ COLLECTIONS: dict[str, dict[str, Any]] = {
     "10 chairs": {"dataset": "chair", "num": 10},
 }
 QUICK: dict[str, dict[str, Any]] = {"3 teeth, one side": {"dataset": "teeth", "num": 3, "one_side": True}}
+QUICK_TOOLS = ("collalign", "open3d", "axes", "kiss")
 
 _ABOUT = """
 The same files in the same random poses through this toolkit's default and through other tools, one after the other on
@@ -104,7 +105,8 @@ def _record(posed: PosedCollection, first: Answer, second: Answer) -> Record:
 def measure(bench: Bench) -> Outcome:
     """Run all tools that are installed on all collections that are not too large for them."""
     bench.seeds.add(SEED)
-    installed = {name: tool for name, tool in TOOLS.items() if not tool.lacks()}
+    chosen = QUICK_TOOLS if bench.quick else tuple(TOOLS)
+    installed = {name: TOOLS[name] for name in chosen if not TOOLS[name].lacks()}
     collections = QUICK if bench.quick else COLLECTIONS
     cells: dict[str, dict[str, Any]] = {
         f"{collection}: {name}": {**settings, "one_side": settings.get("one_side", True), "tool": name}
