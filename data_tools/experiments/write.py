@@ -57,13 +57,15 @@ def write_page(names: Iterable[str], folder: Path) -> Path:
     Parameters
     ----------
     names : iterable of str
-        Experiments in the order of the page; those without a section are left out.
+        Experiments in the order of the page; those without a section are named at its end.
     folder : Path
     """
-    files = [folder / RESULTS / f"{name}.md" for name in names]
-    sections = [file.read_text("utf-8") for file in files if file.is_file()]
+    files = {name: folder / RESULTS / f"{name}.md" for name in names}
+    sections = [file.read_text("utf-8") for file in files.values() if file.is_file()]
     linked = [re.sub(r"(!\[[^\]]*\]\()", rf"\1{RESULTS}/", section) for section in sections]
-    return write_atomic(folder / PAGE, "\n".join([_HEAD, *linked]).encode())
+    unmeasured = [f"`{name}`" for name, file in files.items() if not file.is_file()]
+    rest = [f"Not measured yet: {', '.join(unmeasured)}.\n"] if unmeasured else []
+    return write_atomic(folder / PAGE, "\n".join([_HEAD, *linked, *rest]).encode())
 
 
 def _section(experiment: Experiment, outcome: Outcome, bench: Bench) -> str:
