@@ -27,15 +27,15 @@ from data_tools.errors import InputError
 MIN_SHAPES = 6
 #: Least median preference for the sides' verdict, over all pairs and over those between the sides; and what is added,
 #: divided by the number of pairs.
-_LEAST_ALL, _LEAST_BETWEEN = (0.08, 2.6), (0.06, 3.0)
+_LEAST_ALL, _LEAST_BETWEEN = (0.1, 2.6), (0.07, 3.0)
 #: Most share of all preferences that may contradict the sides, least balance of those between the sides.
-_MOST_CONTRADICTED, _LEAST_BALANCE = 0.1, 0.7
+_MOST_CONTRADICTED, _LEAST_BALANCE = 0.025, 0.7
 #: Least medians at which a few pairs make it worth to match more.
 _LEAST_SUSPICION = (0.06, 0.05)
 #: Log-odds, divided by two, that a pair's preference is right, per unit of its preference.
 _TRUST = 4.0
-#: So many pairs settle the matter at once if both medians are that large and so little contradicts them.
-_MANY_PAIRS, _LEAST_OBVIOUS, _MOST_NOISE = 100, 0.2, 0.03
+#: So many pairs settle the matter at once if both medians are that large.
+_MANY_PAIRS, _LEAST_OBVIOUS = 100, 0.2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +81,6 @@ class Sides:
             self.are_clear
             and self.num_pairs >= _MANY_PAIRS
             and min(self.median_all, self.median_between) >= _LEAST_OBVIOUS
-            and self.contradicted <= _MOST_NOISE
         )
 
     @property
@@ -152,6 +151,6 @@ def _judged(mirrored: BoolArray, pairs: IntArray, preference: FloatArray) -> Sid
         num_between=int(between.sum()),
         median_all=float(np.median(agreement)) if len(pairs) else np.nan,
         median_between=float(np.median(across)) if len(across) else np.nan,
-        contradicted=float(-np.minimum(agreement, 0.0).sum() / total) if total else 0.0,
+        contradicted=float(np.maximum(-agreement, 0.0).sum() / total) if total else 0.0,
         balance=float(across.sum() / np.abs(across).sum()) if np.abs(across).sum() else np.nan,
     )
