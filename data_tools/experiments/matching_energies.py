@@ -24,8 +24,8 @@ from pairwise.starts import random_rotations
 SEED = 0
 STARTS = 1000
 #: Pairs of each collection, by the number of samples, and how many of them are timed against starts each by itself.
-SIZES = {20: 100, 64: 40, 120: 15}
-TIMED = {20: 20, 64: 5, 120: 3}
+SIZES = {20: 100, 64: 34, 120: 10}
+TIMED = {20: 5, 64: 2, 120: 1}
 SHAPES = 20
 #: Energies closer than this, relatively, are the same.
 REL_TOL = 1e-6

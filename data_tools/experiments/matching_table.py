@@ -32,8 +32,8 @@ SEED = 0
 KINDS = ("xyz", "xyz+lb", "xyz+invariants", "all")
 METRICS = ("euclidean", "geodesic")
 #: Pairs of each cell of the table, and how many of them have their relaxation solved, by the number of samples.
-SIZES = {20: 60, 64: 60, 120: 25}
-BOUNDS = {20: 5, 64: 3, 120: 2}
+SIZES = {20: 60, 64: 60, 120: 20}
+BOUNDS = {20: 5, 64: 2, 120: 1}
 #: Shapes that the pairs of the table are drawn from.
 SHAPES = 20
 #: The default: numbers of samples, shapes and pairs; all pairs of a class of SHREC07.
