@@ -61,9 +61,9 @@ def trials_of(maps: MapSet, *, quick: bool) -> list[Trial]:
 
 def measure(bench: Bench) -> Outcome:
     """Run all trials, or say why not."""
-    bench.seeds.add(SEED)
     if not (bench.data / FOLDERS["faust"]).is_dir():
         return Outcome(tables=(), text=_MISSING)
+    bench.seeds.add(SEED)
     maps = read_map_set(bench.data, "faust")
     return outcome_of([(maps, measure_trials(bench, maps, trials_of(maps, quick=bench.quick)))])
 
