@@ -76,10 +76,9 @@ def _section(experiment: Experiment, outcome: Outcome, bench: Bench) -> str:
         parts.append(outcome.text.strip())
     sizes = " The smallest sizes only (`--quick`)." if bench.quick else ""
     seeds = f" Seeds: {', '.join(map(str, sorted(bench.seeds)))}." if bench.seeds else ""
-    where = f"{', '.join(sorted(bench.dates))} on {'; '.join(sorted(bench.machines))}"
-    measured = f" Measured {where}." if bench.dates else ""
     parts.append(
-        f"<sub>`python -m data_tools.experiments {experiment.name}`.{measured}{seeds} {describe_versions()}.{sizes}</sub>"
+        f"<sub>`python -m data_tools.experiments {experiment.name}`. Measured {', '.join(sorted(bench.dates))} on "
+        f"{'; '.join(sorted(bench.machines))}.{seeds} {describe_versions()}.{sizes}</sub>"
     )
     return "\n\n".join(parts) + "\n"
 
