@@ -17,7 +17,6 @@ from data_tools.invariants import (
 from data_tools.laplacian import Spectrum
 from data_tools.normals import outward_normals
 from data_tools.options import EmbeddingOptions, SamplingOptions
-from data_tools.sampling import farthest_points
 from data_tools.shape import Shape
 from data_tools.working_surface import WorkingSurface
 
@@ -139,9 +138,7 @@ def _choose_samples(surface: WorkingSurface, options: SamplingOptions) -> IntArr
     metric = options.metric
     if metric == "auto":
         metric = "geodesic" if surface.is_closed else "euclidean"
-    seeds = surface.seeds(options.num_points // 2) if options.seeds == "agd" else None
-    solver = surface.geodesics if metric == "geodesic" else None
-    return farthest_points(surface.shape, options.num_points, metric=metric, seeds=seeds, solver=solver)
+    return surface.farthest_points(options.num_points, metric, seeded=options.seeds == "agd")
 
 
 def _distinct(indices: IntArray, shape: Shape) -> IntArray:
@@ -214,6 +211,6 @@ def _choose_dense(surface: WorkingSurface, options: SamplingOptions) -> IntArray
     num = min(options.num_dense_points, len(surface.shape.vertices))
     if not num:
         return np.empty(0, dtype=np.int64)
-    chosen = farthest_points(surface.shape, num, metric="euclidean")
+    chosen = surface.farthest_points(num, "euclidean", seeded=False)
     _, first = np.unique(surface.to_original[chosen], return_index=True)
     return chosen[np.sort(first)]

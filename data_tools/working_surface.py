@@ -46,6 +46,7 @@ class WorkingSurface:
         self.shape, self.to_original, note = _reduce(shape, options)
         self._notes = [note] if note else []
         self._spectra: dict[int, Spectrum] = {}
+        self._farthest: dict[tuple[int, str, bool], IntArray] = {}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -98,6 +99,15 @@ class WorkingSurface:
     def boundary_distance(self) -> FloatArray:
         """Distance of each vertex to the rim, shape (w,); zero where there is none."""
         return boundary_distance(self.shape, self.geodesics)
+
+    def farthest_points(self, num: int, metric: str, *, seeded: bool) -> IntArray:
+        """Return farthest points, the first half at most extrema of the average geodesic distance if ``seeded``."""
+        key = (num, metric, seeded)
+        if key not in self._farthest:
+            seeds = self.seeds(num // 2) if seeded else None
+            solver = self.geodesics if metric == "geodesic" else None
+            self._farthest[key] = farthest_points(self.shape, num, metric=metric, seeds=seeds, solver=solver)
+        return self._farthest[key]
 
     def eigenfunctions(self, num: int) -> Spectrum:
         """Return the lowest non-constant eigenpairs, as many as the surface has vertices for."""
