@@ -169,28 +169,27 @@ def test_distances_vanish_for_the_same_surface_only(rng: np.random.Generator) ->
     points = (points - points.mean(axis=0)) / np.linalg.norm(points - points.mean(axis=0))
     turn = random_rotation(rng)
     one, same = DensePoints.from_user(points), DensePoints.from_user(points[rng.permutation(60)] @ turn)
-    found = tooth_distances.distances_at(one, same, turn)
-    assert found.posed == pytest.approx(0, abs=1e-6)
-    assert found.closest == pytest.approx(0, abs=1e-9)
+    assert tooth_distances.one_to_one_distance(one.points, same.points @ turn.T) == pytest.approx(0, abs=1e-6)
+    assert tooth_distances.closest_distance(one, same, turn)[0] == pytest.approx(0, abs=1e-9)
     bent = points * [1.4, 1.0, 0.8]
     other = DensePoints.from_user((bent - bent.mean(axis=0)) / np.linalg.norm(bent - bent.mean(axis=0)))
-    near, far = (
-        tooth_distances.distances_at(one, other, np.eye(3)),
-        tooth_distances.distances_at(other, one, np.eye(3)),
-    )
-    assert near.posed > 0.05
-    assert near.refined > 0.05
-    assert near.closest > 0.05
-    assert near.posed == pytest.approx(far.posed)
-    assert near.closest == pytest.approx(far.closest, rel=0.02)
+    one_to_one = tooth_distances.one_to_one_distance(one.points, other.points)
+    assert one_to_one == pytest.approx(tooth_distances.one_to_one_distance(other.points, one.points))
+    there, back = (tooth_distances.closest_distance(*pair, np.eye(3))[0] for pair in ((one, other), (other, one)))
+    assert there == pytest.approx(back, rel=0.02)
+    assert min(one_to_one, there) > 0.05
 
 
 def test_a_pair_alone_is_found_from_few_of_its_points(rng: np.random.Generator) -> None:
     points = rng.standard_normal((40, 3)) * [3, 2, 1]
     points -= points.mean(axis=0)
     turn = random_rotation(rng)
-    found = tooth_distances.match_alone(points, points @ turn, num_coarse=16)
+    points /= np.linalg.norm(points)
+    found, distance = tooth_distances.match_alone(points, points @ turn, num_coarse=16)
     assert rotation_angle_deg(found, turn) < 1e-4
+    assert distance < 1e-6
+    bent = points * [1.4, 1.0, 0.8]
+    assert tooth_distances.match_alone(points, bent / np.linalg.norm(bent), num_coarse=16)[1] > 0.05
 
 
 def test_teeth_are_classified_from_their_meshes(layouts: Path) -> None:

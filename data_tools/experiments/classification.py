@@ -57,12 +57,13 @@ neither scored nor neighbours. No counted taxon has a single member.
 * toolkit: poses of `align_collection` with default options.
 * landmarks: the {NUM_LANDMARKS} expert landmarks, and the first 16, which most of the literature uses.
 
-Distances of {NUM_DENSE} farthest points, both shapes of unit centroid size. *Closest points*: root mean square
-distance of each point to the nearest of the other shape, both ways, after turning, shifting and scaling one shape to
-fit best. *One to one*: the Procrustes distance rho of an exact one-to-one match (full and partial Procrustes distance
-have the same nearest neighbours), at that pose or at the collection's pose as it is. The points of two shapes are
-chosen independently of each other, and a one-to-one match also measures where they happen to lie; closest points
-measure the surfaces alone. Farthest points are even, so weights by area would change little.
+Both shapes have unit centroid size. *One to one* is the Procrustes distance rho of an exact one-to-one match (full
+and partial Procrustes distance have the same nearest neighbours): of a pair's {NUM_PAIR_POINTS} points at its least
+energy, or of {NUM_DENSE} points at the collection's poses, turned once more to fit that match. *Closest points* is
+the root mean square distance of each of {NUM_DENSE} points to the nearest of the other shape, both ways, after
+turning, shifting and scaling one shape to fit best from that pose. The points of two shapes are chosen independently
+of each other, and a one-to-one match also measures where they happen to lie; closest points measure the surfaces
+alone. Farthest points are even, so weights by area would change little.
 """
 
 
@@ -109,10 +110,9 @@ def measure_distances(bench: Bench, num: int) -> tuple[dict[str, FloatArray], st
     posed = common | {"poses": rotations.round(12).tolist()}
     fixed = bench.measure(measure_at_poses, {f"poses {b}": {**posed, "rows": b} for b in blocks})
     matrices = {
-        "pairs alone, one to one": matrix_of(pairs, "refined"),
+        "pairs alone, one to one": matrix_of(pairs, "matched"),
         "pairs alone, closest points": matrix_of(pairs, "closest"),
-        "toolkit, one to one at its poses": matrix_of(fixed, "posed"),
-        "toolkit, one to one refined": matrix_of(fixed, "refined"),
+        "toolkit, one to one": matrix_of(fixed, "posed"),
         "toolkit, closest points": matrix_of(fixed, "closest"),
     }
     return matrices, _poses_text(poses, pairs)

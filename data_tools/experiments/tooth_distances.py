@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,7 @@ from data_tools.shape import Shape
 from pairwise.dense_points import DensePoints
 from pairwise.local_search import minimise
 from pairwise.match import match
+from pairwise.options import MatchOptions
 from pairwise.problem import Problem
 from pairwise.refine import refine_pose
 
@@ -31,30 +31,9 @@ FOLDER = "teeth_pnas116"
 NUM_LANDMARKS = 18
 #: Dense points that distances are measured on, and those that a pair is matched by on its own.
 NUM_DENSE, NUM_PAIR_POINTS = 400, 120
+#: Poses of the coarse points that are minimised on all points: so many, up to this multiple of the least energy.
+NUM_POSES, POSE_FACTOR = 4, 1.5
 _FLIP = np.array([-1.0, 1.0, 1.0])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Distances:
-    """Distances of two shapes of unit centroid size.
-
-    Attributes
-    ----------
-    posed : float
-        Procrustes distance rho of the dense points matched one to one at the given pose.
-    refined : float
-        The same at the pose refined by closest points.
-    closest : float
-        Root mean square distance of closest points, both ways, at the refined pose, in parts of the root mean square
-        radius.
-    rotation : ndarray, shape (3, 3)
-        The refined ``R_target_source``.
-    """
-
-    posed: float
-    refined: float
-    closest: float
-    rotation: FloatArray
 
 
 def measure_landmarks(cell: Cell) -> Record:
@@ -101,12 +80,12 @@ def measure_pairs(cell: Cell) -> Record:
     rows = np.full((3, last - first, len(samples)), np.nan)
     for i in range(first, last):
         for j in range(i + 1, len(samples)):
-            pose = match_alone(clouds[i], clouds[j], num_coarse=cell.settings["coarse"])
-            found = distances_at(points[i], points[j], pose)
-            true = _true_rotation(cell.data, i, j)
-            flipped = np.diag(sign_flip(signs[i])) @ found.rotation @ np.diag(sign_flip(signs[j]))
-            rows[:, i - first, j] = found.refined, found.closest, rotation_angle_deg(flipped, true)
-    return {"refined": rows[0], "closest": rows[1], "error_deg": rows[2]}
+            pose, matched = match_alone(clouds[i], clouds[j], num_coarse=cell.settings["coarse"])
+            closest, pose = closest_distance(points[i], points[j], pose)
+            flipped = np.diag(sign_flip(signs[i])) @ pose @ np.diag(sign_flip(signs[j]))
+            error_deg = rotation_angle_deg(flipped, _dataset(cell.data).rotation(i, j, group="O"))
+            rows[:, i - first, j] = matched, closest, error_deg
+    return {"matched": rows[0], "closest": rows[1], "error_deg": rows[2]}
 
 
 def measure_at_poses(cell: Cell) -> Record:
@@ -115,37 +94,47 @@ def measure_at_poses(cell: Cell) -> Record:
     poses = np.array(cell.settings["poses"])
     samples = _samples(cell.data, cell.settings["points"], len(poses))
     points = [_unit_size(item.dense_positions @ pose.T) for item, pose in zip(samples, poses, strict=True)]
-    rows = np.full((3, last - first, len(samples)), np.nan)
+    rows = np.full((2, last - first, len(samples)), np.nan)
     for i in range(first, last):
         for j in range(i + 1, len(samples)):
-            found = distances_at(points[i], points[j], np.eye(3))
-            rows[:, i - first, j] = found.posed, found.refined, found.closest
-    return {"posed": rows[0], "refined": rows[1], "closest": rows[2]}
+            closest = closest_distance(points[i], points[j], np.eye(3))[0]
+            rows[:, i - first, j] = one_to_one_distance(points[i].points, points[j].points), closest
+    return {"posed": rows[0], "closest": rows[1]}
 
 
-def match_alone(target: FloatArray, source: FloatArray, *, num_coarse: int) -> FloatArray:
-    """Return R_target_source of the least energy found for farthest points, shape (3, 3).
+def match_alone(target: FloatArray, source: FloatArray, *, num_coarse: int) -> tuple[FloatArray, float]:
+    """Match farthest points of unit norm one to one.
 
     The first points chosen are farthest points as well, only fewer: distinct poses are searched on ``num_coarse`` of
-    them, and all of these poses are minimised on all points.
+    them, and the best of these are minimised on all points.
+
+    Returns
+    -------
+    rotation : ndarray, shape (3, 3)
+        ``R_target_source``.
+    distance : float
+        Procrustes distance rho: the energy is ``2 - 2 cos(rho)``.
     """
     few = [points[:num_coarse] - points[:num_coarse].mean(axis=0) for points in (target, source)]
-    poses = match(few[0], few[1], strategy="search").candidates
-    problem = Problem.from_user(target, source)
-    return minimise(problem, np.stack([pose.R_target_source for pose in poses])).rotations[0]
+    options = MatchOptions(strategy="search", max_candidates=NUM_POSES, candidate_factor=POSE_FACTOR)
+    poses = match(few[0], few[1], options=options).candidates
+    best = minimise(Problem.from_user(target, source), np.stack([pose.R_target_source for pose in poses]))
+    return best.rotations[0], float(2.0 * np.arcsin(min(1.0, np.sqrt(best.energies[0]) / 2.0)))
 
 
-def distances_at(target: DensePoints, source: DensePoints, rotation: FloatArray) -> Distances:
-    """Return the distances of two dense point sets of unit centroid size at a pose, and at the pose refined."""
+def closest_distance(target: DensePoints, source: DensePoints, rotation: FloatArray) -> tuple[float, FloatArray]:
+    """Refine a pose by closest points, both ways, with shift and scale.
+
+    Returns
+    -------
+    distance : float
+        Root mean square of the distances of closest points, in parts of the root mean square radius and in the units
+        of the geometric mean of both sizes, so that target and source may be exchanged.
+    rotation : ndarray, shape (3, 3)
+        The refined ``R_target_source``.
+    """
     refined = refine_pose(target, source, rotation)
-    turn = np.array(refined.R_target_source)
-    return Distances(
-        posed=one_to_one_distance(target.points, source.points @ rotation.T),
-        refined=one_to_one_distance(target.points, source.points @ turn.T),
-        # In the units of the geometric mean of both sizes, so that target and source may be exchanged.
-        closest=float(np.sqrt(refined.energy / refined.scale)) / target.radius,
-        rotation=turn,
-    )
+    return float(np.sqrt(refined.energy / refined.scale)) / target.radius, np.array(refined.R_target_source)
 
 
 def one_to_one_distance(target: FloatArray, source: FloatArray) -> float:
@@ -185,7 +174,3 @@ def _samples(data: Path, points: int, num: int) -> tuple[Samples, ...]:
 @functools.cache
 def _shapes(data: Path, num: int) -> tuple[Shape, ...]:
     return tuple(_dataset(data).shape(which) for which in range(num))
-
-
-def _true_rotation(data: Path, i: int, j: int) -> FloatArray:
-    return _dataset(data).rotation(i, j, group="O")
