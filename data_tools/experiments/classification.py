@@ -38,7 +38,7 @@ SPELLINGS = {"Cheirogaleiidae": "Cheirogaleidae"}
 #: Teeth count whose taxon has at least so many members.
 MIN_MEMBERS = 3
 #: Points that the poses of a pair alone are searched on, and rows of a distance matrix that one cell measures.
-NUM_COARSE, NUM_ROWS = 64, 12
+NUM_COARSE, NUM_ROWS = 40, 12
 _QUICK_TEETH = 4
 #: Raised when the collection's poses change.
 POSES_VERSION = "1"
