@@ -36,9 +36,9 @@ _ABOUT = f"""
 The energy of `pairwise.match` with its default options against the least one that {STARTS} random rotations lead to,
 each followed by local minimisation with exact assignment (shared between both chiralities in O(3)). Default embedding
 and sampling. The comparison merges runs that meet, which changes no energy. *Time* is the matcher's share of the time
-of as many starts run each by itself, measured with {TIMED_STARTS} of them on {TIMED[20]}, {TIMED[64]} and {TIMED[120]}
-pairs of each collection with 20, 64 and 120 samples; *merged* is its share of the time where runs that meet are merged.
-Processor time of one thread.
+of as many starts run each by itself, measured with {TIMED_STARTS} of them on {TIMED[20]}, {TIMED[64]} and
+{TIMED[120]} pairs of each collection with 20, 64 and 120 samples; *merged* is its share of the time where runs that
+meet are merged. Processor time of one thread.
 """
 
 

@@ -16,6 +16,7 @@ from data_tools.experiments.posed_samples import (
     COLLECTIONS,
     FOLDERS,
     RIGHT_DEG,
+    TEETH_MIXED,
     TEETH_ONE_SIDE,
     PosedPair,
     posed_pairs,
@@ -48,10 +49,10 @@ Pairs of shapes in random poses, matched by `pairwise.match` with its default op
 teeth in O(3), where the chirality has to be right as well. The cells of a collection in the first table have the same
 pairs ({SIZES[20]} of {SHAPES} shapes, {SIZES[120]} with 120 samples): shares near one half have a standard error of 6
 (10) percentage points. *Among {TOP}*: one of the {TOP} candidates of least energy is right. *Bound*: PM-SDP's value
-over the best energy found, mean of {BOUNDS[20]}, {BOUNDS[64]} and {BOUNDS[120]} pairs with 20, 64 and 120 samples.
-Embeddings: xyz alone; with the paper's four Laplace-Beltrami eigenfunctions, rotated among themselves (d = 7); with
-invariants (log heat kernel signature, average geodesic distance, distance to the rim); with both. Weights are the
-defaults.
+over the best energy found, mean of {BOUNDS[20]}, {BOUNDS[64]} and {BOUNDS[120]} pairs with 20, 64 and 120 samples (not
+for d = 7 with 120). Embeddings: xyz alone; with the paper's four Laplace-Beltrami eigenfunctions, rotated among
+themselves (d = 7); with invariants (log heat kernel signature, average geodesic distance, distance to the rim); with
+both. Weights are the defaults.
 
 The second table is the default embedding and sampling with more pairs: all 190 of each class of SHREC07, and
 {DEFAULT_PAIRS} of {DEFAULT_SHAPES} teeth. *By samples*: the pose of least energy. *Dense*: the pose that is best by
@@ -192,7 +193,7 @@ def table_cells(*, quick: bool) -> list[dict[str, Any]]:
             "points": points,
             "shapes": 4 if quick else SHAPES,
             "pairs": 3 if quick else SIZES[points],
-            "bounds": 1 if quick else BOUNDS[points],
+            "bounds": 1 if quick else _num_bounds(points, kind),
             "dense": 0,
             "seed": SEED,
         }
@@ -202,7 +203,13 @@ def table_cells(*, quick: bool) -> list[dict[str, Any]]:
             KINDS[::2] if quick else KINDS,
             METRICS,
         )
+        if (name, points) != (TEETH_MIXED, 120)
     ]
+
+
+def _num_bounds(points: int, kind: str) -> int:
+    """Return how many relaxations a cell solves; with 120 points none in seven dimensions, of about 7 s each."""
+    return 0 if points == 120 and kind in ("xyz+lb", "all") else BOUNDS[points]
 
 
 def measure(bench: Bench) -> Outcome:
