@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+#: A map of a larger mean error counts as wrong in part.
+BAD_MEAN = 0.1
 #: Mean error of a map up to which the plots go at least.
 _MIN_RANGE = 0.25
 
@@ -132,7 +134,19 @@ def findings(maps: MapSet, measured: Sequence[Measured]) -> list[str]:
     """Return what the figures of one set say: the first trial beside the best published method, and flips."""
     default = measured[0]
     mean = summary(default.direct)["mean"]
-    sentences = [f"{maps.name}: mean error {mean:.4f} over {len(default.records)} maps ({default.trial.label})."]
+    num_bad = sum(bool(errors.mean() > BAD_MEAN) for errors in default.direct)
+    sentences = [
+        f"{maps.name}, {default.trial.label}: mean error {mean:.4f}; {num_bad} of {len(default.records)} maps have "
+        f"one above {BAD_MEAN}."
+    ]
+    for other in measured[1:]:
+        beside, own = default.mean_direct(other.trial.pairs), summary(other.direct)["mean"]
+        if beside is not None and other.trial.variant == default.trial.variant:
+            relation = "better" if own < beside else "no better"
+            sentences.append(
+                f"{maps.name}, {other.trial.label}: {relation} than the {default.trial.label} on its "
+                f"{len(other.records)} pairs, {own:.4f} against {beside:.4f}."
+            )
     published = {method: float(np.mean(errors)) for method, errors in maps.on(default.trial.pairs).items()}
     if published:
         best = min(published, key=lambda method: published[method])
