@@ -49,8 +49,8 @@ Pairs of shapes in random poses, matched by `pairwise.match` with its default op
 teeth in O(3), where the chirality has to be right as well. The cells of a collection in the first table have the same
 pairs ({SIZES[20]} of {SHAPES} shapes, {SIZES[120]} with 120 samples): shares near one half have a standard error of 6
 (10) percentage points. *Among {TOP}*: one of the {TOP} candidates of least energy is right. *Bound*: PM-SDP's value
-over the best energy found, mean of {BOUNDS[20]}, {BOUNDS[64]} and {BOUNDS[120]} pairs with 20, 64 and 120 samples (not
-for d = 7 with 120). Embeddings: xyz alone; with the paper's four Laplace-Beltrami eigenfunctions, rotated among
+over the best energy found, mean of {BOUNDS[20]}, {BOUNDS[64]} and {BOUNDS[120]} pairs with 20, 64 and 120 samples
+(not for d = 7 with 120). Embeddings: xyz alone; with the paper's four Laplace-Beltrami eigenfunctions, rotated among
 themselves (d = 7); with invariants (log heat kernel signature, average geodesic distance, distance to the rim); with
 both. Weights are the defaults.
 
