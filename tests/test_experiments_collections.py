@@ -197,12 +197,19 @@ def test_teeth_are_classified_from_their_meshes(layouts: Path) -> None:
     assert poses["mirrored"] == poses["gross"] == 0
     assert (np.sign(np.linalg.det(poses["rotations"])) * SIDES == SIDES[0]).all()
     common = {"rows": [0, 8], "points": 40}
-    fixed = tooth_distances.measure_at_poses(cell(layouts, **common, poses=poses["rotations"].tolist()))
+    fixed = tooth_distances.measure_at_poses(cell(layouts, poses=poses["rotations"].tolist(), near=3))
+    assert np.isnan(fixed["posed"]).any()
+    assert np.isfinite(np.sort(fixed["posed"], axis=1)[:, :3]).all()
     alone = tooth_distances.measure_pairs(cell(layouts, **common, signs=SIDES.tolist(), coarse=24))
     assert np.nanmedian(alone["error_deg"]) < 5
     marks = tooth_distances.measure_landmarks(cell(layouts, landmarks=18))
     labels = {level: classification.counted_labels(marks["labels"][level]) for level in classification.LEVELS}
-    matrices = [marks["distances"], *(classification.matrix_of({"a": r}, "closest") for r in (fixed, alone))]
+    matrices = [
+        marks["distances"],
+        fixed["closest"],
+        fixed["posed"],
+        classification.matrix_of({"": alone}, "closest"),
+    ]
     for matrix in matrices:
         results = classification.classify_all(matrix, labels, marks["names"])
         assert results["genus"].accuracy == 1.0
@@ -210,6 +217,11 @@ def test_teeth_are_classified_from_their_meshes(layouts: Path) -> None:
     order = [0, 4, 1, 5, 2, 6, 3, 7]
     mixed = matrices[1][np.ix_(order, order)]
     assert classification.classify_all(mixed, labels, marks["names"])["genus"].accuracy < 0.5
+
+
+def test_near_pairs_are_near_for_one_of_the_two() -> None:
+    places = np.array([0.0, 1.0, 1.5, 9.0])
+    assert tooth_distances.near_pairs(np.abs(places[:, None] - places), 1) == [(0, 1), (1, 2), (2, 3)]
 
 
 def test_blocks_of_rows_make_one_symmetric_matrix() -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
 
 from collalign.align import align_collection
 from collalign.analysis import best_rotations, procrustes_distances
@@ -17,6 +19,7 @@ from data_tools.datasets import Dataset, read_teeth
 from data_tools.embedding import Samples, sample_shape
 from data_tools.experiments.clock import stopwatch
 from data_tools.experiments.experiment import Cell
+from data_tools.experiments.principal_axes import normalised_points
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
 from data_tools.shape import Shape
@@ -89,17 +92,36 @@ def measure_pairs(cell: Cell) -> Record:
 
 
 def measure_at_poses(cell: Cell) -> Record:
-    """Measure distances at common poses: settings ``rows`` (first, last) and ``poses`` (``R_common_shape``)."""
-    first, last = cell.settings["rows"]
+    """Measure distances at common poses, those of near neighbours with refined poses.
+
+    Settings: ``poses`` (``R_common_shape``) and ``near``: each tooth's pairs with so many neighbours, the nearest by
+    closest points at the poses as they are, are refined and matched one to one; a neighbour found is one of these.
+
+    Returns
+    -------
+    dict
+        ``posed`` (one to one, NaN for pairs that are not near) and ``closest``, shapes (N, N).
+    """
     poses = np.array(cell.settings["poses"])
-    samples = _samples(cell.data, cell.settings["points"], len(poses))
-    points = [_unit_size(item.dense_positions @ pose.T) for item, pose in zip(samples, poses, strict=True)]
-    rows = np.full((2, last - first, len(samples)), np.nan)
-    for i in range(first, last):
-        for j in range(i + 1, len(samples)):
-            closest = closest_distance(points[i], points[j], np.eye(3))[0]
-            rows[:, i - first, j] = one_to_one_distance(points[i].points, points[j].points), closest
-    return {"posed": rows[0], "closest": rows[1]}
+    shapes = _shapes(cell.data, len(poses))
+    clouds = [normalised_points(shape, NUM_DENSE) @ pose.T for shape, pose in zip(shapes, poses, strict=True)]
+    trees = [cKDTree(cloud) for cloud in clouds]
+    closest, posed = np.zeros((len(poses), len(poses))), np.full((len(poses), len(poses)), np.nan)
+    for i, j in itertools.combinations(range(len(poses)), 2):
+        squares = [trees[i].query(clouds[j])[0] ** 2, trees[j].query(clouds[i])[0] ** 2]
+        closest[i, j] = closest[j, i] = np.sqrt(np.concatenate(squares).mean() * NUM_DENSE)
+    points = [DensePoints.from_user(cloud) for cloud in clouds]
+    for i, j in near_pairs(closest, cell.settings["near"]):
+        posed[i, j] = posed[j, i] = one_to_one_distance(clouds[i], clouds[j])
+        closest[i, j] = closest[j, i] = closest_distance(points[i], points[j], np.eye(3))[0]
+    return {"posed": posed, "closest": closest}
+
+
+def near_pairs(distances: FloatArray, num: int) -> list[tuple[int, int]]:
+    """Return the pairs (i < j) of which one is among the ``num`` nearest of the other."""
+    nearest = np.argsort(distances + np.diag(np.full(len(distances), np.inf)), axis=1, kind="stable")[:, :num]
+    pairs = {(min(i, j), max(i, j)) for i, row in enumerate(nearest.tolist()) for j in row if i != j}
+    return sorted(pairs)
 
 
 def match_alone(target: FloatArray, source: FloatArray, *, num_coarse: int) -> tuple[FloatArray, float]:
