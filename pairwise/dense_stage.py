@@ -71,7 +71,8 @@ def refine_candidates(
     ----------
     candidates : iterable of Candidate
     problem : Problem
-        In partial matching its penalty, or its share of matches, holds for the dense points as well.
+        In partial matching its share of matches holds for the dense points as well, and its penalty times the number
+        of source points over that of dense points: squared spacings of a surface's samples fall so.
     dense : pair of DensePoints
         Of target and source, in the coordinates of the rotation block and the units of the samples.
     options : MatchOptions
@@ -108,10 +109,14 @@ def _refine(
         method=dense_options.method,
         estimate_scale=options.estimate_scale,
         normal_weight=dense_options.normal_weight,
-        unmatched_penalty=problem.unmatched_cost if is_penalised else np.inf,
+        unmatched_penalty=_dense_penalty(problem, dense[1]) if is_penalised else np.inf,
         matched_share=share,
         max_iterations=dense_options.max_iterations,
     )
+
+
+def _dense_penalty(problem: Problem, source: DensePoints) -> float:
+    return problem.unmatched_cost * min(1.0, problem.num_source / len(source.points))
 
 
 def _both_energies(candidate: Candidate) -> tuple[float, float]:

@@ -178,7 +178,7 @@ def measure(bench: Bench) -> Outcome:
         }
         for points in (POINTS[:1] if bench.quick else POINTS)
     }
-    records = bench.measure(measure_scans, settings)
+    records = bench.measure(measure_scans, settings, version="2")
     named = [(settings[label]["points"], record) for label, record in records.items()]
     return Outcome(
         tables=(
