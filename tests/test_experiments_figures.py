@@ -142,7 +142,8 @@ def test_figure14(bench: Bench, tmp_path: Path) -> None:
     stopped = figure14.measure_full_sizes(bench, {"4": {**settings, "size": 4}, "5": {**settings, "size": 5}})
     assert list(stopped) == ["4"]
     (row,) = figure14.rows_of("c", {4: {"seconds": 1.0, "value": 2.0}}, {4: stopped["4"]})
-    assert (row["full"], row["difference"]) == ("stopped", None)
+    assert str(row["full"]).startswith("stopped at ")
+    assert row.get("difference") is None
     done = {"seconds": 9.0, "value": 3.0, "status": Status.CONVERGED.name}
     assert figure14.rows_of("c", {4: {"seconds": 1.0, "value": 2.0}}, {4: done})[0]["difference"] == 0.5
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 #: Samples of the target and of the source, as in the paper.
 NUM_TARGET, NUM_SOURCE = 100, 50
-NUM_PAIRS = {"scape": 8, "ant": 5, "teddy": 5, "glasses": 5}
+NUM_PAIRS = {"scape": 4, "ant": 4, "teddy": 4, "glasses": 4}
 #: Names of the descriptors.
 DESCRIPTORS = {"agd": "average geodesic distance", "wks": "wave kernel signature"}
 #: Shares of the target's samples that a point may match, in percent, and those of the paper with their use there.

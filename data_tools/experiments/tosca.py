@@ -8,7 +8,7 @@ from data_tools.experiments.map_sets import FOLDERS, read_map_set
 from data_tools.experiments.map_trials import SEED, measure_trials, usual_trials
 
 #: Pairs matched as copies too, and by the paper's own strategies.
-NUM_COPIES, NUM_PAPER = 5, 2
+NUM_COPIES, NUM_PAPER = 2, 1
 
 _ABOUT = f"""
 All pairs of the six poses of TOSCA's centaur, a body on which nothing was tuned. {PROTOCOL}
