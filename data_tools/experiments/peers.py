@@ -52,8 +52,9 @@ are pairs of right chirality beyond 30 degrees.
 * KISS-Matcher with small_gicp's generalised ICP, and coherent point drift (pycpd, 200 points) from the pairings of
   the principal axes; both with spectral synchronization, since they match pairs only.
 
-Open3D, KISS-Matcher and pycpd know no reflections: in mixed collections they cannot be right. The toolkit is told
-nothing about the collection; principal axes are told whether it is mixed. All 116 teeth: see the jobs of teeth.
+Open3D, KISS-Matcher and pycpd know no reflections, and are not given mixed collections, where they cannot be right.
+The toolkit is told nothing about the collection; principal axes are told whether it is mixed. All 116 teeth: see the
+jobs of teeth.
 """
 
 
@@ -103,7 +104,7 @@ def _record(posed: PosedCollection, first: Answer, second: Answer) -> Record:
 
 
 def measure(bench: Bench) -> Outcome:
-    """Run all tools that are installed on all collections that are not too large for them."""
+    """Run all tools that are installed on all collections that they can be given."""
     bench.seeds.add(SEED)
     chosen = QUICK_TOOLS if bench.quick else tuple(TOOLS)
     installed = {name: TOOLS[name] for name in chosen if not TOOLS[name].lacks()}
@@ -113,7 +114,7 @@ def measure(bench: Bench) -> Outcome:
         | {"seed": SEED, "jobs": 1 if bench.quick else os.cpu_count() or 1}
         for collection, settings in collections.items()
         for name, tool in installed.items()
-        if settings["num"] <= tool.max_shapes
+        if settings["num"] <= tool.max_shapes and (tool.mirrors or settings.get("one_side", True))
     }
     records = bench.measure(measure_tool, cells, apart=True)
     rows = tuple(

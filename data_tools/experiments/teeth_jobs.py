@@ -31,7 +31,7 @@ JOBS: dict[str, dict[str, Any]] = {
     "116 teeth, mixed sides": {"num": 116, "one_side": False},
 }
 #: Draws of the toolkit and of the principal axes; of fewer than 100 teeth, and of all.
-NUM_DRAWS = {"collalign": (5, 3), "axes": (5, 1)}
+NUM_DRAWS = {"collalign": (5, 1), "axes": (5, 1)}
 #: The figures to reach.
 MEDIAN_DEG = 5.5
 SECONDS_116 = 249.0
