@@ -191,9 +191,15 @@ def test_a_job_that_falls_short_says_so() -> None:
         "gross": 0,
         "mirrored": 0,
         "median_deg": 5.0,
+        "largest_median_deg": 5.4,
         "wall_s": 100.0,
+        "processor_s": 190.0,
     }
-    assert teeth_jobs._text((row,)) == "Short of the figures: nothing."
+    text = teeth_jobs._text((row,))
+    assert text.startswith("Short of the figures: nothing.")
+    assert "took 190 of them" in text
+    assert "Single draws" not in text
+    assert "mixed sides (up to 5.70)" in teeth_jobs._text((row | {"largest_median_deg": 5.7},))
     text = teeth_jobs._text((row | {"gross": 2, "mirrored": 1, "median_deg": 6.0, "wall_s": 300.0},))
     assert all(words in text for words in ("2 gross", "1 pairs of wrong chirality", "6.00 degrees", "300 seconds"))
 
@@ -212,7 +218,7 @@ def test_the_quick_run_of_deformations_is_the_same_twice(tmp_path: Path) -> None
     ours = main.rows[0]
     assert (ours["tool"], ours["same_bytes"]) == ("collalign", "yes")
     assert ours["clean"] == (ours["gross"] == 0)
-    assert (families.rows[0]["gross"] == 0) == (ours["gross"] == 0)
+    assert (families.rows[0]["collalign"] == 0) == (ours["gross"] == 0)
 
 
 @pytest.mark.data

@@ -172,24 +172,22 @@ def _table(rows: tuple[dict[str, Any], ...]) -> Table:
 
 
 def _families_table(found: dict[tuple[str, str], list[Record]]) -> Table:
-    columns = (
-        Column(key="kind", title="family of a"),
-        Column(key="seed", title="seed"),
-        Column(key="tool", title="tool"),
-        Column(key="gross", title="gross pairs"),
-        Column(key="median_deg", title="median, deg", format=".1f"),
-        Column(key="worst_deg", title="worst pair, deg", format=".1f"),
+    """Return one row per family, with the gross pairs of every tool."""
+    tools = list(dict.fromkeys(tool for _, tool in found))
+    columns = [Column(key="kind", title="family of a"), Column(key="seed", title="seed")]
+    columns += [Column(key=tool, title=f"{tool}: gross pairs") for tool in tools]
+    columns += [
+        Column(key="median_deg", title="collalign: median, deg", format=".1f"),
         Column(key="confidence", title="lowest confidence", format=".2f"),
-    )
+    ]
     rows: tuple[dict[str, Any], ...] = tuple(
-        {"kind": kind, "seed": seed, "tool": tool, "gross": _wrong(record)}
-        | {key: record.get(key) for key in ("median_deg", "worst_deg", "confidence")}
-        for (kind, tool), records in found.items()
+        {"kind": kind, "seed": seed, "median_deg": record["median_deg"], "confidence": record["confidence"]}
+        | {tool: _wrong(found[kind, tool][seed]) for tool in tools}
+        for (kind, own), records in found.items()
+        if own == "collalign"
         for seed, record in enumerate(records)
-        if tool == "collalign" or _wrong(record)
     )
-    caption = "Each family of the toolkit, and those with gross pairs of the others."
-    return Table(name="families", columns=columns, rows=rows, caption=caption)
+    return Table(name="families", columns=tuple(columns), rows=rows, caption="Each family.")
 
 
 def _plot(found: dict[tuple[str, str], list[Record]]) -> Plot:
@@ -198,8 +196,9 @@ def _plot(found: dict[tuple[str, str], list[Record]]) -> Plot:
     def draw(figure: Figure) -> None:
         for axes, kind in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds, strict=True):
             for tool, records in ((tool, some) for (some_kind, tool), some in found.items() if some_kind == kind):
-                axes.plot(sorted(map(_wrong, records)), label=tool)
+                axes.plot(range(1, len(records) + 1), sorted(map(_wrong, records)), ".-", label=tool)
             axes.set_title(kind)
+            axes.xaxis.get_major_locator().set_params(integer=True)
             axes.set_xlabel("families, fewest gross pairs first")
             axes.set_ylabel("gross pairs")
         axes.legend(fontsize=8)
