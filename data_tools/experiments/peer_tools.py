@@ -148,5 +148,5 @@ TOOLS: dict[str, Tool] = {
     "open3d": Tool(align=_from_pairs(open3d_pairs, _OPEN3D), answers=tuple(_OPEN3D), packages=("open3d",)),
     "axes": Tool(align=_principal_axes, answers=("principal axes + ICP + tree",), mirrors=True, max_shapes=1000),
     "kiss": Tool(align=_from_pairs(kiss_pairs, _KISS), answers=tuple(_KISS), packages=("kiss_matcher", "small_gicp")),
-    "drift": Tool(align=_from_pairs(drift_pairs, _DRIFT), answers=tuple(_DRIFT), packages=("pycpd",), max_shapes=10),
+    "drift": Tool(align=_from_pairs(drift_pairs, _DRIFT), answers=tuple(_DRIFT), packages=("pycpd",), max_shapes=8),
 }
