@@ -79,7 +79,7 @@ class EmbeddingOptions:
     One rule serves all data: columns are standardised over the samples of each shape, a column without information
     (the distance to a boundary that does not exist) is zero, and blocks of invariants weigh a fifth on closed
     surfaces. Descriptors of open surfaces depend on where the surface was cut, and those of point clouds on noise, so
-    there they weigh a quarter of that: less than any real difference of positions, enough to settle ties.
+    there they weigh a quarter of that. Where surfaces were cut at random places even that misleads: choose positions.
     """
 
     kind: EmbeddingKind = "xyz+invariants"

@@ -136,7 +136,8 @@ def test_energies_count_what_is_worse() -> None:
     assert row["excess"] == pytest.approx(0.1)
     assert row["share"] == pytest.approx(0.01)
     assert "**missed**" in matching_energies.findings([row])
-    assert "reached" in matching_energies.findings([row | {"no_worse": 100.0}])
+    assert "reached" in matching_energies.findings([row | {"no_worse": 100.0, "pairs": 200}])
+    assert "too few" in matching_energies.findings([row | {"no_worse": 100.0}])
     assert "**missed**" in matching_energies.findings([row | {"no_worse": 100.0, "share": 0.2}])
 
 
