@@ -60,7 +60,7 @@ both energies after the stage on 400 dense points, as refined there.
 
 None of these figures is held out: the weights of the invariants were chosen among about a dozen on all pairs of the
 four classes and on teeth of one side (the factor for open surfaces on teeth alone), and the rule, normals and number
-of steps of the dense stage among about a dozen on parts of the classes and of both sets of teeth, which these overlap.
+of steps of the dense stage among about a dozen on parts of the classes and both sets of teeth, which these overlap.
 """
 
 
