@@ -43,9 +43,9 @@ PUBLISHED = [
 ]
 #: Rows of the toolkit: collection, shapes, points, embedding.
 TOOLKIT = [
-    *(("teeth", 116, points, DEFAULT_EMBEDDING) for points in (20, 64)),
+    *(("teeth", 116, points, DEFAULT_EMBEDDING) for points in (20, 64, 120)),
     *((name, 20, 20, kind) for name in CLASSES for kind in EMBEDDINGS),
-    *((name, 20, 64, DEFAULT_EMBEDDING) for name in CLASSES),
+    *((name, 20, points, DEFAULT_EMBEDDING) for name in CLASSES for points in (64, 120)),
 ]
 
 #: What is to be reached: collection, points, and the least share of shapes within 20 degrees, for the default.
