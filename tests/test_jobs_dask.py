@@ -96,7 +96,7 @@ def test_a_collection_is_the_same_after_a_worker_was_killed(cluster: Any, tmp_pa
     rng = np.random.default_rng(2)
     family = deformed_family(chair(rng, resolution=1), 4, rng, rms=0.02)
     write_collection(tmp_path, planted_collection(family, rng))
-    options = AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=0))
+    options = AlignOptions(group="SO", sampling=SamplingOptions(num_points=16, num_dense_points=0))
     kinds: list[str] = []
 
     def progress(kind: str, total: int, *, done: int = 0) -> Any:

@@ -55,7 +55,7 @@ def samples(rng: np.random.Generator) -> list[Samples]:
 
 def solve(samples: list[Samples], pairs: list[MatchedPair], clusters: int, **held: object) -> SynchronizationResult:
     arguments = {"fixed": {}, "reference": 0} | held
-    merged, solution = agree_in_parts(samples, pairs, AlignOptions(clusters=clusters), **arguments)  # type: ignore[arg-type]
+    merged, solution = agree_in_parts(samples, pairs, AlignOptions(group="SO", clusters=clusters), **arguments)  # type: ignore[arg-type]
     assert [(pair.target, pair.source) for pair in merged] == [(pair.target, pair.source) for pair in pairs]
     return solution
 
