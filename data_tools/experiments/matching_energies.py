@@ -24,7 +24,7 @@ from pairwise.starts import random_rotations
 SEED = 0
 STARTS = 1000
 #: Pairs of each collection, by the number of samples, and how many of them are timed against starts each by itself.
-SIZES = {20: 50, 64: 12, 120: 3}
+SIZES = {20: 50, 64: 34, 120: 12}
 TIMED = {20: 10, 64: 3, 120: 1}
 #: Of the starts run each by itself so many are timed; their time grows in proportion.
 TIMED_STARTS = 100
