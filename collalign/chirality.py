@@ -77,10 +77,16 @@ def choose_group(
     """
     num = len(shapes.names)
     both_kinds = replace(options, group="O")
+    compared: dict[tuple[int, int], tuple[float, float]] = {}
     for num_partners in NUM_PARTNERS:
         chosen = nearest_pairs(edges, descriptors, num_partners)
         pairs, _ = match_pairs(shapes, chosen, both_kinds, run, store, progress=progress)
-        energies = np.array([chirality_energies(p, samples[p.target], samples[p.source]) for p in pairs])
+        for pair in pairs:
+            if (pair.target, pair.source) not in compared:
+                compared[pair.target, pair.source] = chirality_energies(
+                    pair, samples[pair.target], samples[pair.source]
+                )
+        energies = np.array([compared[pair.target, pair.source] for pair in pairs])
         sides = find_sides([(pair.target, pair.source) for pair in pairs], energies, num)
         if num < MIN_SHAPES or not sides.are_suspected or sides.are_obvious:
             break
