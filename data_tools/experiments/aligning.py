@@ -16,10 +16,10 @@ from collalign.collection import DOUBT, AlignedCollection
 from collalign.options import AlignOptions, RunOptions
 from collalign.records import Record
 from data_tools.arrays import FloatArray
-from data_tools.datasets import Dataset, read_shrec07_class, read_teeth
 from data_tools.errors import InputError
 from data_tools.experiments.clock import stopwatch
 from data_tools.experiments.experiment import Cell
+from data_tools.experiments.landmarked import RIGHT_DEG, TEETH_FOLDER, read_dataset
 from data_tools.experiments.posed import PosedCollection, pose_collection
 from data_tools.experiments.principal_axes import along_tree, axis_starts, closest_points, normalised_points
 from data_tools.mesh_io import read_shape
@@ -27,16 +27,8 @@ from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
 from pairwise.options import MatchOptions
 
-TEETH_FOLDER, CLASSES_FOLDER = "teeth_pnas116", "shrec07_dev"
 #: The published rotations beside the teeth.
 PUBLISHED_FILE = "auto3dgm_rotations_baseline.npz"
-#: A shape is right within this angle.
-RIGHT_DEG = 20.0
-
-
-def read_dataset(name: str, data: Path) -> Dataset:
-    """Return the teeth, or a class of SHREC07."""
-    return read_teeth(data / TEETH_FOLDER) if name == "teeth" else read_shrec07_class(data / CLASSES_FOLDER / name)
 
 
 def pose_some(settings: dict[str, Any], data: Path, folder: Path) -> tuple[PosedCollection, str]:
@@ -190,7 +182,7 @@ def match_by_axes(points: Sequence[FloatArray], group: str) -> tuple[FloatArray,
 
 def measure_published_rotations(cell: Cell) -> Record:
     """Compare auto3dgm's published rotations of the teeth, for those that have one, with the landmarks."""
-    dataset = read_teeth(cell.data / TEETH_FOLDER)
+    dataset = read_dataset("teeth", cell.data)
     file = cell.data / TEETH_FOLDER / PUBLISHED_FILE
     with np.load(file, allow_pickle=False) as archive:
         found = dict(zip(archive["names"].tolist(), archive["R"], strict=True))

@@ -9,14 +9,12 @@ import numpy as np
 
 from collalign.records import Record
 from data_tools.experiments.aligning import (
-    CLASSES_FOLDER,
-    RIGHT_DEG,
-    TEETH_FOLDER,
     measure_alignment,
     measure_principal_axes,
     measure_published_rotations,
 )
 from data_tools.experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
+from data_tools.experiments.landmarked import CLASSES, CLASSES_FOLDER, RIGHT_DEG, TEETH_FOLDER
 from data_tools.experiments.tables import Column, Row, Table
 
 if TYPE_CHECKING:
@@ -26,7 +24,6 @@ if TYPE_CHECKING:
 Plan: TypeAlias = "list[tuple[Callable[[Cell], Record], dict[str, Any]]]"
 
 SEED = 1
-CLASSES = ("glasses", "ant", "chair", "teddy")
 #: Embeddings: positions (d = 3), with four eigenfunctions (d = 7), the default (positions and invariants).
 EMBEDDINGS = ("xyz", "xyz+lb", "xyz+invariants")
 DEFAULT_EMBEDDING, DEFAULT_POINTS = "xyz+invariants", 64

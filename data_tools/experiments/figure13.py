@@ -8,9 +8,10 @@ import numpy as np
 
 from collalign.records import Record
 from data_tools.arrays import FloatArray
-from data_tools.experiments.aligning import CLASSES_FOLDER, RIGHT_DEG, measure_alignment
-from data_tools.experiments.collections import CLASSES, EMBEDDINGS, SEED, SUBSETS, settings_of, version_of
+from data_tools.experiments.aligning import measure_alignment
+from data_tools.experiments.collections import EMBEDDINGS, SEED, SUBSETS, settings_of, version_of
 from data_tools.experiments.experiment import Bench, Experiment, Outcome, Plot
+from data_tools.experiments.landmarked import CLASSES, CLASSES_FOLDER, RIGHT_DEG
 from data_tools.experiments.tables import Column, Row, Table
 
 if TYPE_CHECKING:

@@ -12,9 +12,10 @@ import numpy as np
 from collalign.pairs import pair_problem
 from collalign.records import Record
 from data_tools.arrays import FloatArray
-from data_tools.datasets import Dataset, read_registered_archive, read_shrec07_class, read_teeth
+from data_tools.datasets import read_registered_archive
 from data_tools.embedding import sample_shape
 from data_tools.experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
+from data_tools.experiments.landmarked import CLASSES_FOLDER, RIGHT_DEG, TEETH_FOLDER, read_dataset
 from data_tools.experiments.tables import Column, Row, Table
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
@@ -36,7 +37,7 @@ SIZES = (20, 64)
 #: What is compared, and how the table's columns call it.
 KINDS = {"xyz": "xyz", "xyz+invariants": "invariants"}
 SEED = 12
-RIGHT_DEG = 20.0
+BODIES_FOLDER = "scape71"
 #: Deviation of the noise as a share of the bounding box's diagonal.
 ROUGHNESS = 0.01
 #: Points that are kept of a shape without its surface.
@@ -58,19 +59,11 @@ def read_collection(data: Path, name: str, num: int, rng: np.random.Generator) -
     if name.startswith("generated"):
         base = crown(rng, num_vertices=3000) if name == "generated teeth" else chair(rng)
         return list(deformed_family(base, num, rng)), np.tile(np.eye(3), (num, num, 1, 1))
-    dataset = _dataset(data, name)
+    dataset = read_registered_archive(data / BODIES_FOLDER) if name == "bodies" else read_dataset(name, data)
     eligible = np.arange(len(dataset)) if dataset.chirality is None else np.flatnonzero(dataset.chirality == 1)
     chosen = np.sort(rng.permutation(eligible)[:num]).tolist()
     truth = [[np.eye(3) if i == j else dataset.rotation(i, j) for j in chosen] for i in chosen]
     return [dataset.shape(i) for i in chosen], np.array(truth)
-
-
-def _dataset(data: Path, name: str) -> Dataset:
-    if name == "teeth":
-        return read_teeth(data / "teeth_pnas116")
-    if name == "bodies":
-        return read_registered_archive(data / "scape71")
-    return read_shrec07_class(data / "shrec07_dev" / name)
 
 
 def damage(shape: Shape, state: str, rng: np.random.Generator) -> Shape:
@@ -199,5 +192,5 @@ EXPERIMENT = Experiment(
     title="Invariants where they may be noise",
     about=_ABOUT,
     measure=measure,
-    collections=("teeth_pnas116", "shrec07_dev", "scape71"),
+    collections=(TEETH_FOLDER, CLASSES_FOLDER, BODIES_FOLDER),
 )

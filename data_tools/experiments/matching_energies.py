@@ -11,7 +11,8 @@ import numpy as np
 from collalign.records import Record
 from data_tools.experiments.exhaustive import minimise_each
 from data_tools.experiments.experiment import Bench, Cell, Experiment, Outcome
-from data_tools.experiments.posed_samples import COLLECTIONS, FOLDERS, posed_pairs
+from data_tools.experiments.landmarked import CLASSES_FOLDER, TEETH_FOLDER
+from data_tools.experiments.posed_samples import COLLECTIONS, posed_pairs
 from data_tools.experiments.tables import Column, Row, Table
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from pairwise.local_search import minimise
@@ -191,5 +192,5 @@ EXPERIMENT = Experiment(
     title="The matcher against random starts",
     about=_ABOUT,
     measure=measure,
-    collections=FOLDERS,
+    collections=(TEETH_FOLDER, CLASSES_FOLDER),
 )

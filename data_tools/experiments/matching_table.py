@@ -11,11 +11,9 @@ import numpy as np
 
 from collalign.records import Record
 from data_tools.experiments.experiment import Bench, Cell, Experiment, Outcome
+from data_tools.experiments.landmarked import CLASSES, CLASSES_FOLDER, RIGHT_DEG, TEETH_FOLDER
 from data_tools.experiments.posed_samples import (
-    CLASSES,
     COLLECTIONS,
-    FOLDERS,
-    RIGHT_DEG,
     TEETH_MIXED,
     TEETH_ONE_SIDE,
     PosedPair,
@@ -282,5 +280,5 @@ EXPERIMENT = Experiment(
     title="Which evidence finds the right pose",
     about=_ABOUT,
     measure=measure,
-    collections=FOLDERS,
+    collections=(TEETH_FOLDER, CLASSES_FOLDER),
 )

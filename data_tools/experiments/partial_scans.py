@@ -15,6 +15,7 @@ from data_tools.datasets import Dataset, read_range_scans
 from data_tools.embedding import Samples, sample_shape
 from data_tools.errors import InputError
 from data_tools.experiments.experiment import Bench, Cell, Experiment, Outcome
+from data_tools.experiments.landmarked import RIGHT_DEG
 from data_tools.experiments.tables import Column, Row, Table
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
@@ -29,7 +30,6 @@ FOLDER = "stanford_bunny_scans"
 MIN_OVERLAP = 0.3
 POINTS = (64, 120)
 NUM_DENSE = 400
-RIGHT_DEG = 20.0
 
 _ABOUT = f"""
 Every two range scans of the Stanford bunny that share at least {100 * MIN_OVERLAP:.0f} % of their dense samples at

@@ -11,8 +11,9 @@ import numpy as np
 
 from collalign.records import Record
 from data_tools.arrays import IntArray
-from data_tools.datasets import Dataset, read_shrec07_class, read_teeth
+from data_tools.datasets import Dataset
 from data_tools.experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
+from data_tools.experiments.landmarked import CLASSES_FOLDER, TEETH_FOLDER, read_dataset
 from data_tools.experiments.peer_tools import TOOLS, Answer, Tool, largest_difference_deg
 from data_tools.experiments.posed import PosedCollection, pose_collection
 from data_tools.experiments.tables import Column, Table
@@ -56,11 +57,6 @@ Open3D, KISS-Matcher and pycpd know no reflections, and are not given mixed coll
 The toolkit is told nothing about the collection; principal axes are told whether it is mixed. All 116 teeth: see the
 jobs of teeth.
 """
-
-
-def read_dataset(name: str, data: Path) -> Dataset:
-    """Return the teeth, or a class of SHREC07."""
-    return read_teeth(data / "teeth_pnas116") if name == "teeth" else read_shrec07_class(data / "shrec07_dev" / name)
 
 
 def choose(dataset: Dataset, settings: dict[str, Any], rng: np.random.Generator) -> IntArray:
@@ -211,5 +207,5 @@ EXPERIMENT = Experiment(
     title="Other tools: the same collections with the same clock",
     about=_ABOUT,
     measure=measure,
-    collections=("teeth_pnas116", "shrec07_dev"),
+    collections=(TEETH_FOLDER, CLASSES_FOLDER),
 )

@@ -13,8 +13,9 @@ import numpy as np
 from collalign.pairs import pair_problem
 from collalign.refinement import dense_points
 from data_tools.arrays import FloatArray, read_only
-from data_tools.datasets import Dataset, read_shrec07_class, read_teeth
+from data_tools.datasets import Dataset
 from data_tools.embedding import Samples, sample_shape
+from data_tools.experiments.landmarked import CLASSES, read_dataset
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.working_surface import WorkingSurface
@@ -22,13 +23,8 @@ from pairwise.dense_points import DensePoints
 from pairwise.problem import Problem
 
 #: Collections by the names that the tables use. Of the teeth, those of one side and all (in O(3)).
-CLASSES = ("glasses", "ant", "chair", "teddy")
 TEETH_ONE_SIDE, TEETH_MIXED = "teeth, one side", "teeth, mixed"
 COLLECTIONS = (TEETH_ONE_SIDE, TEETH_MIXED, *CLASSES)
-#: Folders of the data that they lie in.
-FOLDERS = ("teeth_pnas116", "shrec07_dev")
-#: A pose within this angle of the landmarks' rotation is right.
-RIGHT_DEG = 20.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,8 +86,8 @@ def turned_samples(samples: Samples, turn: FloatArray) -> Samples:
 def read_collection(data: Path, name: str) -> tuple[Dataset, str]:
     """Return a collection by its name in the tables, and the group that its pairs need."""
     if name in CLASSES:
-        return read_shrec07_class(data / "shrec07_dev" / name), "SO"
-    return read_teeth(data / "teeth_pnas116"), "SO" if name == TEETH_ONE_SIDE else "O"
+        return read_dataset(name, data), "SO"
+    return read_dataset("teeth", data), "SO" if name == TEETH_ONE_SIDE else "O"
 
 
 def posed_pairs(
