@@ -13,20 +13,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.certification import certify_pairs
 from collalign.collection import AlignedCollection, Alternative, ConsistentMaps, RunRecord
-from collalign.consistency import Consistency, make_consistent
+from collalign.engine.stage import ProgressFactory
+from collalign.engine.store.store import Store
 from collalign.options import AlignOptions, RunOptions
-from collalign.pair_choice import FormerPairs, MatchedPairs, choose_and_match
-from collalign.pairs import synchronize_pairs
-from collalign.prepare import PreparedShapes, prepare_shapes, stored_samples
-from collalign.stage import ProgressFactory
-from collalign.store import Store
+from collalign.stages.pairs.choose import FormerPairs, MatchedPairs, choose_and_match
+from collalign.stages.pairs.match import synchronize_pairs
+from collalign.stages.poses.consistency import Consistency, make_consistent
+from collalign.stages.proofs import certify_pairs
+from collalign.stages.shapes import PreparedShapes, prepare_shapes, stored_samples
 from data_tools.arrays import FloatArray, as_rotations, read_only
-from data_tools.embedding import Samples
+from data_tools.embedding.embedding import Samples
 from data_tools.errors import InputError
-from data_tools.files import readable_name
-from data_tools.mesh_io import FolderListing, read_folder
+from data_tools.io.files import readable_name
+from data_tools.io.shapes import FolderListing, read_folder
 
 _LIBRARIES = ("collalign", "numpy", "scipy", "trimesh", "potpourri3d", "robust-laplacian", "joblib")
 
@@ -53,7 +53,8 @@ def align_collection(
     fixed : mapping of name to array_like (3, 3), optional
         ``R_common_shape`` of shapes whose orientation a person has decided; they come out exactly so.
     progress : callable, optional
-        Makes a progress display per stage; :class:`collalign.jobs_progress.ProgressBar` is one. Silent by default.
+        Makes a progress display per stage; :class:`collalign.engine.jobs.progress.ProgressBar` is one. Silent by
+        default.
 
     Returns
     -------

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from collalign.estimate import RunEstimate, estimate_run
+from collalign.engine.estimate import RunEstimate, estimate_run
+from collalign.engine.store.store import Store
 from collalign.options import AlignOptions, RunOptions, options_from_record
-from collalign.pair_choice import planned_edges
-from collalign.pair_selection import all_pairs
-from collalign.pairs import match_pairs, pair_key
-from collalign.prepare import prepare_shapes, shape_keys
-from collalign.store import Store
+from collalign.stages.pairs.choose import planned_edges
+from collalign.stages.pairs.match import match_pairs, pair_key
+from collalign.stages.pairs.select import all_pairs
+from collalign.stages.shapes import prepare_shapes, shape_keys
 from data_tools.errors import InputError, OptionsError
-from data_tools.mesh_io import FolderListing, read_folder
+from data_tools.io.shapes import FolderListing, read_folder
 
 #: Shapes of the trial from which a run is estimated.
 NUM_TRIAL_SHAPES = 3

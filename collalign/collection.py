@@ -235,6 +235,6 @@ class AlignedCollection:
         InputError
             If the folder cannot be written.
         """
-        from collalign.outputs import save_collection
+        from collalign.output.write import save_collection
 
         return save_collection(self, Path(folder), report=report, labels=labels)

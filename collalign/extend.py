@@ -10,13 +10,13 @@ import numpy as np
 
 from collalign.align import align_listing
 from collalign.collection import AlignedCollection, Excluded
+from collalign.engine.stage import ProgressFactory
 from collalign.options import RunOptions, options_from_record
-from collalign.outputs import ALIGNMENT_FILE
-from collalign.pair_choice import FormerPairs
-from collalign.stage import ProgressFactory
-from collalign.view_store import load_view
+from collalign.output.evidence.file import load_view
+from collalign.output.write import ALIGNMENT_FILE
+from collalign.stages.pairs.choose import FormerPairs
 from data_tools.errors import InputError
-from data_tools.mesh_io import FolderListing, read_folder
+from data_tools.io.shapes import FolderListing, read_folder
 
 
 def add_to_collection(

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 import collalign
 import pairwise
 from collalign.cli import main as collalign_command
+from data_tools.datasets.synthetic import planted_pair
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from data_tools.synthetic import planted_pair
 
 HERE = Path(__file__).resolve().parent
 

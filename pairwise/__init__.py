@@ -1,17 +1,17 @@
 """Procrustes matching of two point sets: relaxations, certificates, search, refinement. Arrays in, results out."""
 
-from pairwise.branch_and_bound import Proof, prove
-from pairwise.certificate import Certificate
-from pairwise.dense_points import DensePoints
-from pairwise.exact_solutions import exact_solutions
+from pairwise.branch_and_bound.prove import Proof, prove
+from pairwise.certificates.certificate import Certificate
+from pairwise.certificates.verify import verify_certificate
+from pairwise.dense.points import DensePoints
+from pairwise.dense.refine import refine_pose
 from pairwise.match import match
 from pairwise.options import DenseOptions, MatchOptions
-from pairwise.problem import Problem
-from pairwise.refine import refine_pose
-from pairwise.solve import solve_relaxation
+from pairwise.pm_sdp.symmetries import exact_solutions
+from pairwise.problem.problem import Problem
+from pairwise.relaxations import solve_relaxation
 from pairwise.status import Status
-from pairwise.tight_recovery import optimal_rotations
-from pairwise.verify import verify_certificate
+from pairwise.tight.symmetries import optimal_rotations
 
 __all__ = [
     "Certificate",

@@ -7,12 +7,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from data_tools.arrays import read_only
-from pairwise.local_search import LocalMinima
+from pairwise.local.local_search import LocalMinima
+from pairwise.local.rotation_sets import rotation_angles
+from pairwise.local.search import distinct
 from pairwise.options import MatchOptions
-from pairwise.pattern import RotationPattern
+from pairwise.problem.pattern import RotationPattern
 from pairwise.results import Candidate
-from pairwise.search import distinct
-from pairwise.starts import rotation_angles
 
 
 def distinct_candidates(pattern: RotationPattern, minima: LocalMinima, options: MatchOptions) -> list[Candidate]:

@@ -1,7 +1,7 @@
 """Match two point sets: the best pose found, the plausible alternatives, and what is proven about them.
 
-The steps are public functions of :mod:`pairwise.portfolio`, :mod:`pairwise.search`, :mod:`pairwise.rounding` and
-:mod:`pairwise.local_search`; this module composes them.
+The steps are public functions of :mod:`pairwise.portfolio`, :mod:`pairwise.local.search`,
+:mod:`pairwise.pm_sdp.rounding` and :mod:`pairwise.local.local_search`; this module composes them.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, as_rotations
-from pairwise.branch_and_bound import can_certify
-from pairwise.branch_and_bound import certify as prove_by_branching
+from pairwise.branch_and_bound.prove import can_certify
+from pairwise.branch_and_bound.prove import certify as prove_by_branching
 from pairwise.candidates import with_better
-from pairwise.dense_points import DensePoints
-from pairwise.dense_stage import DenseLike, dense_pair, refine_candidates
+from pairwise.dense.points import DensePoints
+from pairwise.dense.rank import DenseLike, dense_pair, refine_candidates
 from pairwise.options import DenseOptions, MatchOptions, Strategy
-from pairwise.pattern import PatternLike
 from pairwise.portfolio import find_poses, relax, wants_relaxation
-from pairwise.problem import Problem
+from pairwise.problem.pattern import PatternLike
+from pairwise.problem.problem import Problem
 from pairwise.results import Candidate, MatchResult, RelaxationResult
 from pairwise.status import Status
 
@@ -64,7 +64,7 @@ def match(
     candidates : array_like of bool, shape (n, k), optional
         Which matches are allowed.
     rotation_pattern : optional
-        Blocks of R, see :meth:`pairwise.pattern.RotationPattern.from_user`; ``(3, m)`` for mixed embeddings.
+        Blocks of R, see :meth:`pairwise.problem.pattern.RotationPattern.from_user`; ``(3, m)`` for mixed embeddings.
     invariants : pair of array_like, shapes (n, m) and (k, m), optional
         Coordinates that no rotation changes: their squared differences are added to the costs.
     weights : array_like, shape (k,), optional
@@ -77,7 +77,7 @@ def match(
         Poses to descend from as well.
     dense : pair of DensePoints, of arrays (l, d), or of pairs (points, normals), optional
         Many points of target and source in the same units: every candidate is refined on them, and the candidates are
-        ranked by both energies (:mod:`pairwise.dense_stage`).
+        ranked by both energies (:mod:`pairwise.dense.rank`).
     strategy, certify, time_limit_s, seed : optional
         Override the fields of ``options`` of the same names.
     options : MatchOptions, optional

@@ -8,8 +8,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from data_tools.errors import OptionsError
-from pairwise.local_search import RIGID, Freedom
-from pairwise.refine import RefinementMethod
+from pairwise.dense.refine import RefinementMethod
+from pairwise.local.local_search import RIGID, Freedom
 
 Strategy = Literal["search", "relaxation", "portfolio"]
 

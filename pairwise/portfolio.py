@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray
-from pairwise.branch_and_bound import can_certify
+from pairwise.branch_and_bound.prove import can_certify
 from pairwise.candidates import distinct_candidates, rank
-from pairwise.local_search import RIGID, merge, minimise
+from pairwise.local.local_search import RIGID, merge, minimise
+from pairwise.local.search import explore, look_around
 from pairwise.options import MatchOptions
-from pairwise.problem import Problem
+from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations, extreme_starts
+from pairwise.problem.problem import Problem
+from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate, RelaxationResult
-from pairwise.rounding import appendix_starts, draw_rotations, extreme_starts
-from pairwise.search import explore, look_around
-from pairwise.solve import solve_pm_sdp
 
 #: Largest dimension of the rotation block that a set of rotations covers.
 _MAX_COVERED_DIM = 3

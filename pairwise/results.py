@@ -9,8 +9,8 @@ from data_tools.arrays import FloatArray, IntArray
 from pairwise.status import Status
 
 if TYPE_CHECKING:
-    from pairwise.certificate import Certificate
-    from pairwise.refine import RefinedPose
+    from pairwise.certificates.certificate import Certificate
+    from pairwise.dense.refine import RefinedPose
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,7 +53,7 @@ class MatchResult:
     """The best pose found for a pair, its alternatives, and what is proven about it.
 
     With dense points the best pose is the candidate of least energy on the samples times energy on the dense points
-    (:mod:`pairwise.dense_stage`), and its refined pose is ``refined``. Bound, certificate and energy stay about the
+    (:mod:`pairwise.dense.rank`), and its refined pose is ``refined``. Bound, certificate and energy stay about the
     samples.
 
     Attributes

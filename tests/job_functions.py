@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from collalign.records import Record
+from collalign.engine.store.records import Record
 from data_tools.errors import InputError
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pairwise.problem import Problem
+from pairwise.problem.problem import Problem
 from pairwise.results import RelaxationResult
 
 

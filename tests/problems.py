@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pairwise.pattern import RotationPattern
-from pairwise.problem import Problem
+from pairwise.problem.pattern import RotationPattern
+from pairwise.problem.problem import Problem
 
 
 @dataclass(frozen=True)

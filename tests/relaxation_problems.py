@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from hypothesis import strategies as st
 
-from pairwise.problem import Problem
-from pairwise.reference import solve_reference
-from pairwise.solve import solve_pm_sdp
-from pairwise.verify import verify_certificate
+from pairwise.certificates.verify import verify_certificate
+from pairwise.problem.problem import Problem
+from pairwise.reference.pm_sdp import solve_reference
+from pairwise.relaxations import solve_pm_sdp
 
 #: Patterns of R by dimension: full, diagonal, band, blocks with the rotation block first.
 PATTERNS: dict[int, list[int | list[int] | None]] = {

@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 import time
 
-from collalign.fingerprint import fingerprint
-from collalign.jobs import run_jobs
-from collalign.records import Record
-from collalign.store import Store
+from collalign.engine.jobs.run import run_jobs
+from collalign.engine.store.keys import fingerprint
+from collalign.engine.store.records import Record
+from collalign.engine.store.store import Store
 from tests.job_functions import spectrum
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pairwise.problem import Problem
-from pairwise.reference import solve_reference
+from pairwise.problem.problem import Problem
+from pairwise.reference.pm_sdp import solve_reference
 from tests.oracles import (
     brute_force,
     check_pose,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pairwise.problem import Problem
+from pairwise.problem.problem import Problem
 
 #: How the points lie.
 SHAPES = ("general", "coplanar", "collinear", "symmetric", "repeated", "one place", "noise-free")

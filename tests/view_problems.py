@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from collalign.view_data import CollectionView, Pair, PairPose, Pose
+from collalign.products.evidence import CollectionView, Pair, PairPose, Pose
 from data_tools.arrays import FloatArray
 
 NUM_SAMPLES = 24

@@ -11,9 +11,9 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from data_tools import reader_process
-from data_tools.mesh_io import read_shape
-from data_tools.shape import Shape
+from data_tools.io import reader_process
+from data_tools.io.shapes import read_shape
+from data_tools.surface.shape import Shape
 
 NONSENSE: dict[str, Any] = {
     "negative": {"name": "x", "num_vertices": -1, "num_faces": 0},

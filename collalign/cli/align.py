@@ -15,19 +15,19 @@ import numpy as np
 from cyclopts import Parameter
 
 from collalign.align import align_collection
+from collalign.analysis.label_table import read_labels
 from collalign.collection import DOUBT, AlignedCollection
-from collalign.corrections import read_corrections
+from collalign.engine.jobs.progress import ProgressBar
+from collalign.engine.stage import ProgressFactory
 from collalign.extend import add_to_collection
-from collalign.jobs_progress import ProgressBar
-from collalign.labels import read_labels
 from collalign.options import AlignOptions, RunOptions
-from collalign.outputs import ALIGNMENT_FILE, REPORT_FILE
-from collalign.stage import ProgressFactory
+from collalign.output.corrections import read_corrections
+from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE
 from data_tools.arrays import FloatArray
+from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
 from data_tools.errors import InputError, OptionsError
-from data_tools.mesh_io import read_folder
+from data_tools.io.shapes import read_folder
 from data_tools.rotations import rotation_angle_deg
-from data_tools.synthetic import PlantedCollection, demo_collection, write_collection
 
 #: Name of the store that a result's folder holds unless another one is named.
 STORE_FILE = "store.sqlite"

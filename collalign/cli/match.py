@@ -14,17 +14,17 @@ from collalign.nonrigid import NonrigidOptions, SurfaceOptions, match_shapes
 from collalign.nonrigid.page import vertices_map, write_match_page
 from collalign.nonrigid.pictures import draw_match
 from collalign.options import AlignOptions
-from collalign.pairs import pair_problem
-from collalign.prepare import sample_file, shape_task
-from collalign.refinement import dense_points
+from collalign.stages.pairs.match import pair_problem
+from collalign.stages.poses.refinement import dense_points
+from collalign.stages.shapes import sample_file, shape_task
 from data_tools.arrays import FloatArray
-from data_tools.embedding import Samples
-from data_tools.files import write_atomic
-from data_tools.mesh_io import read_shape
+from data_tools.embedding.embedding import Samples
+from data_tools.io.files import write_atomic
+from data_tools.io.shapes import read_shape
 from data_tools.options import CleaningOptions
+from pairwise.dense.refine import RefinedPose
 from pairwise.match import match_problem
 from pairwise.options import DenseOptions, MatchOptions
-from pairwise.refine import RefinedPose
 from pairwise.results import Candidate, MatchResult
 
 

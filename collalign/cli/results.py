@@ -8,12 +8,12 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from collalign.analysis import procrustes_distances
-from collalign.classify import Singles, classify_leave_one_out
-from collalign.exports import FORMATS, Space
-from collalign.exports import export as write_export
-from collalign.labels import read_labels
-from collalign.view_store import load_view
+from collalign.analysis.classify import Singles, classify_leave_one_out
+from collalign.analysis.label_table import read_labels
+from collalign.analysis.procrustes import procrustes_distances
+from collalign.output.evidence.file import load_view
+from collalign.output.exports import FORMATS, Space
+from collalign.output.exports import export as write_export
 
 
 def export(
@@ -83,7 +83,7 @@ def view(result: Path, *, overlay: bool = False) -> int:
     overlay
         All shapes in one place instead of side by side.
     """
-    from collalign.view import view as open_view
+    from collalign.output.window import view as open_view
 
     open_view(result, overlay=overlay)
     return 0

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from collalign.store import Store
+from collalign.engine.store.store import Store
 
 
 def status(store: Path, *, as_json: Annotated[bool, Parameter(name="--json", negative=())] = False) -> int:

@@ -11,7 +11,7 @@ from collalign.nonrigid.match import match_prepared
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.prepare import prepare_file
 from data_tools.errors import InputError
-from data_tools.files import existing_file
+from data_tools.io.files import existing_file
 
 #: Prepared shapes held in memory; the others are read from the cache.
 _NUM_HELD = 8

@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, IntArray, as_indices, read_only
 from data_tools.errors import InputError
-from data_tools.files import write_atomic
-from data_tools.geodesics import GeodesicSolver
-from data_tools.laplacian import vertex_areas
-from data_tools.shape import Shape
+from data_tools.io.files import write_atomic
+from data_tools.surface.geodesics import GeodesicSolver
+from data_tools.surface.laplacian import vertex_areas
+from data_tools.surface.shape import Shape
 
 #: Errors at which cumulative curves are evaluated.
 THRESHOLDS = np.linspace(0.0, 0.25, 251)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.geometry import NUM_FORM_FUNCTIONS
 from collalign.nonrigid.surface import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
-from pairwise.functional_map import FunctionalMap
 
 #: Functions, the constant one included, whose images must be smooth.
 NUM_SMOOTH = 30

@@ -9,8 +9,8 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.linalg import splu
 
 from data_tools.arrays import FloatArray, read_only
-from data_tools.laplacian import SurfaceOperators
-from data_tools.shape import Shape
+from data_tools.surface.laplacian import SurfaceOperators
+from data_tools.surface.shape import Shape
 
 #: Lowest functions of the target whose orientation is compared; the source needs more to represent them.
 NUM_FORM_FUNCTIONS = 6

@@ -7,9 +7,9 @@ from scipy.linalg import eigh
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError
-from data_tools.geodesics import GeodesicSolver
-from data_tools.laplacian import Spectrum, vertex_areas
-from data_tools.shape import Shape
+from data_tools.surface.geodesics import GeodesicSolver
+from data_tools.surface.laplacian import Spectrum, vertex_areas
+from data_tools.surface.shape import Shape
 
 #: Neighbours of each sample, and the width of the Gaussian relative to sqrt(area) (Maron et al. 2016, section 6.1).
 NUM_NEIGHBOURS, GAUSSIAN_WIDTH = 20, 0.1

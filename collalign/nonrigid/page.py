@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from collalign.nonrigid.pictures import draw_match
 from collalign.nonrigid.result import NonrigidCandidate, NonrigidMatch
 from data_tools.arrays import IntArray
-from data_tools.files import write_atomic
-from data_tools.shape import Shape
+from data_tools.io.files import write_atomic
+from data_tools.surface.shape import Shape
 
 #: Runners-up that are drawn.
 MAX_DRAWN = 4

@@ -11,8 +11,8 @@ import numpy as np
 from collalign.nonrigid.geometry import vertex_normals
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
-from data_tools.files import write_atomic
-from data_tools.shape import Shape
+from data_tools.io.files import write_atomic
+from data_tools.surface.shape import Shape
 
 _GREY = np.full(3, 0.6)
 _LIGHT = np.array([0.3, 0.4, 0.87])

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.nonrigid.evidence import MIXED_ORIENTATION, Evidence, judge
+from collalign.nonrigid.functional_map import FunctionalMap, icp
 from collalign.nonrigid.masks import candidate_mask
 from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.refine import Refiner
@@ -14,8 +15,7 @@ from collalign.nonrigid.relaxed import relaxation_starts
 from collalign.nonrigid.starts import descriptor_start, sign_starts
 from collalign.nonrigid.surface import SpectralShape
 from data_tools.arrays import FloatArray
-from pairwise.functional_map import FunctionalMap, icp
-from pairwise.local_search import LocalMinima, merge
+from pairwise.local.local_search import LocalMinima, merge
 from pairwise.status import Status
 
 #: Distinct starts that are refined on few samples, and how few.

@@ -10,10 +10,10 @@ from collalign.nonrigid.options import SurfaceOptions
 from collalign.nonrigid.surface import SpectralShape, prepare_surface
 from collalign.nonrigid.symmetry import self_maps
 from data_tools.errors import InputError
-from data_tools.files import existing_file
-from data_tools.mesh_io import read_shape
+from data_tools.io.files import existing_file
+from data_tools.io.shapes import read_shape
 from data_tools.options import CleaningOptions
-from data_tools.shape import Shape
+from data_tools.surface.shape import Shape
 
 #: Files are read as stored, so that vertex indices are those of the file.
 AS_STORED = CleaningOptions(merge_vertices=False, largest_component=False)
@@ -41,7 +41,7 @@ def prepare_file(
     Parameters
     ----------
     file : Path or str
-        Any mesh or point cloud that :func:`data_tools.mesh_io.read_shape` reads.
+        Any mesh or point cloud that :func:`data_tools.io.shapes.read_shape` reads.
     options : SurfaceOptions, optional
     cache : Path or str, optional
         Folder for prepared shapes; nothing is kept without it.

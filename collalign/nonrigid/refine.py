@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from collalign.nonrigid.evidence import paired_forms
+from collalign.nonrigid.functional_map import FunctionalMap, ZoomOut, mutual_nearest_rows, zoomout_sizes
 from collalign.nonrigid.surface import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
-from pairwise.functional_map import FunctionalMap, ZoomOut, mutual_nearest_rows, zoomout_sizes
 
 #: Root mean square weight of a curvature relative to one eigenfunction in nearest neighbours.
 CURVATURE_WEIGHT = 0.3

@@ -8,11 +8,11 @@ from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.starts import descend_maps, embedded_problem
 from collalign.nonrigid.surface import SpectralShape
 from data_tools.arrays import BoolArray, IntArray
-from pairwise.local_search import LocalMinima, MatchingCosts
-from pairwise.problem import Problem
+from pairwise.local.local_search import LocalMinima, MatchingCosts
+from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations, nearest_map
+from pairwise.problem.problem import Problem
+from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import RelaxationResult
-from pairwise.rounding import appendix_starts, draw_rotations, nearest_map
-from pairwise.solve import solve_pm_sdp
 from pairwise.status import Status
 
 #: Functions of the relaxation with a banded R, and with a diagonal one in the fast strategy (Maron et al. 2016).

@@ -10,7 +10,7 @@ import numpy as np
 
 from collalign.nonrigid.evidence import MIXED_ORIENTATION, Evidence
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.files import write_atomic
+from data_tools.io.files import write_atomic
 from pairwise.status import Status
 
 

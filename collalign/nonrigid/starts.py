@@ -14,8 +14,8 @@ from scipy.optimize import linear_sum_assignment
 from collalign.nonrigid.masks import descriptor_gaps
 from collalign.nonrigid.surface import SpectralShape
 from data_tools.arrays import BoolArray, IntArray
-from pairwise.local_search import LocalMinima, MatchingCosts, minimise, procrustes
-from pairwise.problem import Problem
+from pairwise.local.local_search import LocalMinima, MatchingCosts, minimise, procrustes
+from pairwise.problem.problem import Problem
 
 #: Functions whose signs are enumerated: 2^8 combinations.
 NUM_SIGNS = 8

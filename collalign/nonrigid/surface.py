@@ -15,15 +15,15 @@ from collalign.nonrigid.geometry import orientation_form, outward, smoothed_curv
 from collalign.nonrigid.graph_operator import graph_spectrum
 from collalign.nonrigid.options import SurfaceOptions
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.embedding.invariants import NUM_SPECTRUM, wave_kernel_signature
+from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
-from data_tools.files import existing_file, write_atomic
-from data_tools.invariants import NUM_SPECTRUM, wave_kernel_signature
-from data_tools.laplacian import Spectrum
+from data_tools.io.files import existing_file, write_atomic
 from data_tools.options import SamplingOptions
-from data_tools.sampling import farthest_points
-from data_tools.shape import Shape
-from data_tools.topology import face_areas, mesh_edges, vertex_components
-from data_tools.working_surface import WorkingSurface
+from data_tools.surface.laplacian import Spectrum
+from data_tools.surface.shape import Shape
+from data_tools.surface.topology import face_areas, mesh_edges, vertex_components
+from data_tools.surface.working_surface import WorkingSurface
 
 #: Extrema of the average geodesic distance that start the sampling.
 NUM_SEEDS = 10

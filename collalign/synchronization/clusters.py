@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike
 from scipy.cluster.vq import kmeans2
 from scipy.linalg import eigh
 
-from collalign.synchronization.geometry import transposed
-from collalign.synchronization.graph import PairGraph
+from collalign.synchronization.problem.geometry import transposed
+from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solve import synchronize
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import OptionsError
-from pairwise.pattern import PatternLike
+from pairwise.problem.pattern import PatternLike
 
 #: Triangles that close within this squared distance (30 degrees) support their pairs.
 CLOSED = 8.0 * np.sin(np.deg2rad(15.0)) ** 2

@@ -8,7 +8,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray, as_points, as_rotations
 from data_tools.errors import InputError
-from pairwise.pattern import RotationPattern
+from pairwise.problem.pattern import RotationPattern
 
 #: Principal axes whose variances differ by less than this part, or whose skewness is below it, have no stable sign.
 AXIS_TOL = 1e-9

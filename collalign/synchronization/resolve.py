@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.synchronization.geometry import angles_rad, relative, transposed
-from collalign.synchronization.graph import PairGraph
+from collalign.synchronization.problem.geometry import angles_rad, relative, transposed
+from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solve import synchronize
 from data_tools.arrays import BoolArray, FloatArray, as_rotations, read_only
 from data_tools.errors import InputError, OptionsError
-from pairwise.pattern import PatternLike
+from pairwise.problem.pattern import PatternLike
 
 #: ``resolve(edge, R_start) -> (R, energy, map)``: local minimisation of a pair from a starting rotation.
 Resolve = Callable[[int, FloatArray], tuple[FloatArray, float, Any]]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from collalign.synchronization.certificate import SynchronizationCertificate
-from collalign.synchronization.chirality import ChiralityResult
+from collalign.synchronization.doubt.certificate import SynchronizationCertificate
+from collalign.synchronization.solvers.signs import ChiralityResult
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from pairwise.status import Status
 

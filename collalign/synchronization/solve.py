@@ -7,22 +7,22 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.synchronization.certificate import certify_frames, combine_certificates
-from collalign.synchronization.checks import check_pattern
+from collalign.synchronization.doubt.certificate import certify_frames, combine_certificates
 from collalign.synchronization.gauge import fix_gauge
-from collalign.synchronization.geometry import angles_rad, relative, transposed
-from collalign.synchronization.graph import PairGraph
-from collalign.synchronization.outcome import (
+from collalign.synchronization.problem.checks import check_pattern
+from collalign.synchronization.problem.geometry import angles_rad, relative, transposed
+from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization.result import SynchronizationResult
+from collalign.synchronization.solvers.blockwise import (
     connectivity_warnings,
     reflected_shapes,
     robust_synchronization,
     signs_of_pairs,
 )
-from collalign.synchronization.result import SynchronizationResult
-from collalign.synchronization.spectral import spectral_frames
+from collalign.synchronization.solvers.spectral import spectral_frames
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.errors import InputError, OptionsError
-from pairwise.pattern import PatternLike
+from pairwise.problem.pattern import PatternLike
 from pairwise.status import Status
 
 METHODS = ("robust", "spectral")
@@ -65,7 +65,7 @@ def synchronize(
     num_shapes : int, optional
         N; one more than the largest index by default.
     rotation_pattern : optional
-        Sizes of diagonal blocks, the rotation block first; see :class:`pairwise.pattern.RotationPattern`.
+        Sizes of diagonal blocks, the rotation block first; see :class:`pairwise.problem.pattern.RotationPattern`.
     fixed : mapping of int to array_like (d, d), optional
         ``R_common_i`` of shapes that a user has set by hand: they come out exactly so.
     reference : int

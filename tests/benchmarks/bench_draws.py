@@ -17,18 +17,18 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from data_tools.datasets import Dataset, read_registered_archive, read_shrec07_class
-from data_tools.embedding import sample_shape
+from data_tools.datasets.public import Dataset, read_registered_archive, read_shrec07_class
+from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
 from pairwise import MatchOptions
-from pairwise.local_search import minimise
+from pairwise.local.local_search import minimise
+from pairwise.local.rotation_sets import random_rotations, sign_rotations
+from pairwise.local.search import search
+from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations, extreme_starts
 from pairwise.portfolio import relax
-from pairwise.problem import Problem
+from pairwise.problem.problem import Problem
 from pairwise.results import RelaxationResult
-from pairwise.rounding import appendix_starts, draw_rotations, extreme_starts
-from pairwise.search import search
-from pairwise.starts import random_rotations, sign_rotations
 
 CLASSES = ("glasses", "ant", "chair", "teddy")
 #: Name, number of eigenfunctions, half-width of the band; None for positions and eigenfunctions with a free block.

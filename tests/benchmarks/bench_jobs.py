@@ -13,9 +13,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from collalign.jobs import run_jobs
-from collalign.records import Record
-from collalign.store import Store
+from collalign.engine.jobs.run import run_jobs
+from collalign.engine.store.records import Record
+from collalign.engine.store.store import Store
 from tests.job_functions import spectrum
 
 

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from data_tools.embedding import sample_shape
-from data_tools.files import natural_key
-from data_tools.invariants import NUM_SPECTRUM
-from data_tools.mesh_io import READERS, read_shape, write_mesh
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.embedding.embedding import sample_shape
+from data_tools.embedding.invariants import NUM_SPECTRUM
+from data_tools.io.files import natural_key
+from data_tools.io.shapes import READERS, read_shape, write_mesh
 from data_tools.options import SamplingOptions
-from data_tools.synthetic_shapes import blob
-from data_tools.working_surface import WorkingSurface
+from data_tools.surface.working_surface import WorkingSurface
 
 STEPS = ("read", "geodesics", "agd + seeds", "spectrum", "whole sample_shape")
 

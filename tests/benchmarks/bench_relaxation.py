@@ -18,11 +18,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from data_tools.experiments.planted import planted_problem
-from pairwise.problem import Problem
-from pairwise.reference import solve_reference
+from experiments.figures.planted import planted_problem
+from pairwise.problem.problem import Problem
+from pairwise.reference.pm_sdp import solve_reference
+from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import RelaxationResult
-from pairwise.solve import solve_pm_sdp
 
 #: Gap asked for; the figures ask for values within 1e-5, and 1e-3 for the largest case.
 TOL = 4e-6

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from collalign import RunOptions, align_collection
+from data_tools.datasets.synthetic import bumped, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
 from data_tools.rotations import rotation_angle_deg
-from data_tools.synthetic import bumped, planted_collection, write_collection
-from data_tools.synthetic_shapes import chair
 
 
 def generate(num: int, folder: Path, seed: int) -> np.ndarray:

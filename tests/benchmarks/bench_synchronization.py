@@ -17,8 +17,8 @@ from time import process_time
 import numpy as np
 
 from collalign.synchronization import synchronize, synchronize_clusters, synchronize_maps
-from collalign.synchronization.graph import PairGraph
-from collalign.synchronization.spectral import spectral_frames
+from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization.solvers.spectral import spectral_frames
 from tests.synchronization_problems import (
     Planted,
     complete_edges,

@@ -21,16 +21,16 @@ from typing import Any
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from data_tools.datasets import read_teeth
-from data_tools.sampling import farthest_points
-from data_tools.shape import Shape
-from pairwise.branch_and_bound import prove
-from pairwise.problem import Problem
+from data_tools.datasets.public import read_teeth
+from data_tools.embedding.sampling import farthest_points
+from data_tools.surface.shape import Shape
+from pairwise.branch_and_bound.prove import prove
+from pairwise.certificates.verify import verify_certificate
+from pairwise.problem.problem import Problem
+from pairwise.reference.tight import solve_tight_reference
 from pairwise.status import Status
-from pairwise.tight_problem import energy_scale
-from pairwise.tight_reference import solve_tight_reference
-from pairwise.tight_solver import solve_tight
-from pairwise.verify import verify_certificate
+from pairwise.tight.problem import energy_scale
+from pairwise.tight.solve import solve_tight
 from tests.oracles import brute_force
 from tests.tight_problems import planted_cube, small_problem
 

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.store import Store
-from data_tools.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.synthetic_shapes import chair
+from collalign.engine.store.store import Store
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
 from tests.faults import FaultLog, run_with_kills
 
 

@@ -14,12 +14,12 @@ import pytest
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.cli import main
 from collalign.collection import AlignedCollection
+from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import CollectionError, InputError
-from data_tools.mesh_io import read_shape, write_mesh
+from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
-from data_tools.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
-from data_tools.synthetic_shapes import chair
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
 FLAGS = ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--jobs", "1"]

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from collalign.cli import main
-from data_tools.mesh_io import read_shape, write_mesh
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import figure
+from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from data_tools.shape import Shape
-from data_tools.synthetic import bent
-from data_tools.synthetic_shapes import figure
+from data_tools.surface.shape import Shape
 
 
 @pytest.fixture

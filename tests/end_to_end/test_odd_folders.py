@@ -15,13 +15,13 @@ import pytest
 from collalign import RunOptions, align_collection
 from collalign.cli import main
 from collalign.collection import Excluded
-from collalign.pairs import MatchedPair, match_pairs
-from data_tools.mesh_io import write_mesh
+from collalign.stages.pairs.match import MatchedPair, match_pairs
+from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
+from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import rotation_angle_deg
-from data_tools.shape import Shape
-from data_tools.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
-from data_tools.synthetic_shapes import chair
+from data_tools.surface.shape import Shape
 from tests.end_to_end.test_align import FLAGS, OPTIONS
 
 
@@ -83,7 +83,7 @@ def test_a_shape_without_any_pair_is_named_first(
         pairs, failed = match_pairs(*args, **options)
         return [pair for pair in pairs if 4 not in (pair.target, pair.source)], failed
 
-    monkeypatch.setattr("collalign.pair_choice.match_pairs", match_all_but_the_last)
+    monkeypatch.setattr("collalign.stages.pairs.choose.match_pairs", match_all_but_the_last)
     assert main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS]) == 0
     printed = capsys.readouterr().out
     assert "look at them first: chair5 (unknown)" in printed

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.jobs import JobResult, run_jobs
+from collalign.engine.jobs.run import JobResult, run_jobs
 from tests.fuzz.mutations import mutate
 
 TIME_LIMIT_S = 10.0

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.fingerprint import fingerprint
-from collalign.records import encode
-from collalign.store import Store
-from collalign.stored_types import poses_to_record, samples_to_record
-from data_tools.embedding import Samples, sample_shape
-from data_tools.mesh_io import WRITABLE, write_mesh
+from collalign.engine.store.keys import fingerprint
+from collalign.engine.store.records import encode
+from collalign.engine.store.store import Store
+from collalign.stages.stored_types import poses_to_record, samples_to_record
+from data_tools.datasets.synthetic_shapes import crown
+from data_tools.embedding.embedding import Samples, sample_shape
+from data_tools.io.shapes import WRITABLE, write_mesh
 from data_tools.options import SamplingOptions
-from data_tools.shape import Shape
-from data_tools.synthetic_shapes import crown
+from data_tools.surface.shape import Shape
 from pairwise import match, solve_relaxation
 
 CONFIG = """

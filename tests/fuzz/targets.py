@@ -8,15 +8,15 @@ import tempfile
 from pathlib import Path
 
 from collalign.cli import main
-from collalign.records import decode
-from collalign.store import Store
-from collalign.stored_types import poses_from_record, samples_from_record
-from data_tools.embedding import sample_shape
+from collalign.engine.store.records import decode
+from collalign.engine.store.store import Store
+from collalign.stages.stored_types import poses_from_record, samples_from_record
+from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import InputError
-from data_tools.mesh_io import read_shape
+from data_tools.io.shapes import read_shape
 from data_tools.options import SamplingOptions
 from pairwise import verify_certificate
-from pairwise.certificate import Certificate
+from pairwise.certificates.certificate import Certificate
 from tests.fuzz.seeds import certificate_problem
 
 SAMPLING = SamplingOptions(num_points=8, num_dense_points=10)

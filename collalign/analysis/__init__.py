@@ -1,0 +1,1 @@
+"""What aligned shapes say: Procrustes statistics, ordination, classification, warps."""

@@ -1,0 +1,177 @@
+"""Nearest-neighbour classification of labelled shapes, each left out once."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from collalign.analysis.label_table import known_label
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.errors import InputError, OptionsError
+
+Singles = Literal["leave-out", "count-wrong"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Classification:
+    """Leave-one-out nearest-neighbour classification.
+
+    Attributes
+    ----------
+    accuracy : float
+        ``num_correct / num_scored``; NaN if nothing was scored.
+    num_scored, num_correct : int
+    chance : float
+        Expected accuracy of a random neighbour among the labelled shapes.
+    names, labels : tuple of str
+        Of all shapes; unknown labels are ``""``.
+    nearest : ndarray of int, shape (N,)
+        Nearest labelled shape of each labelled one, -1 for the others.
+    scored : tuple of bool
+    by_label : dict of str to (int, int)
+        Scored and correct shapes per label.
+    single_members : tuple of str
+        Labels that only one shape carries.
+    statement : str
+        How unknown labels and single members were treated, for the methods section.
+    """
+
+    accuracy: float
+    num_scored: int
+    num_correct: int
+    chance: float
+    names: tuple[str, ...]
+    labels: tuple[str, ...]
+    nearest: IntArray
+    scored: tuple[bool, ...]
+    by_label: dict[str, tuple[int, int]]
+    single_members: tuple[str, ...]
+    statement: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """The result in JSON types, with every wrongly classified shape."""
+        wrong = [self._mistake(at) for at in range(len(self.names)) if self.scored[at] and not self._right(at)]
+        return {
+            "accuracy": self.accuracy if self.num_scored else None,
+            "correct": self.num_correct,
+            "scored": self.num_scored,
+            "chance": self.chance if self.num_scored else None,
+            "by_label": {label: {"scored": n, "correct": c} for label, (n, c) in self.by_label.items()},
+            "single_members": list(self.single_members),
+            "statement": self.statement,
+            "wrong": wrong,
+        }
+
+    def _right(self, at: int) -> bool:
+        return self.nearest[at] >= 0 and self.labels[self.nearest[at]] == self.labels[at]
+
+    def _mistake(self, at: int) -> dict[str, str | None]:
+        near = int(self.nearest[at])
+        shape, predicted = (self.names[near], self.labels[near]) if near >= 0 else (None, None)
+        return {"shape": self.names[at], "label": self.labels[at], "nearest": shape, "predicted": predicted}
+
+    def table(self) -> str:
+        """The result as plain text, one line per label."""
+        width = max([len(label) for label in self.by_label], default=5)
+        lines = [f"{'label':<{width}}  shapes  correct"]
+        lines += [f"{label:<{width}}  {n:>6}  {c:>7}" for label, (n, c) in self.by_label.items()]
+        share = f"{100 * self.accuracy:.1f} %" if self.num_scored else "not defined"
+        lines += ["", f"accuracy {share} ({self.num_correct} of {self.num_scored}; chance {100 * self.chance:.1f} %)"]
+        return "\n".join([*lines, self.statement])
+
+
+def classify_leave_one_out(
+    distances: ArrayLike, labels: Sequence[str], *, names: Sequence[str] | None = None, singles: Singles = "leave-out"
+) -> Classification:
+    """Give every labelled shape the label of its nearest labelled neighbour and count how often that is right.
+
+    A label that only one shape carries cannot be found again when that shape is left out. Such shapes are not scored
+    by default but remain neighbours of the others, who lose by them; ``singles="count-wrong"`` scores them as errors.
+
+    Parameters
+    ----------
+    distances : array_like, shape (N, N)
+        Symmetric, for instance :func:`collalign.analysis.procrustes.procrustes_distances`; NaN where there is none.
+    labels : sequence of str, length N
+        ``""`` (or ``NA`` and the like) where unknown; such shapes are neither scored nor neighbours.
+    names : sequence of str, optional
+    singles : {"leave-out", "count-wrong"}
+
+    Returns
+    -------
+    Classification
+
+    Raises
+    ------
+    InputError
+        If sizes differ or fewer than two shapes are labelled.
+
+    Notes
+    -----
+    Ties go to the shape that comes first.
+    """
+    if singles not in ("leave-out", "count-wrong"):
+        raise OptionsError(f"singles: expected 'leave-out' or 'count-wrong', got {singles!r}")
+    matrix = np.array(distances, dtype=np.float64)
+    values = tuple(known_label(label) for label in labels)
+    num = len(values)
+    if matrix.shape != (num, num):
+        raise InputError(f"distances: expected shape ({num}, {num}) for {num} labels, got {matrix.shape}")
+    counts = Counter(value for value in values if value)
+    if sum(counts.values()) < 2:
+        raise InputError(f"labels: {sum(counts.values())} shapes have a label, at least two are needed")
+    known = np.array([bool(value) for value in values])
+    nearest = _nearest(matrix, known)
+    scored = tuple(bool(value) and (counts[value] > 1 or singles == "count-wrong") for value in values)
+    by_label = _by_label(values, nearest, scored)
+    num_scored, num_correct = (sum(pair[part] for pair in by_label.values()) for part in (0, 1))
+    others = int(known.sum()) - 1
+    single_members = tuple(sorted(label for label, count in counts.items() if count == 1))
+    return Classification(
+        accuracy=num_correct / num_scored if num_scored else float("nan"),
+        num_scored=num_scored,
+        num_correct=num_correct,
+        chance=sum((counts[values[at]] - 1) / others for at in range(num) if scored[at]) / max(num_scored, 1),
+        names=tuple(names) if names is not None else tuple(str(at) for at in range(num)),
+        labels=values,
+        nearest=read_only(nearest),
+        scored=scored,
+        by_label=by_label,
+        single_members=single_members,
+        statement=_statement(num - int(known.sum()), len(single_members), singles),
+    )
+
+
+def _nearest(matrix: FloatArray, known: BoolArray) -> IntArray:
+    usable = np.where(np.isnan(matrix) | ~known[None, :], np.inf, matrix)
+    np.fill_diagonal(usable, np.inf)
+    reachable = known & np.isfinite(usable).any(axis=1)
+    return np.where(reachable, usable.argmin(axis=1), -1).astype(np.int64)
+
+
+def _by_label(values: Sequence[str], nearest: IntArray, scored: Sequence[bool]) -> dict[str, tuple[int, int]]:
+    """Scored and correct shapes of every label, in alphabetical order."""
+    found = dict.fromkeys(sorted(set(values) - {""}), (0, 0))
+    for value, near, counts in zip(values, nearest.tolist(), scored, strict=True):
+        if counts:
+            num, correct = found[value]
+            found[value] = (num + 1, correct + int(near >= 0 and values[near] == value))
+    return found
+
+
+def _statement(num_unknown: int, num_single: int, singles: Singles) -> str:
+    treated = (
+        "not scored (they can never be right) but kept as neighbours"
+        if singles == "leave-out"
+        else "scored as errors"
+    )
+    return (
+        "Leave-one-out classification by the nearest neighbour. "
+        f"{num_unknown} shapes without a label were neither scored nor neighbours; "
+        f"{num_single} shapes that are the only member of their label were {treated}."
+    )

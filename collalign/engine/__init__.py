@@ -1,0 +1,1 @@
+"""How work gets done: stages, jobs and the store. Knows nothing of shapes."""

@@ -1,0 +1,1 @@
+"""Many independent tasks on worker processes, here or on a Dask cluster."""

@@ -1,0 +1,237 @@
+"""Dask on several machines, by plain futures: a killed worker's tasks run again, a task that kills runs alone.
+
+Dask replaces dead workers and repeats their tasks by itself; after several deaths it gives a task up together with
+innocent ones that ran beside it, so these suspects run one at a time at the end. The table of shared records goes to
+each worker once, as a worker plugin, which later and restarted workers get as well (scattered data would be lost with
+its holder).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Generator, Iterator
+from concurrent.futures import CancelledError
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from itertools import islice
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from collalign.engine.jobs.table import SharedTable
+from collalign.engine.jobs.worker import Call, Outcome, Task, run_guarded
+from data_tools.errors import CollalignError, OptionsError
+
+try:
+    from distributed import Client, Future, KilledWorker, WorkerPlugin, as_completed
+except ImportError as error:
+    raise OptionsError(f"a scheduler needs Dask: pip install 'collalign[dask]' ({error})") from None
+
+#: Batches submitted ahead for each core of the cluster, and at least so many.
+_AHEAD_PER_CORE = 2
+_MIN_AHEAD = 4
+#: Times that a batch is submitted again after Dask lost or cancelled it, or its worker had no table yet.
+_MAX_RESUBMISSIONS = 10
+_CONNECT_TIMEOUT_S = 30.0
+#: Packages of which all machines need the same version for the same bytes.
+_PACKAGES = ("collalign", "numpy", "scipy")
+
+Batch: TypeAlias = tuple[Task, ...]
+
+
+def run_dask(call: Call, tasks: Iterator[Task], *, scheduler: str, batch_size: int) -> Generator[Outcome]:
+    """Run tasks on a Dask cluster; see :func:`collalign.engine.jobs.run.run_jobs`.
+
+    Raises
+    ------
+    CollalignError
+        If the scheduler cannot be reached, is lost, or its workers have other versions installed.
+    """
+    try:
+        client = Client(scheduler, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise CollalignError(f"{scheduler}: cannot reach this Dask scheduler ({error})") from None
+    try:
+        _check_versions(client)
+        run = _DaskRun(client, call)
+        yield from run.batches(iter(lambda: tuple(islice(tasks, batch_size)), ()))
+        yield from run.suspects_alone()
+        run.close()
+    finally:
+        client.close()
+
+
+class TableMissing(RuntimeError):
+    """A worker joined before the plugin with the shared records reached it."""
+
+
+class TablePlugin(WorkerPlugin):  # type: ignore[misc]  # its types are not looked at
+    """Gives a worker the shared records: writes them to its local disk and opens them there.
+
+    Parameters
+    ----------
+    name : str
+        Of the table.
+    data : bytes
+        The file of a :class:`~collalign.engine.jobs.table.SharedTable`.
+    """
+
+    def __init__(self, name: str, data: bytes) -> None:
+        self.name = name
+        self.data = data
+
+    def setup(self, worker: Any) -> None:
+        """Write the table; Dask calls this once for each worker."""
+        path = Path(worker.local_directory) / f"{self.name}.table"
+        path.write_bytes(self.data)
+        _TABLES[self.name] = SharedTable(path)
+
+    def teardown(self, worker: Any) -> None:
+        """Remove the table from the worker."""
+        table = _TABLES.pop(self.name, None)
+        if table is not None:
+            table.close()
+            table.path.unlink(missing_ok=True)
+
+
+_TABLES: dict[str, SharedTable] = {}
+
+
+def run_batch(call: Call, table_name: str | None, batch: Batch) -> list[Outcome]:
+    """Run a batch on a Dask worker.
+
+    Raises
+    ------
+    TableMissing
+        If the worker has no table of that name.
+    """
+    if table_name is not None:
+        if table_name not in _TABLES:
+            raise TableMissing(table_name)
+        call = Call(function=call.function, limits=call.limits, table=_TABLES[table_name])
+    return [run_guarded(call, task, None) for task in batch]
+
+
+class _DaskRun:
+    """The state of one run on a cluster."""
+
+    def __init__(self, client: Client, call: Call) -> None:
+        self._client = client
+        self._plugin = None if call.table is None else _plugin_for(call.table)
+        self._call = Call(function=call.function, limits=call.limits, table=None)
+        self._suspects: list[Task] = []
+        self._resubmissions: dict[int, int] = {}  # by the first task's token
+        self._publish()
+
+    def batches(self, batches: Iterator[Batch]) -> Generator[Outcome]:
+        """Run all batches, a few ahead of the workers, and yield outcomes as they come."""
+        in_flight: dict[str, Batch] = {}
+        completed = as_completed(loop=self._client.loop)
+
+        def submit(batch: Batch) -> None:
+            future = self._submit(batch)
+            in_flight[future.key] = batch
+            completed.add(future)
+
+        for batch in islice(batches, self._ahead()):
+            submit(batch)
+        for future in completed:
+            batch = in_flight.pop(future.key)
+            outcomes = self._result(future, batch)
+            if outcomes is None:
+                submit(batch)
+                continue
+            for following in islice(batches, max(0, self._ahead() - len(in_flight))):
+                submit(following)
+            yield from outcomes
+
+    def suspects_alone(self) -> Generator[Outcome]:
+        """Run the tasks of batches that Dask gave up one at a time; a second time is a recorded failure."""
+        suspects, self._suspects = self._suspects, []
+        for task in suspects:
+            outcomes = None
+            while outcomes is None:
+                outcomes = self._result(self._submit((task,)), (task,))
+            if self._suspects:
+                self._suspects.clear()
+                reason = "ended every cluster worker that it ran on (crash, time or memory limit)"
+                nan = float("nan")
+                outcomes = [
+                    Outcome(key=task.key, value=None, failure=reason, seconds=nan, crashed=True, token=task.token)
+                ]
+            yield from outcomes
+
+    def close(self) -> None:
+        """Take the table from the workers."""
+        if self._plugin is not None:
+            with suppress(OSError):  # a worker that dies meanwhile needs no cleaning
+                self._client.unregister_worker_plugin(self._plugin.name)
+
+    def _submit(self, batch: Batch) -> Future:
+        name = None if self._plugin is None else self._plugin.name
+        return self._client.submit(run_batch, self._call, name, batch, pure=False)
+
+    def _result(self, future: Future, batch: Batch) -> list[Outcome] | None:
+        """Return the outcomes of a batch, none of them if it became suspect, or None if it has to run again."""
+        try:
+            outcomes: list[Outcome] = future.result()
+            return outcomes
+        except KilledWorker:
+            self._suspects.extend(batch)
+            return []
+        except TableMissing:
+            self._publish()
+            problem = "a worker never got the shared records"
+        except CancelledError:
+            problem = "the scheduler lost or cancelled the tasks again and again"
+        except Exception as error:
+            raise CollalignError(f"the cluster cannot run the tasks: {type(error).__name__}: {error}") from error
+        first = batch[0].token
+        self._resubmissions[first] = self._resubmissions.get(first, 0) + 1
+        if self._resubmissions[first] > _MAX_RESUBMISSIONS:
+            raise CollalignError(problem)
+        return None
+
+    def _publish(self) -> None:
+        if self._plugin is None:
+            return
+        try:
+            self._client.register_plugin(self._plugin)
+        except OSError:  # a worker died meanwhile; the scheduler has the plugin for its successor
+            return
+        except Exception as error:
+            raise CollalignError(f"the cluster cannot run this program: {type(error).__name__}: {error}") from error
+
+    def _ahead(self) -> int:
+        num_cores = sum(self._client.nthreads().values())
+        return max(_MIN_AHEAD, _AHEAD_PER_CORE * num_cores)
+
+
+def _plugin_for(table: SharedTable) -> TablePlugin:
+    data = table.path.read_bytes()
+    return TablePlugin(f"collalign-{hashlib.sha256(data).hexdigest()[:16]}", data)
+
+
+def _versions() -> tuple[str, ...]:
+    return tuple(_version(package) for package in _PACKAGES)
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _check_versions(client: Client) -> None:
+    """Refuse a cluster whose present workers would compute something else."""
+    here = _versions()
+    try:
+        everywhere: dict[str, Any] = client.run(_versions, on_error="ignore")  # a worker may be dying
+    except Exception as error:
+        raise CollalignError(f"the cluster's workers do not answer ({type(error).__name__}: {error})") from error
+    for address, there in everywhere.items():
+        if there != here:
+            names = ", ".join(_PACKAGES)
+            raise CollalignError(
+                f"worker {address}: has {names} {there}, here are {here}; install the same versions everywhere"
+            )

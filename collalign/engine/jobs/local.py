@@ -1,0 +1,207 @@
+"""joblib on one machine, guarded: a dead worker's task is found in the ledger, the others go on in fresh workers."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import threading
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from itertools import chain
+from typing import Any
+
+from joblib import Parallel, delayed
+
+from collalign.engine.jobs.scratch import scratch_directory
+from collalign.engine.jobs.worker import Call, Guard, Outcome, Task, end_with_parent, run_guarded
+from data_tools.errors import CollalignError
+
+#: Deaths of its worker after which a task is given up: one retry, or two where the worker was killed from outside.
+_MAX_DEATHS = 2
+_MAX_DEATHS_KILLED = 3
+#: Deaths in a row, before any task started, after which workers count as unable to start: by themselves or killed.
+_MAX_STALLS = 5
+_MAX_STALLS_KILLED = 50
+#: How joblib names a worker that somebody else ended: a person, the system short of memory, a batch system.
+_KILLED = "SIGKILL"
+
+
+def run_local(
+    call: Call, tasks: Iterator[Task], *, num_jobs: int, batch_size: int | str = "auto"
+) -> Generator[Outcome]:
+    """Run tasks on worker processes of this machine; see :func:`collalign.engine.jobs.run.run_jobs`.
+
+    A dead worker ends joblib's whole call. The tasks that had started but not ended are suspects; the rest goes on in
+    fresh workers, and the suspects run at the end, one at a time, where a second death is theirs beyond doubt.
+    """
+    directory = scratch_directory()
+    try:
+        run = _LocalRun(call, Guard(directory=directory), num_jobs, batch_size)
+        yield from run.rounds(tasks)
+        yield from run.suspects_alone()
+    finally:
+        shutil.rmtree(directory, ignore_errors=True)
+
+
+class _Round:
+    """Feeds one joblib call with tasks, and remembers those whose result has not come back."""
+
+    def __init__(self, tasks: Iterator[Task]) -> None:
+        self._tasks = tasks
+        self._lock = threading.Lock()  # joblib draws tasks from several threads
+        self._closed = False
+        self._error: Exception | None = None
+        self._in_flight: dict[int, Task] = {}
+
+    def __iter__(self) -> Iterator[Task]:
+        return self
+
+    def __next__(self) -> Task:
+        with self._lock:
+            if self._closed:
+                raise StopIteration
+            try:
+                task = next(self._tasks)
+            except StopIteration:
+                raise
+            except Exception as error:  # joblib would wait for ever
+                self._error, self._closed = error, True
+                raise StopIteration from None
+            self._in_flight[task.token] = task
+            return task
+
+    def received(self, token: int) -> None:
+        with self._lock:
+            del self._in_flight[token]
+
+    def close(self) -> list[Task]:
+        """Give out no more tasks, and return those in flight; raise what the caller's own iterator raised."""
+        with self._lock:
+            self._closed = True
+            if self._error is not None:
+                raise self._error
+            return list(self._in_flight.values())
+
+
+class _LocalRun:
+    """The state of one run: which tasks are suspects, and how often each lost its worker."""
+
+    def __init__(self, call: Call, guard: Guard, num_jobs: int, batch_size: int | str) -> None:
+        self._call = call
+        self._guard = guard
+        self._num_jobs = num_jobs
+        self._batch_size = batch_size
+        self._suspects: dict[int, Task] = {}
+
+    def rounds(self, tasks: Iterator[Task]) -> Generator[Outcome]:
+        """Run everything but suspects, in as many joblib calls as deaths demand."""
+        stalls = 0
+        while True:
+            feed = _Round(tasks)
+            try:
+                with _closing(self._parallel(feed, self._num_jobs, self._batch_size)) as outcomes:
+                    for outcome in outcomes:
+                        feed.received(outcome.token)
+                        stalls = 0
+                        yield outcome
+                feed.close()
+                return
+            except BrokenProcessPool as error:
+                lost = feed.close()
+                started = self._started_and_not_ended()
+                guilty = {task.token: task for task in lost if task.token in started}
+                self._suspects.update(guilty)
+                stalls = 0 if guilty else stalls + 1
+                if _too_often(0, stalls, _cause(error)):
+                    raise CollalignError(f"worker processes die before they start a task: {_cause(error)}") from None
+                tasks = chain((task for task in lost if task.token not in guilty), tasks)
+
+    def suspects_alone(self) -> Generator[Outcome]:
+        """Run the suspects one at a time, until each has a result or has ended too many workers."""
+        for task in self._suspects.values():
+            yield self._alone(task)
+
+    def _alone(self, task: Task) -> Outcome:
+        deaths, stalls = 1, 0
+        while True:
+            self._guard.ledger.unlink(missing_ok=True)
+            try:
+                (outcome,) = self._parallel(iter([task]), 1, 1)
+                return outcome
+            except BrokenProcessPool as error:
+                pid = self._started_and_not_ended().get(task.token)
+                cause = _cause(error) if pid is None else self._cause_of_death(pid, error)
+                if pid is None:
+                    stalls += 1
+                else:
+                    deaths += 1
+                if _too_often(deaths, stalls, cause):
+                    return _crash(task, f"{cause}, {deaths} times in a row")
+
+    def _parallel(self, tasks: Iterable[Task], num_jobs: int, batch_size: int | str) -> Generator[Outcome]:
+        """Start one joblib call. One job still means a worker process: joblib's own one-job mode isolates nothing."""
+        limited: dict[str, Any] = {"pre_dispatch": 1} if num_jobs == 1 else {}
+        pool = Parallel(
+            n_jobs=max(2, num_jobs),
+            backend="loky",
+            return_as="generator_unordered",
+            batch_size=batch_size,
+            max_nbytes=None,
+            initializer=end_with_parent,
+            initargs=(os.getpid(),),
+            **limited,
+        )
+        run: Callable[..., Outcome] = delayed(run_guarded)
+        return pool(run(self._call, task, self._guard) for task in tasks)
+
+    def _started_and_not_ended(self) -> dict[int, int]:
+        """Return the worker's process id by token of the tasks that a death interrupted."""
+        try:
+            lines = self._guard.ledger.read_text(encoding="ascii").splitlines()
+        except FileNotFoundError:
+            return {}
+        open_tasks: dict[int, int] = {}
+        for line in lines:
+            mark, token, pid = line.split()
+            if mark == "S":
+                open_tasks[int(token)] = int(pid)
+            else:
+                open_tasks.pop(int(token), None)
+        return open_tasks
+
+    def _cause_of_death(self, pid: int, error: BaseException) -> str:
+        trace = self._guard.trace(pid)
+        if trace.is_file() and trace.stat().st_size:
+            return f"ran past the time limit of {self._call.limits.time_limit_s:g} s"
+        return _cause(error)
+
+
+@contextmanager
+def _closing(outcomes: Generator[Outcome]) -> Iterator[Generator[Outcome]]:
+    """Close joblib's generator at the end, without its advice about results that the caller did not wait for."""
+    try:
+        yield outcomes
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            outcomes.close()
+
+
+def _too_often(deaths: int, stalls: int, cause: str) -> bool:
+    """Whether to give up after so many deaths on a task, and so many before it started."""
+    if _KILLED in cause:
+        return deaths >= _MAX_DEATHS_KILLED or stalls >= _MAX_STALLS_KILLED
+    return deaths >= _MAX_DEATHS or stalls >= _MAX_STALLS
+
+
+def _crash(task: Task, reason: str) -> Outcome:
+    return Outcome(key=task.key, value=None, failure=reason, seconds=float("nan"), crashed=True, token=task.token)
+
+
+def _cause(error: BaseException) -> str:
+    """Say how a worker ended, as far as joblib's message tells."""
+    found = re.search(r"exit codes of the workers are \{(.*?)\}", str(error))
+    return f"the worker process died ({found.group(1) if found else 'for an unknown reason'})"

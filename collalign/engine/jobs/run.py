@@ -1,0 +1,115 @@
+"""Many independent tasks on worker processes: results stream, and a task that kills its worker costs only itself.
+
+The engine is joblib on one machine and Dask on several; both run :func:`collalign.engine.jobs.worker.run_guarded`.
+What a task returns depends on its payload alone: BLAS has one thread in every mode, and nothing tells a task its
+place in the order. So one process, two workers and a cluster of the same machines give the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Iterator
+from typing import Any, TypeAlias
+
+from collalign.engine.jobs.local import run_local
+from collalign.engine.jobs.table import SharedTable
+from collalign.engine.jobs.worker import Call, Limits, Outcome, Task, run_in_process
+from data_tools.errors import OptionsError
+
+__all__ = ["JobResult", "SharedTable", "run_jobs"]
+
+#: What became of one task: ``key``, ``value`` (None after a failure), ``failure`` (None or a sentence), ``seconds``
+#: and ``crashed`` (whether its worker died or hung rather than the function raising an error).
+JobResult: TypeAlias = Outcome
+
+
+def run_jobs(
+    function: Callable[..., Any],
+    tasks: Iterable[tuple[str, Any]],
+    *,
+    num_jobs: int = 1,
+    time_limit_s: float | None = None,
+    memory_limit_bytes: int | None = None,
+    scheduler: str | None = None,
+    shared: SharedTable | None = None,
+    batch_size: int | None = None,
+    progress: Callable[[JobResult], None] | None = None,
+) -> Generator[JobResult]:
+    """Run ``function`` on every task and yield each result as soon as it is there, in no particular order.
+
+    Parameters
+    ----------
+    function : callable
+        Of a module, so that workers can import it; called as ``function(payload)``, or ``function(payload, shared)``
+        where there is a table. It must depend on nothing else.
+    tasks : iterable of (key, payload)
+        Keys are unique strings. Drawn as workers become free, so it may be long and lazy. Payloads travel with each
+        task: keep them small, and put what many tasks need into ``shared``.
+    num_jobs : int
+        Worker processes on this machine; ignored with a ``scheduler``. With 1 and no limits the tasks run inside this
+        process, where nothing isolates a crash. With 1 and a limit they run in a worker process, one at a time: a
+        hang or an exhausted memory cannot be ended from inside.
+    time_limit_s : float, optional
+        Seconds that a task may take; its worker is ended then, even where it holds the interpreter lock.
+    memory_limit_bytes : int, optional
+        Memory that a task may add to what its worker already has mapped (Linux).
+    scheduler : str, optional
+        Address of a Dask scheduler, ``tcp://host:port``; its workers need the same versions installed.
+    shared : SharedTable, optional
+        Records that tasks look up by key; sent once per machine, or per Dask worker, and read on demand.
+    batch_size : int, optional
+        Tasks per message, whose results come back together. By default 1 for tasks of .2 s and more, and on one
+        machine so many shorter ones as make some tenths of a second (joblib's "auto"); 8 with Dask.
+    progress : callable, optional
+        Called with each result, for instance a :class:`collalign.engine.jobs.progress.ProgressBar`.
+
+    Yields
+    ------
+    JobResult
+        One per task. An exception in ``function`` is a failure, so is a task that ends its worker twice (a worker
+        killed from outside may be the task's third). Other tasks are never lost.
+
+    Raises
+    ------
+    OptionsError
+        If an option is impossible.
+    CollalignError
+        If workers cannot be started at all.
+    """
+    _check(num_jobs, time_limit_s, memory_limit_bytes, batch_size)
+    limits = Limits(time_limit_s=time_limit_s, memory_limit_bytes=memory_limit_bytes)
+    call = Call(function=function, limits=limits, table=shared)
+    numbered = (Task(token=token, key=key, payload=payload) for token, (key, payload) in enumerate(tasks))
+    return _stream(_outcomes(call, numbered, num_jobs, scheduler, batch_size), progress)
+
+
+def _outcomes(
+    call: Call, tasks: Iterator[Task], num_jobs: int, scheduler: str | None, batch_size: int | None
+) -> Generator[JobResult]:
+    if scheduler is not None:
+        from collalign.engine.jobs.dask import run_dask  # an optional dependency
+
+        return run_dask(call, tasks, scheduler=scheduler, batch_size=batch_size or 8)
+    if num_jobs == 1 and call.limits == Limits():
+        return (run_in_process(call, task) for task in tasks)
+    return run_local(call, tasks, num_jobs=num_jobs, batch_size=batch_size or "auto")
+
+
+def _stream(outcomes: Generator[JobResult], progress: Callable[[JobResult], None] | None) -> Generator[JobResult]:
+    try:
+        for outcome in outcomes:
+            if progress is not None:
+                progress(outcome)
+            yield outcome
+    finally:
+        outcomes.close()
+
+
+def _check(num_jobs: int, time_limit_s: float | None, memory_limit_bytes: int | None, batch_size: int | None) -> None:
+    if num_jobs < 1:
+        raise OptionsError(f"num_jobs: expected at least 1, got {num_jobs}")
+    if time_limit_s is not None and not 0 < time_limit_s < float("inf"):
+        raise OptionsError(f"time_limit_s: expected a positive number of seconds or None, got {time_limit_s}")
+    if memory_limit_bytes is not None and memory_limit_bytes < 2**20:
+        raise OptionsError(f"memory_limit_bytes: expected at least 1 MiB or None, got {memory_limit_bytes}")
+    if batch_size is not None and batch_size < 1:
+        raise OptionsError(f"batch_size: expected at least 1 or None, got {batch_size}")

@@ -1,0 +1,1 @@
+"""Every finished task, kept so that an interrupted run can go on."""

@@ -1,0 +1,133 @@
+"""Opening the SQLite file of a store so that a damaged or hostile one is refused and a network disk is survived."""
+
+from __future__ import annotations
+
+import sqlite3
+import warnings
+from pathlib import Path
+
+from collalign.engine.store.layout import APPLICATION_ID, FORMAT_VERSION, PAGE_SIZE, STATEMENTS
+from data_tools.errors import StoreError
+
+#: Largest row, in bytes: bounds what a damaged length field can make SQLite allocate.
+_MAX_ROW_BYTES = 256 * 2**20
+_BUSY_TIMEOUT_S = 30.0
+_NETWORK_FILE_SYSTEMS = frozenset(
+    ("9p", "afs", "beegfs", "ceph", "cifs", "fuse.glusterfs", "fuse.sshfs", "gpfs", "lustre", "nfs", "nfs4", "smb3")
+)
+
+
+def open_connection(path: Path, *, read_only: bool) -> sqlite3.Connection:
+    """Open a store's file, creating its tables where it is new.
+
+    Raises
+    ------
+    StoreError
+        If it cannot be opened, is no store, or is of another version.
+    """
+    if read_only and not path.is_file():
+        raise StoreError(f"{path}: there is no such store")
+    uri = f"{path.as_uri()}?mode={'ro' if read_only else 'rwc'}"
+    try:
+        connection = sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_BUSY_TIMEOUT_S)
+    except sqlite3.Error as error:
+        raise StoreError(f"{path}: cannot be opened ({error})") from None
+    try:
+        _harden(connection)
+        if not read_only:
+            connection.execute(f"PRAGMA page_size = {PAGE_SIZE}")  # of a new file; does nothing to others
+            _set_journal(connection, path)
+            _create_tables(connection)
+        _check_layout(connection, path)
+    except (sqlite3.Error, UnicodeError) as error:  # SQLite quotes damaged text in its messages
+        connection.close()
+        raise StoreError(f"{path}: not a store, or damaged ({error})") from None
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def open_memory() -> sqlite3.Connection:
+    """Return a connection to a new store in memory."""
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    _create_tables(connection)
+    return connection
+
+
+def file_system_of(path: Path, mounts: str) -> str:
+    r"""Return the type of the file system that a path lies on, or "" where it is not known.
+
+    Parameters
+    ----------
+    path : Path
+        Absolute.
+    mounts : str
+        Lines as in ``/proc/mounts``: device, mount point, type, ... with blanks written as ``\040``.
+    """
+    best, kind = -1, ""
+    for line in mounts.splitlines():
+        words = line.split()
+        if len(words) < 3:
+            continue
+        mount_point = Path(words[1].replace("\\040", " "))
+        if path.is_relative_to(mount_point) and len(mount_point.parts) >= best:
+            best, kind = len(mount_point.parts), words[2]
+    return kind
+
+
+def _harden(connection: sqlite3.Connection) -> None:
+    """Let nothing inside the file run code or demand unbounded memory."""
+    connection.text_factory = lambda data: data.decode("utf-8", "replace")
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_ROW_BYTES)
+    connection.execute("PRAGMA trusted_schema = OFF")
+    connection.execute("PRAGMA cell_size_check = ON")
+    connection.execute("PRAGMA mmap_size = 0")
+
+
+def _set_journal(connection: sqlite3.Connection, path: Path) -> None:
+    if _on_network(path):
+        warnings.warn(
+            f"{path}: lies on a network file system, where SQLite's write-ahead log does not work; the slower "
+            "rollback journal is used. Put the store on a local disk if you can.",
+            stacklevel=4,
+        )
+        connection.execute("PRAGMA journal_mode = DELETE")
+        connection.execute("PRAGMA synchronous = FULL")
+        return
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = NORMAL")
+
+
+def _on_network(path: Path) -> bool:
+    try:
+        mounts = Path("/proc/mounts").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+    return file_system_of(path.resolve(), mounts) in _NETWORK_FILE_SYSTEMS
+
+
+def _create_tables(connection: sqlite3.Connection) -> None:
+    """Create the tables of an empty file in one transaction; any other file is left as it is."""
+    connection.execute("BEGIN IMMEDIATE")
+    with connection:
+        (entries,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        (application,) = connection.execute("PRAGMA application_id").fetchone()
+        if entries or application:
+            return
+        for statement in STATEMENTS:
+            connection.execute(statement)
+        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        connection.execute(f"PRAGMA user_version = {FORMAT_VERSION}")
+
+
+def _check_layout(connection: sqlite3.Connection, path: Path) -> None:
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if application != APPLICATION_ID:
+        raise StoreError(f"{path}: not a store of this program; name another file")
+    if version != FORMAT_VERSION:
+        raise StoreError(f"{path}: of format version {version}, this program reads {FORMAT_VERSION}; start a new one")
+    rows = connection.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL").fetchall()
+    if {sql for (sql,) in rows} != set(STATEMENTS):
+        raise StoreError(f"{path}: its tables are not those of a store")

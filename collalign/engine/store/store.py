@@ -1,0 +1,284 @@
+"""The store: one SQLite file in which every finished shape and pair survives whatever ends the run.
+
+Only the run that opened the store for writing writes to it, one transaction per result, so that ``kill -9`` at any
+instant loses at most what was not finished. Nothing in the file is trusted on the way back: its layout, the digest of
+each row and every value in a record are checked, and no pickle exists in it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from collalign.engine.store.file import open_connection, open_memory
+from collalign.engine.store.layout import KINDS, Costs, Counts, Failure, table_of
+from collalign.engine.store.lock import StoreLock
+from collalign.engine.store.records import Record, decode, encode
+from data_tools.errors import StoreError
+
+#: Longest key or label and longest reason of a failure, in characters.
+_MAX_NAME = 1000
+_MAX_REASON = 4000
+
+
+class Store:
+    """Shapes and pairs by key; open it with :meth:`open` or :meth:`memory`, and close it or use ``with``.
+
+    Attributes
+    ----------
+    path : Path or None
+        Where it lies; None for a store in memory.
+    read_only : bool
+    """
+
+    def __init__(self, connection: sqlite3.Connection, path: Path | None, lock: StoreLock | None) -> None:
+        self._connection = connection
+        self._lock = lock
+        self.path = path
+        self.read_only = path is not None and lock is None
+
+    @classmethod
+    def open(cls, path: str | Path, *, read_only: bool = False) -> Store:
+        """Open a store; create it when it is opened for writing and does not exist.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file. ``-wal``, ``-shm`` and ``.lock`` files lie beside it while it is open.
+        read_only : bool
+            Look only; works while another run writes.
+
+        Raises
+        ------
+        StoreError
+            If another run has it open for writing, it is no store, or it is of another format version.
+
+        Warns
+        -----
+        UserWarning
+            If it lies on a network file system, where the faster journal does not work.
+        """
+        path = Path(path).absolute()
+        lock = None if read_only else StoreLock.acquire(path)
+        try:
+            return cls(open_connection(path, read_only=read_only), path, lock)
+        except BaseException:
+            if lock is not None:
+                lock.release()
+            raise
+
+    @classmethod
+    def memory(cls) -> Store:
+        """Return an empty store that lives in memory, for runs without a file."""
+        return cls(open_memory(), None, None)
+
+    def close(self) -> None:
+        """Close the file and let other runs have it; closing twice does nothing."""
+        self._connection.close()
+        if self._lock is not None:
+            self._lock.release()
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def get(self, kind: str, key: str) -> Record | None:
+        """Return a record, or None where there is none.
+
+        Parameters
+        ----------
+        kind : {"shapes", "pairs"}
+        key : str
+
+        Raises
+        ------
+        StoreError
+            If the record is damaged.
+        """
+        rows = self._query(f"SELECT label, digest, record FROM {table_of(kind)} WHERE key = ?", (key,))
+        for label, digest, data in rows:
+            name = f"{self._name}: {kind} {key} ({str(label)[:80]!r})"
+            if not isinstance(data, bytes) or digest != _digest(kind, key, data):
+                raise StoreError(f"{name}: damaged; discard it with Store.discard({kind!r}, {key!r}) and run again")
+            return decode(data, name)
+        return None
+
+    def require(self, kind: str, key: str) -> Record:
+        """Return a record that must be there.
+
+        Raises
+        ------
+        StoreError
+            If it is missing or damaged.
+        """
+        record = self.get(kind, key)
+        if record is None:
+            raise StoreError(f"{self._name}: {kind} {key} has vanished while the run was using it")
+        return record
+
+    def put(self, kind: str, key: str, record: Record, *, label: str = "", seconds: float = float("nan")) -> None:
+        """Keep a record and forget its failure, in one transaction.
+
+        Parameters
+        ----------
+        kind : {"shapes", "pairs"}
+        key : str
+            From :func:`collalign.engine.store.keys.fingerprint`.
+        record : dict
+            See :mod:`collalign.engine.store.records`.
+        label : str
+            What it is, for people who look into the file.
+        seconds : float
+            What it took.
+        """
+        data = encode(record)
+        table = table_of(kind)
+        duration = None if seconds != seconds else float(seconds)
+        row = (_checked(key), _text(label, _MAX_NAME), duration, _digest(kind, key, data), data)
+        with self._transaction() as connection:
+            connection.execute(f"INSERT OR REPLACE INTO {table} VALUES (?, ?, ?, ?, ?)", row)
+            connection.execute("DELETE FROM failures WHERE kind = ? AND key = ?", (kind, key))
+
+    def discard(self, kind: str, key: str) -> None:
+        """Forget a record, damaged ones included."""
+        with self._transaction() as connection:
+            connection.execute(f"DELETE FROM {table_of(kind)} WHERE key = ?", (key,))
+
+    def keys(self, kind: str) -> frozenset[str]:
+        """Return the keys of all records of a kind."""
+        return frozenset(str(key) for (key,) in self._query(f"SELECT key FROM {table_of(kind)}"))
+
+    def put_failure(self, kind: str, key: str, reason: str, *, label: str = "", crashed: bool = False) -> None:
+        """Record why there is no result for a key."""
+        table_of(kind)
+        row = (kind, _checked(key), _text(label, _MAX_NAME), int(crashed), _text(reason, _MAX_REASON))
+        with self._transaction() as connection:
+            connection.execute("INSERT OR REPLACE INTO failures VALUES (?, ?, ?, ?, ?)", row)
+
+    def failures(self, kind: str) -> dict[str, Failure]:
+        """Return the recorded failures of a kind by key, in the order of the keys."""
+        table_of(kind)
+        rows = self._query("SELECT key, label, crashed, reason FROM failures WHERE kind = ? ORDER BY key", (kind,))
+        return {
+            str(key): Failure(reason=str(reason), label=str(label), crashed=bool(crashed))
+            for key, label, crashed, reason in rows
+        }
+
+    def plan(self, kind: str, labels: dict[str, str]) -> None:
+        """Say which keys the present run wants, by key with a label each; replaces the plan of this kind.
+
+        :meth:`status` counts against it. Records that are not planned any more stay, for runs with other options.
+        """
+        table_of(kind)
+        rows = [(kind, _checked(key), _text(label, _MAX_NAME)) for key, label in labels.items()]
+        with self._transaction() as connection:
+            connection.execute("DELETE FROM plan WHERE kind = ?", (kind,))
+            connection.executemany("INSERT INTO plan VALUES (?, ?, ?)", rows)
+
+    def missing(self, kind: str, keys: Iterable[str], *, retry: str = "crashed") -> list[str]:
+        """Return the keys that are still to be computed, in the given order.
+
+        Parameters
+        ----------
+        kind : {"shapes", "pairs"}
+        keys : iterable of str
+        retry : {"crashed", "all", "none"}
+            Which recorded failures to try again: those whose worker died or hung, all, or none. An error that a
+            computation raised comes back each time, so it is not tried again by default.
+        """
+        if retry not in ("crashed", "all", "none"):
+            raise ValueError(f"retry: expected 'crashed', 'all' or 'none', got {retry!r}")
+        done = self.keys(kind)
+        failures = {} if retry == "all" else self.failures(kind)
+        settled = {key for key, failure in failures.items() if retry == "none" or not failure.crashed}
+        return [key for key in keys if key not in done and key not in settled]
+
+    def status(self) -> dict[str, Counts]:
+        """Return, for each kind, how much of the plan is done, failed and left."""
+        return {kind: self._counts(kind) for kind in KINDS}
+
+    def costs(self, kind: str) -> Costs:
+        """Return what the finished records of a kind took on average, for estimates of further runs."""
+        table = table_of(kind)
+        sql = f"SELECT count(*), avg(seconds), avg(length(record)) FROM {table}"
+        ((number, seconds, size),) = self._query(sql)
+        nan = float("nan")
+        return Costs(
+            num_records=int(number),
+            mean_seconds=nan if seconds is None else float(seconds),
+            mean_bytes=nan if size is None else float(size),
+        )
+
+    def set_meta(self, name: str, value: Any) -> None:
+        """Keep a JSON value, for instance the options of the run."""
+        text = json.dumps(value, sort_keys=True)
+        with self._transaction() as connection:
+            connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (_checked(name), text))
+
+    def get_meta(self, name: str) -> Any:
+        """Return a JSON value, or None where there is none.
+
+        Raises
+        ------
+        StoreError
+            If it is not JSON.
+        """
+        for (text,) in self._query("SELECT value FROM meta WHERE name = ?", (name,)):
+            try:
+                return json.loads(text)
+            except (ValueError, TypeError, RecursionError) as error:
+                raise StoreError(f"{self._name}: {name} is not JSON ({error})") from None
+        return None
+
+    @property
+    def _name(self) -> str:
+        return "store in memory" if self.path is None else str(self.path)
+
+    def _counts(self, kind: str) -> Counts:
+        done = f"EXISTS (SELECT 1 FROM {table_of(kind)} AS t WHERE t.key = plan.key)"
+        failed = "EXISTS (SELECT 1 FROM failures AS f WHERE f.kind = plan.kind AND f.key = plan.key)"
+        sql = f"SELECT count(*), total({done}), total(NOT {done} AND {failed}) FROM plan WHERE kind = ?"
+        ((planned, num_done, num_failed),) = self._query(sql, (kind,))
+        num_done, num_failed = int(num_done), int(num_failed)
+        return Counts(planned=planned, done=num_done, failed=num_failed, left=planned - num_done - num_failed)
+
+    def _query(self, sql: str, values: tuple[Any, ...] = ()) -> list[Any]:
+        try:
+            return self._connection.execute(sql, values).fetchall()
+        except (sqlite3.Error, UnicodeError) as error:
+            raise StoreError(f"{self._name}: cannot be read ({error})") from None
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        """Write under BEGIN IMMEDIATE, so that a conflict shows at once and never halfway."""
+        if self.read_only:
+            raise StoreError(f"{self._name}: opened for reading only")
+        try:
+            self._connection.execute("BEGIN IMMEDIATE")
+            with self._connection:
+                yield self._connection
+        except (sqlite3.Error, UnicodeError) as error:
+            raise StoreError(f"{self._name}: cannot be written ({error})") from None
+
+
+def _digest(kind: str, key: str, data: bytes) -> bytes:
+    """Return the digest of a row: it shows damage and swapped rows, it is no signature."""
+    return hashlib.blake2b(f"{kind} {key} ".encode() + data, digest_size=16).digest()
+
+
+def _checked(key: str) -> str:
+    if not isinstance(key, str) or not 0 < len(key) <= _MAX_NAME:
+        raise ValueError(f"a key is a string of 1 to {_MAX_NAME} characters, got {key!r}")
+    return key
+
+
+def _text(text: str, limit: int) -> str:
+    """Return text that SQLite can hold: file names may contain bytes that are no Unicode."""
+    return text[:limit].encode("utf-8", "replace").decode("utf-8")

@@ -1,0 +1,1 @@
+"""Everything that leaves a run: files, report, exports, contact sheet, corrections."""

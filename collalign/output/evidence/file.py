@@ -1,0 +1,231 @@
+"""Saves a :class:`~collalign.products.evidence.CollectionView` as one ``evidence.npz``; reads it without pickle."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from collalign.products.evidence import CollectionView, Pair, PairPose, Pose, json_types
+from data_tools.arrays import (
+    FloatArray,
+    IntArray,
+    as_faces,
+    as_floats,
+    as_indices,
+    as_points,
+    as_rotations,
+    read_only,
+)
+from data_tools.errors import InputError
+
+#: Name of the file inside a result's folder.
+EVIDENCE_FILE = "evidence.npz"
+#: Raised with every change that older readers cannot understand.
+EVIDENCE_VERSION = 1
+
+_TEXT_FIELDS = (
+    "names",
+    "files",
+    "labels",
+    "excluded",
+    "options",
+    "versions",
+    "timings_s",
+    "notes",
+    "doubt_threshold",
+)
+_PAIR_NUMBERS = ("energy", "lower_bound", "disagreement_deg")
+_PAIR_FLAGS = ("mirrored", "inlier", "chirality_proven")
+
+
+def save_view(view: CollectionView, folder: Path | str) -> Path:
+    """Write ``evidence.npz`` into ``folder``; the same view gives the same bytes.
+
+    Parameters
+    ----------
+    view : CollectionView
+    folder : path
+        Created if it does not exist.
+
+    Returns
+    -------
+    Path
+        The file written.
+    """
+    path = Path(folder) / EVIDENCE_FILE
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = {name: getattr(view, name) for name in _TEXT_FIELDS}
+    arrays: dict[str, NDArray[Any]] = {
+        "version": np.array(EVIDENCE_VERSION),
+        "text": np.frombuffer(json.dumps(json_types(text)).encode(), dtype=np.uint8),
+        "transforms": view.transforms,
+        "confidence": view.confidence,
+        "samples": view.samples,
+        "groups": view.groups,
+        "cycle_errors_deg": view.cycle_errors_deg,
+    }
+    arrays |= _join("vertices", view.vertices, 3, np.float64) | _join("faces", view.faces, 3, np.int64)
+    arrays |= _pair_arrays(view.pairs, view.samples.shape[1]) | _alternative_arrays(view)
+    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]  # the stubs see only the flag
+    return path
+
+
+def load_view(folder: Path | str) -> CollectionView:
+    """Read what :func:`save_view` wrote.
+
+    Parameters
+    ----------
+    folder : path
+        A result's folder, or the ``evidence.npz`` itself.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no result, or one that is damaged or of another version.
+    """
+    path = Path(folder)
+    path = path / EVIDENCE_FILE if path.is_dir() or not path.suffix else path
+    if not path.is_file():
+        raise InputError(
+            f"{path}: there is no such file. Give the folder that `collalign align FOLDER --out OUT` wrote (its OUT)"
+        )
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            data = {name: file[name] for name in file.files}
+        found = int(data["version"])
+        view = _from_arrays(data) if found == EVIDENCE_VERSION else None
+    except Exception as error:  # damaged archives fail in every way there is
+        raise InputError(
+            f"{path}: damaged or not written by collalign ({error}); run `collalign align` again"
+        ) from error
+    if view is None:
+        raise InputError(
+            f"{path}: written in format {found}, but this version reads {EVIDENCE_VERSION}; "
+            "run `collalign align` again"
+        )
+    return view
+
+
+def _from_arrays(data: dict[str, NDArray[Any]]) -> CollectionView:
+    text = json.loads(data["text"].tobytes())
+    num = len(text["names"])
+    vertices = tuple(read_only(as_points(part, "vertices", dim=3)) for part in _split("vertices", data))
+    return CollectionView(
+        names=tuple(text["names"]),
+        files=tuple(text["files"]),
+        labels={column: tuple(values) for column, values in text["labels"].items()},
+        excluded=tuple((file, reason) for file, reason in text["excluded"]),
+        options=text["options"],
+        versions=text["versions"],
+        timings_s=text["timings_s"],
+        notes=tuple(text["notes"]),
+        doubt_threshold=float(text["doubt_threshold"]),
+        transforms=read_only(as_floats(data["transforms"], "transforms", shape=(num, 4, 4))),
+        confidence=read_only(data["confidence"].astype(np.float64)),
+        samples=read_only(data["samples"].astype(np.float64)),
+        groups=read_only(as_indices(data["groups"], "groups", upper=num, shape=(num,))),
+        cycle_errors_deg=read_only(data["cycle_errors_deg"].astype(np.float64)),
+        vertices=vertices,
+        faces=tuple(
+            read_only(as_faces(part, "faces", num_vertices=len(points)))
+            for part, points in zip(_split("faces", data), vertices, strict=True)
+        ),
+        pairs=_pairs(data),
+        alternatives=_alternatives(data),
+    )
+
+
+def _join(name: str, parts: tuple[NDArray[Any], ...], width: int, dtype: type) -> dict[str, NDArray[Any]]:
+    """Concatenate arrays of different lengths and keep where each begins."""
+    starts = np.cumsum([0, *(len(part) for part in parts)])
+    joined: NDArray[Any] = np.concatenate([*parts, np.empty((0, width))]).astype(dtype)
+    return {name: joined, f"{name}_starts": starts.astype(np.int64)}
+
+
+def _split(name: str, data: dict[str, NDArray[Any]]) -> tuple[NDArray[Any], ...]:
+    joined, starts = data[name], data[f"{name}_starts"]
+    return tuple(joined[a:b] for a, b in itertools.pairwise(starts))
+
+
+def _pair_arrays(pairs: tuple[Pair, ...], num_samples: int) -> dict[str, NDArray[Any]]:
+    """One array per property of the pairs; maps as int32, all -2 where a pair uses the collection's own."""
+    maps = np.full((len(pairs), num_samples), -2, dtype=np.int32)
+    for row, pair in zip(maps, pairs, strict=True):
+        if pair.map_i_j is not None:
+            row[:] = pair.map_i_j
+    counts = [len(pair.candidates) for pair in pairs]
+    poses = [pose for pair in pairs for pose in pair.candidates]
+    status = json.dumps([pair.status for pair in pairs])
+    arrays: dict[str, NDArray[Any]] = {
+        "pair_indices": np.array([(pair.i, pair.j) for pair in pairs], dtype=np.int64).reshape(-1, 2),
+        "pair_maps": maps,
+        "pair_choice": np.array([pair.choice for pair in pairs], dtype=np.int64),
+        "pair_status": np.frombuffer(status.encode(), dtype=np.uint8),
+        "pose_starts": np.cumsum([0, *counts]).astype(np.int64),
+        "pose_R_i_j": np.array([pose.R_i_j for pose in poses], dtype=np.float64).reshape(-1, 3, 3),
+        "pose_energy": np.array([pose.energy for pose in poses], dtype=np.float64),
+    }
+    for name in (*_PAIR_NUMBERS, *_PAIR_FLAGS):
+        dtype = np.float64 if name in _PAIR_NUMBERS else np.bool_
+        arrays[f"pair_{name}"] = np.array([getattr(pair, name) for pair in pairs], dtype=dtype)
+    return arrays
+
+
+def _pairs(data: dict[str, NDArray[Any]]) -> tuple[Pair, ...]:
+    poses = [
+        PairPose(R_i_j=read_only(R), energy=float(energy))
+        for R, energy in zip(as_rotations(data["pose_R_i_j"], "pair poses", dim=3), data["pose_energy"], strict=True)
+    ]
+    status = json.loads(data["pair_status"].tobytes())
+    starts, maps = data["pose_starts"], data["pair_maps"]
+    pairs = []
+    for row, (i, j) in enumerate(data["pair_indices"]):
+        own_map: IntArray | None = None
+        if not (maps[row] == -2).all():
+            own_map = read_only(maps[row].astype(np.int64))
+        pairs.append(
+            Pair(
+                i=int(i),
+                j=int(j),
+                status=status[row],
+                candidates=tuple(poses[starts[row] : starts[row + 1]]),
+                map_i_j=own_map,
+                energy=float(data["pair_energy"][row]),
+                lower_bound=float(data["pair_lower_bound"][row]),
+                disagreement_deg=float(data["pair_disagreement_deg"][row]),
+                mirrored=bool(data["pair_mirrored"][row]),
+                inlier=bool(data["pair_inlier"][row]),
+                choice=int(data["pair_choice"][row]),
+                chirality_proven=bool(data["pair_chirality_proven"][row]),
+            )
+        )
+    return tuple(pairs)
+
+
+def _alternative_arrays(view: CollectionView) -> dict[str, NDArray[Any]]:
+    poses = [pose for shape in view.alternatives for pose in shape]
+    counts = [len(shape) for shape in view.alternatives]
+    origins = json.dumps([pose.origin for pose in poses])
+    R: FloatArray = np.array([pose.R for pose in poses], dtype=np.float64).reshape(-1, 3, 3)
+    return {
+        "alternative_starts": np.cumsum([0, *counts]).astype(np.int64),
+        "alternative_R": R,
+        "alternative_score": np.array([pose.score for pose in poses], dtype=np.float64),
+        "alternative_origin": np.frombuffer(origins.encode(), dtype=np.uint8),
+    }
+
+
+def _alternatives(data: dict[str, NDArray[Any]]) -> tuple[tuple[Pose, ...], ...]:
+    origins = json.loads(data["alternative_origin"].tobytes())
+    rotations = as_rotations(data["alternative_R"], "alternatives", dim=3)
+    poses = [
+        Pose(R=read_only(R), score=float(score), origin=origin)
+        for R, score, origin in zip(rotations, data["alternative_score"], origins, strict=True)
+    ]
+    starts = data["alternative_starts"]
+    return tuple(tuple(poses[a:b]) for a, b in itertools.pairwise(starts))

@@ -1,0 +1,217 @@
+"""Makes the plain record that report, exports and viewer read out of an ``AlignedCollection``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from collalign.collection import DOUBT
+from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
+from collalign.output.report.poses import angle_deg
+from collalign.products.evidence import CollectionView, Pair, PairPose, Pose
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.surface.shape import Shape
+from pairwise.status import Status
+
+if TYPE_CHECKING:
+    from collalign.collection import AlignedCollection, PairEvidence
+
+#: Cycles of three pairs looked at, spread evenly over all of them.
+MOST_CYCLES = 20_000
+#: Poses of a pair closer than this are one and the same to a person.
+DISTINCT_PAIR_DEG = 20.0
+#: Poses kept per pair.
+MOST_PAIR_POSES = 4
+
+
+def view_collection(
+    collection: AlignedCollection,
+    read_shape: Callable[[Path], Shape],
+    *,
+    labels: Mapping[str, tuple[str, ...]] | None = None,
+    notes: tuple[str, ...] = (),
+) -> CollectionView:
+    """Gather what is shown and exported; shapes are read one at a time and decimated.
+
+    Parameters
+    ----------
+    collection : AlignedCollection
+    read_shape : callable
+        Reads one of ``collection.files``, cleaned exactly as it was for the alignment.
+    labels : mapping of str to tuple of str, optional
+        Column name to one value per shape; see :meth:`collalign.analysis.label_table.Labels.columns_for`.
+    notes : tuple of str
+        Warnings to show after the collection's own.
+
+    Returns
+    -------
+    CollectionView
+    """
+    max_faces = faces_per_shape(len(collection.names))
+    vertices, faces = [], []
+    for file in collection.files:
+        shape = read_shape(file)
+        points, triangles = display_mesh(shape.vertices, shape.faces, max_faces=max_faces)
+        vertices.append(points)
+        faces.append(triangles)
+    inverse = np.linalg.inv(collection.transforms)
+    raw = collection.positions @ np.swapaxes(inverse[:, :3, :3], 1, 2) + inverse[:, None, :3, 3]
+    sample_labels = collection.maps.labels
+    return CollectionView(
+        names=collection.names,
+        files=tuple(str(file) for file in collection.files),
+        transforms=collection.transforms,
+        confidence=collection.confidence,
+        samples=by_label(raw, sample_labels),
+        vertices=tuple(vertices),
+        faces=tuple(faces),
+        pairs=tuple(_pair(pair, collection.rotations, sample_labels) for pair in collection.pairs),
+        alternatives=tuple(
+            tuple(Pose(R=pose.rotation, score=-pose.log_odds) for pose in poses) for poses in collection.alternatives
+        ),
+        groups=_group_numbers(collection.groups, len(collection.names)),
+        labels=dict(labels or {}),
+        excluded=tuple((one.file, one.reason) for one in collection.excluded),
+        options=asdict(collection.options) | {"decided": {"group": collection.group}},
+        versions=collection.run.versions,
+        timings_s=collection.run.times_s,
+        cycle_errors_deg=cycle_errors_deg(collection.pairs, len(collection.names)),
+        notes=(*collection.notes, *notes),
+        doubt_threshold=DOUBT,
+    )
+
+
+def by_label(positions: FloatArray, labels: IntArray) -> FloatArray:
+    """Reorder samples so that row b of every shape is label b, NaN where a shape lacks it.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (N, k, 3)
+    labels : ndarray of int, shape (N, k)
+        -1 for samples without a label, which are dropped.
+
+    Returns
+    -------
+    ndarray, shape (N, num_labels, 3)
+    """
+    ordered = np.full((len(labels), int(labels.max(initial=-1)) + 1, 3), np.nan)
+    shapes, samples = np.nonzero(labels >= 0)
+    ordered[shapes, labels[shapes, samples]] = positions[shapes, samples]
+    return ordered
+
+
+def cycle_errors_deg(pairs: tuple[PairEvidence, ...], num_shapes: int) -> FloatArray:
+    """Angles left by R_ij R_jk R_ki, each pair giving its own pose of lowest energy; 180 where a cycle mirrors.
+
+    At most :data:`MOST_CYCLES` cycles are looked at, evenly spaced in a fixed order.
+    """
+    found = {(pair.target, pair.source): pair.rotations[0] for pair in pairs if len(pair.rotations)}
+    found |= {(j, i): R.T for (i, j), R in found.items()}
+    later = np.zeros((num_shapes, num_shapes), dtype=np.bool_)
+    for i, j in found:
+        later[min(i, j), max(i, j)] = True
+    chosen = _some_triangles(later)
+    if not chosen:
+        return np.empty(0)
+    turns = np.array([found[i, j] @ found[j, k] @ found[k, i] for i, j, k in chosen])
+    angles = np.degrees(np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1.0, 1.0)))
+    return np.where(np.linalg.det(turns) < 0, 180.0, angles)
+
+
+def _some_triangles(later: BoolArray) -> list[tuple[int, int, int]]:
+    """Evenly spaced triangles i < j < k of a graph given by its upper adjacency matrix."""
+    edges = np.argwhere(later)
+    counts = np.array([int((later[i] & later[j]).sum()) for i, j in edges], dtype=np.int64)
+    ends = np.cumsum(counts)
+    total = int(counts.sum())
+    wanted = np.unique(np.linspace(0, max(total - 1, 0), min(total, MOST_CYCLES)).astype(np.int64))
+    triangles = []
+    for number in wanted:
+        at = int(np.searchsorted(ends, number, side="right"))
+        i, j = edges[at]
+        k = np.flatnonzero(later[i] & later[j])[number - (ends[at] - counts[at])]
+        triangles.append((int(i), int(j), int(k)))
+    return triangles
+
+
+def _pair(pair: PairEvidence, rotations: FloatArray, labels: IntArray) -> Pair:
+    """One pair in terms of labels; its disagreement is that of its own best pose, chosen or not."""
+    i, j = pair.target, pair.source
+    angle, mirrored = float("nan"), False
+    candidates, choice = (
+        distinct_poses(pair.rotations, pair.energies, pair.choice) if len(pair.rotations) else ((), -1)
+    )
+    if candidates:
+        angle = angle_deg(candidates[0].R_i_j, rotations[i].T @ rotations[j])
+        mirrored = bool(np.isinf(angle))
+    return Pair(
+        i=i,
+        j=j,
+        energy=candidates[0].energy if candidates else float("nan"),
+        lower_bound=pair.lower_bound,
+        disagreement_deg=180.0 if mirrored else angle,
+        mirrored=mirrored,
+        inlier=pair.inlier,
+        choice=choice,
+        chirality_proven=pair.chirality_proven,
+        status=_advice(pair.status),
+        candidates=candidates,
+        map_i_j=_label_map(pair.map_target_source, labels[i], labels[j], int(labels.max(initial=-1)) + 1),
+    )
+
+
+def distinct_poses(rotations: FloatArray, energies: FloatArray, choice: int) -> tuple[tuple[PairPose, ...], int]:
+    """Poses of a pair that a person would tell apart, and which of them stands for the chosen one.
+
+    Parameters
+    ----------
+    rotations : ndarray, shape (m, 3, 3)
+    energies : ndarray, shape (m,)
+    choice : int
+        Index of the pose that synchronization used, -1 for none.
+
+    Returns
+    -------
+    poses : tuple of PairPose
+        Lowest energy first, at least :data:`DISTINCT_PAIR_DEG` apart, at most :data:`MOST_PAIR_POSES`, but always one
+        near the chosen pose.
+    choice : int
+        Index into ``poses``, -1 for none.
+    """
+    kept: list[int] = []
+    for at in np.argsort(energies, kind="stable"):
+        if all(angle_deg(rotations[at], rotations[other]) > DISTINCT_PAIR_DEG for other in kept):
+            kept.append(int(at))
+    near = next((at for at in kept if angle_deg(rotations[at], rotations[choice]) <= DISTINCT_PAIR_DEG), -1)
+    shown = kept[:MOST_PAIR_POSES]
+    if choice >= 0 and near not in shown:
+        shown[-1] = near
+    poses = tuple(PairPose(R_i_j=rotations[at], energy=float(energies[at])) for at in shown)
+    return poses, shown.index(near) if choice >= 0 else -1
+
+
+def _advice(status: str) -> str:
+    """What the status of a pair says to a person; text that is no status's name stays as it is."""
+    return Status[status].value if status in Status.__members__ else status
+
+
+def _label_map(map_i_j: IntArray, labels_i: IntArray, labels_j: IntArray, num_labels: int) -> IntArray | None:
+    """Turn a map of samples into one of labels, shape (num_labels,); None where equal labels match anyway."""
+    known = labels_j >= 0
+    found = np.where(map_i_j >= 0, labels_i[map_i_j], -1)[known]
+    if np.array_equal(found, labels_j[known]):
+        return None
+    by_labels = np.full(num_labels, -1, dtype=np.int64)
+    by_labels[labels_j[known]] = found
+    return by_labels
+
+
+def _group_numbers(groups: tuple[IntArray, ...], num_shapes: int) -> IntArray:
+    numbers = np.zeros(num_shapes, dtype=np.int64)
+    for number, members in enumerate(groups):
+        numbers[members] = number
+    return numbers

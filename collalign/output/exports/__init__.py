@@ -1,0 +1,78 @@
+"""Exports in the formats of the field, one module per format; each writes the whole collection into a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from collalign.output.evidence.file import load_view
+from collalign.output.exports import fcsv, itk, meshes, morphologika, nts, shapeworks, slicer_json, tables, tps
+from collalign.output.exports.request import ExportRequest, Space
+from collalign.products.evidence import CollectionView
+from data_tools.errors import InputError, OptionsError
+
+__all__ = ["FORMATS", "Space", "export"]
+
+#: Writer of each format.
+FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
+    "morphologika": morphologika.write,
+    "tps": tps.write,
+    "nts": nts.write,
+    "slicer-json": slicer_json.write,
+    "fcsv": fcsv.write,
+    "shapeworks": shapeworks.write,
+    "csv": tables.write_csv,
+    "parquet": tables.write_parquet,
+    "ply": meshes.writer("ply"),
+    "obj": meshes.writer("obj"),
+    "stl": meshes.writer("stl"),
+    "itk": itk.write,
+}
+
+
+def export(
+    collection: CollectionView | Path | str,
+    format: str,
+    to: Path | str,
+    *,
+    space: Space = "aligned",
+    sources: Path | str | None = None,
+) -> tuple[Path, ...]:
+    """Write a collection in one format.
+
+    Parameters
+    ----------
+    collection : CollectionView or path
+        A path is the folder that ``collalign align`` wrote.
+    format : str
+        A key of :data:`FORMATS`.
+    to : path
+        Folder for the files, made if it does not exist; files of the same names are replaced.
+    space : {"aligned", "unscaled", "raw", "procrustes"}
+        Coordinates of landmarks and meshes; see :class:`~collalign.output.exports.request.ExportRequest`. A
+        ShapeWorks project always holds raw and aligned coordinates.
+    sources : path, optional
+        Folder of the original files where they have moved; only mesh formats and ShapeWorks read them.
+
+    Returns
+    -------
+    tuple of Path
+        The files written.
+
+    Raises
+    ------
+    OptionsError
+        If the format or the space is unknown, or the format cannot have the space.
+    InputError
+        If the folder holds no result, cannot be written, or an original file is missing.
+    """
+    if format not in FORMATS:
+        raise OptionsError(f"format: expected one of {', '.join(FORMATS)}, got {format!r}")
+    view = collection if isinstance(collection, CollectionView) else load_view(collection)
+    folder = Path(to)
+    request = ExportRequest(view=view, folder=folder, space=space, sources=Path(sources) if sources else None)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return FORMATS[format](request)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error

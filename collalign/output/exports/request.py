@@ -1,0 +1,163 @@
+"""What every format's writer is given, and what they share: spaces, names, numbers, source meshes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from collalign.analysis.procrustes import MIN_LABELS, common_labels, generalized_procrustes
+from collalign.products.evidence import CollectionView
+from data_tools.arrays import BoolArray, FloatArray
+from data_tools.errors import InputError, OptionsError
+from data_tools.io.shapes import read_shape
+from data_tools.options import CleaningOptions
+from data_tools.surface.shape import Shape
+
+Space = Literal["aligned", "unscaled", "raw", "procrustes"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportRequest:
+    """One export.
+
+    Attributes
+    ----------
+    view : CollectionView
+    folder : Path
+        Where files go; exists.
+    space : {"aligned", "unscaled", "raw", "procrustes"}
+        Coordinates of landmarks and meshes: the common frame; the common frame with every shape in its file's unit;
+        the file's own; superimposed on the generalised Procrustes mean (landmarks only).
+    sources : Path or None
+        Folder in which the original files are looked for by name, where they have moved.
+    """
+
+    view: CollectionView
+    folder: Path
+    space: Space = "aligned"
+    sources: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown space."""
+        if self.space not in get_args(Space):
+            raise OptionsError(f"space: expected one of {', '.join(get_args(Space))}, got {self.space!r}")
+
+    def transforms(self) -> FloatArray:
+        """Take file coordinates to the space asked for, shape (N, 4, 4).
+
+        Raises
+        ------
+        OptionsError
+            For Procrustes coordinates, which only landmarks have.
+        """
+        if self.space == "procrustes":
+            raise OptionsError(
+                "space: Procrustes coordinates exist for landmarks only; choose aligned, unscaled or raw"
+            )
+        if self.space == "raw":
+            return np.tile(np.eye(4), (self.view.num_shapes, 1, 1))
+        if self.space == "aligned":
+            return self.view.transforms
+        shrink = np.ones((self.view.num_shapes, 4, 4))
+        shrink[:, :3] /= self.view.scales[:, None, None]
+        return self.view.transforms * shrink
+
+    def landmarks(self) -> tuple[tuple[str, ...], FloatArray]:
+        """Names of the landmarks and their coordinates in the space asked for.
+
+        Returns
+        -------
+        labels : tuple of str
+            ``L1``, ``L2``, ... by the collection's label; Procrustes coordinates leave out incomplete ones.
+        coordinates : ndarray, shape (N, k, 3)
+            NaN where a shape has no such landmark.
+
+        Raises
+        ------
+        InputError
+            If too few landmarks are common to all shapes for Procrustes coordinates.
+        """
+        labels = np.array([f"L{at + 1}" for at in range(self.view.samples.shape[1])])
+        if self.space != "procrustes":
+            T = self.transforms()
+            moved = self.view.samples @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
+            return tuple(labels.tolist()), moved
+        common = complete_labels(self.view)
+        superimposed = generalized_procrustes(self.view.aligned_samples[:, common])
+        return tuple(labels[common].tolist()), superimposed.aligned
+
+    def source_shape(self, at: int) -> Shape:
+        """Read one original file again, whole.
+
+        Raises
+        ------
+        InputError
+            If it is no longer there.
+        """
+        listed = Path(self.view.files[at])
+        path = self.sources / listed.name if self.sources is not None else listed
+        if not path.is_file():
+            raise InputError(
+                f"{path}: this file was aligned but is no longer there. "
+                "Put it back, or name the folder that holds the original files now"
+            )
+        return read_shape(path, CleaningOptions(largest_component=False), name=self.view.names[at])
+
+    def write(self, name: str, text: str) -> Path:
+        """Write one text file with Unix line ends and return its path."""
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8", newline="\n")
+        return path
+
+
+def complete_labels(view: CollectionView) -> BoolArray:
+    """Labels that every shape has, shape (k,).
+
+    Raises
+    ------
+    InputError
+        If they are too few to mean anything.
+    """
+    common = common_labels(view.samples)
+    if common.sum() < MIN_LABELS:
+        raise InputError(
+            f"only {int(common.sum())} landmarks exist on every shape, at least {MIN_LABELS} are needed: "
+            "export a format that knows missing landmarks (tps, nts, morphologika), or align the partial shapes apart"
+        )
+    return common
+
+
+def label_columns(view: CollectionView, taken: Iterable[str]) -> dict[str, list[str]]:
+    """Label columns for a table that has the columns ``taken`` already, which get ``label_`` before their name."""
+    fixed = set(taken)
+    return {f"label_{name}" if name in fixed else name: list(values) for name, values in view.labels.items()}
+
+
+def file_stem(name: str) -> str:
+    """Name of a shape as a file name: nothing in it can leave the folder or be refused by a file system."""
+    stem = re.sub(r'[\x00-\x1f<>:"/\\|?*]', "_", name).strip(" .")
+    return stem or "shape"
+
+
+def file_stems(names: Iterable[str]) -> list[str]:
+    """File stems of several shapes, made distinct (also where case does not count) by a number at the end."""
+    taken: set[str] = set()
+    stems = []
+    for name in names:
+        stem, number = file_stem(name), 2
+        while stem.casefold() in taken:
+            stem, number = f"{file_stem(name)}-{number}", number + 1
+        taken.add(stem.casefold())
+        stems.append(stem)
+    return stems
+
+
+def words(values: Iterable[float], *, missing: str = "NaN") -> str:
+    """Numbers in full precision, separated by blanks, without exponents: several landmark readers know none."""
+    return " ".join(missing if np.isnan(value) else np.format_float_positional(value, trim="0") for value in values)

@@ -1,0 +1,71 @@
+"""Specimen names as text formats can carry them, and the table that says which shape each stands for."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from collalign.output.exports.request import ExportRequest, label_columns
+
+#: Section names of morphologika files. Readers search for them anywhere in a line, so no specimen may contain one.
+_SECTIONS = (
+    "individuals",
+    "landmarks",
+    "dimensions",
+    "names",
+    "labels",
+    "labelvalues",
+    "rawpoints",
+    "wireframe",
+    "groups",
+)
+
+
+def without_blanks(name: str) -> str:
+    """Replace every run of blanks, quotes and brackets by an underscore."""
+    return re.sub(r"[\s'\"\[\]]+", "_", name)
+
+
+def for_morphologika(name: str) -> str:
+    """Name without blanks in which no section's name occurs: ``names_1`` becomes ``n-ames_1``."""
+    safe = without_blanks(name)
+    for section in _SECTIONS:
+        safe = re.sub(section, lambda found: f"{found[0][0]}-{found[0][1:]}", safe, flags=re.IGNORECASE)
+    return safe
+
+
+def written_names(request: ExportRequest, rule: Callable[[str], str]) -> list[str]:
+    """Names by a rule, made distinct by a number at the end."""
+    taken: set[str] = set()
+    written = []
+    for name in request.view.names:
+        safe, number = rule(name), 2
+        while safe in taken:
+            safe, number = f"{rule(name)}-{number}", number + 1
+        taken.add(safe)
+        written.append(safe)
+    return written
+
+
+def specimen_table(request: ExportRequest, written: list[str]) -> Path:
+    """Write ``specimens.csv``: for every specimen of a landmark file its shape, size, confidence and labels."""
+    view = request.view
+    columns: dict[str, list[Any]] = {
+        "specimen": written,
+        "name": list(view.names),
+        "file": list(view.files),
+        "centroid_size": view.centroid_sizes.tolist(),
+        "confidence": view.confidence.tolist(),
+        "reflected": view.reflected.astype(int).tolist(),
+        "group": view.groups.tolist(),
+    }
+    columns |= label_columns(view, columns)
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(columns)
+    rows.writerows(zip(*columns.values(), strict=True))
+    return request.write("specimens.csv", text.getvalue())

@@ -1,0 +1,95 @@
+"""Fills the page's template: everything inside one file that opens from disk without a network."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from collalign.output.report.content import build_content
+from collalign.products.evidence import CollectionView
+
+_MARKER = re.compile(r"\{\{(\w+)\}\}")
+
+
+def write_report(view: CollectionView, path: Path | str, *, title: str = "Aligned collection") -> Path:
+    """Write a self-contained ``report.html``.
+
+    Parameters
+    ----------
+    view : CollectionView
+    path : path
+        The file to write, or a folder that receives ``report.html``.
+    title : str
+        Heading of the page.
+
+    Returns
+    -------
+    Path
+        The file written; the same view gives the same bytes.
+    """
+    target = Path(path)
+    if target.suffix.lower() not in (".html", ".htm"):
+        target.mkdir(parents=True, exist_ok=True)
+        target = target / "report.html"
+    target.write_text(render_report(view, title=title), encoding="utf-8", errors="backslashreplace", newline="\n")
+    return target
+
+
+def render_report(view: CollectionView, *, title: str = "Aligned collection") -> str:
+    """Return the report as HTML text."""
+    document, blobs = build_content(view)
+    elements = [_element("collalign-data", "application/json", _json_for_html(document))]
+    elements += [_element(name, "text/plain", text) for name, text in blobs.items()]
+    parts = {
+        "title": html.escape(title),
+        "style": _asset("viewer/style.css"),
+        "summary": _summary(view),
+        "version": html.escape(str(view.versions.get("collalign", ""))),
+        "data": "\n".join(elements),
+        "script": _asset("viewer.min.js").replace("</script", "<\\/script"),
+    }
+    return _MARKER.sub(lambda match: parts[match.group(1)], _asset("viewer/template.html"))
+
+
+def _asset(name: str) -> str:
+    return resources.files("collalign.output.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _element(name: str, kind: str, text: str) -> str:
+    return f'<script type="{kind}" id="{html.escape(name, quote=True)}">{text}</script>'
+
+
+def _json_for_html(document: object) -> str:
+    """JSON in which no name from a file can close the element or open a comment."""
+    text = json.dumps(document, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+
+
+def _summary(view: CollectionView) -> str:
+    """The first thing a reader sees: how many, how sure, what is missing."""
+    doubtful = int(np.sum(np.nan_to_num(view.confidence) < view.doubt_threshold))
+    groups = len(np.unique(view.groups))
+    left = sum(not pair.inlier for pair in view.pairs)
+    other = sum(pair.inlier and pair.choice > 0 for pair in view.pairs)
+    facts = [
+        (view.num_shapes, "shapes aligned", False),
+        (doubtful, "doubtful", doubtful > 0),
+        (int(view.reflected.sum()), "mirrored", False),
+        (len(view.pairs), "pairs compared", False),
+        (other, "pairs used at another than their best pose", False),
+        (left, "pairs left out as inconsistent", False),
+        (len(view.excluded), "files or pairs excluded", len(view.excluded) > 0),
+    ]
+    if groups > 1:
+        facts.append((groups, "groups that are not surely joined", True))
+    items = [
+        f'<li class="{"warn" if warn else "plain"}"><strong>{value}</strong>{html.escape(words)}</li>'
+        for value, words, warn in facts
+    ]
+    notes = "".join(f"<li>{html.escape(note)}</li>" for note in view.notes)
+    return f'<ul class="facts">{"".join(items)}</ul>' + (f'<ul class="notes">{notes}</ul>' if notes else "")

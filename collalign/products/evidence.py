@@ -1,0 +1,248 @@
+"""What the report, the exports, the classification and the desktop viewer need of an aligned collection.
+
+A :class:`CollectionView` is a plain record. ``AlignedCollection`` makes one, :mod:`collalign.output.evidence.file`
+writes it into the result's folder and reads it back, and nothing else of the toolkit is needed to show or export a
+result.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.errors import InputError
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pose:
+    """One possible pose of a shape in the common frame.
+
+    Attributes
+    ----------
+    R : ndarray, shape (3, 3)
+        Takes the shape's coordinates, centred and scaled, to the common frame.
+    score : float
+        Log-odds against the present pose: 0 is a tie, negative is less plausible. NaN where unknown.
+    origin : str
+        What proposed it: ``"candidates"`` of the pairs, ``"half turn"``, ...
+    """
+
+    R: FloatArray
+    score: float = float("nan")
+    origin: str = "candidates"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PairPose:
+    """One pose that pairwise matching found for a pair.
+
+    Attributes
+    ----------
+    R_i_j : ndarray, shape (3, 3)
+        Takes shape j's coordinates to shape i's, both centred and scaled.
+    energy : float
+        Matching energy of this pose.
+    """
+
+    R_i_j: FloatArray
+    energy: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pair:
+    """What is known about one pair of shapes.
+
+    Attributes
+    ----------
+    i, j : int
+        Positions of the two shapes in the collection, ``i != j``.
+    energy : float
+        Of the pose found by pairwise matching; NaN where the pair failed.
+    lower_bound : float
+        No pose has a smaller energy; NaN where nothing was proven.
+    disagreement_deg : float
+        Angle between the pair's own best pose and the one of the collection; 180 where they disagree on handedness,
+        NaN where the pair failed.
+    mirrored : bool
+        Whether pair and collection disagree on handedness.
+    inlier : bool
+        Whether synchronization trusted this pair.
+    choice : int
+        The candidate that synchronization used, -1 for none.
+    chirality_proven : bool
+        Whether every pose of the other handedness is proven to be worse.
+    status : str
+        Advice in words, for failed pairs the reason.
+    candidates : tuple of PairPose
+        Distinct poses, best energy first; the first is the pair's own answer.
+    map_i_j : ndarray of int, shape (k,), or None
+        ``map_i_j[b]`` is the label on i of the sample with label b on j, -1 where unmatched; None stands for the
+        collection's own correspondence, in which equal labels match.
+    """
+
+    i: int
+    j: int
+    energy: float
+    lower_bound: float = float("nan")
+    disagreement_deg: float = float("nan")
+    mirrored: bool = False
+    inlier: bool = True
+    choice: int = 0
+    chirality_proven: bool = False
+    status: str = ""
+    candidates: tuple[PairPose, ...] = ()
+    map_i_j: IntArray | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CollectionView:
+    """An aligned collection, ready to be shown or exported.
+
+    Attributes
+    ----------
+    names : tuple of str
+        N names, unique.
+    files : tuple of str
+        Where each shape was read from.
+    transforms : ndarray, shape (N, 4, 4)
+        Take file coordinates to the common frame, scale and reflection included.
+    confidence : ndarray, shape (N,)
+        In [0, 1].
+    samples : ndarray, shape (N, k, 3)
+        Sample positions in *file* coordinates; row b of every shape carries the same label, NaN where a shape has no
+        sample of that label.
+    vertices, faces : tuple of ndarray
+        Display meshes in file coordinates, (v, 3) and (f, 3); no faces for a point cloud. May be decimated.
+    pairs : tuple of Pair
+    alternatives : tuple of tuple of Pose
+        Per shape, the other poses that its pairs allow; the present pose is not among them.
+    groups : ndarray of int, shape (N,)
+        Shapes of different groups are not aligned to each other.
+    labels : mapping of str to tuple of str
+        Column name to N values, ``""`` where unknown.
+    excluded : tuple of (file, reason)
+        What could not be aligned.
+    options, versions, timings_s : mapping
+        Of the run; JSON types only.
+    cycle_errors_deg : ndarray
+        Rotation angle left after going around cycles of three pairs.
+    notes : tuple of str
+        Warnings about the collection as a whole, one sentence each.
+    doubt_threshold : float
+        Shapes of smaller confidence are called doubtful.
+    """
+
+    names: tuple[str, ...]
+    files: tuple[str, ...]
+    transforms: FloatArray
+    confidence: FloatArray
+    samples: FloatArray
+    vertices: tuple[FloatArray, ...]
+    faces: tuple[IntArray, ...]
+    pairs: tuple[Pair, ...] = ()
+    alternatives: tuple[tuple[Pose, ...], ...] = ()
+    groups: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    excluded: tuple[tuple[str, str], ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    timings_s: Mapping[str, float] = field(default_factory=dict)
+    cycle_errors_deg: FloatArray = field(default_factory=lambda: np.zeros(0))
+    notes: tuple[str, ...] = ()
+    doubt_threshold: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Fill what may be left out and check that everything speaks of the same N shapes."""
+        num = len(self.names)
+        if not self.alternatives:
+            object.__setattr__(self, "alternatives", ((),) * num)
+        if not len(self.groups):
+            object.__setattr__(self, "groups", np.zeros(num, dtype=np.int64))
+        lengths: dict[str, int] = {
+            "files": len(self.files),
+            "transforms": len(self.transforms),
+            "confidence": len(self.confidence),
+            "samples": len(self.samples),
+            "vertices": len(self.vertices),
+            "faces": len(self.faces),
+            "alternatives": len(self.alternatives),
+            "groups": len(self.groups),
+        } | {f"label column {column}": len(values) for column, values in self.labels.items()}
+        for name, length in lengths.items():
+            if length != num:
+                raise InputError(f"{name}: {length} entries for {num} shapes")
+        if len(set(self.names)) != num:
+            raise InputError("names: two shapes of a collection carry the same name; rename one of the files")
+        if self.transforms.shape != (num, 4, 4) or self.samples.shape != (num, self.samples.shape[1], 3):
+            raise InputError(
+                f"transforms and samples: expected ({num}, 4, 4) and ({num}, k, 3), "
+                f"got {self.transforms.shape} and {self.samples.shape}"
+            )
+        if not np.isfinite(self.transforms).all() or (np.abs(np.linalg.det(self.transforms[:, :3, :3])) == 0).any():
+            raise InputError("transforms: singular, NaN or infinite")
+        for pair in self.pairs:
+            if not (0 <= pair.i < num and 0 <= pair.j < num and pair.i != pair.j):
+                raise InputError(f"pairs: ({pair.i}, {pair.j}) is not a pair of {num} shapes")
+
+    @property
+    def num_shapes(self) -> int:
+        """Number of aligned shapes N."""
+        return len(self.names)
+
+    @property
+    def scales(self) -> FloatArray:
+        """Factor of each transform, shape (N,): common-frame length per unit of the file."""
+        return np.cbrt(np.abs(np.linalg.det(self.transforms[:, :3, :3])))
+
+    @property
+    def rotations(self) -> FloatArray:
+        """Orthogonal part of each transform, shape (N, 3, 3)."""
+        return self.transforms[:, :3, :3] / self.scales[:, None, None]
+
+    @property
+    def reflected(self) -> BoolArray:
+        """Whether each transform mirrors its shape, shape (N,)."""
+        return np.linalg.det(self.transforms[:, :3, :3]) < 0
+
+    @property
+    def aligned_samples(self) -> FloatArray:
+        """Sample positions in the common frame, shape (N, k, 3); NaN where missing."""
+        return self.samples @ np.swapaxes(self.transforms[:, :3, :3], 1, 2) + self.transforms[:, None, :3, 3]
+
+    @property
+    def centroid_sizes(self) -> FloatArray:
+        """Square root of the summed squared distances of samples from their centroid, in file units, shape (N,)."""
+        centred = self.samples - np.nanmean(self.samples, axis=1, keepdims=True)
+        return np.sqrt(np.nansum(centred**2, axis=(1, 2)))
+
+    def index(self, name: str) -> int:
+        """Position of a shape.
+
+        Raises
+        ------
+        InputError
+            If no shape has that name.
+        """
+        if name not in self.names:
+            raise InputError(
+                f"{name}: no shape of this collection has this name; it has {', '.join(self.names[:5])}, ..."
+            )
+        return self.names.index(name)
+
+
+def json_types(value: Any) -> Any:
+    """Turn a value into JSON types: tuples into lists, numbers that are not finite into None."""
+    if isinstance(value, Mapping):
+        return {str(key): json_types(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_types(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return json_types(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)

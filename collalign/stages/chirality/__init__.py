@@ -1,0 +1,1 @@
+"""Whether a folder mixes left and right specimens."""

@@ -1,0 +1,164 @@
+"""Notices by itself whether a collection mixes left and right specimens (``group="auto"``).
+
+A pilot: some pairs of similar shapes are matched with mirror images, which costs little more than without and gives
+the best pose of either kind. Only where these few leave the suspicion of two sides, more pairs are. Shapes are
+mirrored on clear and consistent evidence only (:mod:`collalign.stages.chirality.sides`), because nearly bilateral
+shapes prefer mirror images at random. If the run goes on with mirror images, the pilot's pairs are among its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from collalign.engine.stage import ProgressFactory
+from collalign.engine.store.store import Store
+from collalign.options import AlignOptions, RunOptions
+from collalign.stages.chirality.sides import MIN_SHAPES, Sides, find_sides
+from collalign.stages.pairs.match import MatchedPair, match_pairs
+from collalign.stages.shapes import PreparedShapes
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.embedding.embedding import Samples
+from pairwise.dense.points import DensePoints
+from pairwise.dense.refine import refine_pose
+
+#: Nearest partners of each shape that the pilot compares, at first and where that leaves a suspicion.
+NUM_PARTNERS = (2, 6)
+#: Median preference, in pairs between the sides, that is worth a word though it does not suffice.
+_WORTH_A_WORD = 0.15
+#: Steps by which poses are refined on dense samples before they are compared.
+_DENSE_STEPS = 4
+#: Names in a note.
+_MOST_NAMES = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroupChoice:
+    """Whether a collection's shapes may be mirrored, and why.
+
+    Attributes
+    ----------
+    group : {"SO", "O"}
+    note : str
+        For the user, one sentence or two.
+    """
+
+    group: Literal["SO", "O"]
+    note: str
+
+
+def choose_group(
+    shapes: PreparedShapes,
+    samples: Sequence[Samples],
+    edges: IntArray,
+    descriptors: FloatArray,
+    options: AlignOptions,
+    run: RunOptions,
+    store: Store,
+    *,
+    progress: ProgressFactory | None = None,
+) -> GroupChoice:
+    """Decide whether shapes may be mirrored, from some pairs matched with mirror images.
+
+    Parameters
+    ----------
+    shapes : PreparedShapes
+    samples : sequence of Samples
+        Of these shapes.
+    edges : ndarray of int, shape (E, 2)
+        The pairs that the run will match.
+    descriptors : ndarray, shape (N, m)
+        Similar shapes have similar ones; mirror images have the same.
+    options, run, store, progress
+        As for :func:`collalign.stages.pairs.match.match_pairs`.
+    """
+    num = len(shapes.names)
+    both_kinds = replace(options, group="O")
+    compared: dict[tuple[int, int], tuple[float, float]] = {}
+    for num_partners in NUM_PARTNERS:
+        chosen = nearest_pairs(edges, descriptors, num_partners)
+        pairs, _ = match_pairs(shapes, chosen, both_kinds, run, store, progress=progress)
+        for pair in pairs:
+            if (pair.target, pair.source) not in compared:
+                compared[pair.target, pair.source] = chirality_energies(
+                    pair, samples[pair.target], samples[pair.source]
+                )
+        energies = np.array([compared[pair.target, pair.source] for pair in pairs])
+        sides = find_sides([(pair.target, pair.source) for pair in pairs], energies, num)
+        if num < MIN_SHAPES or not sides.are_suspected or sides.are_obvious:
+            break
+    num_better = int((energies[:, 1] < energies[:, 0]).sum())
+    return GroupChoice(group="O" if sides.are_clear else "SO", note=_note(sides, num_better, shapes.names))
+
+
+def nearest_pairs(edges: IntArray, descriptors: FloatArray, num_partners: int) -> IntArray:
+    """Return those of the pairs that join a shape to one of its nearest partners.
+
+    Parameters
+    ----------
+    edges : ndarray of int, shape (E, 2)
+    descriptors : ndarray, shape (N, m)
+    num_partners : int
+        Per shape, among those that it is paired with.
+    """
+    lengths = np.linalg.norm(descriptors[edges[:, 0]] - descriptors[edges[:, 1]], axis=1)
+    order = np.argsort(lengths, kind="stable")
+    taken = np.zeros(len(descriptors), dtype=np.int64)
+    kept = np.zeros(len(edges), dtype=np.bool_)
+    for e in order:
+        i, j = edges[e]
+        kept[e] = min(taken[i], taken[j]) < num_partners
+        taken[[i, j]] += 1
+    return edges[kept]
+
+
+def chirality_energies(pair: MatchedPair, target: Samples, source: Samples) -> tuple[float, float]:
+    """Return the least energy of a pair's poses of determinant +1, and of -1; NaN where there is none.
+
+    Where the shapes have dense samples, the best pose of either kind is refined and measured on these: the energies
+    of few samples are mostly due to where on the surfaces the samples happen to lie.
+
+    Parameters
+    ----------
+    pair : MatchedPair
+    target, source : Samples
+        The pair's shapes.
+    """
+    is_mirrored = np.linalg.det(pair.rotations[:, :3, :3]) < 0
+    best = [np.flatnonzero(is_mirrored == kind)[:1] for kind in (False, True)]
+    if min(len(target.dense_positions), len(source.dense_positions)) <= 1:
+        plain, mirrored = (float(pair.energies[pose].sum()) if len(pose) else np.nan for pose in best)
+        return plain, mirrored
+    to, of = (DensePoints.from_user(samples.dense_positions) for samples in (target, source))
+    plain, mirrored = (
+        refine_pose(to, of, pair.rotations[pose[0], :3, :3], max_iterations=_DENSE_STEPS).energy
+        if len(pose)
+        else np.nan
+        for pose in best
+    )
+    return plain, mirrored
+
+
+def _note(sides: Sides, num_better: int, names: tuple[str, ...]) -> str:
+    """Return what was decided and on which evidence."""
+    num_mirrored = int(sides.mirrored.sum())
+    listed = ", ".join([name for name, is_there in zip(names, sides.mirrored, strict=True) if is_there][:_MOST_NAMES])
+    listed += f" and {num_mirrored - _MOST_NAMES} more" if num_mirrored > _MOST_NAMES else ""
+    if sides.are_clear:
+        return (
+            f"Left and right specimens are mixed, {num_mirrored} of {len(names)} on the smaller side ({listed}): "
+            f"shapes may be mirrored. In {sides.num_between} pairs between the sides the mirror image fits better, "
+            f"by a median factor of {np.exp(sides.median_between):.2f} in energy; {sides.contradicted:.1%} of the "
+            f"evidence contradicts the sides (--group SO forbids mirror images)."
+        )
+    evidence = f"in {num_better} of {sides.num_pairs} pairs of similar shapes the mirror image fits better"
+    if not (sides.are_suspected and sides.median_between >= _WORTH_A_WORD):
+        return f"No shape is mirrored: no mix of left and right specimens was noticed ({evidence})."
+    why = "so few shapes cannot tell" if len(names) < MIN_SHAPES else "the evidence is not clear enough"
+    return (
+        f"No shape is mirrored, but {listed} may be mirror images of the others ({evidence}): {why}; if left and "
+        f"right specimens are mixed, align with --group O."
+    )

@@ -1,0 +1,1 @@
+"""From pairs that partly contradict each other to one pose per shape."""

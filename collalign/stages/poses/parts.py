@@ -1,0 +1,119 @@
+"""Splits a mixed folder into parts whose pairs agree, aligns each on its own, and turns the parts to each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from collalign.options import AlignOptions
+from collalign.stages.pairs.match import MatchedPair, candidate_arrays
+from collalign.stages.poses.agreement import agree, turned
+from collalign.synchronization import ClusteredSynchronization, SynchronizationResult, synchronize_clusters
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.embedding.embedding import Samples
+from data_tools.errors import CollectionError
+from data_tools.rotations import rotation_angle_deg
+from pairwise.problem.pattern import RotationPattern
+
+#: A pair between two parts agrees with their turn within this angle.
+AGREEMENT_DEG = 30.0
+
+
+def agree_in_parts(
+    samples: Sequence[Samples],
+    pairs: Sequence[MatchedPair],
+    options: AlignOptions,
+    *,
+    fixed: Mapping[int, FloatArray],
+    reference: int,
+) -> tuple[list[MatchedPair], SynchronizationResult]:
+    """Split the shapes, let the pairs of each part agree, and turn the parts.
+
+    Parameters
+    ----------
+    samples, pairs, options, fixed, reference
+        As for :func:`collalign.stages.poses.agreement.agree`; ``options.clusters`` is the number of parts, 0 to find it.
+        The part of the reference and parts with fixed shapes stay; the others are turned as most pairs between parts ask.
+
+    Returns
+    -------
+    pairs : list of MatchedPair
+        In the order given.
+    solution : SynchronizationResult
+        Of all shapes and pairs; its ``groups`` are the parts, or smaller.
+
+    Raises
+    ------
+    CollectionError
+        If no pair is left within a part.
+    """
+    edges, rotations, energies = candidate_arrays(pairs)
+    split = synchronize_clusters(
+        edges,
+        np.ascontiguousarray(rotations[..., :3, :3]),
+        energies=energies,
+        group=options.group,
+        num_shapes=len(samples),
+        num_clusters=options.clusters or None,
+    )
+    within = np.flatnonzero(split.labels[edges[:, 0]] == split.labels[edges[:, 1]])
+    if not len(within):
+        raise CollectionError(f"clusters: {len(split.parts)} parts leave every shape alone; ask for fewer")
+    agreed, solution = agree(samples, [pairs[e] for e in within.tolist()], options, fixed=fixed, reference=reference)
+    solution = turned(solution, _turns(split, solution.rotations, options.group, {reference, *fixed}))
+    merged = list(pairs)
+    for e, pair in zip(within.tolist(), agreed, strict=True):
+        merged[e] = pair
+    return merged, _with_all_pairs(solution, merged, within, split)
+
+
+def _turns(split: ClusteredSynchronization, rotations: FloatArray, group: str, still: set[int]) -> FloatArray:
+    """Return the turn of each shape that puts its part where the split has it, as seen from the parts that stay."""
+    pattern = RotationPattern.from_user(None, 3, group)
+    staying = np.isin(split.labels, split.labels[sorted(still)])
+    common = pattern.project((rotations[staying] @ split.rotations[staying].transpose(0, 2, 1)).sum(axis=0))
+    turns = np.tile(np.eye(3), (len(rotations), 1, 1))
+    for members in split.parts:
+        if not staying[members[0]]:
+            asked = common @ split.rotations[members] @ rotations[members].transpose(0, 2, 1)
+            turns[members] = pattern.project(asked.sum(axis=0))
+    return turns
+
+
+def _with_all_pairs(
+    solution: SynchronizationResult,
+    pairs: Sequence[MatchedPair],
+    within: IntArray,
+    split: ClusteredSynchronization,
+) -> SynchronizationResult:
+    """Return the solution with the pairs between parts beside those within, and with words about the split."""
+    frames = solution.rotations
+    choice = np.empty(len(pairs), dtype=np.int64)
+    misfit_deg = np.empty(len(pairs))
+    for e, pair in enumerate(pairs):
+        common = frames[pair.target].T @ frames[pair.source]
+        angles = [rotation_angle_deg(rotation, common) for rotation in pair.rotations[:, :3, :3]]
+        choice[e], misfit_deg[e] = np.argmin(angles), np.min(angles)
+    inlier, weights = misfit_deg <= AGREEMENT_DEG, np.zeros(len(pairs))
+    choice[within], inlier[within], weights[within] = (
+        solution.edge_choice,
+        solution.edge_inlier,
+        solution.edge_weights,
+    )
+    sizes = ", ".join(str(len(part)) for part in split.parts)
+    words = (
+        f"Split into {len(split.parts)} parts of {sizes} shapes: poses are comparable within each part; how the "
+        "parts are turned to each other is a vote of the pairs between them."
+    )
+    # The first sentence counts the parts as unconnected groups, unless one of them fell apart further.
+    own = solution.warnings[1:] if len(split.parts) == len(solution.components) > 1 else solution.warnings
+    return replace(
+        solution,
+        edge_choice=read_only(choice),
+        edge_inlier=read_only(inlier),
+        edge_weights=read_only(weights),
+        edge_inconsistency_rad=read_only(np.deg2rad(misfit_deg)),
+        warnings=(words, *own) if len(split.parts) > 1 else own,
+    )

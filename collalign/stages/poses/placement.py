@@ -1,0 +1,102 @@
+"""Common labels of the samples, and the transforms that follow from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from collalign.collection import PairEvidence
+from collalign.synchronization import superimpose, synchronize_maps
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.embedding.embedding import Samples
+
+
+def common_labels(samples: Sequence[Samples], pairs: Sequence[PairEvidence], rotations: FloatArray) -> IntArray:
+    """Label the samples of all shapes consistently, from the pairs' maps and the common poses.
+
+    Parameters
+    ----------
+    samples : sequence of Samples
+    pairs : sequence of PairEvidence
+        With their maps at the common poses.
+    rotations : ndarray, shape (N, 3, 3)
+        ``R_common_shape``.
+
+    Returns
+    -------
+    ndarray of int, shape (N, k)
+        Each row a permutation of 0, ..., k - 1.
+    """
+    posed = [np.hstack([x.positions @ r.T, x.invariants]) for x, r in zip(samples, rotations, strict=True)]
+    median = float(np.median([pair.energy for pair in pairs])) or 1.0
+    found = synchronize_maps(
+        {(pair.target, pair.source): pair.map_target_source for pair in pairs},
+        [len(points) for points in posed],
+        weights={(pair.target, pair.source): 1.0 / (1.0 + pair.energy / median) for pair in pairs},
+        positions=posed,
+    )
+    return np.stack(found.labels)
+
+
+def in_label_order(values: FloatArray, labels: IntArray) -> FloatArray:
+    """Return per-sample values (N, k, m) so that row b of every shape carries label b."""
+    return np.take_along_axis(values, np.argsort(labels, axis=1)[:, :, None], axis=1)
+
+
+def place_and_scale(
+    samples: Sequence[Samples],
+    rotations: FloatArray,
+    labels: IntArray,
+    scaling: str,
+    *,
+    placed: Mapping[int, FloatArray] | None = None,
+) -> FloatArray:
+    """Return each shape's transform to the common frame: generalised Procrustes at the common rotations.
+
+    Parameters
+    ----------
+    samples : sequence of Samples
+    rotations : ndarray, shape (N, 3, 3)
+    labels : ndarray of int, shape (N, k)
+    scaling : {"similarity", "rigid"}
+    placed : mapping of int to ndarray (4, 4), optional
+        Transforms that stay; the other shapes are fitted to the mean of these.
+
+    Returns
+    -------
+    ndarray, shape (N, 4, 4)
+        File coordinates to the common frame. Without placed shapes the samples' mean is centred; with similarities
+        the shapes' normalised sizes have a geometric mean of 1.
+    """
+    units = np.array([item.scale for item in samples])
+    if placed:
+        posed = np.stack([item.positions @ r.T for item, r in zip(samples, rotations, strict=True)])
+        factors, centre = _fit_to_placed(samples, in_label_order(posed, labels), labels, placed)
+        shifts = np.tile(centre, (len(samples), 1))
+    else:
+        clouds = [item.positions * (item.scale if scaling == "rigid" else 1.0) for item in samples]
+        common = superimpose(clouds, list(labels), rotations, with_scale=scaling == "similarity")
+        factors, shifts = common.scales, common.translations
+    if scaling == "rigid":
+        factors = units
+    transforms = np.tile(np.eye(4), (len(samples), 1, 1))
+    for i, item in enumerate(samples):
+        transforms[i, :3, :3] = factors[i] / item.scale * rotations[i]
+        transforms[i, :3, 3] = shifts[i] - transforms[i, :3, :3] @ item.offset
+    for i, transform in (placed or {}).items():
+        transforms[i] = transform
+    return transforms
+
+
+def _fit_to_placed(
+    samples: Sequence[Samples], posed: FloatArray, labels: IntArray, placed: Mapping[int, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the scales that fit every shape to the mean of the placed ones, and the centre of that mean."""
+    still = []
+    for i, transform in placed.items():
+        raw = samples[i].positions * samples[i].scale + samples[i].offset
+        still.append(in_label_order((raw @ transform[:3, :3].T + transform[:3, 3])[None], labels[i][None])[0])
+    mean = np.mean(still, axis=0)
+    centre = mean.mean(axis=0)
+    return ((posed * (mean - centre)).sum(axis=(1, 2)) / (posed**2).sum(axis=(1, 2))), centre

@@ -1,0 +1,105 @@
+"""Refines synchronized poses on dense samples: near pairs by closest points, then synchronization again.
+
+Matches of few samples are accurate to their spacing, and distant shapes pull each other off the true pose. So the
+discrete question (which pose) is settled on all pairs first, and then the pairs of similar shapes alone are refined
+on hundreds of points each and synchronized with weights that fall with the square of their energy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import networkx as nx
+import numpy as np
+
+from collalign.synchronization import synchronize
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.embedding.embedding import Samples
+from pairwise.dense.points import DensePoints
+from pairwise.dense.refine import refine_pose
+
+#: Pairs that each shape is refined with, beside a spanning tree.
+NUM_NEIGHBOURS = 8
+#: How often pairs are refined from the poses of the round before.
+NUM_ROUNDS = 2
+#: Weight of a pair is (energy / median energy) to the power of minus this.
+LOCALITY = 2.0
+
+
+def refine_rotations(
+    samples: Sequence[Samples],
+    rotations: FloatArray,
+    edges: IntArray,
+    energies: FloatArray,
+    *,
+    group: str,
+    fixed: Mapping[int, FloatArray],
+) -> FloatArray:
+    """Return ``R_common_shape`` refined on the shapes' dense samples, shape (N, 3, 3).
+
+    Parameters
+    ----------
+    samples : sequence of Samples
+        With dense samples.
+    rotations : ndarray, shape (N, 3, 3)
+        Synchronized poses.
+    edges : ndarray of int, shape (E, 2)
+        Pairs that agree with them.
+    energies : ndarray, shape (E,)
+        How well each pair matches at these poses.
+    group : {"SO", "O"}
+    fixed : mapping of int to ndarray (3, 3)
+        Poses that stay, at least one in each part that the edges connect.
+    """
+    local = local_pairs(len(samples), edges, energies)
+    points = [dense_points(item, invariants=False) for item in samples]
+    for _ in range(NUM_ROUNDS):
+        poses = [refine_pose(points[i], points[j], rotations[i].T @ rotations[j]) for i, j in local.tolist()]
+        found = np.array([pose.energy / points[i].radius ** 2 for pose, i in zip(poses, local[:, 0], strict=True)])
+        floor = max(float(np.median(found)), np.finfo(float).tiny)
+        solution = synchronize(
+            local,
+            np.stack([pose.R_target_source for pose in poses]),
+            energies=found,
+            weights=np.clip(found / floor, 0.1, 1e3) ** -LOCALITY,
+            group=group,
+            num_shapes=len(samples),
+            fixed=fixed,
+        )
+        rotations = solution.rotations
+    return rotations
+
+
+def local_pairs(num_shapes: int, edges: IntArray, energies: FloatArray, *, num: int = NUM_NEIGHBOURS) -> IntArray:
+    """Return the pairs of least energy of every shape, and a spanning forest of least energy.
+
+    Parameters
+    ----------
+    num_shapes : int
+    edges : ndarray of int, shape (E, 2)
+    energies : ndarray, shape (E,)
+    num : int
+        Pairs that each shape names.
+
+    Returns
+    -------
+    ndarray of int, shape (L, 2)
+        A choice of the edges, in their order; shapes that the edges connect stay connected.
+    """
+    graph = nx.Graph()
+    graph.add_nodes_from(range(num_shapes))
+    graph.add_weighted_edges_from((int(i), int(j), float(e)) for (i, j), e in zip(edges, energies, strict=True))
+    kept = {frozenset(pair) for pair in nx.minimum_spanning_edges(graph, data=False)}
+    for shape in graph:
+        nearest = sorted((data["weight"], other) for other, data in graph[shape].items())[:num]
+        kept |= {frozenset((shape, other)) for _, other in nearest}
+    return np.array([pair for pair in edges.tolist() if frozenset(pair) in kept]).reshape(-1, 2)
+
+
+def dense_points(samples: Samples, *, invariants: bool = True) -> DensePoints:
+    """Return a shape's dense samples for refinement, with normals where it has them."""
+    return DensePoints.from_user(
+        samples.dense_positions,
+        samples.dense_normals if len(samples.dense_normals) else None,
+        samples.dense_invariants if invariants else None,
+    )

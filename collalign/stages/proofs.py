@@ -1,0 +1,208 @@
+"""Proofs for the pairs that matter: those with rival poses, and those that synchronization rejects.
+
+Branch and bound over the rotations (:mod:`pairwise.branch_and_bound.prove`) either proves the best pose of a pair,
+or the pose that was overlooked comes to light, or the time ends and the bound says how far the proof came. What a
+proof finds within its time depends on the machine: runs with ``--certify`` are repeatable bit by bit only from their
+store.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from collalign.engine.jobs.run import SharedTable
+from collalign.engine.stage import ProgressFactory, run_stage
+from collalign.engine.store.keys import fingerprint
+from collalign.engine.store.records import Record
+from collalign.engine.store.store import Store
+from collalign.options import AlignOptions, RunOptions
+from collalign.stages.pairs.match import MatchedPair, pair_key, pair_problem
+from collalign.stages.shapes import PreparedShapes
+from collalign.stages.stored_types import proof_from_record, proof_to_record, samples_from_record
+from collalign.synchronization import SynchronizationResult
+from data_tools.arrays import BoolArray, FloatArray
+from pairwise.branch_and_bound.prove import prove
+from pairwise.results import Candidate
+from pairwise.status import Status
+
+#: Changes whenever the same pair would give another proof.
+PROOF_VERSION = "proof-1"
+#: A second pose within this factor of the best energy makes a pair worth proving.
+RIVAL_FACTOR = 1.25
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProofTask:
+    """What a worker needs to prove one pair's best pose."""
+
+    target_key: str
+    source_key: str
+    group: str
+    rotations: FloatArray
+    gap_tol: float
+    time_limit_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertificationReport:
+    """What was proven.
+
+    Attributes
+    ----------
+    num_wanted : int
+        Pairs worth proving.
+    num_tried : int
+        As many as the budget allowed.
+    num_proven : int
+        Pairs whose best pose is proven.
+    num_chiralities : int
+        Pairs whose mirror decision is proven.
+    num_improved : int
+        Pairs for which the proof found a better pose.
+    """
+
+    num_wanted: int
+    num_tried: int
+    num_proven: int
+    num_chiralities: int
+    num_improved: int
+
+    def __str__(self) -> str:
+        text = f"{self.num_proven} of {self.num_tried} pairs proven optimal"
+        if self.num_tried < self.num_wanted:
+            text += f" ({self.num_wanted} were worth proving, the budget ended)"
+        if self.num_chiralities:
+            text += f", {self.num_chiralities} mirror decisions proven"
+        return text + (f", {self.num_improved} better poses found." if self.num_improved else ".")
+
+
+def prove_pair(task: ProofTask, shared: SharedTable) -> Record:
+    """Prove the best pose of one pair as far as the time allows; runs inside a worker."""
+    target, source = (samples_from_record(shared[key], key) for key in (task.target_key, task.source_key))
+    problem = pair_problem(target, source, task.group)
+    known = [
+        Candidate(
+            R_target_source=rotation,
+            map_target_source=np.zeros(0, dtype=np.int64),
+            energy=float("nan"),
+            reflected=bool(np.linalg.det(rotation) < 0),
+            origin="pair",
+        )
+        for rotation in task.rotations
+    ]
+    return proof_to_record(prove(problem, known, tol=task.gap_tol, time_limit_s=task.time_limit_s))
+
+
+def certify_pairs(
+    shapes: PreparedShapes,
+    pairs: Sequence[MatchedPair],
+    solution: SynchronizationResult,
+    options: AlignOptions,
+    run: RunOptions,
+    store: Store,
+    *,
+    progress: ProgressFactory | None = None,
+) -> tuple[list[MatchedPair], CertificationReport]:
+    """Prove the pairs that matter, the least settled first, within ``options.certify_budget_s``.
+
+    Returns
+    -------
+    pairs : list of MatchedPair
+        With bounds and, where the proof found a better pose, with that pose first.
+    report : CertificationReport
+
+    Raises
+    ------
+    InputError
+        With ``options.strict``, at the first proof that fails.
+    """
+    wanted = worth_proving(pairs, solution.edge_inlier)
+    affordable = max(1, int(options.certify_budget_s * run.num_workers / options.certify_pair_s))
+    keys = {e: _proof_key(shapes, pairs[e], options) for e in wanted[:affordable]}
+    tasks = {key: (_names(shapes, pairs[e]), _task(shapes, pairs[e], options)) for e, key in keys.items()}
+    needed = {shapes.keys[end] for e in keys for end in (pairs[e].target, pairs[e].source)}
+    with SharedTable.create((key, store.require("shapes", key)) for key in sorted(needed)) as table:
+        run_stage(
+            "proofs",
+            prove_pair,
+            tasks,
+            store,
+            run,
+            time_limit_s=10 * options.certify_pair_s,
+            strict=options.strict,
+            shared=table,
+            progress=progress,
+        )
+    proven, tried = list(pairs), []
+    for e, key in keys.items():
+        record = store.get("proofs", key)
+        if record is not None:
+            proven[e] = with_proof(pairs[e], proof_from_record(record, _names(shapes, pairs[e])))
+            tried.append(e)
+    report = CertificationReport(
+        num_wanted=len(wanted),
+        num_tried=len(tried),
+        num_proven=sum(proven[e].status == Status.PROVEN_OPTIMAL.name for e in tried),
+        num_chiralities=sum(proven[e].chirality_proven for e in tried),
+        num_improved=sum(len(proven[e].energies) > len(pairs[e].energies) for e in tried),
+    )
+    return proven, report
+
+
+def worth_proving(pairs: Sequence[MatchedPair], inlier: BoolArray) -> list[int]:
+    """Return the pairs that are worth a proof: rejected ones first, then by how close the second pose comes.
+
+    Parameters
+    ----------
+    pairs : sequence of MatchedPair
+    inlier : ndarray of bool, shape (E,)
+        Whether synchronization trusts each pair.
+    """
+    tiny = np.finfo(float).tiny
+    rivals = np.array(
+        [pair.energies[1] / max(pair.energies[0], tiny) if len(pair.energies) > 1 else np.inf for pair in pairs]
+    )
+    order = np.lexsort((rivals, inlier))
+    return [int(e) for e in order if not inlier[e] or rivals[e] <= RIVAL_FACTOR]
+
+
+def with_proof(pair: MatchedPair, proof: Record) -> MatchedPair:
+    """Return the pair with the proof's bound, status and, where it is better, pose."""
+    pair = replace(
+        pair,
+        lower_bound=float(proof["lower_bound"]),
+        status=str(proof["status"]),
+        chirality_proven=bool(proof["chirality_proven"]),
+    )
+    if proof["energy"] >= pair.energies[0] * (1 - 1e-6):
+        return pair
+    return replace(
+        pair,
+        rotations=np.concatenate([proof["rotation"][None], pair.rotations]),
+        maps=np.concatenate([proof["map"][None], pair.maps]),
+        energies=np.concatenate([[proof["energy"]], pair.energies]),
+    )
+
+
+def _names(shapes: PreparedShapes, pair: MatchedPair) -> str:
+    return f"{shapes.names[pair.target]} - {shapes.names[pair.source]}"
+
+
+def _proof_key(shapes: PreparedShapes, pair: MatchedPair, options: AlignOptions) -> str:
+    settings = {"tol": options.matching.gap_tol, "time_limit_s": options.certify_pair_s}
+    key = pair_key(shapes.keys[pair.target], shapes.keys[pair.source], options)
+    return fingerprint(PROOF_VERSION, settings, key)
+
+
+def _task(shapes: PreparedShapes, pair: MatchedPair, options: AlignOptions) -> ProofTask:
+    return ProofTask(
+        target_key=shapes.keys[pair.target],
+        source_key=shapes.keys[pair.source],
+        group=options.group,
+        rotations=pair.rotations,
+        gap_tol=options.matching.gap_tol,
+        time_limit_s=options.certify_pair_s,
+    )

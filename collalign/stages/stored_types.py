@@ -1,0 +1,247 @@
+"""Preprocessed shapes and poses of pairs as records of the store, and back with every value checked.
+
+What a record says is used only after its shapes, index ranges, finiteness and orthogonality have been checked, so
+that a store made by somebody else can be wrong but not harmful. Names and timings are not part of a record: a shape's
+record depends on the file's content alone, and a repeated run gives the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from collalign.engine.store.records import Record
+from data_tools.arrays import (
+    FloatArray,
+    IntArray,
+    as_floats,
+    as_indices,
+    as_points,
+    as_rotations,
+    read_only,
+)
+from data_tools.embedding.embedding import Samples
+from data_tools.errors import InputError, SolveFailed, StoreError
+from pairwise.branch_and_bound.prove import Proof
+from pairwise.results import MatchResult
+from pairwise.status import Status
+
+_MAX_INDEX = 2**31
+
+
+def samples_to_record(samples: Samples) -> Record:
+    """Return a preprocessed shape as a record, without its name."""
+    return {
+        "vertex_indices": samples.vertex_indices,
+        "positions": samples.positions,
+        "coordinates": samples.coordinates,
+        "block_sizes": list(samples.block_sizes),
+        "invariants": samples.invariants,
+        "offset": samples.offset,
+        "scale": float(samples.scale),
+        "dense_indices": samples.dense_indices,
+        "dense_positions": samples.dense_positions,
+        "dense_normals": samples.dense_normals,
+        "dense_invariants": samples.dense_invariants,
+        "notes": list(samples.notes),
+    }
+
+
+def samples_from_record(record: Record, name: str) -> Samples:
+    """Check a record and return the preprocessed shape.
+
+    Parameters
+    ----------
+    record : dict
+        From :func:`samples_to_record`, or anything else.
+    name : str
+        The shape's name in the present collection; also names it in the message.
+
+    Raises
+    ------
+    StoreError
+        If a field is missing, of another shape, or impossible.
+    """
+    with _as_store_error(name):
+        positions = as_points(record["positions"], "positions", dim=3)
+        k = len(positions)
+        block_sizes = tuple(_positive(size, "block_sizes") for size in _listed(record["block_sizes"], "block_sizes"))
+        if block_sizes[:1] != (3,) or len(block_sizes) > 2:
+            raise InputError(f"block_sizes: expected (3,) or (3, m), got {block_sizes}")
+        dense_indices = _indices(record["dense_indices"], "dense_indices")
+        scale = _number(record["scale"], "scale")
+        if not 0 < scale < np.inf:
+            raise InputError(f"scale: expected a positive number, got {scale}")
+        invariants = _floats(record["invariants"], "invariants", (k, None))
+        return Samples(
+            name=name,
+            vertex_indices=_indices(record["vertex_indices"], "vertex_indices", num=k),
+            positions=read_only(positions),
+            coordinates=_floats(record["coordinates"], "coordinates", (k, sum(block_sizes))),
+            block_sizes=block_sizes,
+            invariants=invariants,
+            offset=_floats(record["offset"], "offset", (3,)),
+            scale=scale,
+            dense_indices=dense_indices,
+            dense_positions=_floats(record["dense_positions"], "dense_positions", (len(dense_indices), 3)),
+            dense_normals=_normals(record["dense_normals"], len(dense_indices)),
+            dense_invariants=_floats(
+                record["dense_invariants"], "dense_invariants", (len(dense_indices), invariants.shape[1])
+            ),
+            notes=tuple(_text(note, "notes") for note in _listed(record["notes"], "notes")),
+        )
+
+
+def poses_to_record(result: MatchResult) -> Record:
+    """Return the distinct poses of a match as a record, stacked along the first axis, the best one first.
+
+    Raises
+    ------
+    SolveFailed
+        If the match has no pose.
+    """
+    poses = result.candidates
+    if not poses:
+        raise SolveFailed(result.status.value, result)
+    dim, num_points = result.R_target_source.shape[-1], len(result.map_target_source)
+    rotations = np.array([pose.R_target_source for pose in poses], dtype=np.float64)
+    maps = np.array([pose.map_target_source for pose in poses], dtype=np.int32)
+    return {
+        "rotations": rotations.reshape(len(poses), dim, dim),
+        "maps": maps.reshape(len(poses), num_points),
+        "energies": np.array([pose.energy for pose in poses], dtype=np.float64),
+        "lower_bound": float(result.lower_bound),
+        "status": result.status.name,
+    }
+
+
+def poses_from_record(record: Record, name: str) -> Record:
+    """Check a record of a pair's poses and return its fields.
+
+    Parameters
+    ----------
+    record : dict
+        From :func:`poses_to_record`, or anything else.
+    name : str
+        Names the pair in the message.
+
+    Returns
+    -------
+    dict
+        ``rotations`` (m, d, d), ``maps`` (m, k) of int64 with -1 where unmatched, ``energies`` (m,), ``lower_bound``
+        (NaN where nothing is proven), ``status``; m >= 1.
+
+    Raises
+    ------
+    StoreError
+        If a field is missing, of another shape, or impossible.
+    """
+    with _as_store_error(name):
+        energies = _floats(record["energies"], "energies", (None,))
+        num_poses = len(energies)
+        rotations = as_rotations(_floats(record["rotations"], "rotations", (num_poses, None, None)), "rotations")
+        maps = as_indices(record["maps"], "maps", lower=-1, upper=_MAX_INDEX, shape=(num_poses, None))
+        if num_poses == 0:
+            raise InputError("holds no pose")
+        return {
+            "rotations": read_only(rotations),
+            "maps": read_only(maps),
+            "energies": energies,
+            "lower_bound": _number(record["lower_bound"], "lower_bound", allow_nan=True),
+            "status": _status(record["status"]).name,
+        }
+
+
+def proof_to_record(proof: Proof) -> Record:
+    """Return what branch and bound proved as a record."""
+    pose = proof.candidate
+    return {
+        "lower_bound": float(proof.lower_bound),
+        "status": proof.status.name,
+        "energy": float(pose.energy),
+        "rotation": np.array(pose.R_target_source, dtype=np.float64),
+        "map": np.array(pose.map_target_source, dtype=np.int32),
+        "chirality_proven": bool(proof.is_chirality_proven),
+    }
+
+
+def proof_from_record(record: Record, name: str) -> Record:
+    """Check a record of a proof and return its fields, as :func:`proof_to_record` names them.
+
+    Raises
+    ------
+    StoreError
+        If a field is missing, of another shape, or impossible.
+    """
+    with _as_store_error(name):
+        if not isinstance(record["chirality_proven"], bool):
+            raise InputError("chirality_proven: expected true or false")
+        return {
+            "lower_bound": _number(record["lower_bound"], "lower_bound"),
+            "status": _status(record["status"]).name,
+            "energy": _number(record["energy"], "energy"),
+            "rotation": read_only(as_rotations(record["rotation"], "rotation")),
+            "map": _indices(record["map"], "map"),
+            "chirality_proven": record["chirality_proven"],
+        }
+
+
+@contextmanager
+def _as_store_error(name: str) -> Iterator[None]:
+    """Report whatever is wrong with a record as damage of the store."""
+    try:
+        yield
+    except KeyError as error:
+        raise StoreError(f"stored record of {name}: {error} is missing") from None
+    except (InputError, TypeError, ValueError) as error:
+        raise StoreError(f"stored record of {name}: {error}") from None
+
+
+def _floats(value: Any, name: str, shape: tuple[int | None, ...]) -> FloatArray:
+    return read_only(as_floats(value, name, shape=shape))
+
+
+def _indices(value: Any, name: str, num: int | None = None) -> IntArray:
+    return read_only(as_indices(value, name, upper=_MAX_INDEX, shape=(num,)))
+
+
+def _normals(value: Any, num: int) -> FloatArray:
+    normals = _floats(value, "dense_normals", (None, 3))
+    if len(normals) not in (0, num):
+        raise InputError(f"dense_normals: expected none or {num}, got {len(normals)}")
+    return normals
+
+
+def _number(value: Any, name: str, *, allow_nan: bool = False) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{name}: expected a number, got {type(value).__name__}")
+    if not allow_nan and value != value:
+        raise InputError(f"{name}: is NaN")
+    return float(value)
+
+
+def _positive(value: Any, name: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 < value < _MAX_INDEX:
+        raise InputError(f"{name}: expected a positive integer, got {value!r}")
+    return value
+
+
+def _listed(value: Any, name: str) -> list[Any]:
+    if not isinstance(value, list):
+        raise InputError(f"{name}: expected a list, got {type(value).__name__}")
+    return value
+
+
+def _text(value: Any, name: str) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{name}: expected text, got {type(value).__name__}")
+    return value
+
+
+def _status(value: Any) -> Status:
+    if not isinstance(value, str) or value not in Status.__members__:
+        raise InputError(f"status: {value!r} is none")
+    return Status[value]

@@ -1,0 +1,1 @@
+"""How far synchronized poses can be trusted."""

@@ -1,0 +1,181 @@
+"""How far each pose can be trusted: beliefs about its turns, and whether other likely answers agree with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from collalign.synchronization.result import PoseAlternative
+from collalign.synchronization.solvers.blocks import Cut, symmetric_turns
+from collalign.synchronization.solvers.search import State
+from collalign.synchronization.solvers.turns import SAME_TURN
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+
+#: Differences of cost between answers count by this part: pairs are not as independent as the model says, and beliefs
+#: on a graph with loops repeat themselves. Set on simulations, so that of the shapes at .95 at least 95 % are right.
+EVIDENCE_PART = 0.5
+
+#: No confidence is stated beyond this: the model itself may be wrong.
+MOST_CONFIDENT = 0.999
+
+#: Evidence below this makes beliefs overconfident; confidences shrink, to half without evidence. Set on simulations.
+ENOUGH_SIGNAL = 2.0
+
+#: Doubted blocks of at least this share of the shapes (and three) are groups of their own.
+SMALLEST_PART = 0.05
+
+#: Alternatives reported per shape.
+MAX_ALTERNATIVES = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Doubts:
+    """What may be wrong about the poses of one connected group.
+
+    Attributes
+    ----------
+    confidence : ndarray, shape (N,)
+    alternatives : list of tuple of PoseAlternative
+        Per shape.
+    cuts : list of Cut
+        Weak blocks, doubted ones first.
+    groups : list of ndarray of int
+        Parts that the doubted blocks leave.
+    symmetries : list of ndarray (d, d)
+        Turns of the common frame that the pairs do not see.
+    signal : float
+        Strength of the pairs' evidence: below one no method can do better than chance (Kesten and Stigum 1966).
+    """
+
+    confidence: FloatArray
+    alternatives: list[tuple[PoseAlternative, ...]]
+    cuts: list[Cut]
+    groups: list[IntArray]
+    symmetries: list[FloatArray]
+    signal: float
+
+
+def assess(states: list[State], cuts: list[Cut], frames: FloatArray, free: BoolArray) -> Doubts:
+    """Return the doubts about an answer.
+
+    Parameters
+    ----------
+    states : list of State
+        What the starts led to, the answer first.
+    cuts : list of Cut
+        Weak blocks of the answer.
+    frames : ndarray, shape (N, d, d)
+        The reported frames: the answer's, refined.
+    free : ndarray of bool, shape (N,)
+        Shapes that are not fixed by hand; the others are certain.
+    """
+    best = states[0]
+    graph, common = best.model.graph, best.alternatives.common
+    signal = evidence_signal(best)
+    confidence = pose_confidence(states) * (0.5 + 0.5 * min(1.0, signal / ENOUGH_SIGNAL))
+    for cut in cuts:
+        votes = max(cut.votes_for + cut.votes_against, 1)
+        cap = 1.0 / (1.0 + np.exp(-cut.log_odds)) if not cut.structured else cut.votes_for / votes
+        if cut.doubted:
+            confidence[cut.members] = np.minimum(confidence[cut.members], cap)
+    confidence[~free] = 1.0
+    large = max(3.0, SMALLEST_PART * graph.num_shapes)
+    return Doubts(
+        confidence=confidence,
+        alternatives=pose_alternatives(best, frames),
+        cuts=cuts,
+        groups=_parts(graph.num_shapes, [cut.members for cut in cuts if cut.doubted and len(cut.members) >= large]),
+        symmetries=symmetric_turns(graph, best.turn_differences, common),
+        signal=signal,
+    )
+
+
+def doubt_sentences(doubts: Doubts) -> list[str]:
+    """Return the doubts that a user must know of, one sentence each."""
+    found = []
+    if doubts.signal < ENOUGH_SIGNAL:
+        found.append(
+            f"The pairs say too little to be sure of any pose (signal {doubts.signal:.1f}, at least "
+            f"{ENOUGH_SIGNAL:.0f} is needed): match more pairs."
+        )
+    if len(doubts.groups) > 1:
+        sizes = ", ".join(str(len(group)) for group in doubts.groups)
+        found.append(f"Blocks of shapes may be turned against each other: groups of {sizes} shapes are consistent.")
+    if doubts.symmetries:
+        found.append("The whole collection looks nearly the same turned: its poses are known up to that symmetry.")
+    return found
+
+
+def evidence_signal(state: State) -> float:
+    """Return the mean degree less one times the squared correlation between what a pair says and what is right.
+
+    With m alternatives of probabilities ``pi`` a pair's correlation is ``(m sum pi^2 - 1) / (m - 1)``: the second
+    eigenvalue, squared, of the channel that it is. The alternatives are its candidates, or the common turns.
+    """
+    model = state.model
+    graph = model.graph
+    chances = np.exp(model.log_prior)
+    if graph.candidates.shape[1] == 1:
+        rates = state.alternatives.rates
+        chances = np.concatenate([[max(1.0 - rates.sum(), 0.0)], rates])[None] / max(1.0, rates.sum())
+    size = (chances > 0).sum(axis=1)
+    power = np.where(size > 1, (size * (chances**2).sum(axis=1) - 1.0) / np.maximum(size - 1, 1), 1.0)
+    degree = 2.0 * graph.num_edges / graph.num_shapes
+    return float(np.mean(power) * max(degree - 1.0, 0.0))
+
+
+def pose_confidence(states: list[State]) -> FloatArray:
+    """Return the probability that each pose is right relative to its group, shape (N,).
+
+    The belief in the reported turn, times the share of the likely answers, by their costs, that agree with it.
+    """
+    best = states[0]
+    costs = np.array([state.cost for state in states])
+    share = np.exp(-EVIDENCE_PART * np.maximum(costs - costs[0], 0.0))
+    agree = np.array([agreement(best.frames, state.frames) for state in states])
+    supported = share @ agree / share.sum()
+    return np.minimum(best.beliefs[:, 0] * supported, MOST_CONFIDENT)
+
+
+def _parts(num_shapes: int, blocks: list[IntArray]) -> list[IntArray]:
+    """Return the classes of shapes that are in the same blocks, ordered by first member."""
+    inside = np.zeros((num_shapes, len(blocks)), dtype=bool)
+    for column, members in enumerate(blocks):
+        inside[members, column] = True
+    _, labels = np.unique(inside, axis=0, return_inverse=True)
+    parts = [np.flatnonzero(labels.ravel() == label) for label in range(labels.max() + 1)]
+    return sorted(parts, key=lambda part: int(part[0]))
+
+
+def agreement(frames: FloatArray, others: FloatArray) -> BoolArray:
+    """Return for each shape whether two answers agree, up to the one turn that most shapes agree about."""
+    turns = (np.swapaxes(frames, 1, 2) @ others).reshape(len(frames), -1)
+    apart = 2.0 * frames.shape[-1] - 2.0 * turns @ turns.T
+    close = apart <= SAME_TURN
+    return close[np.argmax(close.sum(axis=1))]
+
+
+def pose_alternatives(state: State, frames: FloatArray) -> list[tuple[PoseAlternative, ...]]:
+    """Return for each shape its most probable other poses with their log-odds.
+
+    Parameters
+    ----------
+    state : State
+    frames : ndarray, shape (N, d, d)
+        The reported frames, in the gauge of the report.
+    """
+    found = []
+    for shape, beliefs in enumerate(state.beliefs):
+        order = [a for a in np.argsort(-beliefs[1:], kind="stable") + 1 if state.alternatives.offered[shape, a]]
+        turns = state.alternatives.turns[shape]
+        found.append(
+            tuple(
+                PoseAlternative(
+                    rotation=(frames[shape] @ turns[a]).T,
+                    log_odds=float(np.log(max(beliefs[0], 1e-300)) - np.log(max(beliefs[a], 1e-300))),
+                )
+                for a in order[:MAX_ALTERNATIVES]
+            )
+        )
+    return found

@@ -1,0 +1,1 @@
+"""Maps and shapes of a whole collection: permutations, superimposition."""

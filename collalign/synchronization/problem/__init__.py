@@ -1,0 +1,1 @@
+"""The graph of pairs, its checks, its geometry, its noise model."""

@@ -1,0 +1,261 @@
+"""The graph of pairs: checked edges with their candidate rotations, its connected parts and its spanning trees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import networkx
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import coo_matrix, csr_matrix
+
+from collalign.synchronization.problem.checks import check_pattern, checked_edges, checked_energies
+from data_tools.arrays import BoolArray, FloatArray, IntArray, as_rotations, as_weights, read_only
+from data_tools.errors import InputError
+from pairwise.problem.pattern import PatternLike, RotationPattern
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PairGraph:
+    """Shapes joined by measured relative rotations, several candidates per pair. Build it with :meth:`from_user`.
+
+    Attributes
+    ----------
+    num_shapes : int
+        N.
+    edges : ndarray of int, shape (E, 2)
+        Shapes i, j of each pair; each unordered pair once, no loops.
+    candidates : ndarray, shape (E, m, d, d)
+        ``R_i_j``, taking j's coordinates to i's.
+    present : ndarray of bool, shape (E, m)
+        False where a pair has fewer than m candidates.
+    energies : ndarray, shape (E, m), or None
+        Energy of each candidate; meaningless where it is not present.
+    weights : ndarray, shape (E,)
+        How much the caller trusts each pair.
+    pattern : RotationPattern
+        Blocks of the rotations, and which of them have determinant +1.
+    held : ndarray of bool, shape (E,)
+        Edges that state a constraint and are never reweighted.
+    """
+
+    num_shapes: int
+    edges: IntArray
+    candidates: FloatArray
+    present: BoolArray
+    energies: FloatArray | None
+    weights: FloatArray
+    pattern: RotationPattern
+    held: BoolArray
+
+    @classmethod
+    def from_user(
+        cls,
+        edges: ArrayLike,
+        rotations: ArrayLike,
+        *,
+        energies: ArrayLike | None = None,
+        weights: ArrayLike | None = None,
+        group: str = "SO",
+        num_shapes: int | None = None,
+        rotation_pattern: PatternLike = None,
+    ) -> PairGraph:
+        """Check what the caller gave and build the graph.
+
+        Parameters
+        ----------
+        edges : array_like of int, shape (E, 2)
+        rotations : array_like, shape (E, d, d) or (E, m, d, d)
+        energies : array_like, shape (E,) or (E, m), optional
+            Not negative; ``inf`` marks a candidate that is not there.
+        weights : array_like, shape (E,), optional
+        group : {"SO", "O"}
+        num_shapes : int, optional
+            One more than the largest index in ``edges`` where it is not given.
+        rotation_pattern : optional
+            See :meth:`pairwise.problem.pattern.RotationPattern.from_user`.
+
+        Raises
+        ------
+        InputError
+            If indices are out of range, a pair joins a shape to itself or appears twice, a matrix is not in the
+            group, or shapes do not agree.
+        OptionsError
+            If the group or the pattern is impossible.
+        """
+        pairs = checked_edges(edges, num_shapes)
+        total = int(num_shapes) if num_shapes is not None else int(pairs.max(initial=-1)) + 1
+        if total < 1:
+            raise InputError("edges: there are no shapes; give num_shapes for a collection without pairs")
+        stack = np.asarray(rotations)
+        if stack.ndim not in (3, 4) or len(stack) != len(pairs) or (stack.ndim == 4 and stack.shape[1] == 0):
+            raise InputError(
+                f"rotations: expected shape ({len(pairs)}, d, d) or ({len(pairs)}, m, d, d), got {stack.shape}"
+            )
+        stack = stack[:, None] if stack.ndim == 3 else stack
+        costs, present = checked_energies(energies, stack.shape[:2])
+        stack = np.where(present[..., None, None], stack, np.eye(stack.shape[-1]))
+        pattern = RotationPattern.from_user(rotation_pattern, stack.shape[-1], group)
+        checked = as_rotations(stack, "rotations")
+        check_pattern(checked, "rotations", pattern)
+        return cls(
+            num_shapes=total,
+            edges=read_only(pairs),
+            candidates=read_only(checked),
+            present=read_only(present),
+            energies=costs if costs is None else read_only(costs),
+            weights=read_only(as_weights(weights, "weights", num=len(pairs))) if len(pairs) else np.ones(0),
+            pattern=pattern,
+            held=read_only(np.zeros(len(pairs), dtype=bool)),
+        )
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates d."""
+        return self.candidates.shape[-1]
+
+    @property
+    def num_edges(self) -> int:
+        """Number of pairs E."""
+        return len(self.edges)
+
+    @cached_property
+    def best_choice(self) -> IntArray:
+        """The candidate of lowest energy of each pair, shape (E,); the first present one without energies."""
+        if self.energies is None:
+            return np.argmax(self.present, axis=1)
+        return np.argmin(np.where(self.present, self.energies, np.inf), axis=1)
+
+    @cached_property
+    def is_complete(self) -> bool:
+        """Whether every two shapes form a pair and all pairs weigh the same."""
+        full = self.num_edges == self.num_shapes * (self.num_shapes - 1) // 2
+        return full and bool(np.ptp(self.weights) == 0 if self.num_edges else True)
+
+    def chosen(self, choice: IntArray) -> FloatArray:
+        """Return the chosen candidates, shape (E, d, d)."""
+        return self.candidates[np.arange(self.num_edges), choice]
+
+    def connected_groups(self) -> tuple[IntArray, ...]:
+        """Return the connected parts, each sorted, ordered by first member; pairs of zero weight join nothing."""
+        graph = networkx.Graph()
+        graph.add_nodes_from(range(self.num_shapes))
+        graph.add_edges_from(self.edges[self.weights > 0].tolist())
+        parts = [np.array(sorted(part), dtype=np.int64) for part in networkx.connected_components(graph)]
+        return tuple(sorted(parts, key=lambda part: int(part[0])))
+
+    def subgraph(self, members: IntArray) -> tuple[PairGraph, IntArray]:
+        """Return the graph of some shapes, renumbered, and the indices of the pairs it keeps."""
+        position = np.full(self.num_shapes, -1, dtype=np.int64)
+        position[members] = np.arange(len(members))
+        local = position[self.edges]
+        kept = np.flatnonzero((local >= 0).all(axis=1))
+        part = replace(
+            self,
+            num_shapes=len(members),
+            edges=local[kept],
+            candidates=self.candidates[kept],
+            present=self.present[kept],
+            energies=None if self.energies is None else self.energies[kept],
+            weights=self.weights[kept],
+            held=self.held[kept],
+        )
+        return part, kept
+
+    def with_constraints(self, fixed: Mapping[int, FloatArray]) -> PairGraph:
+        """Return the graph with held edges that state the relative rotations of the fixed shapes.
+
+        Parameters
+        ----------
+        fixed : mapping of int to ndarray (d, d)
+            ``R_common_i`` of each fixed shape. Held edges join the first of them to each other one; a measured pair
+            of the same shapes becomes the held edge, in its place, the others are appended.
+        """
+        shapes = sorted(fixed)
+        first = shapes[0] if shapes else 0
+        row = {frozenset(pair): e for e, pair in enumerate(self.edges.tolist())}
+        fresh = [(first, other) for other in shapes[1:] if frozenset((first, other)) not in row]
+        grown = self._with_empty_edges(np.array(fresh, dtype=np.int64).reshape(-1, 2))
+        candidates, present, held = grown.candidates.copy(), grown.present.copy(), grown.held.copy()
+        energies = None if grown.energies is None else grown.energies.copy()
+        for other in shapes[1:]:
+            pair = frozenset((first, other))
+            edge = row[pair] if pair in row else self.num_edges + fresh.index((first, other))
+            i, j = grown.edges[edge]
+            candidates[edge] = fixed[int(i)].T @ fixed[int(j)]
+            present[edge] = np.arange(present.shape[1]) == 0
+            held[edge] = True
+            if energies is not None:
+                energies[edge] = np.where(present[edge], 0.0, np.inf)
+        return replace(grown, candidates=candidates, present=present, energies=energies, held=held)
+
+    def _with_empty_edges(self, pairs: IntArray) -> PairGraph:
+        """Return the graph with edges appended whose candidates are not set yet."""
+        count, m = len(pairs), self.candidates.shape[1]
+        empty = np.zeros((count, m, self.dim, self.dim))
+        weight = float(self.weights.max(initial=0.0)) or 1.0
+        return replace(
+            self,
+            edges=np.concatenate([self.edges, pairs]),
+            candidates=np.concatenate([self.candidates, empty]),
+            present=np.concatenate([self.present, np.zeros((count, m), dtype=bool)]),
+            energies=None if self.energies is None else np.concatenate([self.energies, np.zeros((count, m))]),
+            weights=np.concatenate([self.weights, np.full(count, weight)]),
+            held=np.concatenate([self.held, np.zeros(count, dtype=bool)]),
+        )
+
+
+def block_matrix(graph: PairGraph, blocks: FloatArray, index: IntArray) -> csr_matrix:
+    """Return the symmetric block matrix of weighted rotations, shape (N b, N b), without its diagonal.
+
+    Parameters
+    ----------
+    graph : PairGraph
+    blocks : ndarray, shape (E, d, d)
+        The block at (i, j) of each pair; its transpose goes to (j, i).
+    index : ndarray of int, shape (b,)
+        Coordinates kept.
+    """
+    size, total = len(index), graph.num_shapes * len(index)
+    part = blocks[:, index[:, None], index]
+    within = np.arange(size)
+    rows = graph.edges[:, 0, None, None] * size + within[:, None]
+    cols = graph.edges[:, 1, None, None] * size + within
+    rows, cols = np.broadcast_arrays(rows, cols)
+    upper = coo_matrix((part.ravel(), (rows.ravel(), cols.ravel())), shape=(total, total))
+    return (upper + upper.T).tocsr()
+
+
+def tree_rotations(graph: PairGraph, rotations: FloatArray, costs: FloatArray) -> FloatArray:
+    """Return frames composed along the spanning tree of least cost, shape (N, d, d); the root is the identity.
+
+    Parameters
+    ----------
+    graph : PairGraph
+        Connected.
+    rotations : ndarray, shape (E, d, d)
+        The rotation of each pair.
+    costs : ndarray, shape (E,)
+        Minimum spanning tree (Kruskal) over these.
+    """
+    tree = networkx.Graph()
+    tree.add_nodes_from(range(graph.num_shapes))
+    used = np.flatnonzero(graph.weights > 0)
+    tree.add_weighted_edges_from((*graph.edges[e].tolist(), costs[e]) for e in used)
+    index = {(int(i), int(j)): e for e, (i, j) in enumerate(graph.edges)}
+    frames = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
+    minimal = networkx.minimum_spanning_tree(tree)
+    for parent, child in networkx.bfs_edges(minimal, 0):
+        edge = index.get((parent, child))
+        relative = rotations[edge] if edge is not None else rotations[index[child, parent]].T
+        frames[child] = frames[parent] @ relative
+    return frames
+
+
+def degrees(graph: PairGraph, weights: FloatArray) -> FloatArray:
+    """Return the sum of the weights at each shape, shape (N,)."""
+    ends = graph.edges.ravel()
+    total = np.bincount(ends, weights=np.repeat(weights, 2), minlength=graph.num_shapes)
+    return np.asarray(total, dtype=np.float64)

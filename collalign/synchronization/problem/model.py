@@ -1,0 +1,235 @@
+"""The probabilistic model of a pair: which candidate is right, how noisy it is, and how often none is right.
+
+A pair's likelihood at frames ``P`` is ``sum_k (1 - p_out) pi_k exp(-r_k^2 / (4 s_e^2)) + p_out u_e``, where ``r_k``
+is the Frobenius distance of candidate k to ``P_i P_j^T`` (``r^2 / 2`` is the squared angle, for small angles),
+``s_e`` the noise per axis and ``u_e`` the ratio of the uniform density on the group to the peak of the normal one.
+Everything in it is estimated from the pairs themselves: noise, share of outliers, what energies say of candidates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import gamma
+
+from collalign.synchronization.problem.geometry import relative
+from collalign.synchronization.problem.graph import PairGraph
+from data_tools.arrays import FloatArray, IntArray
+
+#: Prior noise per axis, radians, and the number of pairs that it counts for.
+PRIOR_NOISE_RAD, PRIOR_PAIRS = 0.1, 3.0
+
+#: Noise per axis is held between these, radians.
+NOISE_RANGE_RAD = (1e-5, 0.35)
+
+#: Prior share of pairs without any right candidate, and the number of pairs that it counts for.
+PRIOR_OUTLIERS, PRIOR_OUTLIER_PAIRS = 0.1, 4.0
+
+#: Prior log-odds of a pair's lowest energy against another candidate of median energy.
+PRIOR_LOG_ODDS = 1.5
+
+
+def group_volume(dim: int) -> float:
+    """Return the volume of SO(d) in the metric ``|log R|_F^2 / 2``: the product of the spheres S^1 ... S^(d-1)."""
+    sizes = np.arange(2, dim + 1)
+    return float(np.prod(2.0 * np.pi ** (sizes / 2.0) / gamma(sizes / 2.0)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EdgeModel:
+    """Parameters of the likelihood of a graph's pairs.
+
+    Attributes
+    ----------
+    graph : PairGraph
+    noise_rad : float
+        Standard deviation per axis of a right candidate in a pair of median energy.
+    noise_power : float
+        The noise grows with the pair's lowest energy to this power.
+    outliers : float
+        Share of pairs without a right candidate.
+    best_log_odds : float
+        How much more probable the candidate of lowest energy is than another one.
+    energy_slope : float
+        Log-odds lost per unit of ``log(energy / lowest energy)``, over its median.
+    """
+
+    graph: PairGraph
+    noise_rad: float = PRIOR_NOISE_RAD
+    noise_power: float = 0.0
+    outliers: float = PRIOR_OUTLIERS
+    best_log_odds: float = PRIOR_LOG_ODDS / 2
+    energy_slope: float = PRIOR_LOG_ODDS / 2
+
+    @cached_property
+    def log_prior(self) -> FloatArray:
+        """``log pi_k`` of each candidate, shape (E, m); minus infinity where it is not present."""
+        features = candidate_features(self.graph)
+        score = -self.best_log_odds * features[..., 0] - self.energy_slope * features[..., 1]
+        score = np.where(self.graph.present, score, -np.inf)
+        score -= score.max(axis=1, keepdims=True, initial=-1e300)
+        return score - np.log(np.exp(score).sum(axis=1, keepdims=True))
+
+    @cached_property
+    def variances(self) -> FloatArray:
+        """``s_e^2``, shape (E,), radians squared."""
+        scale = relative_energies(self.graph) ** (2.0 * self.noise_power)
+        return self.noise_rad**2 * scale / relative_weights(self.graph)
+
+    @cached_property
+    def log_uniform(self) -> FloatArray:
+        """``log (p_out u_e)``, shape (E,); minus infinity for held pairs."""
+        dof = self.graph.dim * (self.graph.dim - 1) / 2.0
+        normal = dof / 2.0 * np.log(2.0 * np.pi * self.variances)
+        density = np.minimum(normal - np.log(self._volume), -1.0)
+        return np.where(self.graph.held, -np.inf, np.log(self.outliers) + density)
+
+    @property
+    def _volume(self) -> float:
+        """Volume of the group: reflections double it."""
+        return group_volume(self.graph.dim) * (1.0 if self.graph.pattern.special_blocks else 2.0)
+
+    def with_noise(self, noise_rad: float) -> EdgeModel:
+        """Return the same model at another noise."""
+        return replace(self, noise_rad=noise_rad)
+
+    def log_terms(self, squared: FloatArray) -> FloatArray:
+        """Return the log of each candidate's term for squared distances (E, m, ...)."""
+        tail = (1,) * (squared.ndim - 2)
+        scale = 4.0 * self.variances.reshape(-1, 1, *tail)
+        return np.log1p(-self.outliers) + self.log_prior.reshape(*self.log_prior.shape, *tail) - squared / scale
+
+    def costs(self, squared: FloatArray) -> FloatArray:
+        """Return minus the log-likelihood of each pair for squared distances (E, m, ...), shape (E, ...)."""
+        terms = self.log_terms(squared)
+        floor = self.log_uniform.reshape(-1, *(1,) * (squared.ndim - 2))
+        top = np.maximum(terms.max(axis=1), floor)
+        return -top - np.log(np.exp(terms - top[:, None]).sum(axis=1) + np.exp(floor - top))
+
+    def responsibilities(self, squared: FloatArray) -> FloatArray:
+        """Return the probability that each candidate is the right one, shape (E, m), given squared distances."""
+        return np.exp(self.log_terms(squared) + self.costs(squared)[:, None])
+
+    def updated(self, squared: FloatArray) -> EdgeModel:
+        """Return the model re-estimated at the given squared distances (one expectation-maximisation step)."""
+        share = self.responsibilities(squared)
+        free = ~self.graph.held
+        right = share.sum(axis=1) * free
+        outliers = (free.sum() - right.sum() + PRIOR_OUTLIERS * PRIOR_OUTLIER_PAIRS) / (
+            free.sum() + PRIOR_OUTLIER_PAIRS
+        )
+        power = _fitted_power(self, share, squared)
+        noise = _fitted_noise(replace(self, noise_power=power), share, squared)
+        best, slope = _fitted_candidates(self, share)
+        return EdgeModel(
+            graph=self.graph,
+            noise_rad=noise,
+            noise_power=power,
+            outliers=float(np.clip(outliers, 1e-3, 0.9)),
+            best_log_odds=best,
+            energy_slope=slope,
+        )
+
+
+def squared_distances(graph: PairGraph, frames: FloatArray) -> FloatArray:
+    """Return ``|R_i_j - P_i P_j^T|_F^2`` of every candidate, shape (E, m)."""
+    size = graph.dim**2
+    expected = relative(frames, graph.edges).reshape(graph.num_edges, size, 1)
+    flat = graph.candidates.reshape(graph.num_edges, graph.candidates.shape[1], size)
+    inner = (flat @ expected)[:, :, 0]
+    return np.maximum(2.0 * graph.dim - 2.0 * inner, 0.0)
+
+
+def candidate_features(graph: PairGraph) -> FloatArray:
+    """Return for each candidate whether it is not the best, and its log-energy above the best, shape (E, m, 2).
+
+    The second is in units of its median over the collection.
+    """
+    features = np.zeros((*graph.present.shape, 2))
+    if graph.energies is None:
+        return features
+    features[..., 0] = np.arange(graph.present.shape[1]) != graph.best_choice[:, None]
+    energies = np.where(graph.present, graph.energies, np.nan)
+    floor = max(1e-12 * float(np.nanmax(energies, initial=0.0)), np.finfo(float).tiny)
+    lowest = np.nanmin(energies, axis=1, keepdims=True)
+    above = np.log(np.maximum(energies, floor) / np.maximum(lowest, floor))
+    rivals = graph.present & (features[..., 0] > 0)
+    typical = float(np.median(above[rivals])) if rivals.any() else 0.0
+    if typical > 0.0:
+        features[..., 1] = np.where(graph.present, above / typical, 0.0)
+    return features
+
+
+def relative_energies(graph: PairGraph) -> FloatArray:
+    """Return each pair's lowest energy over their median, shape (E,), within a factor of 100; else ones."""
+    if graph.energies is None or not (~graph.held).any():
+        return np.ones(graph.num_edges)
+    lowest = np.where(graph.present, graph.energies, np.inf).min(axis=1)
+    middle = float(np.median(lowest[~graph.held]))
+    if middle <= 0.0:
+        return np.ones(graph.num_edges)
+    return np.where(graph.held, 0.01, np.clip(lowest / middle, 0.01, 100.0))
+
+
+def relative_weights(graph: PairGraph) -> FloatArray:
+    """Return the caller's weights over their median, shape (E,); held pairs weigh a thousand times the heaviest."""
+    used = graph.weights[(graph.weights > 0) & ~graph.held]
+    if not len(used):
+        return np.ones(graph.num_edges)
+    scaled = np.maximum(graph.weights / np.median(used), 1e-9)
+    return np.where(graph.held, 1e3 * scaled[~graph.held].max(initial=1.0), scaled)
+
+
+def _fitted_noise(model: EdgeModel, share: FloatArray, squared: FloatArray) -> float:
+    """Return the noise per axis, degrees of freedom spent on the frames discounted, shrunk to the prior."""
+    graph = model.graph
+    dof = graph.dim * (graph.dim - 1) / 2.0
+    share = share * ~graph.held[:, None]
+    scaled = squared / 2.0 / (model.variances / model.noise_rad**2)[:, None]
+    spent = min(graph.num_shapes - 1, 0.8 * float(share.sum()))
+    total = float((share * scaled).sum()) + PRIOR_PAIRS * dof * PRIOR_NOISE_RAD**2
+    count = dof * (float(share.sum()) - spent) + PRIOR_PAIRS * dof
+    return float(np.clip(np.sqrt(total / count), *NOISE_RANGE_RAD))
+
+
+def _fitted_power(model: EdgeModel, share: FloatArray, squared: FloatArray) -> float:
+    """Return the power of the energy that the noise follows: regression of log distance on log energy."""
+    energy = np.log(relative_energies(model.graph))
+    right = share.sum(axis=1) * ~model.graph.held
+    if np.ptp(energy) < 0.1 or right.sum() < 10.0:
+        return 0.0
+    distance = (share * squared).sum(axis=1) / np.maximum(right, 1e-12)
+    height = 0.5 * np.log(np.maximum(distance, 1e-8))
+    centre, level = np.average(energy, weights=right), np.average(height, weights=right)
+    spread = float(right @ (energy - centre) ** 2)
+    slope = float(right @ ((energy - centre) * (height - level))) / (spread + 1.0)
+    return float(np.clip(slope, 0.0, 2.0))
+
+
+def _fitted_candidates(model: EdgeModel, share: FloatArray, rounds: int = 10) -> tuple[float, float]:
+    """Return what energies say about candidates: conditional logit by Newton, shrunk to the prior."""
+    features = candidate_features(model.graph)
+    if not features.any():
+        return model.best_log_odds, model.energy_slope
+    used = (model.graph.present.sum(axis=1) > 1) & ~model.graph.held
+    features, counts = features[used], share[used]
+    totals = counts.sum(axis=1)
+    value = np.array([model.best_log_odds, model.energy_slope])
+    prior, precision = np.array([PRIOR_LOG_ODDS / 2, PRIOR_LOG_ODDS / 2]), 1.0
+    for _ in range(rounds):
+        score = np.where(model.graph.present[used], -(features @ value), -np.inf)
+        chance = np.exp(score - score.max(axis=1, keepdims=True))
+        chance /= chance.sum(axis=1, keepdims=True)
+        mean = np.einsum("ek,ekf->ef", chance, features)
+        gradient = totals @ mean - np.einsum("ek,ekf->f", counts, features) - precision * (value - prior)
+        centred = features - mean[:, None]
+        hessian = np.einsum("e,ek,ekf,ekg->fg", totals, chance, centred, centred) + precision * np.eye(2)
+        value = np.clip(value + np.linalg.solve(hessian, gradient), 0.0, [6.0, 50.0])
+    return float(value[0]), float(value[1])
+
+
+def best_candidates(squared: FloatArray, model: EdgeModel) -> IntArray:
+    """Return the most probable candidate of each pair, shape (E,)."""
+    return np.argmax(model.log_terms(squared), axis=1)

@@ -1,0 +1,230 @@
+"""Blocks of shapes that could turn as one: the weakest cuts of a group, and what the pairs across them say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix, diags, identity
+
+from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization.solvers.spectral import leading_eigenvectors
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+
+#: A pair speaks for a side of a cut when its cost differs by more than this, nats.
+CLEAR_VOTE = 0.5
+
+#: A block is doubted when more than this share of the votes across the cut speak against it, and more than among all
+#: votes about the same turn, by ``SPIN_GLASS sqrt(N) + 1`` standard deviations. The best of all blocks of a random
+#: graph reaches .76 sqrt(N) (the ground state of the Sherrington-Kirkpatrick model), and is no evidence.
+DOUBTED_SHARE, SPIN_GLASS = 0.25, 0.76
+
+#: Or when the pairs across the cut prefer the reported pose by less than this, nats.
+DOUBTED_LOG_ODDS = 6.0
+
+#: A pair offers a turn when it costs less than this, nats. Half of the pairs must offer a turn of the collection.
+OFFERED_COST, OFFERED_SHARE = 4.0, 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cut:
+    """A block of shapes and the turn of the common frame by which it could be wrong.
+
+    Attributes
+    ----------
+    members : ndarray of int
+        The smaller side.
+    turn : ndarray, shape (d, d)
+        ``P_i T`` are the block's other poses.
+    log_odds : float
+        Cost of turning the block; negative if that is an improvement.
+    votes_for, votes_against : int
+        Pairs across the cut that clearly prefer the pose as it is, or turned.
+    structured : bool
+        Whether the pairs contradict the block in a way that chance does not explain.
+    doubted : bool
+        Structured, or of small log-odds.
+    """
+
+    members: IntArray
+    turn: FloatArray
+    log_odds: float
+    votes_for: int
+    votes_against: int
+    structured: bool
+    doubted: bool
+
+
+def turn_differences(costs: FloatArray, num_common: int) -> FloatArray:
+    """Return what turning one end of each pair by each common turn costs, shape (G, E).
+
+    Parameters
+    ----------
+    costs : ndarray, shape (E, L, L)
+        From :func:`turn_costs`; the common turns follow the identity.
+    num_common : int
+        G.
+    """
+    turned = slice(1, 1 + num_common)
+    single = (costs[:, turned, 0] + costs[:, 0, turned]) / 2.0 - costs[:, :1, 0]
+    return np.ascontiguousarray(single.T)
+
+
+def weak_cuts(graph: PairGraph, differences: FloatArray, common: FloatArray, held: BoolArray) -> list[Cut]:
+    """Return the weakest blocks of a group under each common turn, the doubted ones first.
+
+    Two blocks per turn: the one that the pairs contradict in the most structured way, and the one that is cheapest
+    to turn. Blocks hold at most half of the shapes, and none that may not turn; single shapes are left to their own
+    beliefs.
+
+    Parameters
+    ----------
+    graph : PairGraph
+        Connected.
+    differences : ndarray, shape (G, E)
+        From :func:`turn_differences`.
+    common : ndarray, shape (G, d, d)
+    held : ndarray of bool, shape (N,)
+        Shapes that may not turn.
+    """
+    cuts: list[Cut] = []
+    if graph.num_shapes < 4:
+        return cuts
+    for costs, turn in zip(differences, common, strict=True):
+        order = _slow_orders(graph.edges, costs, graph.num_shapes)
+        structured = _most_contradicted(graph, costs, order)
+        cheapest = _settled(graph.edges, costs, _sweep(graph.edges, costs, order), minimum=2)
+        cheapest = cheapest & _holds_together(graph.edges, costs, cheapest)
+        for block in (structured, cheapest):
+            side = _turned_side(block, held)
+            if side is not None and side.sum() > 1:
+                cuts.append(_judged(graph, costs, turn, side))
+    return sorted(cuts, key=lambda cut: (not cut.doubted, -len(cut.members) if cut.doubted else cut.log_odds))
+
+
+def symmetric_turns(graph: PairGraph, differences: FloatArray, common: FloatArray) -> list[FloatArray]:
+    """Return the common turns under which the whole collection looks the same to its pairs.
+
+    Most pairs offer such a turn, and those that prefer the pose as it is outnumber the others by no more than the
+    best choice of poses reaches where all preferences are random: ``1.08 sqrt(N)`` standard deviations, again by the
+    ground state of the Sherrington-Kirkpatrick model.
+    """
+    found = []
+    for costs, turn in zip(differences, common, strict=True):
+        offered = int((costs < OFFERED_COST).sum())
+        balance = int((costs > CLEAR_VOTE).sum()) - int((costs < -CLEAR_VOTE).sum())
+        chance = np.sqrt(2.0) * SPIN_GLASS * np.sqrt(graph.num_shapes * offered)
+        if offered >= OFFERED_SHARE * graph.num_edges and balance <= chance:
+            found.append(turn)
+    return found
+
+
+def _slow_orders(edges: IntArray, costs: FloatArray, num_shapes: int, count: int = 4) -> IntArray:
+    """Return the shapes' ranks along the slowest vectors of the signed Laplacian, shape (count, N)."""
+    left, right = edges.T
+    weights = coo_matrix((costs, (left, right)), shape=(num_shapes, num_shapes))
+    weights = (weights + weights.T).tocsr()
+    size = np.asarray(abs(weights).sum(axis=1)).ravel()
+    scale = 1.0 / np.sqrt(np.maximum(size, 1e-9 * max(size.max(initial=0.0), 1e-12)))
+    signed = np.asarray(weights.sum(axis=1)).ravel()
+    operator = diags(scale) @ (weights - diags(signed)) @ diags(scale) + identity(num_shapes, format="csr")
+    _, vectors = leading_eigenvectors(operator.tocsr(), min(count + 1, num_shapes))
+    return np.argsort(np.argsort(vectors * scale[:, None], axis=0, kind="stable"), axis=0, kind="stable").T
+
+
+def _prefix_sums(edges: IntArray, values: FloatArray, rank: IntArray) -> FloatArray:
+    """Return the sum of the values across each cut of the shapes of rank below 2, 3, ... N - 2."""
+    count = len(rank)
+    low, high = np.sort(rank[edges], axis=1).T
+    opened = np.bincount(low, weights=values, minlength=count)
+    closed = np.bincount(high, weights=values, minlength=count)
+    return np.cumsum(opened - closed)[1 : count - 2]
+
+
+def _sweep(edges: IntArray, costs: FloatArray, orders: IntArray) -> BoolArray:
+    """Return the block of least cost across the cut for the size of its smaller side."""
+    sizes = np.arange(2, orders.shape[1] - 1)
+    ratios = [_prefix_sums(edges, costs, rank) / np.minimum(sizes, orders.shape[1] - sizes) for rank in orders]
+    which, place = np.unravel_index(int(np.argmin(ratios)), (len(orders), len(sizes)))
+    return orders[which] < sizes[place]
+
+
+def _most_contradicted(graph: PairGraph, costs: FloatArray, orders: IntArray) -> BoolArray:
+    """Return the block across whose cut most pairs speak for the turn, beyond the rate within its sides.
+
+    The sweep's best cut starts a two-block stochastic block model: pairs contradict at one rate within the sides, at
+    another across; single shapes change sides while the likelihood grows.
+    """
+    against, clear = (costs < -CLEAR_VOTE).astype(float), (np.abs(costs) > CLEAR_VOTE).astype(float)
+    best, best_excess = orders[0] < 2, -np.inf
+    sizes = np.arange(2, orders.shape[1] - 1)
+    for rank in orders:
+        excess = _excess(
+            _prefix_sums(graph.edges, against, rank),
+            _prefix_sums(graph.edges, clear, rank),
+            against.sum(),
+            clear.sum(),
+        )
+        if excess.max() > best_excess:
+            best, best_excess = rank < sizes[int(np.argmax(excess))], float(excess.max())
+    cut = best[graph.edges[:, 0]] != best[graph.edges[:, 1]]
+    rates = [(against[s].sum() + 0.5) / (clear[s].sum() + 1.0) for s in (cut, ~cut)]
+    gain = np.where(against > 0, np.log(rates[0] / rates[1]), np.log((1.0 - rates[0]) / (1.0 - rates[1])))
+    return _settled(graph.edges, -gain * clear, best, minimum=1)
+
+
+def _excess(against: FloatArray, clear: FloatArray, all_against: float, all_clear: float) -> FloatArray:
+    """Return by how many standard deviations votes against exceed their rate among all votes."""
+    rate = (all_against + 0.5) / (all_clear + 1.0)
+    return (against - rate * clear) / np.sqrt(rate * (1.0 - rate) * np.maximum(clear, 1.0))
+
+
+def _settled(edges: IntArray, costs: FloatArray, block: BoolArray, *, minimum: int) -> BoolArray:
+    """Return the block after greedy single moves that lower the cut's cost, neither side ever below the minimum."""
+    count = len(block)
+    matrix = coo_matrix((costs, (edges[:, 0], edges[:, 1])), shape=(count, count))
+    matrix = (matrix + matrix.T).tocsr()
+    side = np.where(block, 1.0, -1.0)
+    field = matrix @ side
+    for _ in range(count):
+        sizes = np.where(side > 0, (side > 0).sum(), (side < 0).sum())
+        gain = np.where(sizes > minimum, -side * field, -np.inf)
+        moving = int(np.argmax(gain))
+        if gain[moving] <= 1e-9:
+            break
+        part = slice(matrix.indptr[moving], matrix.indptr[moving + 1])
+        field[matrix.indices[part]] -= 2.0 * side[moving] * matrix.data[part]
+        side[moving] *= -1.0
+    return side > 0
+
+
+def _holds_together(edges: IntArray, costs: FloatArray, block: BoolArray) -> bool:
+    """Whether the block is more than one weak shape with arbitrary company."""
+    alone = _settled(edges, costs, block, minimum=1)
+    return min(int(alone.sum()), int((~alone).sum())) > 1
+
+
+def _turned_side(block: BoolArray, held: BoolArray) -> BoolArray | None:
+    """Return the side that would turn: the smaller one, or the one without held shapes; None if both have some."""
+    side = block if block.sum() <= len(block) / 2 else ~block
+    if (side & held).any():
+        side = ~side
+    return None if (side & held).any() else side
+
+
+def _judged(graph: PairGraph, costs: FloatArray, turn: FloatArray, block: BoolArray) -> Cut:
+    across = block[graph.edges[:, 0]] != block[graph.edges[:, 1]]
+    against, clear = costs < -CLEAR_VOTE, np.abs(costs) > CLEAR_VOTE
+    votes, votes_against = int((clear & across).sum()), int((against & across).sum())
+    excess = float(_excess(np.array(float(votes_against)), np.array(float(votes)), against.sum(), clear.sum()))
+    structured = votes_against > DOUBTED_SHARE * votes and excess > SPIN_GLASS * np.sqrt(graph.num_shapes) + 1.0
+    log_odds = float(costs[across].sum())
+    return Cut(
+        members=np.flatnonzero(block),
+        turn=turn,
+        log_odds=log_odds,
+        votes_for=votes - votes_against,
+        votes_against=votes_against,
+        structured=bool(structured),
+        doubted=bool(structured or log_odds < DOUBTED_LOG_ODDS),
+    )

@@ -1,0 +1,295 @@
+"""The robust method as a whole: groups, blocks of coordinates, poses, doubts and the certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from collalign.synchronization.doubt.certificate import (
+    SynchronizationCertificate,
+    certify_frames,
+    combine_certificates,
+)
+from collalign.synchronization.doubt.confidence import Doubts, assess, doubt_sentences
+from collalign.synchronization.gauge import fix_gauge
+from collalign.synchronization.problem.geometry import angles_rad, relative, transposed
+from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization.problem.model import EdgeModel, best_candidates, squared_distances
+from collalign.synchronization.result import PoseAlternative, SynchronizationResult, WeakCut
+from collalign.synchronization.solvers.blocks import Cut
+from collalign.synchronization.solvers.least_squares import polish
+from collalign.synchronization.solvers.search import State, find_poses
+from collalign.synchronization.solvers.signs import ChiralityResult, synchronize_signs
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from pairwise.problem.pattern import RotationPattern
+from pairwise.status import Status
+
+#: Kinds of candidates are told apart by their residuals where there are this many of each.
+FEWEST_PAIRS = 10.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlockOutcome:
+    """Poses of one connected group in one block of coordinates.
+
+    Attributes
+    ----------
+    frames : ndarray, shape (N, b, b)
+    choice : ndarray of int, shape (E,)
+    weights : ndarray, shape (E,)
+        Final weights: probability that the chosen candidate is right over its variance, largest 1.
+    inlier : ndarray of bool, shape (E,)
+    states : list of State
+        What the starts led to, the answer first.
+    cuts : list of Cut
+        Weak blocks of the answer.
+    certificate : SynchronizationCertificate
+    """
+
+    frames: FloatArray
+    choice: IntArray
+    weights: FloatArray
+    inlier: BoolArray
+    states: list[State]
+    cuts: list[Cut]
+    certificate: SynchronizationCertificate
+
+
+def solve_block(graph: PairGraph, held: Mapping[int, FloatArray]) -> BlockOutcome:
+    """Find the poses of a connected group and bring them to a stationary point of the weighted least squares."""
+    states, cuts = find_poses(graph, held)
+    best = states[0]
+    squared = squared_distances(graph, best.frames)
+    choice = best_candidates(squared, best.model)
+    weights = refinement_weights(best.model, squared, choice)
+    free = np.ones(graph.num_shapes, dtype=bool)
+    free[list(held) or [0]] = False
+    frames = polish(best.frames, graph.edges, graph.chosen(choice), weights, free)
+    return BlockOutcome(
+        frames=frames,
+        choice=choice,
+        weights=weights,
+        inlier=best.model.responsibilities(squared_distances(graph, frames)).sum(axis=1) >= 0.5,
+        states=states,
+        cuts=cuts,
+        certificate=certify_frames(graph, graph.chosen(choice), weights, frames),
+    )
+
+
+def refinement_weights(model: EdgeModel, squared: FloatArray, choice: IntArray) -> FloatArray:
+    """Return the weights of the last least squares, shape (E,), largest 1.
+
+    The probability that the chosen candidate is right, over the square of its relative variance: by the pair's energy
+    as the model has it, and by how much farther from the answer candidates are that are not their pair's lowest.
+    The variance counts twice because it shows only half of the trouble: pairs of unlike shapes are also biased, in
+    ways that agree with each other and so leave no residuals.
+    """
+    graph = model.graph
+    rows = np.arange(graph.num_edges)
+    share = model.responsibilities(squared)[rows, choice]
+    apart = squared[rows, choice]
+    lowest = choice == graph.best_choice
+    variance = model.variances / model.noise_rad**2
+    if min(share[lowest].sum(), share[~lowest].sum()) >= FEWEST_PAIRS:
+        spread = [float(share[part] @ apart[part] / share[part].sum()) for part in (~lowest, lowest)]
+        variance = np.where(lowest, 1.0, np.clip(spread[0] / max(spread[1], 1e-12), 1.0, 10.0)) * variance
+    weights = share / variance**2
+    weights[graph.held] = 1e3 * weights[~graph.held].max(initial=1.0)
+    return np.maximum(weights / weights.max(), 1e-9)
+
+
+def restricted(graph: PairGraph, index: IntArray, choice: IntArray | None = None) -> PairGraph:
+    """Return the graph of one block of coordinates, of one chosen candidate per pair where a choice is given."""
+    special = any(start == index[0] and stop == index[-1] + 1 for start, stop in graph.pattern.special_blocks)
+    part = graph.candidates[:, :, index[:, None], index]
+    block = replace(
+        graph,
+        candidates=part,
+        pattern=RotationPattern.from_user(None, len(index), "SO" if special else "O"),
+    )
+    if choice is None:
+        return block
+    rows = np.arange(graph.num_edges)
+    energies = None if graph.energies is None else graph.energies[rows, choice][:, None]
+    return replace(
+        block, candidates=part[rows, choice][:, None], present=np.ones((len(rows), 1), dtype=bool), energies=energies
+    )
+
+
+def robust_synchronization(
+    graph: PairGraph, fixed: Mapping[int, FloatArray], reference: int
+) -> SynchronizationResult:
+    """Synchronize every connected group; the rotation block decides candidates, other blocks follow its choice.
+
+    Parameters
+    ----------
+    graph : PairGraph
+    fixed : mapping of int to ndarray (d, d)
+        ``R_common_i`` of shapes set by hand.
+    reference : int
+        Shape whose pose is the identity where no shape is fixed.
+    """
+    full = graph.with_constraints(fixed)
+    components = full.connected_groups()
+    draft = _Draft.empty(full)
+    for members in components:
+        part, kept = full.subgraph(members)
+        local = {int(np.searchsorted(members, i)): fixed[i].T for i in fixed if i in members}
+        if part.num_edges:
+            _solve_group(draft, part, members, kept, local)
+        else:
+            draft.groups.append(members)
+    poses = fix_gauge(transposed(draft.frames), components, reference=reference, fixed=fixed, pattern=graph.pattern)
+    return _result(graph, full, draft, poses, components)
+
+
+@dataclass(kw_only=True, eq=False)
+class _Draft:
+    """The result while it is filled group by group; frames and what is said about them have no common gauge yet."""
+
+    frames: FloatArray
+    choice: IntArray
+    weights: FloatArray
+    inlier: BoolArray
+    confidence: FloatArray
+    alternatives: list[tuple[PoseAlternative, ...]]
+    groups: list[IntArray] = field(default_factory=list)
+    cuts: list[WeakCut] = field(default_factory=list)
+    symmetries: list[tuple[int, FloatArray]] = field(default_factory=list)
+    noise: list[float] = field(default_factory=list)
+    certificates: list[SynchronizationCertificate] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    @classmethod
+    def empty(cls, graph: PairGraph) -> _Draft:
+        return cls(
+            frames=np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1)),
+            choice=graph.best_choice.copy(),
+            weights=np.zeros(graph.num_edges),
+            inlier=np.zeros(graph.num_edges, dtype=bool),
+            confidence=np.full(graph.num_shapes, np.nan),
+            alternatives=[()] * graph.num_shapes,
+        )
+
+
+def _solve_group(
+    draft: _Draft, part: PairGraph, members: IntArray, kept: IntArray, anchors: dict[int, FloatArray]
+) -> None:
+    """Solve one connected group: the rotation block with its doubts, then the other blocks by the same candidates."""
+    for number, index in enumerate(part.pattern.components):
+        block = restricted(part, index, draft.choice[kept] if number else None)
+        found = solve_block(block, {i: frame[index[:, None], index] for i, frame in anchors.items()})
+        draft.frames[np.ix_(members, index, index)] = found.frames
+        draft.certificates.append(found.certificate)
+        if number:
+            continue
+        draft.choice[kept], draft.weights[kept], draft.inlier[kept] = found.choice, found.weights, found.inlier
+        free = np.ones(len(members), dtype=bool)
+        free[list(anchors)] = False
+        _note_doubts(draft, assess(found.states, found.cuts, found.frames, free), members)
+        draft.noise.append(found.states[0].model.noise_rad)
+
+
+def _note_doubts(draft: _Draft, doubts: Doubts, members: IntArray) -> None:
+    """Write the doubts about a group's rotation block, in the group's own frame, into the draft."""
+    draft.confidence[members] = doubts.confidence
+    for shape, alternatives in zip(members, doubts.alternatives, strict=True):
+        draft.alternatives[shape] = alternatives
+    draft.groups.extend(members[group] for group in doubts.groups)
+    draft.symmetries.extend((int(members[0]), turn.T) for turn in doubts.symmetries)
+    draft.cuts.extend(
+        WeakCut(
+            members=members[cut.members],
+            rotation=cut.turn.T,
+            log_odds=cut.log_odds,
+            pairs_for=cut.votes_for,
+            pairs_against=cut.votes_against,
+            doubted=cut.doubted,
+        )
+        for cut in doubts.cuts
+    )
+    draft.warnings.extend(s for s in doubt_sentences(doubts) if s not in draft.warnings)
+
+
+def _result(
+    graph: PairGraph, full: PairGraph, draft: _Draft, poses: FloatArray, components: tuple[IntArray, ...]
+) -> SynchronizationResult:
+    """Bring what the draft says to the reported gauge."""
+    count, index = graph.num_edges, graph.pattern.components[0]
+    nearest = np.argmin(np.where(graph.present, squared_distances(graph, transposed(poses)), np.inf), axis=1)
+    choice = np.where(full.held[:count], nearest, draft.choice[:count])
+    misfit = angles_rad(transposed(graph.chosen(choice)) @ relative(transposed(poses), graph.edges))
+    gauge = (poses @ draft.frames)[:, index[:, None], index]
+    identity = np.eye(graph.dim)
+    cuts = [
+        replace(cut, rotation=_embedded(gauge[s] @ cut.rotation @ gauge[s].T, identity, index))
+        for cut in draft.cuts
+        for s in cut.members[:1]
+    ]
+    return SynchronizationResult(
+        rotations=read_only(poses),
+        confidence=read_only(draft.confidence),
+        edge_inlier=read_only(draft.inlier[:count]),
+        edge_choice=read_only(choice),
+        edge_inconsistency_rad=read_only(misfit),
+        edge_weights=read_only(draft.weights[:count]),
+        groups=tuple(sorted(draft.groups, key=lambda part: int(part[0]))),
+        components=components,
+        weak_cuts=tuple(cuts),
+        alternatives=_posed_alternatives(draft, poses, gauge, index),
+        reflected=read_only(reflected_shapes(poses, graph.pattern)),
+        chirality=signs_of_pairs(graph, graph.chosen(choice), draft.weights[:count]),
+        symmetries=tuple(
+            _embedded(gauge[shape] @ turn @ gauge[shape].T, identity, index) for shape, turn in draft.symmetries
+        ),
+        noise_rad=max(draft.noise, default=float("nan")),
+        certificate=combine_certificates(draft.certificates),
+        status=Status.CONVERGED,
+        warnings=(*connectivity_warnings(len(components)), *draft.warnings),
+    )
+
+
+def _posed_alternatives(
+    draft: _Draft, poses: FloatArray, gauge: FloatArray, index: IntArray
+) -> tuple[tuple[PoseAlternative, ...], ...]:
+    """Return the alternatives as full poses in the reported gauge."""
+    return tuple(
+        tuple(
+            PoseAlternative(rotation=_embedded(turn @ other.rotation, pose, index), log_odds=other.log_odds)
+            for other in others
+        )
+        for others, pose, turn in zip(draft.alternatives, poses, gauge, strict=True)
+    )
+
+
+def _embedded(block: FloatArray, around: FloatArray, index: IntArray) -> FloatArray:
+    """Return a copy of a (d, d) matrix with one diagonal block replaced, read-only."""
+    matrix = around.copy()
+    matrix[index[:, None], index] = block
+    return read_only(matrix)
+
+
+def reflected_shapes(poses: FloatArray, pattern: RotationPattern) -> BoolArray:
+    """Return which poses mirror the rotation block, the pattern's first component, shape (N,)."""
+    index = pattern.components[0]
+    return np.linalg.det(poses[:, index[:, None], index]) < 0
+
+
+def signs_of_pairs(graph: PairGraph, rotations: FloatArray, weights: FloatArray) -> ChiralityResult | None:
+    """Return what the determinants of the pairs' rotation block say; None where all must be +1."""
+    if graph.pattern.special_blocks or not graph.num_edges:
+        return None
+    index = graph.pattern.components[0]
+    signs = np.where(np.linalg.det(rotations[:, index[:, None], index]) < 0, -1.0, 1.0)
+    return synchronize_signs(
+        graph.edges, signs, weights=weights / max(float(weights.max()), 1e-300), num_shapes=graph.num_shapes
+    )
+
+
+def connectivity_warnings(num_components: int) -> tuple[str, ...]:
+    """Return the sentence that says that groups are not connected, where there are several."""
+    if num_components == 1:
+        return ()
+    return (f"The pairs leave {num_components} groups unconnected: poses are comparable within each group only.",)

@@ -1,0 +1,134 @@
+"""Weighted least squares on the group: Gauss-Newton steps whose normal equations are one scalar graph Laplacian."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.sparse import coo_matrix, csr_matrix, diags
+from scipy.sparse.linalg import splu
+
+from collalign.synchronization.problem.geometry import cayley
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+
+#: Up to this many shapes the Laplacian is factored densely.
+DENSE_SHAPES = 400
+
+#: Largest tangent step per axis, radians: beyond it the quadratic model means nothing.
+MAX_STEP_RAD = 0.7
+
+
+def gauss_newton_step(
+    frames: FloatArray,
+    edges: IntArray,
+    targets: FloatArray,
+    weights: FloatArray,
+    free: BoolArray,
+) -> tuple[FloatArray, float]:
+    """Move frames by one Gauss-Newton step of ``sum_e |P_i^T M_e P_j - w_e I|^2``, M_e the weighted measurement.
+
+    With ``P_i exp(A_i)`` the antisymmetric parts satisfy ``w_e (A_i - A_j) = skew(P_i^T M_e P_j)``: a Laplacian
+    system with d(d-1)/2 right-hand sides. Its fixed points are stationary points of the chordal objective.
+
+    Parameters
+    ----------
+    frames : ndarray, shape (N, d, d)
+    edges : ndarray of int, shape (E, 2)
+    targets : ndarray, shape (E, d, d)
+        ``M_e``: sums of measured rotations times their weights.
+    weights : ndarray, shape (E,)
+        Total weight of each pair.
+    free : ndarray of bool, shape (N,)
+        Shapes that may move; at least one may not.
+
+    Returns
+    -------
+    frames : ndarray, shape (N, d, d)
+    step : float
+        Largest tangent entry, radians.
+    """
+    left, right = edges.T
+    count, dim = len(frames), frames.shape[-1]
+    rows, cols = np.triu_indices(dim, 1)
+    aligned = np.swapaxes(frames[left], 1, 2) @ targets @ frames[right]
+    pull = (aligned - np.swapaxes(aligned, 1, 2))[:, rows, cols] / 2.0
+    force = np.stack(
+        [
+            np.bincount(left, weights=column, minlength=count) - np.bincount(right, weights=column, minlength=count)
+            for column in pull.T
+        ],
+        axis=1,
+    )
+    moves = np.zeros_like(force)
+    moves[free] = _solve_laplacian(edges, weights, count, free, force[free])
+    largest = float(np.abs(moves).max(initial=0.0))
+    moves *= min(1.0, MAX_STEP_RAD / max(largest, MAX_STEP_RAD))
+    skew = np.zeros((count, dim, dim))
+    skew[:, rows, cols], skew[:, cols, rows] = moves, -moves
+    return frames @ cayley(skew), largest
+
+
+def polish(
+    frames: FloatArray,
+    edges: IntArray,
+    rotations: FloatArray,
+    weights: FloatArray,
+    free: BoolArray,
+    *,
+    max_iterations: int = 50,
+    step_tol: float = 1e-11,
+) -> FloatArray:
+    """Return a stationary point of ``sum_e w_e |R_e - P_i P_j^T|_F^2`` near the given frames."""
+    targets = rotations * weights[:, None, None]
+    for _ in range(max_iterations):
+        frames, step = gauss_newton_step(frames, edges, targets, weights, free)
+        if step <= step_tol:
+            break
+    return frames
+
+
+def _solve_laplacian(
+    edges: IntArray, weights: FloatArray, count: int, free: BoolArray, force: FloatArray
+) -> FloatArray:
+    """Solve the weighted graph Laplacian of the free shapes: directly, or where it is large by conjugate gradients.
+
+    These are stopped at a thousandth (each step of Gauss-Newton starts anew), and replaced by a factorization where
+    they are slow, as on chains.
+    """
+    left, right = edges.T
+    degree = np.bincount(edges.ravel(), weights=np.repeat(weights, 2), minlength=count).astype(np.float64)
+    degree += 1e-12 * max(float(degree.max(initial=0.0)), np.finfo(float).tiny)
+    if count <= DENSE_SHAPES:
+        laplacian = np.zeros((count, count))
+        laplacian[left, right] = laplacian[right, left] = -weights
+        laplacian[np.arange(count), np.arange(count)] = degree
+        try:
+            return cho_solve(cho_factor(laplacian[np.ix_(free, free)], check_finite=False), force)
+        except LinAlgError:
+            return np.asarray(np.linalg.lstsq(laplacian[np.ix_(free, free)], force, rcond=None)[0], dtype=np.float64)
+    couplings = coo_matrix((weights, (left, right)), shape=(count, count))
+    sparse = (diags(degree) - couplings - couplings.T).tocsr()[free][:, free]
+    solution = _conjugate_gradients(sparse, degree[free], force)
+    return splu(sparse.tocsc()).solve(force) if solution is None else solution
+
+
+def _conjugate_gradients(
+    matrix: csr_matrix, diagonal: FloatArray, force: FloatArray, *, max_iterations: int = 60, rel_tol: float = 1e-3
+) -> FloatArray | None:
+    """Return the solution for all columns by Jacobi-preconditioned conjugate gradients; None if they are too slow."""
+    scale = 1.0 / diagonal[:, None]
+    solution, residual = np.zeros_like(force), force.copy()
+    direction = scale * residual
+    energy = (residual * direction).sum(axis=0)
+    goal = rel_tol**2 * np.maximum(energy, 1e-300)
+    for _ in range(max_iterations):
+        image = matrix @ direction
+        step = energy / np.maximum((direction * image).sum(axis=0), 1e-300)
+        solution += step * direction
+        residual -= step * image
+        preconditioned = scale * residual
+        fresh = (residual * preconditioned).sum(axis=0)
+        if (fresh <= goal).all():
+            return solution
+        direction = preconditioned + fresh / np.maximum(energy, 1e-300) * direction
+        energy = fresh
+    return None

@@ -1,0 +1,94 @@
+"""Outlier-resistant averaging: redescending reweighting (Geman-McClure) and expectation-maximisation of the model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization.problem.model import EdgeModel, squared_distances
+from collalign.synchronization.solvers.least_squares import gauss_newton_step
+from collalign.synchronization.solvers.spectral import spectral_frames
+from data_tools.arrays import BoolArray, FloatArray
+
+
+def reweighted_frames(
+    graph: PairGraph,
+    rotations: FloatArray,
+    weights: FloatArray,
+    frames: FloatArray,
+    free: BoolArray,
+    *,
+    max_iterations: int = 40,
+) -> FloatArray:
+    """Return iteratively reweighted least squares with Geman-McClure weights, one rotation per pair.
+
+    The weight ``(c^2 / (c^2 + r^2))^2`` redescends; c falls from the median distance to that of the good pairs
+    (graduated non-convexity; Yang et al. 2020).
+
+    Parameters
+    ----------
+    graph : PairGraph
+        Connected.
+    rotations : ndarray, shape (E, d, d)
+    weights : ndarray, shape (E,)
+        Prior weights.
+    frames : ndarray, shape (N, d, d)
+        Where to start.
+    free : ndarray of bool, shape (N,)
+    """
+    left, right = graph.edges.T
+    scale = np.inf
+    for _ in range(max_iterations):
+        squared = ((rotations - frames[left] @ np.swapaxes(frames[right], 1, 2)) ** 2).sum(axis=(1, 2))
+        target = max(2.0 * float(np.quantile(squared, 0.25)), 1e-6)
+        scale = target if not np.isfinite(scale) and target > 2.0 else max(target, 0.7 * min(scale, 2.0))
+        redescending = np.where(graph.held, 1.0, (scale / (scale + squared)) ** 2)
+        current = np.maximum(weights * redescending, 1e-9 * weights.max())
+        frames, step = gauss_newton_step(frames, graph.edges, rotations * current[:, None, None], current, free)
+        if step < 1e-3 and scale <= 1.01 * target:
+            break
+    return frames
+
+
+def maximise_likelihood(
+    model: EdgeModel,
+    frames: FloatArray,
+    free: BoolArray,
+    *,
+    estimate: bool = True,
+    max_iterations: int = 30,
+    step_tol: float = 1e-4,
+) -> tuple[EdgeModel, FloatArray]:
+    """Alternate the candidates' probabilities, the model's parameters and one Gauss-Newton step of the frames.
+
+    Parameters
+    ----------
+    model : EdgeModel
+    frames : ndarray, shape (N, d, d)
+    free : ndarray of bool, shape (N,)
+    estimate : bool
+        Whether the parameters are estimated as well.
+    max_iterations, step_tol
+        Stops when no frame moves by more, radians.
+    """
+    graph = model.graph
+    for _ in range(max_iterations):
+        squared = squared_distances(graph, frames)
+        if estimate:
+            model = model.updated(squared)
+        share = model.responsibilities(squared) / model.variances[:, None]
+        weights = share.sum(axis=1)
+        floor = 1e-7 * weights.max(initial=0.0)
+        targets = np.einsum("ek,ekab->eab", share, graph.candidates)
+        targets += floor * graph.candidates[:, 0]
+        frames, step = gauss_newton_step(frames, graph.edges, targets, weights + floor, free)
+        if step < step_tol:
+            break
+    return model, frames
+
+
+def weighted_start(model: EdgeModel) -> FloatArray:
+    """Return the normalised eigenprojection of the best candidates, weighted by the evidence of their energies."""
+    graph = model.graph
+    chance = np.exp(model.log_prior[np.arange(graph.num_edges), graph.best_choice])
+    return spectral_frames(graph, graph.chosen(graph.best_choice), chance / model.variances)

@@ -1,0 +1,185 @@
+"""Finding the poses of one connected group: several starts, discrete turns by beliefs, continuous refinement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from collalign.synchronization.problem.graph import PairGraph, degrees, tree_rotations
+from collalign.synchronization.problem.model import EdgeModel
+from collalign.synchronization.solvers.belief_propagation import propagate_beliefs
+from collalign.synchronization.solvers.blocks import Cut, turn_differences, weak_cuts
+from collalign.synchronization.solvers.robust import (
+    maximise_likelihood,
+    reweighted_frames,
+    weighted_start,
+)
+from collalign.synchronization.solvers.turns import TurnSet, aligned_candidates, propose_turns, turn_costs
+from data_tools.arrays import BoolArray, FloatArray
+
+#: Noise is this many times larger where turns are chosen, with one candidate per pair and with several: frames fitted
+#: to one choice of candidates fit their noise too, which would count as evidence for the choice.
+LABEL_NOISE_FACTORS = (2.0, 3.0)
+
+#: Rounds of choosing turns and refining, per start.
+MAX_ROUNDS = 4
+
+#: Starts from random poses, tried where the pairs leave shapes in doubt.
+RANDOM_STARTS = 4
+
+#: Most blocks of shapes turned at the end.
+MAX_BLOCK_MOVES = 5
+
+#: No further starts where fewer shapes than this are expected to be wrong.
+SETTLED_SHARE = 0.005
+
+#: Random starts are left out of graphs with more candidates than this.
+MAX_CANDIDATES = 60_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """Poses of a group with the model fitted to them.
+
+    Attributes
+    ----------
+    model : EdgeModel
+    frames : ndarray, shape (N, d, d)
+    beliefs : ndarray, shape (N, L)
+        Probability of each turn before the last refinement; turn 0 is the pose itself.
+    alternatives : TurnSet
+    turn_differences : ndarray, shape (G, E)
+        What turning one end of each pair by each common turn costs.
+    cost : float
+        Minus the log-likelihood of the pairs at the noise by which turns are chosen.
+    """
+
+    model: EdgeModel
+    frames: FloatArray
+    beliefs: FloatArray
+    alternatives: TurnSet
+    turn_differences: FloatArray
+    cost: float
+
+
+def find_poses(graph: PairGraph, held: Mapping[int, FloatArray]) -> tuple[list[State], list[Cut]]:
+    """Return the states that several starts lead to, the most likely one first, and the weak blocks of that one.
+
+    Parameters
+    ----------
+    graph : PairGraph
+        Connected, with at least one pair.
+    held : mapping of int to ndarray (d, d)
+        Frames that may not move; without any, the best connected shape holds the gauge.
+    """
+    anchors = dict(held) or {int(np.argmax(degrees(graph, graph.weights))): np.eye(graph.dim)}
+    free, pinned = np.ones(graph.num_shapes, dtype=bool), np.zeros(graph.num_shapes, dtype=bool)
+    free[list(anchors)], pinned[list(held)] = False, True
+    states: list[State] = []
+    for frames in _starts(graph, free):
+        states.append(improve(EdgeModel(graph=graph), _anchored(frames, anchors, graph), free))
+        best = min(states, key=lambda state: state.cost)
+        if 1.0 - best.beliefs[:, 0].mean() <= SETTLED_SHARE:
+            break
+    states.sort(key=lambda state: state.cost)
+    states[0], cuts = turn_blocks(states[0], free, pinned)
+    return states, cuts
+
+
+def turn_blocks(state: State, free: BoolArray, pinned: BoolArray) -> tuple[State, list[Cut]]:
+    """Return the state after turning whole blocks of shapes while that makes the pairs more likely, and its cuts.
+
+    Parameters
+    ----------
+    state : State
+    free : ndarray of bool, shape (N,)
+        Shapes that refinement moves; the others hold the gauge.
+    pinned : ndarray of bool, shape (N,)
+        Shapes that may not turn.
+    """
+    for remaining in range(MAX_BLOCK_MOVES, -1, -1):
+        cuts = weak_cuts(state.model.graph, state.turn_differences, state.alternatives.common, pinned)
+        cheapest = min(cuts, key=lambda cut: cut.log_odds, default=None)
+        if cheapest is None or cheapest.log_odds >= 0.0 or not remaining:
+            break
+        frames = state.frames.copy()
+        frames[cheapest.members] = frames[cheapest.members] @ cheapest.turn
+        moved = improve(state.model, frames, free)
+        if moved.cost >= state.cost - 1e-6:
+            break
+        state = moved
+    return state, cuts
+
+
+def improve(model: EdgeModel, frames: FloatArray, free: BoolArray) -> State:
+    """Alternate turns chosen by beliefs with refinement, from given frames, while the likelihood grows."""
+    model, frames = maximise_likelihood(model, frames, free, estimate=False)
+    state = _with_beliefs(model, frames, free)
+    for _ in range(MAX_ROUNDS):
+        shapes = np.arange(len(frames))
+        chosen = np.where(free, np.argmax(state.beliefs, axis=1), 0)
+        moved = state.frames @ state.alternatives.turns[shapes, chosen]
+        model, frames = maximise_likelihood(state.model, moved, free)
+        fresh = _with_beliefs(model, frames, free)
+        settled = not chosen.any()
+        if fresh.cost >= state.cost - 1e-6 and _ > 0:
+            break
+        state = fresh
+        if settled and not np.argmax(state.beliefs, axis=1).any():
+            break
+    return state
+
+
+def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray) -> State:
+    """Return the state with the beliefs about every shape's turns."""
+    graph = model.graph
+    aligned = aligned_candidates(graph, frames)
+    alternatives = propose_turns(model, aligned)
+    several = graph.candidates.shape[1] > 1
+    blurred = model.with_noise(LABEL_NOISE_FACTORS[several] * model.noise_rad)
+    costs = turn_costs(blurred, aligned, alternatives)
+    start = np.full((graph.num_shapes, costs.shape[2]), 0.1 / (costs.shape[2] - 1))
+    start[:, 0] = 0.9
+    beliefs = propagate_beliefs(graph.edges, costs, graph.num_shapes, start=start, clamped=np.flatnonzero(~free))
+    cost = float(costs[:, 0, 0].sum())
+    return State(
+        model=model,
+        frames=frames,
+        beliefs=beliefs,
+        alternatives=alternatives,
+        turn_differences=turn_differences(costs, len(alternatives.common)),
+        cost=cost,
+    )
+
+
+def _starts(graph: PairGraph, free: BoolArray) -> Iterator[FloatArray]:
+    """Yield frames to start from: reweighted averaging, weighted eigenprojection, best tree, random poses."""
+    model = EdgeModel(graph=graph)
+    rotations = graph.chosen(graph.best_choice)
+    spectral = weighted_start(model)
+    yield reweighted_frames(graph, rotations, 1.0 / model.variances, spectral, free)
+    yield spectral
+    yield tree_rotations(graph, rotations, _tree_costs(graph))
+    generator = np.random.default_rng(0)
+    for _ in range(RANDOM_STARTS if graph.present.sum() <= MAX_CANDIDATES else 0):
+        random = generator.standard_normal((graph.num_shapes, graph.dim, graph.dim))
+        yield graph.pattern.project(random)
+
+
+def _anchored(frames: FloatArray, held: Mapping[int, FloatArray], graph: PairGraph) -> FloatArray:
+    """Return the frames in the gauge of the held ones, which get exactly their values."""
+    turn = graph.pattern.project(sum(frames[i].T @ held[i] for i in held))
+    anchored = frames @ turn
+    for i, frame in held.items():
+        anchored[i] = frame
+    return anchored
+
+
+def _tree_costs(graph: PairGraph) -> FloatArray:
+    """Return the lowest energy of each pair over its weight; the held ones first."""
+    lowest = np.ones(graph.num_edges)
+    if graph.energies is not None:
+        lowest = np.where(graph.present, graph.energies, np.inf).min(axis=1)
+    return np.where(graph.held, -1.0, lowest / np.maximum(graph.weights, 1e-12))

@@ -1,0 +1,186 @@
+"""The paper's synchronization (appendix B): eigenprojection, then alternating assignments and rotations.
+
+Frames are ``R_i_common``, so that ``R_i_j = frame_i @ frame_j.T``; the public result transposes them. Coordinates
+that the pattern keeps apart are synchronized apart, as the paper does for mixed embeddings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import diags, identity
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+
+from collalign.synchronization.problem.graph import PairGraph, block_matrix, degrees
+from data_tools.arrays import FloatArray, IntArray, as_points, as_rotations
+from data_tools.errors import InputError
+from pairwise.problem.pattern import RotationPattern
+
+#: Up to this many rows LAPACK finds the leading eigenvectors, beyond it Lanczos does.
+DENSE_LIMIT = 400
+
+
+def spectral_frames(graph: PairGraph, rotations: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the eigenprojection of the pairs, shape (N, d, d).
+
+    The block matrix ``W`` has ``w_ij R_i_j`` off and, on a complete graph of equal weights, the identity on its
+    diagonal: there the frames are the blocks of the top d eigenvectors times the square roots of their eigenvalues,
+    projected onto the group (appendix B). Missing pairs are not zeros: on other graphs the eigenvectors are those of
+    ``D^-1/2 W D^-1/2``, D the degrees (connection Laplacian; Singer and Wu 2012), divided by ``D^1/2``.
+
+    Parameters
+    ----------
+    graph : PairGraph
+        Connected.
+    rotations : ndarray, shape (E, d, d)
+        One rotation per pair.
+    weights : ndarray, shape (E,)
+        Not negative, positive on a connected set of pairs.
+    """
+    frames = np.zeros((graph.num_shapes, graph.dim, graph.dim))
+    for index in graph.pattern.components:
+        frames[:, index[:, None], index] = _component_blocks(graph, rotations, weights, index)
+    return graph.pattern.project(_without_mirrored_gauge(frames, graph.pattern))
+
+
+def _component_blocks(graph: PairGraph, rotations: FloatArray, weights: FloatArray, index: IntArray) -> FloatArray:
+    """Return the unprojected frames of one block of coordinates, shape (N, b, b)."""
+    size = len(index)
+    matrix = block_matrix(graph, rotations * weights[:, None, None], index)
+    scale = np.ones(graph.num_shapes)
+    if graph.is_complete and (not graph.num_edges or np.ptp(weights) == 0):
+        matrix = matrix + (weights[0] if graph.num_edges else 1.0) * identity(matrix.shape[0], format="csr")
+    else:
+        scale = 1.0 / np.sqrt(np.maximum(degrees(graph, weights), np.finfo(float).tiny))
+        spread = diags(np.repeat(scale, size))
+        matrix = spread @ matrix @ spread
+    values, vectors = leading_eigenvectors(matrix, size)
+    scaled = vectors * np.sqrt(np.maximum(values, 0.0)) * np.sqrt(graph.num_shapes)
+    return scaled.reshape(graph.num_shapes, size, size) * (scale / scale.mean())[:, None, None]
+
+
+def leading_eigenvectors(matrix: LinearOperator, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return the largest eigenvalues, shape (count,), and their vectors (n, count), deterministically.
+
+    Lanczos starts from a fixed vector. Where it does not converge (long chains have tiny gaps) the matrix is
+    factored instead (shift and invert just above the spectrum of a normalised matrix).
+    """
+    total = matrix.shape[0]
+    if total <= max(DENSE_LIMIT, count + 2):
+        values, vectors = eigh(matrix.toarray(), subset_by_index=(total - count, total - 1))
+        return values, vectors
+    operator = matrix.toarray() if matrix.nnz > 0.2 * total * total else matrix
+    start = np.random.default_rng(0).standard_normal(total)
+    try:
+        values, vectors = eigsh(operator, k=count, which="LA", v0=start, ncv=max(20, 4 * count), maxiter=300)
+    except ArpackNoConvergence:
+        shift = 1.0 + 1e-6
+        values, vectors = eigsh(matrix.tocsc(), k=count, sigma=shift, which="LM", v0=start)
+    order = np.argsort(values, kind="stable")
+    return values[order], vectors[:, order]
+
+
+def _without_mirrored_gauge(frames: FloatArray, pattern: RotationPattern) -> FloatArray:
+    """Return the frames in the mirror image of their gauge where most blocks of determinant +1 came out as -1.
+
+    Eigenvectors are known up to one orthogonal matrix; the projection onto rotations needs it to be a rotation.
+    """
+    fixed = frames.copy()
+    for start, stop in pattern.special_blocks:
+        if np.sum(np.linalg.slogdet(frames[:, start:stop, start:stop])[0]) < 0:
+            fixed[:, :, start] *= -1.0
+    return fixed
+
+
+def alternate_assignments(
+    samples: Sequence[FloatArray],
+    rotations: FloatArray,
+    *,
+    pattern: RotationPattern | None = None,
+    max_rounds: int = 100,
+    rel_tol: float = 1e-6,
+) -> tuple[FloatArray, dict[tuple[int, int], IntArray], FloatArray]:
+    """Alternate exact assignments of all pairs with closed-form rotations of all shapes (appendix B).
+
+    Minimises ``sum_{i<j} |G_i x_i[map_i_j] - G_j x_j|^2`` over the rotations ``G_i = R_common_i`` and the maps.
+    Each step is exact, so the energy never rises: assignments by :func:`scipy.optimize.linear_sum_assignment`, then
+    one sweep of ``G_i = proj(sum_j G_j C_j_i)`` over the shapes, ``C_j_i`` the pair's cross-covariance.
+
+    Parameters
+    ----------
+    samples : sequence of ndarray, shape (k_i, d)
+        Centred samples of each shape.
+    rotations : ndarray, shape (N, d, d)
+        ``R_common_i`` to start from.
+    pattern : RotationPattern, optional
+        Full SO(d) by default.
+    max_rounds : int
+        Most alternations.
+    rel_tol : float
+        Stops when the energy falls by less than this part.
+
+    Returns
+    -------
+    rotations : ndarray, shape (N, d, d)
+    maps : dict of (i, j) to ndarray of int
+        ``map_i_j`` of every pair with ``k_i >= k_j``: the index on i of each sample of j.
+    energies : ndarray
+        After each round.
+
+    Raises
+    ------
+    InputError
+        If the shapes' numbers do not agree.
+    """
+    points = [as_points(x, f"samples[{i}]") for i, x in enumerate(samples)]
+    frames = as_rotations(rotations, "rotations")
+    if len(points) != len(frames) or {x.shape[1] for x in points} != {frames.shape[-1]}:
+        raise InputError(f"samples: {len(points)} shapes for rotations of shape {frames.shape}, or another dimension")
+    kept = pattern or RotationPattern.from_user(None, frames.shape[-1], "SO")
+    energies: list[float] = []
+    maps: dict[tuple[int, int], IntArray] = {}
+    for _ in range(max_rounds):
+        maps, energy = assign_all_pairs(points, frames)
+        energies.append(energy)
+        if len(energies) > 1 and energies[-2] - energy <= rel_tol * energies[-2]:
+            break
+        frames = _rotations_from_maps(points, frames, maps, kept)
+    return frames, maps, np.array(energies)
+
+
+def assign_all_pairs(
+    points: Sequence[FloatArray], frames: FloatArray
+) -> tuple[dict[tuple[int, int], IntArray], float]:
+    """Return the best assignment of every pair at the given ``R_common_i``, and the energy of all pairs."""
+    posed = [x @ g.T for x, g in zip(points, frames, strict=True)]
+    maps, energy = {}, 0.0
+    for first in range(len(posed)):
+        for second in range(first + 1, len(posed)):
+            i, j = (first, second) if len(posed[first]) >= len(posed[second]) else (second, first)
+            costs = (posed[j] ** 2).sum(1)[:, None] + (posed[i] ** 2).sum(1) - 2.0 * posed[j] @ posed[i].T
+            rows, cols = linear_sum_assignment(costs)
+            maps[i, j] = cols.astype(np.int64)
+            energy += float(costs[rows, cols].sum())
+    return maps, energy
+
+
+def _rotations_from_maps(
+    points: Sequence[FloatArray],
+    frames: FloatArray,
+    maps: dict[tuple[int, int], IntArray],
+    pattern: RotationPattern,
+) -> FloatArray:
+    """Return ``R_common_i`` after one sweep: each is the best one for its maps, the others held."""
+    covariances: list[list[tuple[int, FloatArray]]] = [[] for _ in points]
+    for (i, j), found in maps.items():
+        cross = points[i][found].T @ points[j]
+        covariances[i].append((j, cross.T))
+        covariances[j].append((i, cross))
+    updated = frames.copy()
+    for shape, terms in enumerate(covariances):
+        if terms:
+            updated[shape] = pattern.project(sum(updated[other] @ cross for other, cross in terms))
+    return updated

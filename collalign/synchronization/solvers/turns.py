@@ -1,0 +1,263 @@
+"""The discrete side of poses: for each shape, turns of the common frame that its pairs propose (flips, mostly)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization.problem.model import EdgeModel
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from pairwise.problem.pattern import RotationPattern
+
+#: Turns closer than this (squared Frobenius distance, 30 degrees) are one turn.
+SAME_TURN = 8.0 * np.sin(np.deg2rad(15.0)) ** 2
+
+#: A shape of which this share of the pairs is explained has no turns but the common ones.
+EXPLAINED_SHARE = 0.8
+
+#: Common turns by which fewer pairs than this are wrong are left out of their costs.
+RARE_FLIP = 0.003
+
+#: Cost of a turn that is not offered.
+FORBIDDEN = 1e4
+
+#: Proposals looked at per shape, and for the whole collection, at most.
+SHAPE_PROPOSALS, GLOBAL_PROPOSALS = 48, 400
+
+
+def aligned_candidates(graph: PairGraph, frames: FloatArray) -> FloatArray:
+    """Return ``P_i^T R_k P_j``, the identity for a consistent candidate, shape (E, m, d, d)."""
+    left, right = frames[graph.edges[:, 0]], frames[graph.edges[:, 1]]
+    return np.swapaxes(left, 1, 2)[:, None] @ graph.candidates @ right[:, None]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TurnSet:
+    """The discrete alternatives of every shape.
+
+    Attributes
+    ----------
+    turns : ndarray, shape (N, L, d, d)
+        Turns ``T`` of each shape, the identity first: ``P_i T`` are its candidate poses. Shapes with fewer than L
+        repeat the identity.
+    offered : ndarray of bool, shape (N, L)
+        False for the repetitions.
+    common : ndarray, shape (G, d, d)
+        Turns that many pairs propose, the same for all shapes; they follow the identity in ``turns``.
+    rates : ndarray, shape (G,)
+        Share of the pairs whose best candidate is wrong by that turn and that have no right one.
+    """
+
+    turns: FloatArray
+    offered: BoolArray
+    common: FloatArray
+    rates: FloatArray
+
+
+def propose_turns(model: EdgeModel, aligned: FloatArray, *, num_global: int = 3, num_turns: int = 6) -> TurnSet:
+    """Return turns ``T`` of each shape, the identity first, so that ``P_i T`` are its candidate poses.
+
+    The modes of all pairs' turns come first, because a block of shapes can turn as one only by a turn that all its
+    members have; then the modes of the shape's own pairs that are not among them.
+
+    Parameters
+    ----------
+    model : EdgeModel
+    aligned : ndarray, shape (E, m, d, d)
+        From :func:`aligned_candidates`.
+    num_global : int
+        Most turns taken from the whole collection.
+    num_turns : int
+        L, turns per shape.
+    """
+    graph = model.graph
+    common = global_turns(model, aligned, num_global)
+    turns = np.tile(np.eye(graph.dim), (graph.num_shapes, num_turns, 1, 1))
+    turns[:, 1 : 1 + len(common)] = common
+    offered = np.zeros(turns.shape[:2], dtype=bool)
+    offered[:, : 1 + len(common)] = True
+    right = model.responsibilities(((aligned - np.eye(graph.dim)) ** 2).sum(axis=(2, 3))).sum(axis=1)
+    flipped = _flipped_pairs(model, aligned, common, right)
+    _add_own_turns(model, aligned, turns, offered, 1 + len(common), right + flipped.sum(axis=1))
+    used = max(int(offered.sum(axis=1).max()), 2)
+    return TurnSet(
+        turns=turns[:, :used],
+        offered=offered[:, :used],
+        common=common,
+        rates=(flipped.sum(axis=0) + 0.1) / (graph.num_edges + 1.0),
+    )
+
+
+def _add_own_turns(
+    model: EdgeModel, aligned: FloatArray, turns: FloatArray, offered: BoolArray, known: int, explained: FloatArray
+) -> None:
+    """Write into ``turns`` the modes that the pairs of each shape propose besides its pose and the common turns.
+
+    Shapes whose pairs are nearly all explained by those have none.
+    """
+    graph = model.graph
+    owner, edge, side = _incidence(graph)
+    starts = np.searchsorted(owner, np.arange(graph.num_shapes + 1))
+    share = np.bincount(owner, weights=explained[edge], minlength=graph.num_shapes) / np.maximum(np.diff(starts), 1)
+    chance = np.exp(model.log_prior)
+    for shape in np.flatnonzero(share < EXPLAINED_SHARE):
+        part = slice(starts[shape], starts[shape + 1])
+        mine = aligned[edge[part]]
+        mine = np.where(side[part][:, None, None, None] == 0, mine, np.swapaxes(mine, 2, 3))
+        own = _modes(
+            mine.reshape(-1, graph.dim, graph.dim),
+            chance[edge[part]].ravel(),
+            4.0 * model.noise_rad**2,
+            turns.shape[1] - known,
+            turns[shape, :known],
+            graph.pattern,
+            SHAPE_PROPOSALS,
+        )
+        turns[shape, known : known + len(own)] = own
+        offered[shape, known : known + len(own)] = True
+
+
+def global_turns(model: EdgeModel, aligned: FloatArray, count: int) -> FloatArray:
+    """Return the most frequent turns over all pairs, in both directions, shape (at most count, d, d)."""
+    graph = model.graph
+    flat = aligned.reshape(-1, graph.dim, graph.dim)
+    chance = np.exp(model.log_prior).ravel()
+    far = ((flat - np.eye(graph.dim)) ** 2).sum(axis=(1, 2)) > SAME_TURN
+    far &= chance > 0
+    chosen = np.flatnonzero(far)
+    if len(chosen) > 4 * GLOBAL_PROPOSALS:
+        chosen = chosen[np.linspace(0, len(chosen) - 1, 4 * GLOBAL_PROPOSALS).astype(np.int64)]
+    both = np.concatenate([flat[chosen], np.swapaxes(flat[chosen], 1, 2)])
+    weights = np.tile(chance[chosen], 2)
+    known = np.eye(graph.dim)[None]
+    return _modes(both, weights, 8.0 * model.noise_rad**2, count, known, graph.pattern, GLOBAL_PROPOSALS)
+
+
+def _modes(
+    turns: FloatArray,
+    weights: FloatArray,
+    bandwidth: float,
+    count: int,
+    known: FloatArray,
+    pattern: RotationPattern,
+    num_proposals: int,
+) -> FloatArray:
+    """Return the strongest modes of weighted turns, none near a known one or another, shape (at most count, d, d).
+
+    Kernel density at the proposals (the heaviest, evenly thinned), greedy with suppression, then one mean-shift step.
+    """
+    dim = turns.shape[-1]
+    flat = turns.reshape(len(turns), dim * dim)
+    distance = 2.0 * dim - 2.0 * flat @ known.reshape(len(known), -1).T
+    proposals = np.flatnonzero((distance.min(axis=1, initial=np.inf) > SAME_TURN) & (weights > 0))
+    if len(proposals) > num_proposals:
+        proposals = proposals[np.linspace(0, len(proposals) - 1, num_proposals).astype(np.int64)]
+    kernel = np.exp(-(2.0 * dim - 2.0 * flat[proposals] @ flat.T) / (4.0 * bandwidth)) * weights
+    density = kernel.sum(axis=1)
+    found: list[FloatArray] = []
+    while len(found) < count and len(proposals) and density.max() > 0:
+        top = int(np.argmax(density))
+        mean = pattern.project((kernel[top] @ flat).reshape(dim, dim))
+        found.append(mean)
+        density[2.0 * dim - 2.0 * flat[proposals] @ mean.ravel() <= SAME_TURN] = 0.0
+        density[top] = 0.0
+    return np.array(found).reshape(-1, dim, dim)
+
+
+def _incidence(graph: PairGraph) -> tuple[IntArray, IntArray, IntArray]:
+    """Return shape, edge and side of every end of an edge, sorted by shape."""
+    owner = graph.edges.T.ravel()
+    edge = np.tile(np.arange(graph.num_edges), 2)
+    side = np.repeat([0, 1], graph.num_edges)
+    order = np.argsort(owner, kind="stable")
+    return owner[order], edge[order], side[order]
+
+
+def _flipped_pairs(model: EdgeModel, aligned: FloatArray, common: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the probability that each pair is wrong by each common turn, shape (E, G).
+
+    Parameters
+    ----------
+    model : EdgeModel
+    aligned : ndarray, shape (E, m, d, d)
+    common : ndarray, shape (G, d, d)
+    right : ndarray, shape (E,)
+        Probability that one of the pair's candidates is right.
+    """
+    graph = model.graph
+    if not len(common):
+        return np.zeros((graph.num_edges, 0))
+    best = aligned[np.arange(graph.num_edges), graph.best_choice].reshape(graph.num_edges, -1)
+    both = np.stack([common, np.swapaxes(common, 1, 2)]).reshape(2 * len(common), -1)
+    squared = (2.0 * graph.dim - 2.0 * best @ both.T).reshape(graph.num_edges, 2, len(common)).min(axis=1)
+    near = squared <= np.minimum(SAME_TURN, 36.0 * model.noise_rad**2)
+    wrong = np.maximum(1.0 - right, 0.0) * ~graph.held
+    return wrong[:, None] * near / np.maximum(near.sum(axis=1, keepdims=True), 1)
+
+
+def turn_costs(model: EdgeModel, aligned: FloatArray, alternatives: TurnSet) -> FloatArray:
+    """Return each pair's cost for every combination of its shapes' turns, shape (E, L, L).
+
+    A pair without a right candidate is not wrong in any way alike: where shapes are nearly symmetric it is wrong by
+    one of the common turns, at the estimated rates. Without these terms two pairs that are wrong in the same way
+    would count as proof of each other.
+
+    Parameters
+    ----------
+    model : EdgeModel
+    aligned : ndarray, shape (E, m, d, d)
+        From :func:`aligned_candidates`.
+    alternatives : TurnSet
+        A turn that is not offered costs ``FORBIDDEN`` at every pair.
+    """
+    graph = model.graph
+    first, second = graph.edges.T
+    costs = model.costs(_turned_distances(graph, aligned, alternatives))
+    best = aligned[np.arange(graph.num_edges), graph.best_choice][:, None]
+    for flip, rate in _directed_flips(alternatives):
+        apart = _turned_distances(graph, best, alternatives, flip=flip)[:, 0]
+        log_flip = np.log(rate) - apart / (4.0 * model.variances[:, None, None])
+        costs = -np.logaddexp(-costs, np.where(graph.held[:, None, None], -np.inf, log_flip))
+    left_out, right_out = ~alternatives.offered[first], ~alternatives.offered[second]
+    if not (left_out.any() or right_out.any()):
+        return costs
+    return np.where(left_out[:, :, None] | right_out[:, None], FORBIDDEN, costs)
+
+
+def _turned_distances(
+    graph: PairGraph, aligned: FloatArray, alternatives: TurnSet, *, flip: FloatArray | None = None
+) -> FloatArray:
+    """Return ``|T_a^T A T_b - F|^2`` for all turns a, b of a pair's shapes, shape (E, m, L, L); F is the identity.
+
+    ``tr F^T T_a^T A T_b`` is the inner product of A with ``T_a F T_b^T``: one product for all pairs where they share
+    their turns.
+    """
+    size, num = graph.dim**2, alternatives.turns.shape[1]
+    flat = aligned.reshape(*aligned.shape[:2], size)
+    if num == 1 + len(alternatives.common):
+        shared = alternatives.turns[0]
+        left = shared if flip is None else shared @ flip
+        inner = flat @ (left[:, None] @ np.swapaxes(shared, 1, 2)).reshape(num * num, size).T
+    else:
+        left = alternatives.turns if flip is None else alternatives.turns @ flip
+        turned = (
+            left[graph.edges[:, 0]][:, :, None] @ np.swapaxes(alternatives.turns, 2, 3)[graph.edges[:, 1]][:, None]
+        )
+        inner = flat @ np.swapaxes(turned.reshape(graph.num_edges, num * num, size), 1, 2)
+    squared = 2.0 * graph.dim - 2.0 * inner
+    return np.maximum(squared, 0.0, out=squared).reshape(*aligned.shape[:2], num, num)
+
+
+def _directed_flips(alternatives: TurnSet) -> list[tuple[FloatArray, float]]:
+    """Return the common turns that happen, and their inverses where these differ, with their rates."""
+    flips: list[tuple[FloatArray, float]] = []
+    for turn, rate in zip(alternatives.common, alternatives.rates, strict=True):
+        if rate < RARE_FLIP:
+            continue
+        if ((turn - turn.T) ** 2).sum() <= SAME_TURN:
+            flips.append((turn, float(rate)))
+        else:
+            flips += [(turn, rate / 2.0), (turn.T, rate / 2.0)]
+    return flips

@@ -1,0 +1,1 @@
+"""Public collections and generated ones."""

@@ -1,0 +1,1 @@
+"""Samples of a shape and the coordinates they carry."""

@@ -1,0 +1,216 @@
+"""From a shape to what is matched: samples, their normalised positions, spectral coordinates and invariants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.embedding.invariants import (
+    NUM_SPECTRUM,
+    heat_kernel_signature,
+    standardised,
+    wave_kernel_signature,
+)
+from data_tools.errors import InputError
+from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.surface.laplacian import Spectrum
+from data_tools.surface.normals import outward_normals
+from data_tools.surface.shape import Shape
+from data_tools.surface.working_surface import WorkingSurface
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Samples:
+    """A preprocessed shape: all that matching needs. Arrays are read-only.
+
+    Attributes
+    ----------
+    name : str
+        Of the shape.
+    vertex_indices : ndarray of int, shape (k,)
+        The samples, as vertices of the shape, in the order of farthest point sampling.
+    positions : ndarray, shape (k, 3)
+        ``(vertices[vertex_indices] - offset) / scale``; their mean is 0.
+    coordinates : ndarray, shape (k, d)
+        The positions, then the weighted Laplace-Beltrami block if there is one.
+    block_sizes : tuple of int
+        (3,) or (3, m): the diagonal blocks of R.
+    invariants : ndarray, shape (k, m)
+        Weighted; m may be 0. Their squared distance is what a match costs beside its position.
+    offset : ndarray, shape (3,)
+        Centroid of the samples, in units of the shape.
+    scale : float
+        Units of the shape per unit of ``positions``.
+    dense_indices : ndarray of int, shape (l,)
+        More samples, for refinement; l may be 0.
+    dense_positions : ndarray, shape (l, 3)
+        With the same offset and scale.
+    dense_normals : ndarray, shape (l, 3) or (0, 3)
+        Outward unit normals there; empty where the shape has no oriented surface.
+    dense_invariants : ndarray, shape (l, m)
+        As ``invariants``, relative to the dense positions.
+    notes : tuple of str
+        What a user should know: decimated, which operators.
+    """
+
+    name: str
+    vertex_indices: IntArray
+    positions: FloatArray
+    coordinates: FloatArray
+    block_sizes: tuple[int, ...]
+    invariants: FloatArray
+    offset: FloatArray
+    scale: float
+    dense_indices: IntArray
+    dense_positions: FloatArray
+    dense_normals: FloatArray
+    dense_invariants: FloatArray
+    notes: tuple[str, ...] = ()
+
+
+def sample_shape(
+    shape: Shape,
+    sampling: SamplingOptions | None = None,
+    embedding: EmbeddingOptions | None = None,
+    *,
+    surface: WorkingSurface | None = None,
+) -> Samples:
+    """Choose samples on a shape, normalise them and compute their coordinates.
+
+    Compare shapes sampled with the same options only: the unit of length depends on the number of samples.
+
+    Parameters
+    ----------
+    shape : Shape
+    sampling : SamplingOptions, optional
+    embedding : EmbeddingOptions, optional
+    surface : WorkingSurface, optional
+        Of this shape and of sampling options with the same limits of size, if there is one already: it keeps what
+        several samplings share.
+
+    Returns
+    -------
+    Samples
+
+    Raises
+    ------
+    InputError
+        If the shape has fewer points than samples, or no extent, or a surface too poor for the embedding.
+    """
+    sampling = SamplingOptions() if sampling is None else sampling
+    embedding = EmbeddingOptions() if embedding is None else embedding
+    surface = WorkingSurface(shape, sampling) if surface is None else surface
+    chosen = _choose_samples(surface, sampling)
+    indices = _distinct(surface.to_original[chosen], shape)
+    points = shape.vertices[indices]
+    offset = points.mean(axis=0)
+    scale = _unit_of_length(points - offset, surface, sampling)
+    positions = (points - offset) / scale
+    size = float(np.linalg.norm(positions))
+    eigen = _spectrum(surface, embedding)
+    coordinates, block_sizes = _coordinates(positions, size, eigen, chosen, embedding)
+    descriptors = _descriptors(surface, eigen, embedding)
+    dense_chosen = _choose_dense(surface, sampling)
+    dense = surface.to_original[dense_chosen]
+    dense_positions = (shape.vertices[dense] - offset) / scale
+    normals = outward_normals(shape)
+    return Samples(
+        name=shape.name,
+        vertex_indices=read_only(indices),
+        positions=read_only(positions),
+        coordinates=read_only(coordinates),
+        block_sizes=block_sizes,
+        invariants=read_only(_invariants(descriptors, chosen, positions)),
+        offset=read_only(offset),
+        scale=scale,
+        dense_indices=read_only(dense),
+        dense_positions=read_only(dense_positions),
+        dense_normals=read_only(normals[dense] if len(normals) else normals),
+        dense_invariants=read_only(_invariants(descriptors, dense_chosen, dense_positions)),
+        notes=shape.notes + surface.notes,
+    )
+
+
+def _choose_samples(surface: WorkingSurface, options: SamplingOptions) -> IntArray:
+    """Return the samples as vertices of the working surface."""
+    metric = options.metric
+    if metric == "auto":
+        metric = "geodesic" if surface.is_closed else "euclidean"
+    return surface.farthest_points(options.num_points, metric, seeded=options.seeds == "agd")
+
+
+def _distinct(indices: IntArray, shape: Shape) -> IntArray:
+    if len(np.unique(indices)) < len(indices):
+        raise InputError(f"{shape.file or shape.name}: too few distinct vertices for {len(indices)} samples")
+    return indices
+
+
+def _unit_of_length(centred: FloatArray, surface: WorkingSurface, options: SamplingOptions) -> float:
+    size = float(np.linalg.norm(centred))
+    if not size > 0:
+        raise InputError(f"{surface.shape.file or surface.shape.name}: all samples lie in one point")
+    if options.normalisation == "centroid":
+        return size
+    return surface.area**0.5 if options.normalisation == "area" else 1.0
+
+
+def _spectrum(surface: WorkingSurface, options: EmbeddingOptions) -> Spectrum | None:
+    needs_signatures = options.has_invariants and (options.hks_weight > 0 or options.wks_weight > 0)
+    num = max(
+        NUM_SPECTRUM if needs_signatures else 0, options.num_eigenfunctions if options.has_eigenfunctions else 0
+    )
+    if options.has_eigenfunctions and options.num_eigenfunctions > len(surface.shape.vertices) - 2:
+        raise InputError(f"{surface.shape.name}: too few vertices for {options.num_eigenfunctions} eigenfunctions")
+    return surface.eigenfunctions(num) if num else None
+
+
+def _coordinates(
+    positions: FloatArray, size: float, eigen: Spectrum | None, chosen: IntArray, options: EmbeddingOptions
+) -> tuple[FloatArray, tuple[int, ...]]:
+    """Return positions and weighted eigenfunctions / sqrt(lambda) (Rustamov 2007), with the block sizes."""
+    if eigen is None or not options.has_eigenfunctions:
+        return positions.copy(), (3,)
+    num = options.num_eigenfunctions
+    block = eigen.functions[chosen, :num] / np.sqrt(np.maximum(eigen.values[:num], 1e-6))
+    block *= size * options.lb_weight**0.5 / np.linalg.norm(block)
+    return np.ascontiguousarray(np.hstack([positions, block])), (3, num)
+
+
+def _descriptors(
+    surface: WorkingSurface, eigen: Spectrum | None, options: EmbeddingOptions
+) -> list[tuple[float, FloatArray]]:
+    """Return weights and values on the working surface, shapes (w, m), of the invariants that are asked for."""
+    found: list[tuple[float, FloatArray]] = []
+    if not options.has_invariants:
+        return found
+    if options.hks_weight > 0 and eigen is not None:
+        found.append((options.hks_weight, heat_kernel_signature(eigen)))
+    if options.wks_weight > 0 and eigen is not None:
+        found.append((options.wks_weight, wave_kernel_signature(eigen)))
+    if options.agd_weight > 0:
+        found.append((options.agd_weight, surface.agd[:, None]))
+    if options.boundary_weight > 0:
+        found.append((options.boundary_weight, surface.boundary_distance[:, None]))
+    factor = 1.0 if surface.is_closed else options.open_factor
+    return [(factor * weight, values) for weight, values in found]
+
+
+def _invariants(descriptors: list[tuple[float, FloatArray]], chosen: IntArray, positions: FloatArray) -> FloatArray:
+    """Return the invariants at the chosen vertices, weighted relative to their positions, shape (k, m)."""
+    if not len(chosen):
+        return np.empty((0, sum(values.shape[1] for _, values in descriptors)))
+    size = np.linalg.norm(positions - positions.mean(axis=0))
+    blocks = [size * weight**0.5 * standardised(values, chosen) for weight, values in descriptors]
+    return np.ascontiguousarray(np.hstack([np.empty((len(chosen), 0)), *blocks]))
+
+
+def _choose_dense(surface: WorkingSurface, options: SamplingOptions) -> IntArray:
+    """Return the dense samples as vertices of the working surface, no two of the same original vertex."""
+    num = min(options.num_dense_points, len(surface.shape.vertices))
+    if not num:
+        return np.empty(0, dtype=np.int64)
+    chosen = surface.farthest_points(num, "euclidean", seeded=False)
+    _, first = np.unique(surface.to_original[chosen], return_index=True)
+    return chosen[np.sort(first)]

@@ -1,0 +1,86 @@
+"""Farthest point sampling, in the ambient space or along the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_tools.arrays import FloatArray, IntArray, as_indices, read_only
+from data_tools.errors import InputError, OptionsError
+from data_tools.surface.geodesics import GeodesicSolver
+from data_tools.surface.shape import Shape
+
+
+def farthest_points(
+    shape: Shape,
+    num: int,
+    *,
+    metric: str = "geodesic",
+    seeds: ArrayLike | None = None,
+    solver: GeodesicSolver | None = None,
+) -> IntArray:
+    """Choose vertices one by one, each farthest from those chosen before (Gonzalez 1985; Eldar et al. 1997).
+
+    Parameters
+    ----------
+    shape : Shape
+    num : int
+        How many.
+    metric : {"geodesic", "euclidean"}
+        Distance along the surface, or through space.
+    seeds : array_like of int, optional
+        The first vertices, in order; by default the vertex farthest from the centroid.
+    solver : GeodesicSolver, optional
+        Of this shape, if there is one already.
+
+    Returns
+    -------
+    ndarray of int, shape (num,)
+        Distinct vertex indices in the order of choice: the first m of them are the m farthest points. Read-only.
+
+    Raises
+    ------
+    InputError
+        If the shape has fewer distinct points than ``num``.
+    OptionsError
+        If the metric is unknown.
+    """
+    if num > len(shape.vertices):
+        what = "vertices" if shape.is_mesh else "points"
+        raise InputError(f"{shape.file or shape.name}: {len(shape.vertices)} {what}, {num} samples were asked for")
+    distance_from: Callable[[int], FloatArray]
+    if metric == "geodesic":
+        distance_from = (solver or GeodesicSolver(shape)).from_vertex
+    elif metric == "euclidean":
+        distance_from = _euclidean(shape.vertices)
+    else:
+        raise OptionsError(f"metric: expected geodesic or euclidean, got {metric!r}")
+    if seeds is None:
+        first = np.array([central_extreme(shape.vertices)])
+    else:
+        first = as_indices(seeds, f"{shape.name}: seeds", upper=len(shape.vertices), shape=(None,))
+    return read_only(_choose(distance_from, first[:num], num, shape))
+
+
+def central_extreme(points: FloatArray) -> int:
+    """Return the index of the point farthest from the centroid."""
+    return int(np.argmax(((points - points.mean(axis=0)) ** 2).sum(axis=1)))
+
+
+def _euclidean(points: FloatArray) -> Callable[[int], FloatArray]:
+    return lambda index: np.sqrt(((points - points[index]) ** 2).sum(axis=1))
+
+
+def _choose(distance_from: Callable[[int], FloatArray], seeds: IntArray, num: int, shape: Shape) -> IntArray:
+    chosen = np.empty(num, dtype=np.int64)
+    nearest = np.full(len(shape.vertices), np.inf)
+    for step in range(num):
+        index = int(seeds[step]) if step < len(seeds) else int(np.argmax(nearest))
+        if nearest[index] <= 0:
+            raise InputError(f"{shape.file or shape.name}: only {step} distinct points, {num} samples were asked for")
+        chosen[step] = index
+        nearest = np.minimum(nearest, distance_from(index))
+        nearest[index] = 0.0
+    return chosen

@@ -1,0 +1,1 @@
+"""Files to shapes and landmarks, and back."""

@@ -1,0 +1,187 @@
+"""Landmarks and symmetry tables: 3D Slicer files, CSV, and the vertex lists of shape benchmarks."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.errors import CollalignError, InputError
+from data_tools.io.files import existing_file
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Landmarks:
+    """Named points of one shape.
+
+    Attributes
+    ----------
+    labels : tuple of str
+        One per landmark; "0", "1", ... where the file has none.
+    points : ndarray, shape (l, 3)
+        In the coordinates of the file; rows of NaN are missing landmarks. Read-only.
+    vertices : ndarray of int, shape (l,), or None
+        The mesh's vertex of each landmark, where the file names it. Read-only.
+    """
+
+    labels: tuple[str, ...]
+    points: FloatArray
+    vertices: IntArray | None = None
+
+
+def read_landmarks(path: Path | str) -> Landmarks:
+    """Read a landmark file by its suffix.
+
+    ``.mrk.json`` and ``.fcsv`` (3D Slicer; coordinates as they stand, whichever of LPS and RAS the file declares),
+    ``.csv`` (label, x, y, z or x, y, z; a header is allowed), ``.vts`` (vertex index, x, y, z: the SHREC07 points of
+    Kim, Lipman and Funkhouser 2011).
+
+    Raises
+    ------
+    InputError
+        If the file is missing, of another kind, or a value is no number; undefined positions become NaN.
+    """
+    path = existing_file(Path(path))
+    name = path.name.lower()
+    reader = next((r for suffix, r in _READERS.items() if name.endswith(suffix)), None)
+    if reader is None:
+        raise InputError(f"{path}: unknown landmark format; readable are {', '.join(_READERS)}")
+    try:
+        landmarks = reader(path)
+    except CollalignError:
+        raise
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError) as error:
+        raise InputError(f"{path}: not a readable landmark file ({type(error).__name__}: {error})") from error
+    if not len(landmarks.points) or np.isinf(landmarks.points).any():
+        raise InputError(f"{path}: {'infinite coordinates' if len(landmarks.points) else 'holds no landmarks'}")
+    return landmarks
+
+
+def read_vertex_indices(path: Path | str, *, num_vertices: int) -> IntArray:
+    """Read the first column of a table as vertex indices, shape (l,) (``.pid`` files).
+
+    Raises
+    ------
+    InputError
+        If an index is missing or out of range.
+    """
+    path = existing_file(Path(path))
+    words = [line.split() for line in _text(path).splitlines() if line.strip()]
+    if not words or not all(row[0].isdecimal() and int(row[0]) < num_vertices for row in words):
+        raise InputError(f"{path}: expected a vertex index below {num_vertices} first in each line")
+    return np.array([int(row[0]) for row in words], dtype=np.int64)
+
+
+def read_symmetry(path: Path | str, *, num_landmarks: int) -> IntArray:
+    """Read the mirror pairs of landmarks (``.sym.info``) as a permutation, shape (l,).
+
+    Each line holds the two indices of a pair, or one index of a landmark on the mirror plane; others map to
+    themselves.
+
+    Raises
+    ------
+    InputError
+        If a line holds anything else, or a landmark is in two pairs.
+    """
+    path = existing_file(Path(path))
+    partner = np.arange(num_landmarks)
+    seen: set[int] = set()
+    for number, line in enumerate(_text(path).splitlines(), start=1):
+        words = line.split()
+        if not words:
+            continue
+        if len(words) > 2 or not all(w.isdecimal() and int(w) < num_landmarks for w in words):
+            raise InputError(f"{path}: line {number}: expected one or two landmarks below {num_landmarks}")
+        pair = [int(w) for w in words]
+        if seen & set(pair):
+            raise InputError(f"{path}: line {number}: landmark {pair} is in two orbits")
+        seen |= set(pair)
+        partner[pair] = pair[::-1]
+    return partner
+
+
+def read_side_labels(path: Path | str, *, num_vertices: int) -> IntArray:
+    """Read one integer per vertex, such as the side of the body (``.sym.labels``), shape (v,).
+
+    Raises
+    ------
+    InputError
+        If there are not exactly so many integers.
+    """
+    path = existing_file(Path(path))
+    try:
+        labels = np.array([int(word) for word in _text(path).split()], dtype=np.int64)
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"{path}: expected integers ({error})") from error
+    if len(labels) != num_vertices:
+        raise InputError(f"{path}: {len(labels)} labels for {num_vertices} vertices")
+    return labels
+
+
+def _read_slicer_json(path: Path) -> Landmarks:
+    content: Any = json.loads(_text(path))
+    points, labels = [], []
+    for markup in content["markups"]:
+        for index, control in enumerate(markup.get("controlPoints", [])):
+            labels.append(str(control.get("label", index)))
+            defined = control.get("positionStatus", "defined") == "defined"
+            points.append([float(x) for x in control["position"]] if defined else [math.nan] * 3)
+    return _landmarks(path, labels, points)
+
+
+def _read_fcsv(path: Path) -> Landmarks:
+    rows = [row for row in csv.reader(_text(path).splitlines()) if row and not row[0].startswith("#")]
+    labels = [row[11] if len(row) > 11 else str(index) for index, row in enumerate(rows)]
+    return _landmarks(path, labels, [[float(word) for word in row[1:4]] for row in rows])
+
+
+def _read_csv(path: Path) -> Landmarks:
+    rows = [row for row in csv.reader(_text(path).splitlines()) if row and not row[0].startswith("#")]
+    if rows and not _is_number(rows[0][-1]):
+        rows = rows[1:]
+    labels = [row[0] if len(row) > 3 else str(index) for index, row in enumerate(rows)]
+    points = [[float(word) if word.strip() else math.nan for word in row[-3:]] for row in rows]
+    return _landmarks(path, labels, points)
+
+
+def _read_vts(path: Path) -> Landmarks:
+    rows = [line.split() for line in _text(path).splitlines() if line.strip()]
+    landmarks = _landmarks(path, [str(i) for i in range(len(rows))], [[float(w) for w in row[1:]] for row in rows])
+    vertices = np.array([int(row[0]) for row in rows], dtype=np.int64)
+    if (vertices < 0).any():
+        raise InputError(f"{path}: negative vertex index {vertices.min()}")
+    return Landmarks(labels=landmarks.labels, points=landmarks.points, vertices=read_only(vertices))
+
+
+def _landmarks(path: Path, labels: list[str], points: list[list[float]]) -> Landmarks:
+    wrong = next((i for i, point in enumerate(points) if len(point) != 3), None)
+    if wrong is not None:
+        raise InputError(f"{path}: landmark {labels[wrong]} has {len(points[wrong])} coordinates, expected 3")
+    return Landmarks(labels=tuple(labels), points=read_only(np.array(points, dtype=np.float64).reshape(-1, 3)))
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8-sig", errors="replace")
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return not word.strip()
+    return True
+
+
+_READERS: dict[str, Callable[[Path], Landmarks]] = {
+    ".mrk.json": _read_slicer_json,
+    ".fcsv": _read_fcsv,
+    ".csv": _read_csv,
+    ".vts": _read_vts,
+}

@@ -1,0 +1,95 @@
+"""Mesh formats. PLY, STL, GLB and GLTF go through trimesh; what it would accept silently is refused here."""
+
+from __future__ import annotations
+
+import io
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.errors import InputError
+from data_tools.io.headers import check_ply, check_stl
+from data_tools.io.obj import read_obj
+from data_tools.io.off import read_off
+
+# What trimesh logs about damaged files is said by our own errors; without a handler Python would print it.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
+
+
+def read_with_trimesh(path: Path) -> tuple[FloatArray, IntArray]:
+    """Return the vertices (v, 3) and triangles (f, 3) of a file as they stand, neither merged nor repaired.
+
+    All parts of a scene are put together in the scene's coordinates. Names inside a file reach only files of its own
+    folder, and materials are never opened.
+    """
+    kind = path.suffix[1:].lower()
+    content = path.read_bytes()
+    promised = check_ply(path, content) if kind == "ply" else {}
+    if kind == "stl":
+        check_stl(path, content)
+    resolver = _SiblingResolver(path.parent) if kind == "gltf" else None
+    options: dict[str, Any] = {"process": False, "validate": False}
+    if kind in ("glb", "gltf"):
+        options["skip_materials"] = True
+    import trimesh
+
+    scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=resolver, **options)
+    parts = []
+    for node in scene.graph.nodes_geometry:
+        transform, geometry_name = scene.graph[node]
+        parts.append(_part(path, scene.geometry[geometry_name], transform))
+    if not parts:
+        raise InputError(f"{path}: holds no geometry")
+    vertices, faces = _concatenate(parts)
+    if len(vertices) != promised.get("vertex", len(vertices)) or (promised.get("face") and not len(faces)):
+        raise InputError(
+            f"{path}: its header promises {promised['vertex']} vertices and {promised.get('face', 0)} faces, "
+            f"{len(vertices)} and {len(faces)} could be read"
+        )
+    return vertices, faces
+
+
+def _part(path: Path, geometry: Any, transform: FloatArray) -> tuple[FloatArray, IntArray]:
+    vertices = np.asarray(geometry.vertices, dtype=np.float64)
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise InputError(f"{path}: points have shape {vertices.shape}, expected 3 coordinates each")
+    faces = np.asarray(getattr(geometry, "faces", []))
+    faces = faces.reshape(-1, 3) if faces.size else np.empty((0, 3), dtype=np.int64)
+    if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
+        raise InputError(f"{path}: a face names vertex {faces.max()}, there are {len(vertices)}")
+    if not np.allclose(transform, np.eye(4), rtol=0, atol=0):
+        vertices = vertices @ transform[:3, :3].T + transform[:3, 3]
+        if np.linalg.det(transform[:3, :3]) < 0:
+            faces = faces[:, ::-1]
+    return vertices, faces
+
+
+def _concatenate(parts: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntArray]:
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
+    vertices = np.concatenate([v for v, _ in parts])
+    faces = np.concatenate([f + start for (_, f), start in zip(parts, starts[:-1], strict=True)])
+    return vertices, faces
+
+
+class _SiblingResolver:
+    """Opens the buffers that a GLTF file names, in the same folder only (what trimesh calls a resolver)."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder.resolve()
+
+    def __getitem__(self, name: str) -> bytes:
+        path = (self._folder / name.strip()).resolve()
+        if path.parent != self._folder:
+            raise InputError(f"{self._folder}: a file in it names {name!r}, which is outside of its folder")
+        return path.read_bytes()
+
+
+#: Reader of each suffix.
+READERS = {
+    **dict.fromkeys((".ply", ".stl", ".glb", ".gltf"), read_with_trimesh),
+    ".off": read_off,
+    ".obj": read_obj,
+}

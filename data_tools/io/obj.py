@@ -1,0 +1,77 @@
+"""Wavefront OBJ, read here because its vertices must keep their order: landmarks and maps name them by number."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.errors import InputError
+from data_tools.io.text_tables import parse_table
+
+
+def read_obj(path: Path) -> tuple[FloatArray, IntArray]:
+    """Return the vertices and triangles of an OBJ file; groups are joined, all but ``v`` and ``f`` is ignored.
+
+    Polygons are split into triangles at their first corner. Indices count from 1, or from the end where negative.
+
+    Raises
+    ------
+    InputError
+        If there are no vertices, or a line of either kind is malformed.
+    """
+    points: list[str] = []
+    polygons: list[str] = []
+    num_before: list[int] = []
+    text = path.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ")
+    for line in text.splitlines():
+        content = line.split("#", 1)[0].strip()
+        if content[:2] in ("v ", "v\t", "v"):
+            points.append(content[1:])
+        elif content[:2] in ("f ", "f\t", "f"):
+            polygons.append(content[1:])
+            num_before.append(len(points))
+    if not points:
+        raise InputError(f"{path}: not an OBJ file, it has no vertex lines 'v x y z'")
+    faces = _triangles(path, polygons, num_before)
+    if faces.size and (faces.min() < 0 or faces.max() >= len(points)):
+        wrong = int(faces.max()) if faces.max() >= len(points) else int(faces.min())
+        raise InputError(f"{path}: a face names vertex {wrong + 1}, there are {len(points)}")
+    return _vertices(path, points), faces
+
+
+def _vertices(path: Path, lines: list[str]) -> FloatArray:
+    table = parse_table(lines)
+    if table is not None and table.shape[1] >= 3:
+        return np.ascontiguousarray(table[:, :3])
+    vertices = []
+    for position, line in enumerate(lines, start=1):
+        try:
+            x, y, z = (float(word) for word in line.split()[:3])
+        except ValueError:
+            raise InputError(f"{path}: vertex {position} is not three numbers: {line[:60]!r} (truncated?)") from None
+        vertices.append((x, y, z))
+    return np.array(vertices)
+
+
+def _triangles(path: Path, lines: list[str], num_before: list[int]) -> IntArray:
+    table = parse_table(lines)
+    if table is not None and table.shape[1] == 3 and (table >= 1).all() and (table == np.floor(table)).all():
+        return table.astype(np.int64) - 1
+    triangles: list[list[int]] = []
+    for position, (line, before) in enumerate(zip(lines, num_before, strict=True), start=1):
+        polygon = [_corner(path, position, word, before) for word in line.split()]
+        if len(polygon) < 3:
+            raise InputError(f"{path}: face {position} has {len(polygon)} corners (truncated?)")
+        triangles.extend([polygon[0], b, c] for b, c in pairwise(polygon[1:]))
+    return np.array(triangles, dtype=np.int64).reshape(-1, 3)
+
+
+def _corner(path: Path, position: int, word: str, num_before: int) -> int:
+    """Return the index, from 0, of a corner ``v``, ``v/vt``, ``v//vn`` or ``v/vt/vn``."""
+    digits = word.split("/", 1)[0]
+    if not digits.removeprefix("-").isdecimal() or int(digits) == 0:
+        raise InputError(f"{path}: face {position}: {word[:60]!r} is no corner")
+    return int(digits) - 1 if int(digits) > 0 else num_before + int(digits)

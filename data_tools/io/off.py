@@ -1,0 +1,82 @@
+"""The Object File Format: small enough to read here, where a damaged line can be named."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.errors import InputError
+from data_tools.io.text_tables import parse_table
+
+
+def read_off(path: Path) -> tuple[FloatArray, IntArray]:
+    """Return the vertices and triangles of a text OFF file; normals, colours and textures are ignored.
+
+    Polygons are split into triangles at their first corner; polygons of fewer than three corners are left out.
+
+    Raises
+    ------
+    InputError
+        If it is not OFF, truncated, or a line is not what its place asks for.
+    """
+    text = path.read_text(encoding="utf-8", errors="replace")
+    stripped = (line.split("#", 1)[0].strip() for line in text.splitlines())
+    lines = [line for line in stripped if line]
+    num_vertices, num_faces, lines = _counts(path, lines)
+    if len(lines) < num_vertices + num_faces:
+        raise InputError(
+            f"{path}: truncated, its header promises {num_vertices} vertices and {num_faces} faces, "
+            f"{len(lines)} lines follow"
+        )
+    vertices = _vertices(path, lines[:num_vertices])
+    return vertices, _triangles(path, lines[num_vertices : num_vertices + num_faces], num_vertices)
+
+
+def _counts(path: Path, lines: list[str]) -> tuple[int, int, list[str]]:
+    """Return the numbers of vertices and faces, and the lines after the header."""
+    first = lines[0].split() if lines else [""]
+    if re.fullmatch(r"(ST)?C?N?OFF", first[0]) is None:
+        raise InputError(f"{path}: not an OFF file of three dimensions, its first word is not OFF")
+    counts, rest = (first[1:], lines[1:]) if len(first) > 1 else ("".join(lines[1:2]).split(), lines[2:])
+    if len(counts) < 2 or not all(word.isdecimal() for word in counts[:2]):
+        raise InputError(f"{path}: its OFF header holds no counts of vertices and faces")
+    return int(counts[0]), int(counts[1]), rest
+
+
+def _vertices(path: Path, lines: list[str]) -> FloatArray:
+    table = parse_table(lines)
+    if table is not None and table.shape[1] >= 3:
+        return np.ascontiguousarray(table[:, :3])
+    vertices = []
+    for position, line in enumerate(lines):
+        try:
+            x, y, z = (float(word) for word in line.split()[:3])
+        except ValueError:
+            raise InputError(f"{path}: vertex {position} is not three numbers: {line[:60]!r}") from None
+        vertices.append((x, y, z))
+    return np.array(vertices, dtype=np.float64).reshape(-1, 3)
+
+
+def _triangles(path: Path, lines: list[str], num_vertices: int) -> IntArray:
+    table = parse_table(lines)
+    if table is not None and table.shape[1] >= 4 and (table[:, 0] == 3).all():
+        corners = table[:, 1:4]
+        if ((corners >= 0) & (corners < num_vertices) & (corners == np.floor(corners))).all():
+            return np.ascontiguousarray(corners.astype(np.int64))
+    triangles: list[list[int]] = []
+    for position, line in enumerate(lines):
+        words = line.split()
+        if not words[0].isdecimal() or len(words) <= int(words[0]):
+            raise InputError(f"{path}: face {position} is malformed: {line[:60]!r} (truncated?)")
+        corners_of_face = words[1 : 1 + int(words[0])]
+        if not all(word.isdecimal() and int(word) < num_vertices for word in corners_of_face):
+            raise InputError(
+                f"{path}: face {position} has an index outside of 0 to {num_vertices - 1}: {line[:60]!r}"
+            )
+        polygon = [int(word) for word in corners_of_face]
+        triangles.extend([polygon[0], b, c] for b, c in pairwise(polygon[1:]))
+    return np.array(triangles, dtype=np.int64).reshape(-1, 3)

@@ -1,0 +1,160 @@
+"""Reading and writing shapes: one door for every format, one kind of error, arrays checked before anything else."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.errors import CollalignError, InputError
+from data_tools.io.files import existing_file, natural_key, readable_name, write_atomic
+from data_tools.io.mesh_formats import READERS as MESH_READERS
+from data_tools.io.points import READERS as POINT_READERS
+from data_tools.options import CleaningOptions
+from data_tools.surface.cleaning import clean
+from data_tools.surface.shape import Shape
+
+#: Reader of each suffix: (vertices, faces) from a path.
+READERS: dict[str, Callable[[Path], tuple[FloatArray, IntArray]]] = {**MESH_READERS, **POINT_READERS}
+#: Suffixes that :func:`write_mesh` knows.
+WRITABLE = (".ply", ".off", ".obj", ".stl", ".glb")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderListing:
+    """The shape files of a folder; nothing has been read yet.
+
+    Attributes
+    ----------
+    files : tuple of Path
+        In natural order, with distinct ``names``.
+    names : tuple of str
+        The stem of each file, as readable text; the whole file name where two stems are equal.
+    skipped : tuple of Path
+        Other files and folders, in natural order.
+    """
+
+    files: tuple[Path, ...]
+    names: tuple[str, ...]
+    skipped: tuple[Path, ...]
+
+
+def read_shape(path: Path | str, cleaning: CleaningOptions | None = None, *, name: str | None = None) -> Shape:
+    """Read and clean a mesh or point cloud; its suffix names the format.
+
+    Meshes: PLY, OFF, OBJ, STL, GLB, GLTF. Points: PLY, OBJ, PCD, XYZ, TXT, CSV. Either: NPZ with ``vertices`` (or
+    ``points``) and perhaps ``faces``. Polygons are split into triangles.
+
+    Parameters
+    ----------
+    path : Path or str
+    cleaning : CleaningOptions, optional
+    name : str, optional
+        The file's stem by default.
+
+    Returns
+    -------
+    Shape
+        ``notes`` says what cleaning changed.
+
+    Raises
+    ------
+    InputError
+        Naming the file and the reason: missing, empty, truncated, another content than its suffix says, values that
+        are not finite, indices out of range, no points.
+    """
+    path = Path(path)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(f"{path}: unknown suffix {path.suffix!r}; readable are {', '.join(sorted(READERS))}")
+    existing_file(path)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            vertices, faces = reader(path)
+    except CollalignError:
+        raise
+    except MemoryError as error:
+        raise InputError(f"{path}: does not fit in memory") from error
+    except Exception as error:  # readers of damaged files fail in every way there is
+        kind = path.suffix[1:].upper()
+        raise InputError(
+            f"{path}: not a readable {kind} file ({type(error).__name__}: {_one_line(error)})"
+        ) from error
+    return clean(_checked(path, vertices, faces, name or path.stem), cleaning)
+
+
+def read_folder(folder: Path | str) -> FolderListing:
+    """List the shape files of a folder in natural order, without reading them.
+
+    Raises
+    ------
+    InputError
+        If it is no folder, or holds no shape file.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder")
+    entries = sorted((p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name))
+    files = tuple(p for p in entries if p.is_file() and p.suffix.lower() in READERS)
+    if not files:
+        raise InputError(f"{folder}: holds no shape file; readable are {', '.join(sorted(READERS))}")
+    return FolderListing(files=files, names=_names(files), skipped=tuple(p for p in entries if p not in files))
+
+
+def write_mesh(path: Path | str, shape: Shape) -> Path:
+    """Write a shape as PLY (binary), OFF, OBJ, STL or GLB, by the suffix, atomically.
+
+    Raises
+    ------
+    InputError
+        If the suffix is none of these, or a point cloud is to be written to a format without clouds.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in WRITABLE:
+        raise InputError(f"{path}: cannot write {suffix!r}; writable are {', '.join(WRITABLE)}")
+    if not shape.is_mesh and suffix not in (".ply", ".obj"):
+        raise InputError(f"{path}: a point cloud can be written as .ply or .obj")
+    import trimesh
+
+    if shape.is_mesh:
+        geometry: Any = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+    else:
+        geometry = trimesh.PointCloud(shape.vertices)
+    content: Any = geometry.export(file_type=suffix[1:])
+    return write_atomic(path, content.encode() if isinstance(content, str) else content)
+
+
+def _names(files: tuple[Path, ...]) -> tuple[str, ...]:
+    """Return distinct names: stems where they are unlike, whole file names where even these could be taken."""
+    whole = [readable_name(path) for path in files]
+    stems = [name.removesuffix(path.suffix) for name, path in zip(whole, files, strict=True)]
+    counts = Counter(stem.casefold() for stem in stems)
+    names = tuple(stem if counts[stem.casefold()] == 1 else name for stem, name in zip(stems, whole, strict=True))
+    return names if len(set(names)) == len(names) else tuple(whole)
+
+
+def _checked(path: Path, vertices: FloatArray, faces: IntArray, name: str) -> Shape:
+    vertices = np.asarray(vertices)
+    if vertices.size == 0:
+        raise InputError(f"{path}: holds no points")
+    try:
+        shape = Shape.from_arrays(vertices, faces, name=name, file=path)
+    except InputError as error:
+        raise InputError(f"{path}: {str(error).removeprefix(f'{name}: ')}") from error
+    extent = float(np.abs(shape.vertices).max())
+    if extent > 1e100 or not np.ptp(shape.vertices, axis=0).any():
+        reason = "coordinates beyond 1e100" if extent > 1e100 else "all points lie in one place"
+        raise InputError(f"{path}: {reason}")
+    return shape
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]

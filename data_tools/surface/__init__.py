@@ -1,0 +1,1 @@
+"""What a surface is: cleaning, topology, normals, geodesics, Laplacian."""

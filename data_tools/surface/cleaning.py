@@ -1,0 +1,110 @@
+"""Repairs that every mesh needs before operators are built on it, each reported in one sentence."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.errors import InputError
+from data_tools.options import CleaningOptions
+from data_tools.surface.shape import Shape
+from data_tools.surface.topology import face_areas, mesh_edges, vertex_components
+
+#: A triangle is degenerate where its doubled area is at most this times its longest edge squared.
+DEGENERATE_TOL = 1e-14
+
+
+def clean(shape: Shape, options: CleaningOptions | None = None) -> Shape:
+    """Merge duplicate vertices, drop degenerate faces, small components and unreferenced vertices.
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh or a point cloud (of which only duplicates are merged).
+    options : CleaningOptions, optional
+
+    Returns
+    -------
+    Shape
+        With ``notes`` on what was changed and ``source_indices`` where vertices were removed.
+
+    Raises
+    ------
+    InputError
+        If a mesh has no face of positive area left.
+    """
+    options = CleaningOptions() if options is None else options
+    vertices, faces, kept = shape.vertices, shape.faces, np.arange(len(shape.vertices))
+    notes: list[str] = []
+    if options.merge_vertices:
+        vertices, faces, kept = _merge_vertices(vertices, faces, kept, notes)
+    if shape.is_mesh:
+        faces = _drop_degenerate(vertices, faces, notes)
+        if not len(faces):
+            raise InputError(
+                f"{shape.file or shape.name}: every one of its {len(shape.faces)} triangles has zero area"
+            )
+        if options.largest_component:
+            faces = _largest_component(vertices, faces, notes)
+        vertices, faces, kept = _drop_unreferenced(vertices, faces, kept, notes)
+    if not notes:
+        return shape
+    source = kept if shape.source_indices is None else shape.source_indices[kept]
+    return Shape(
+        name=shape.name,
+        vertices=read_only(np.ascontiguousarray(vertices)),
+        faces=read_only(np.ascontiguousarray(faces)),
+        file=shape.file,
+        notes=shape.notes + tuple(notes),
+        source_indices=read_only(source) if len(source) < len(shape.vertices) else shape.source_indices,
+    )
+
+
+def _merge_vertices(
+    vertices: FloatArray, faces: IntArray, kept: IntArray, notes: list[str]
+) -> tuple[FloatArray, IntArray, IntArray]:
+    _, first, inverse = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
+    num_merged = len(vertices) - len(first)
+    if not num_merged:
+        return vertices, faces, kept
+    order = np.argsort(first)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[order] = np.arange(len(first))
+    notes.append(f"merged {num_merged} duplicate vertices")
+    first = first[order]
+    return vertices[first], rank[inverse.ravel()][faces], kept[first]
+
+
+def _drop_degenerate(vertices: FloatArray, faces: IntArray, notes: list[str]) -> IntArray:
+    corners = vertices[faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    good = 2.0 * face_areas(vertices, faces) > DEGENERATE_TOL * longest**2
+    return _keep(faces, good, "dropped {} degenerate triangles", notes)
+
+
+def _largest_component(vertices: FloatArray, faces: IntArray, notes: list[str]) -> IntArray:
+    _, labels = vertex_components(len(vertices), mesh_edges(faces).vertices)
+    of_face = labels[faces[:, 0]]
+    areas = np.bincount(of_face, weights=face_areas(vertices, faces))
+    num_parts = int((areas > 0).sum())
+    share = 100.0 * areas.max() / areas.sum()
+    text = f"kept the largest of {num_parts} components ({share:.3g} % of the area), dropped {{}} triangles"
+    return _keep(faces, of_face == int(np.argmax(areas)), text, notes)
+
+
+def _drop_unreferenced(
+    vertices: FloatArray, faces: IntArray, kept: IntArray, notes: list[str]
+) -> tuple[FloatArray, IntArray, IntArray]:
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    if used.all():
+        return vertices, faces, kept
+    notes.append(f"dropped {int((~used).sum())} vertices of no triangle")
+    return vertices[used], (np.cumsum(used) - 1)[faces], kept[used]
+
+
+def _keep(faces: IntArray, good: BoolArray, text: str, notes: list[str]) -> IntArray:
+    if good.all():
+        return faces
+    notes.append(text.format(int((~good).sum())))
+    return faces[good]

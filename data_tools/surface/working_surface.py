@@ -1,0 +1,144 @@
+"""The surface that preprocessing works on: at most so many triangles, with everything computed once."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import fast_simplification
+import numpy as np
+from scipy.spatial import cKDTree
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.embedding.invariants import boundary_distance
+from data_tools.embedding.sampling import farthest_points
+from data_tools.options import SamplingOptions
+from data_tools.surface.cleaning import clean
+from data_tools.surface.geodesics import AGD_SOURCES, GeodesicSolver, agd_maxima, average_geodesic_distance
+from data_tools.surface.laplacian import Spectrum, SurfaceOperators, spectrum, surface_operators, vertex_areas
+from data_tools.surface.shape import Shape
+from data_tools.surface.topology import is_open_surface
+
+#: No two seeds are nearer than this, times the square root of the area.
+SEED_SPACING = 0.2
+
+
+class WorkingSurface:
+    """A clean, possibly decimated copy of a shape, its geodesics and its spectrum.
+
+    Parameters
+    ----------
+    shape : Shape
+        Any mesh or point cloud.
+    options : SamplingOptions
+        Says from which size on the copy is decimated.
+
+    Attributes
+    ----------
+    shape : Shape
+        The copy.
+    to_original : ndarray of int, shape (w,)
+        The vertex of the given shape nearest to each vertex of the copy.
+    notes : tuple of str
+        What differs from the given shape, and which operators were used so far.
+    """
+
+    def __init__(self, shape: Shape, options: SamplingOptions) -> None:
+        self.shape, self.to_original, note = _reduce(shape, options)
+        self._notes = [note] if note else []
+        self._spectra: dict[int, Spectrum] = {}
+        self._farthest: dict[tuple[int, str, bool], IntArray] = {}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know about the preprocessing."""
+        return tuple(self._notes)
+
+    @cached_property
+    def is_open(self) -> bool:
+        """Whether the surface has a rim."""
+        return is_open_surface(self.shape.vertices, self.shape.faces)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether it is a mesh without a rim (small holes do not count)."""
+        return self.shape.is_mesh and not self.is_open
+
+    @cached_property
+    def geodesics(self) -> GeodesicSolver:
+        """Geodesic distances."""
+        solver = GeodesicSolver(self.shape)
+        if self.shape.is_mesh and solver.method != "heat":
+            self._notes.append("geodesics are shortest paths along edges, as the heat method does not suit the mesh")
+        return solver
+
+    @cached_property
+    def operators(self) -> SurfaceOperators:
+        """Stiffness and mass."""
+        operators = surface_operators(self.shape)
+        if operators.kind == "tufted":
+            self._notes.append("tufted Laplacian, as the mesh has edges of more than two triangles, or needles")
+        return operators
+
+    @cached_property
+    def agd(self) -> FloatArray:
+        """Average geodesic distance of each vertex, shape (w,)."""
+        num = min(AGD_SOURCES, len(self.shape.vertices))
+        sources = farthest_points(self.shape, num, metric="euclidean")
+        return average_geodesic_distance(self.shape, self.geodesics, sources)
+
+    @cached_property
+    def area(self) -> float:
+        """Surface area in squared units (estimated, for a point cloud)."""
+        return float(vertex_areas(self.shape).sum())
+
+    def seeds(self, num: int) -> IntArray:
+        """Return at most ``num`` extrema of the average geodesic distance."""
+        return agd_maxima(self.agd, self.geodesics, num=num, radius=SEED_SPACING * self.area**0.5)
+
+    @cached_property
+    def boundary_distance(self) -> FloatArray:
+        """Distance of each vertex to the rim, shape (w,); zero where there is none."""
+        return boundary_distance(self.shape, self.geodesics)
+
+    def farthest_points(self, num: int, metric: str, *, seeded: bool) -> IntArray:
+        """Return farthest points, the first half at most extrema of the average geodesic distance if ``seeded``."""
+        key = (num, metric, seeded)
+        if key not in self._farthest:
+            seeds = self.seeds(num // 2) if seeded else None
+            solver = self.geodesics if metric == "geodesic" else None
+            self._farthest[key] = farthest_points(self.shape, num, metric=metric, seeds=seeds, solver=solver)
+        return self._farthest[key]
+
+    def eigenfunctions(self, num: int) -> Spectrum:
+        """Return the lowest non-constant eigenpairs, as many as the surface has vertices for."""
+        if num not in self._spectra:
+            size = min(num, len(self.shape.vertices) - 2)
+            self._spectra[num] = spectrum(self.operators, size, name=self.shape.name)
+        return self._spectra[num]
+
+
+def _reduce(shape: Shape, options: SamplingOptions) -> tuple[Shape, IntArray, str]:
+    if shape.is_mesh and len(shape.faces) > options.max_faces:
+        return _decimate(shape, options.max_faces)
+    if not shape.is_mesh and len(shape.vertices) > options.max_cloud_points:
+        rng = np.random.default_rng(0)
+        kept = np.sort(rng.choice(len(shape.vertices), options.max_cloud_points, replace=False))
+        note = f"preprocessed on {len(kept)} of {len(shape.vertices)} points"
+        return Shape.from_arrays(shape.vertices[kept], name=shape.name, file=shape.file), kept, note
+    used = np.unique(shape.faces)
+    if shape.is_mesh and len(used) < len(shape.vertices):
+        faces = np.searchsorted(used, shape.faces)
+        return Shape.from_arrays(shape.vertices[used], faces, name=shape.name, file=shape.file), used, ""
+    return shape, np.arange(len(shape.vertices)), ""
+
+
+def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, str]:
+    """Quadric decimation (Garland and Heckbert 1997); vertices map back to the nearest original one."""
+    vertices, faces = fast_simplification.simplify(
+        shape.vertices.copy(), shape.faces.astype(np.int32), target_count=max_faces
+    )
+    small = clean(Shape.from_arrays(vertices, faces, name=shape.name, file=shape.file))
+    used = np.unique(shape.faces)
+    _, nearest = cKDTree(shape.vertices[used]).query(small.vertices)
+    note = f"preprocessed on a copy decimated from {len(shape.faces)} to {len(small.faces)} triangles"
+    return small, used[nearest], note

@@ -1,0 +1,85 @@
+"""``python -m experiments NAME...``: measure, write tables and plots, and renew RESULTS.md."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from cyclopts import App
+
+from collalign.engine.store.store import Store
+from data_tools.errors import CollalignError, InputError
+from experiments import NAMES, load_experiment
+from experiments.experiment import Bench
+from experiments.write import write_experiment, write_page
+
+app = App(name="python -m experiments", help=__doc__, result_action="return_value")
+
+
+@app.default
+def run(
+    *names: str,
+    data: Path = Path("../shared/data"),
+    out: Path = Path("."),
+    store: Path | None = None,
+    jobs: int = -1,
+    quick: bool = False,
+    quiet: bool = False,
+) -> int:
+    """Run experiments.
+
+    Parameters
+    ----------
+    names
+        Which ones, or `all`; without a name they are listed.
+    data
+        Folder of the public collections, each in the layout that its publisher gave it.
+    out
+        Gets RESULTS.md and the folder results.
+    store
+        SQLite file of finished measurements, so that an interrupted experiment goes on; OUT/.cache/experiments.sqlite
+        if not given.
+    jobs
+        Processes for measurements that may run side by side; -1 is one per core.
+    quick
+        The smallest sizes only, to see that everything works.
+    quiet
+        No progress bars.
+    """
+    if not names:
+        for name in NAMES:
+            print(f"{name:20s} {load_experiment(name).title}")
+        return 0
+    chosen = NAMES if names == ("all",) else names
+    experiments = [load_experiment(name) for name in chosen]
+    path = store or out / ".cache" / "experiments.sqlite"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    num_workers = max(1, os.cpu_count() or 1) if jobs == -1 else jobs
+    with Store.open(path) as opened:
+        for experiment in experiments:
+            missing = [name for name in experiment.collections if not (data / name).is_dir()]
+            if missing and names != ("all",):
+                raise InputError(f"{experiment.name}: {data / missing[0]} is not there; see --data")
+            if missing:
+                print(f"{experiment.name}: left out, {data / missing[0]} is not there")
+                continue
+            bench = Bench(data=data, store=opened, num_workers=num_workers, quick=quick, quiet=quiet)
+            outcome = experiment.measure(bench)
+            for file in write_experiment(experiment, outcome, bench, out):
+                print(file)
+    print(write_page(NAMES, out))
+    return 0
+
+
+def main() -> int:
+    """Run the command line; errors of the input become one line and exit code 2."""
+    try:
+        return int(app() or 0)
+    except CollalignError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,130 @@
+"""Puts collections into random poses and measures how well an alignment undoes them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from collalign.engine.store.records import Record
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.datasets.public import Dataset
+from data_tools.io.shapes import write_mesh
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
+
+#: A pair beyond this angle is called gross.
+GROSS_DEG = 30.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PosedCollection:
+    """Shapes of a dataset that were written in random poses.
+
+    Attributes
+    ----------
+    folder : Path
+    names : tuple of str
+        File stems, in the natural order of the folder.
+    relative : ndarray, shape (N, N, 3, 3)
+        True ``R_i_j`` between the posed shapes.
+    """
+
+    folder: Path
+    names: tuple[str, ...]
+    relative: FloatArray
+
+    def pair_errors_deg(self, rotations: FloatArray, names: Sequence[str]) -> FloatArray:
+        """Return the angle between found and true relative rotation of every pair; NaN where chirality is wrong.
+
+        Parameters
+        ----------
+        rotations : ndarray, shape (M, 3, 3)
+            ``R_common_shape`` of the shapes that were aligned.
+        names : sequence of str, length M
+        """
+        index = [self.names.index(name) for name in names]
+        return np.array(
+            [
+                rotation_angle_deg(rotations[a].T @ rotations[b], self.relative[index[a], index[b]])
+                for a, b in itertools.combinations(range(len(names)), 2)
+            ]
+        )
+
+    def figures(self, rotations: FloatArray, names: Sequence[str]) -> Record:
+        """Return how right an alignment is.
+
+        Parameters
+        ----------
+        rotations : ndarray, shape (M, 3, 3)
+        names : sequence of str, length M
+
+        Returns
+        -------
+        dict
+            ``shapes``, ``pairs``; ``median_deg``, ``worst_deg`` and ``gross`` of the pairs whose chirality is right
+            (NaN if there is none), ``mirrored``: pairs of wrong chirality; ``within_10`` and ``within_20``: shapes.
+        """
+        errors = self.pair_errors_deg(rotations, names)
+        right = errors[~np.isnan(errors)]
+        shapes = self.shape_errors_deg(rotations, names)
+        return {
+            "shapes": len(names),
+            "pairs": len(errors),
+            "median_deg": float(np.median(right)) if len(right) else float("nan"),
+            "worst_deg": float(right.max()) if len(right) else float("nan"),
+            "gross": int((right > GROSS_DEG).sum()),
+            "mirrored": int(np.isnan(errors).sum()),
+            "within_10": int((shapes <= 10).sum()),
+            "within_20": int((shapes <= 20).sum()),
+        }
+
+    def shape_errors_deg(self, rotations: FloatArray, names: Sequence[str]) -> FloatArray:
+        """Return each shape's error for the gauge that puts most shapes within 20 degrees (ties: least median).
+
+        Parameters
+        ----------
+        rotations : ndarray, shape (M, 3, 3)
+        names : sequence of str, length M
+
+        Returns
+        -------
+        ndarray, shape (M,)
+            Degrees; 180 where the chirality is wrong.
+        """
+        index = np.array([self.names.index(name) for name in names])
+        found = np.swapaxes(rotations, 1, 2)[:, None] @ rotations[None]
+        errors = rotation_angle_deg(found, self.relative[np.ix_(index, index)])
+        errors = np.where(np.isnan(errors), 180.0, errors)
+        best = max(errors, key=lambda row: ((row <= 20).sum(), -np.median(row)))
+        return np.asarray(best)
+
+
+def pose_collection(dataset: Dataset, chosen: IntArray, folder: Path, rng: np.random.Generator) -> PosedCollection:
+    """Write shapes of a dataset in uniformly random poses.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        With landmarks or known poses; mirrored specimens (``chirality``) have truth in O(3).
+    chosen : ndarray of int
+        Which of its shapes.
+    folder : Path
+        Gets one PLY file per shape.
+    rng : numpy.random.Generator
+    """
+    chosen = np.sort(chosen)
+    group = "SO" if dataset.chirality is None else "O"
+    turns = [random_rotation(rng) for _ in chosen]
+    for turn, which in zip(turns, chosen, strict=True):
+        shape = dataset.shape(int(which))
+        posed = Shape.from_arrays(shape.vertices @ turn.T, shape.faces, name=shape.name)
+        write_mesh(folder / f"{shape.name}.ply", posed)
+    relative = np.empty((len(chosen), len(chosen), 3, 3))
+    for a, b in itertools.product(range(len(chosen)), repeat=2):
+        true = np.eye(3) if a == b else dataset.rotation(int(chosen[a]), int(chosen[b]), group=group)
+        relative[a, b] = turns[a] @ true @ turns[b].T
+    return PosedCollection(folder=folder, names=tuple(dataset.names[i] for i in chosen), relative=relative)

@@ -1,0 +1,213 @@
+"""What an experiment is: measurements that a store keeps, and the tables and plots made of them.
+
+An experiment is a module with a constant ``EXPERIMENT``. Its work is cut into cells, each a function of a module that
+takes a :class:`Cell` and returns a record; :meth:`Bench.measure` computes those that the store lacks. Tables and
+plots are made from the records alone, so a finished experiment is written again in no time, and an interrupted one
+goes on.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from collalign.engine.jobs.progress import ProgressBar
+from collalign.engine.jobs.run import run_jobs
+from collalign.engine.store.keys import fingerprint
+from collalign.engine.store.records import Record
+from collalign.engine.store.store import Store
+from data_tools.errors import CollectionError, InputError
+from experiments.provenance import describe_machine
+from experiments.tables import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Draw: TypeAlias = "Callable[[Figure], None]"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """What a measuring function gets.
+
+    Attributes
+    ----------
+    data : Path
+        Folder of the public collections.
+    settings : dict
+        Plain values; all that the result depends on, seeds included.
+    """
+
+    data: Path
+    settings: dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plot:
+    """A picture of an experiment.
+
+    Attributes
+    ----------
+    draw : callable
+        Draws on an empty matplotlib figure.
+    name : str
+        Suffix of its file name; empty for the only or main picture.
+    title : str
+        What it shows.
+    size : tuple of float
+        Inches.
+    """
+
+    draw: Draw
+    title: str
+    name: str = ""
+    size: tuple[float, float] = (7.0, 4.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What an experiment found.
+
+    Attributes
+    ----------
+    tables : tuple of Table
+    plots : tuple of Plot
+    text : str
+        Markdown below the tables: what falls short, what the figures do not say.
+    """
+
+    tables: tuple[Table, ...]
+    plots: tuple[Plot, ...] = ()
+    text: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """One command, ``python -m experiments NAME``.
+
+    Attributes
+    ----------
+    name : str
+    title : str
+        Heading.
+    about : str
+        Markdown above the tables: what is measured and how, with the paper's section or figure.
+    measure : callable
+        Takes a :class:`Bench` and returns an :class:`Outcome`.
+    collections : tuple of str
+        Folders of the data that it cannot do without.
+    """
+
+    name: str
+    title: str
+    about: str
+    measure: Callable[[Bench], Outcome]
+    collections: tuple[str, ...] = ()
+
+
+@dataclass(kw_only=True)
+class Bench:
+    """Where an experiment runs, and what it has measured so far.
+
+    Attributes
+    ----------
+    data : Path
+        Folder of the public collections.
+    store : Store
+    num_workers : int
+        Processes for cells that may run side by side.
+    quick : bool
+        The smallest sizes only, to see that everything works.
+    quiet : bool
+        No progress bars.
+    """
+
+    data: Path
+    store: Store
+    num_workers: int = 1
+    quick: bool = False
+    quiet: bool = False
+    seeds: set[int] = field(default_factory=set)
+    dates: set[str] = field(default_factory=set)
+    machines: set[str] = field(default_factory=set)
+    num_reused: int = 0
+
+    def folder(self, name: str) -> Path:
+        """Return the folder of a collection.
+
+        Raises
+        ------
+        InputError
+            If it is not there.
+        """
+        path = self.data / name
+        if not path.is_dir():
+            raise InputError(f"{path}: this collection is not here; name the folder of the collections with --data")
+        return path
+
+    def measure(
+        self,
+        function: Callable[[Cell], Record],
+        cells: Mapping[str, Mapping[str, Any]],
+        *,
+        version: str = "1",
+        apart: bool = False,
+    ) -> dict[str, Record]:
+        """Return the records of all cells; those that the store lacks are computed and kept one by one.
+
+        Parameters
+        ----------
+        function : callable
+            Of a module, so that workers can import it.
+        cells : mapping of label to settings
+            Settings are plain values. The key of a record is the function, the version and the settings.
+        version : str
+            Raised whenever the function would give another answer for the same settings.
+        apart : bool
+            One cell after the other inside this process: for functions that start workers or measure wall time.
+
+        Raises
+        ------
+        CollectionError
+            If a cell failed; all others are kept.
+        """
+        name = f"{function.__module__}.{function.__qualname__}"
+        keys = {fingerprint(f"{name} {version}", settings): label for label, settings in cells.items()}
+        self.store.plan("measurements", keys)
+        missing = self.store.missing("measurements", keys, retry="all")
+        self.num_reused += len(keys) - len(missing)
+        tasks = [(key, Cell(data=self.data, settings=dict(cells[keys[key]]))) for key in missing]
+        failures = self._compute(function, tasks, keys, num_workers=1 if apart else self.num_workers)
+        if failures:
+            raise CollectionError("cells that failed:" + "".join(f"\n  {failure}" for failure in failures))
+        return {label: self._remember(self.store.require("measurements", key)) for key, label in keys.items()}
+
+    def _compute(
+        self,
+        function: Callable[[Cell], Record],
+        tasks: list[tuple[str, Cell]],
+        labels: Mapping[str, str],
+        *,
+        num_workers: int,
+    ) -> list[str]:
+        failures = []
+        stamp = {"date": datetime.date.today().isoformat(), "machine": describe_machine()}
+        with ProgressBar("cells", len(tasks), disable=self.quiet or not tasks) as report:
+            for job in run_jobs(function, tasks, num_jobs=num_workers, batch_size=1, progress=report):
+                label = labels[job.key]
+                if job.failure is None:
+                    record = {"value": job.value, **stamp}
+                    self.store.put("measurements", job.key, record, label=label, seconds=job.seconds)
+                else:
+                    self.store.put_failure("measurements", job.key, job.failure, label=label, crashed=job.crashed)
+                    failures.append(f"{label}: {job.failure}")
+        return failures
+
+    def _remember(self, record: Record) -> Record:
+        value: Record = record["value"]
+        self.dates.add(record["date"])
+        self.machines.add(record["machine"])
+        return value

@@ -1,0 +1,182 @@
+"""One map between two deformable surfaces, matched and compared with the truth; what pairs share is kept at hand."""
+
+from __future__ import annotations
+
+import functools
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from collalign.engine.store.records import Record
+from collalign.nonrigid.evaluation import MapErrors, MapEvaluator
+from collalign.nonrigid.match import match_prepared
+from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.portfolio import screening_refiner
+from collalign.nonrigid.prepare import prepare_shape
+from collalign.nonrigid.refine import dense_point_maps
+from collalign.nonrigid.surface import SpectralShape
+from data_tools.arrays import IntArray
+from data_tools.embedding.sampling import farthest_points
+from experiments.experiment import Cell
+from experiments.maps.map_sets import SHREC07_CLASSES, Copy, MapSet, read_map_set, vary
+
+#: Points at which maps between registered meshes are evaluated.
+NUM_EVALUATED = 200
+#: A self-map is taken for the mirror image only if the landmarks confirm it this well.
+MAX_MIRROR_ERROR = 0.05
+#: Prepared shapes that are kept, about 20 MB each.
+_NUM_KEPT = 80
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mirror:
+    """The mirror image of each vertex of registered meshes, by the self-map that the landmarks confirm best.
+
+    Attributes
+    ----------
+    image : ndarray of int, shape (v,)
+    error : float
+        Its mean error at the landmarks, in units of sqrt(area).
+    """
+
+    image: IntArray
+    error: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prepared:
+    """A variant of a shape prepared for matching, and the processor time that this took."""
+
+    copy: Copy
+    spectral: SpectralShape
+    seconds: float
+
+
+def measure_map(cell: Cell) -> Record:
+    """Match one pair and return its errors at the evaluated points."""
+    settings = cell.settings
+    maps = map_set(cell.data, settings["set"])
+    shapes = [prepared(cell.data, settings, settings[role]) for role in ("target", "source")]
+    started = time.process_time()
+    match = match_prepared(shapes[0].spectral, shapes[1].spectral, NonrigidOptions(**settings["options"]))
+    seconds = time.process_time() - started
+    mirror = mirror_of(cell.data, settings) if maps.data.vertices_correspond else None
+    errors = evaluate(maps, settings, match.point_map_target_source, (shapes[0].copy, shapes[1].copy), mirror)
+    return {
+        "direct": errors.direct,
+        "mirrored": errors.mirrored,
+        "mirror_error": None if mirror is None else mirror.error,
+        "confidence": match.confidence,
+        "orientation": match.orientation,
+        "origin": match.candidates[0].origin,
+        "status": match.status.name,
+        "seconds": seconds,
+        "prepare_s": [shape.seconds for shape in shapes],
+    }
+
+
+def errors_of(record: Record) -> MapErrors:
+    """Return the errors that a record of :func:`measure_map` holds."""
+    return MapErrors(direct=record["direct"], mirrored=record["mirrored"])
+
+
+def evaluate(
+    maps: MapSet, settings: Mapping[str, Any], images: IntArray, copies: tuple[Copy, Copy], mirror: Mirror | None
+) -> MapErrors:
+    """Return the errors of a map between copies at points of the originals.
+
+    Parameters
+    ----------
+    maps : MapSet
+    settings : mapping
+        With ``target``, ``source``, and the number of ``points`` on registered meshes.
+    images : ndarray of int
+        Vertex of the target's copy for each vertex of the source's copy.
+    copies : pair of Copy
+        Of target and source.
+    mirror : Mirror or None
+        On registered meshes; elsewhere the landmarks' mirror images are used.
+    """
+    points = evaluated_points(maps, settings["source"], settings["points"])
+    truth, mirrored = true_places(maps, settings["target"], points, mirror)
+    target, source = copies
+    present = (source.from_original[points] >= 0) & (target.from_original[truth] >= 0)
+    if mirrored is not None:
+        present &= target.from_original[mirrored] >= 0
+        mirrored = target.from_original[mirrored[present]]
+    evaluator = MapEvaluator(target.shape, target.from_original[truth[present]], mirrored)
+    return evaluator.errors(images[source.from_original[points[present]]])
+
+
+def evaluated_points(maps: MapSet, source: str, num: int) -> IntArray:
+    """Return the vertices of the source at which its maps are evaluated: landmarks, or farthest points."""
+    if maps.name in SHREC07_CLASSES:
+        return maps.landmarks(source)
+    return farthest_points(maps.data.shape(source), num, metric="euclidean")
+
+
+def true_places(
+    maps: MapSet, target: str, points: IntArray, mirror: Mirror | None
+) -> tuple[IntArray, IntArray | None]:
+    """Return the vertices of the target at which the evaluated points belong, and those of their mirror images."""
+    if maps.name in SHREC07_CLASSES:
+        marks = maps.landmarks(target)
+        return marks, None if maps.data.mirror is None else marks[maps.data.mirror]
+    return points, None if mirror is None else mirror.image[points]
+
+
+def prepared(data: Path, settings: Mapping[str, Any], name: str) -> Prepared:
+    """Return a prepared shape; the last ones are kept in memory.
+
+    Parameters
+    ----------
+    data : Path
+        Folder of the public collections.
+    settings : mapping
+        With ``set``, ``variant`` and the ``surface`` options.
+    name : str
+    """
+    return _prepared(
+        data, settings["set"], settings["variant"], name, json.dumps(settings["surface"], sort_keys=True)
+    )
+
+
+def mirror_of(data: Path, settings: Mapping[str, Any]) -> Mirror | None:
+    """Return the mirror images of the vertices of registered meshes, where landmarks confirm a self-map."""
+    return _mirror(data, settings["set"], json.dumps(settings["surface"], sort_keys=True))
+
+
+@functools.lru_cache(maxsize=4)
+def map_set(data: Path, name: str) -> MapSet:
+    """Return a benchmark; the last ones are kept in memory."""
+    return read_map_set(data, name)
+
+
+@functools.lru_cache(maxsize=_NUM_KEPT)
+def _prepared(data: Path, set_name: str, variant: str, name: str, surface: str) -> Prepared:
+    copy = vary(map_set(data, set_name), name, variant)
+    started = time.process_time()
+    spectral = prepare_shape(copy.shape, SurfaceOptions(**json.loads(surface)))
+    return Prepared(copy=copy, spectral=spectral, seconds=time.process_time() - started)
+
+
+@functools.lru_cache(maxsize=4)
+def _mirror(data: Path, set_name: str, surface: str) -> Mirror | None:
+    maps = map_set(data, set_name)
+    if maps.data.mirror is None or maps.data.landmark_vertices is None:
+        return None
+    name = maps.data.names[0]
+    shape = _prepared(data, set_name, "original", name, surface).spectral
+    marks = maps.landmarks(name)
+    evaluator = MapEvaluator(maps.data.shape(name), marks[maps.data.mirror])
+    refiner = screening_refiner(shape, shape)
+    found = []
+    for self_map in shape.self_maps:
+        refined = refiner.from_functional_map(self_map).C_source_target
+        image = shape.to_original[dense_point_maps(shape, shape, refined)[0]][shape.to_working]
+        found.append(Mirror(image=image, error=float(evaluator.errors(image[marks]).direct.mean())))
+    best = min(found, key=lambda mirror: mirror.error, default=None)
+    return None if best is None or best.error > MAX_MIRROR_ERROR else best

@@ -1,0 +1,189 @@
+"""Benchmarks of maps between deformable surfaces: their pairs, what was published on them, and their copies."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, field
+from itertools import combinations
+from pathlib import Path
+
+import fast_simplification
+import numpy as np
+from scipy.spatial import cKDTree
+
+from data_tools.arrays import IntArray
+from data_tools.datasets.public import (
+    Dataset,
+    read_faust,
+    read_registered_archive,
+    read_registered_folder,
+    read_shrec07_class,
+)
+from data_tools.datasets.synthetic import shuffled
+from data_tools.errors import InputError
+from data_tools.io.files import existing_file
+from data_tools.io.shapes import read_shape
+from data_tools.surface.cleaning import clean
+from data_tools.surface.shape import Shape
+from data_tools.surface.topology import face_areas
+
+#: Classes of SHREC07 on which the paper shows maps.
+SHREC07_CLASSES = ("ant", "teddy", "glasses")
+#: Folder of each set.
+FOLDERS = {
+    "scape": "scape71",
+    "tosca": "tosca_centaur6",
+    "faust": "faust",
+    **{name: f"shrec07_dev/{name}" for name in SHREC07_CLASSES},
+}
+#: Variants of a shape: as stored; vertices in another order; another triangulation; the scan it was registered to.
+VARIANTS = ("original", "permuted", "remeshed", "scan")
+#: Share of the triangles that a remeshed copy keeps.
+REMESHED_SHARE = 0.6
+#: A vertex of a registered mesh is on its scan if it is this near, in units of sqrt(area).
+ON_SCAN = 0.01
+
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MapSet:
+    """A benchmark of maps.
+
+    Attributes
+    ----------
+    name : str
+    folder : Path
+    data : Dataset
+    pairs : tuple of pair of str
+        Target and source of each map that the benchmark asks for and the data allow.
+    published : dict of str to dict
+        Mean error of each pair by published methods, in units of sqrt(area), where they are known.
+    """
+
+    name: str
+    folder: Path
+    data: Dataset
+    pairs: tuple[Pair, ...]
+    published: dict[str, dict[Pair, float]] = field(default_factory=dict)
+
+    def landmarks(self, name: str) -> IntArray:
+        """Return the vertices of a shape's landmarks.
+
+        Raises
+        ------
+        InputError
+            If the set has none.
+        """
+        if self.data.landmark_vertices is None:
+            raise InputError(f"{self.folder}: has no landmarks")
+        return self.data.landmark_vertices[self.data.index(name)]
+
+    def on(self, pairs: tuple[Pair, ...]) -> dict[str, tuple[float, ...]]:
+        """Return the published errors of these pairs, by method; a method that lacks one of them is left out."""
+        return {
+            method: tuple(errors[pair] for pair in pairs)
+            for method, errors in self.published.items()
+            if set(pairs) <= set(errors)
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Copy:
+    """A variant of a shape.
+
+    Attributes
+    ----------
+    shape : Shape
+    from_original : ndarray of int, shape (vertices of the original,)
+        Vertex of the copy that stands for each vertex of the original; -1 where there is none.
+    """
+
+    shape: Shape
+    from_original: IntArray
+
+
+def read_map_set(root: Path, name: str) -> MapSet:
+    """Read a benchmark.
+
+    Parameters
+    ----------
+    root : Path
+        Folder of the public collections.
+    name : str
+        One of ``FOLDERS``. SCAPE has the pairs of its query file, the classes of SHREC07 those of the published
+        errors; of TOSCA and FAUST all pairs are taken.
+    """
+    folder = root / FOLDERS[name]
+    if name == "scape":
+        data = read_registered_archive(folder)
+        published = read_published(folder / "bim2011_published_errors.csv", data.names)
+        pairs = tuple(pair for pair in read_query(folder / "Corr_Scape.query") if set(pair) <= set(data.names))
+    elif name in SHREC07_CLASSES:
+        data = read_shrec07_class(folder)
+        published = read_published(folder.parent / "bim2011_published_errors.csv", data.names)
+        pairs = tuple(next(iter(published.values()), {}))
+    else:
+        data = read_registered_folder(folder) if name == "tosca" else read_faust(folder)
+        published, pairs = {}, tuple(combinations(data.names, 2))
+    return MapSet(name=name, folder=folder, data=data, pairs=pairs, published=published)
+
+
+def read_query(path: Path) -> list[Pair]:
+    """Read the pairs of a query file of the benchmark of Kim, Lipman and Funkhouser (2011).
+
+    Six words make a pair: set, object and pose of the source, then those of the target.
+    """
+    words = existing_file(path).read_text("utf-8").split()
+    try:
+        numbers = [(int(words[i + 5]), int(words[i + 2])) for i in range(0, len(words), 6)]
+    except (ValueError, IndexError) as error:
+        raise InputError(f"{path}: not a list of pairs, six words each ({error})") from error
+    return [(f"mesh{target:03d}", f"mesh{source:03d}") for target, source in numbers]
+
+
+def read_published(path: Path, names: tuple[str, ...]) -> dict[str, dict[Pair, float]]:
+    """Read published errors, ``method,source,target,average_geodesic_error`` per line, between the shapes named."""
+    found: dict[str, dict[Pair, float]] = {}
+    with existing_file(path).open(newline="", encoding="utf-8") as stream:
+        for number, row in enumerate(csv.DictReader(stream), start=2):
+            try:
+                pair, error = (row["target"], row["source"]), float(row["average_geodesic_error"])
+            except (KeyError, TypeError, ValueError) as wrong:
+                raise InputError(f"{path}: line {number} has no target, source and error") from wrong
+            if set(pair) <= set(names):
+                found.setdefault(row["method"], {})[pair] = error
+    return found
+
+
+def vary(maps: MapSet, name: str, variant: str) -> Copy:
+    """Return a variant of a shape; permuted and remeshed ones are seeded by the shape's position in the set."""
+    shape = maps.data.shape(name)
+    if variant == "scan":
+        return _scan(maps, shape)
+    rng = np.random.default_rng(maps.data.index(name))
+    if variant == "permuted":
+        copy, order = shuffled(shape, rng)
+        return Copy(shape=copy, from_original=np.argsort(order))
+    if variant == "remeshed":
+        num = round(REMESHED_SHARE * len(shape.faces))
+        vertices, faces = fast_simplification.simplify(
+            np.array(shape.vertices), np.array(shape.faces), target_count=num
+        )
+        copy = _as_stored(clean(shuffled(Shape.from_arrays(vertices, faces, name=shape.name), rng)[0]))
+        return Copy(shape=copy, from_original=cKDTree(copy.vertices).query(shape.vertices)[1])
+    return Copy(shape=shape, from_original=np.arange(len(shape.vertices)))
+
+
+def _scan(maps: MapSet, registered: Shape) -> Copy:
+    """Return the scan that a mesh of FAUST was registered to; vertices far from it have no counterpart there."""
+    folder = maps.folder / "training" / "scans"
+    scan = _as_stored(read_shape(folder / f"{registered.name.replace('reg', 'scan')}.ply"))
+    distances, nearest = cKDTree(scan.vertices).query(registered.vertices)
+    unit = np.sqrt(face_areas(registered.vertices, registered.faces).sum())
+    return Copy(shape=scan, from_original=np.where(distances <= ON_SCAN * unit, nearest, -1))
+
+
+def _as_stored(shape: Shape) -> Shape:
+    """Return a cleaned shape as if it had come like that, so that maps count its own vertices."""
+    return Shape.from_arrays(shape.vertices, shape.faces, name=shape.name)

@@ -1,0 +1,1 @@
+"""Pairs of shapes: how well they are matched."""

@@ -1,0 +1,152 @@
+"""The tools that are compared, each from a folder of files to one rotation per shape, and the packages they need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from collalign import AlignOptions, RunOptions, align_collection
+from data_tools.arrays import FloatArray
+from data_tools.io.shapes import read_folder, read_shape
+from data_tools.surface.shape import Shape
+from experiments.clock import Elapsed, stopwatch
+from experiments.peers.peer_pairs import (
+    MatchedPairs,
+    drift_pairs,
+    kiss_pairs,
+    open3d_pairs,
+    open3d_pose_graph,
+    spectral,
+)
+from experiments.peers.principal_axes import align_by_principal_axes
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Answer:
+    """What a tool made of a collection.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Shapes that it aligned.
+    rotations : ndarray, shape (N, 3, 3)
+        ``R_common_shape``.
+    elapsed : Elapsed
+        From the files to the rotations.
+    """
+
+    names: tuple[str, ...]
+    rotations: FloatArray
+    elapsed: Elapsed
+
+
+#: Aligns the files of a folder, where mirror images may be allowed; an answer for each way to synchronize its pairs.
+Align: TypeAlias = Callable[[Path, bool, int], dict[str, Answer]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tool:
+    """A tool of the comparison.
+
+    Attributes
+    ----------
+    align : callable
+        Takes the folder, whether the collection mixes mirror images, and the number of processes or threads.
+    answers : tuple of str
+        Names of its answers.
+    packages : tuple of str
+        Modules that it imports.
+    mirrors : bool
+        Whether it can mirror shapes.
+    max_shapes : int
+        Larger collections take it too long.
+    """
+
+    align: Align
+    answers: tuple[str, ...]
+    packages: tuple[str, ...] = ()
+    mirrors: bool = False
+    max_shapes: int = 40
+
+    def lacks(self) -> str:
+        """Return the packages that are not installed, separated by commas."""
+        return ", ".join(name for name in self.packages if find_spec(name) is None)
+
+
+def _collalign(folder: Path, mixed: bool, num_jobs: int) -> dict[str, Answer]:
+    with stopwatch() as elapsed:
+        found = align_collection(folder, options=AlignOptions(), run=RunOptions(jobs=num_jobs))
+    return {"collalign": Answer(names=found.names, rotations=found.rotations, elapsed=elapsed)}
+
+
+def _principal_axes(folder: Path, mixed: bool, num_jobs: int) -> dict[str, Answer]:
+    with stopwatch() as elapsed:
+        shapes = _read(folder)
+        rotations = align_by_principal_axes(shapes, group="O" if mixed else "SO", num_jobs=num_jobs)
+    return {"principal axes + ICP + tree": Answer(names=_names(shapes), rotations=rotations, elapsed=elapsed)}
+
+
+def _from_pairs(
+    match: Callable[[Sequence[Shape], int], MatchedPairs],
+    synchronizers: Mapping[str, Callable[[MatchedPairs], FloatArray]],
+) -> Align:
+    """Return a tool that matches all pairs once and synchronizes them in one or more ways."""
+
+    def align(folder: Path, mixed: bool, num_jobs: int) -> dict[str, Answer]:
+        with stopwatch() as matching:
+            shapes = _read(folder)
+            pairs = match(shapes, num_jobs)
+        answers = {}
+        for name, synchronizer in synchronizers.items():
+            with stopwatch() as rest:
+                rotations = synchronizer(pairs)
+            elapsed = Elapsed(
+                wall_s=matching.wall_s + rest.wall_s, processor_s=matching.processor_s + rest.processor_s
+            )
+            answers[name] = Answer(names=_names(shapes), rotations=rotations, elapsed=elapsed)
+        return answers
+
+    return align
+
+
+def _read(folder: Path) -> list[Shape]:
+    return [read_shape(file) for file in read_folder(folder).files]
+
+
+def _names(shapes: Sequence[Shape]) -> tuple[str, ...]:
+    return tuple(shape.name for shape in shapes)
+
+
+def largest_difference_deg(a: Answer, b: Answer) -> float:
+    """Return how far two answers are apart in a relative rotation, in degrees; 0 only for the same bytes.
+
+    NaN where shapes or chiralities differ.
+    """
+    if a.names != b.names:
+        return float("nan")
+    if a.rotations.tobytes() == b.rotations.tobytes():
+        return 0.0
+    turns = np.swapaxes(a.rotations, 1, 2)[:, None] @ a.rotations[None]
+    other = np.swapaxes(b.rotations, 1, 2)[:, None] @ b.rotations[None]
+    if not (np.linalg.det(turns) * np.linalg.det(other) > 0).all():
+        return float("nan")
+    chords = np.linalg.norm(turns - other, axis=(2, 3)) / np.sqrt(8.0)
+    return float(np.degrees(2.0 * np.arcsin(np.minimum(chords, 1.0))).max())
+
+
+_OPEN3D = {"Open3D pairs + pose graph": open3d_pose_graph, "Open3D pairs + spectral": spectral}
+_KISS = {"KISS-Matcher + GICP + spectral": spectral}
+_DRIFT = {"principal axes + CPD + spectral": spectral}
+
+TOOLS: dict[str, Tool] = {
+    "collalign": Tool(align=_collalign, answers=("collalign",), mirrors=True, max_shapes=1000),
+    "open3d": Tool(align=_from_pairs(open3d_pairs, _OPEN3D), answers=tuple(_OPEN3D), packages=("open3d",)),
+    "axes": Tool(align=_principal_axes, answers=("principal axes + ICP + tree",), mirrors=True, max_shapes=1000),
+    "kiss": Tool(align=_from_pairs(kiss_pairs, _KISS), answers=tuple(_KISS), packages=("kiss_matcher", "small_gicp")),
+    "drift": Tool(align=_from_pairs(drift_pairs, _DRIFT), answers=tuple(_DRIFT), packages=("pycpd",), max_shapes=8),
+}

@@ -1,0 +1,1 @@
+"""Proofs of the best pose by branch and bound over rotations."""

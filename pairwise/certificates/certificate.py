@@ -1,0 +1,117 @@
+"""Certificates: the dual variables of a relaxation, saved without pickle and checked by independent code."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_tools.arrays import read_only
+from data_tools.errors import InputError
+from pairwise.problem.problem import Problem
+
+#: Written into every file; a file of another version is refused.
+FORMAT = "collalign certificate 1"
+
+KINDS = ("pm-sdp", "quaternion", "tight")
+
+#: The problem's arrays within ``Certificate.arrays``, in the order in which they are hashed.
+PROBLEM_ARRAYS = ("candidates", "weights", "constant_cost", "pattern", "special_blocks")
+
+#: The same, present only where source points may stay unmatched: what that costs (k,), and how many may (scalar).
+PARTIAL_ARRAYS = ("unmatched_costs", "max_unmatched")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Certificate:
+    """Dual variables of a relaxation, which prove a lower bound of the matching energy to anybody.
+
+    Attributes
+    ----------
+    kind : {"pm-sdp", "quaternion", "tight"}
+        Which relaxation's dual the arrays belong to.
+    arrays : dict of str to ndarray
+        The dual variables, and the pattern, group, weights, candidates and constant costs they are for.
+    problem_hash : str
+        SHA-256 of the problem's arrays, so that a certificate of another problem is refused.
+    bound : float
+        The lower bound that the solver claims; the verifier recomputes its own.
+    """
+
+    kind: str
+    arrays: dict[str, NDArray[Any]]
+    problem_hash: str
+    bound: float
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the certificate as an npz archive without pickled objects.
+
+        Parameters
+        ----------
+        path : path
+            Its directory must exist. NumPy appends ``.npz`` where it is missing.
+        """
+        header: dict[str, Any] = {
+            "format": FORMAT,
+            "kind": self.kind,
+            "problem_hash": self.problem_hash,
+            "bound": self.bound,
+        }
+        header |= {f"array_{name}": values for name, values in self.arrays.items()}
+        np.savez(path, allow_pickle=False, **header)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Certificate:
+        """Read a certificate; its numbers are checked by :func:`pairwise.verify_certificate`, not here.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged, or not a certificate.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                content = {name: archive[name] for name in archive.files}
+        except Exception as error:  # damaged archives fail in every way there is
+            raise InputError(f"{path}: cannot be read as a certificate ({error})") from error
+        if str(content.get("format")) != FORMAT:
+            raise InputError(f"{path}: not a certificate of this version, expected the entry format = {FORMAT!r}")
+        missing = {"kind", "problem_hash", "bound"} - content.keys()
+        if missing or content["bound"].shape != () or content["bound"].dtype.kind != "f":
+            raise InputError(
+                f"{path}: damaged certificate, missing or malformed entries {sorted(missing) or 'bound'}"
+            )
+        arrays = {name[6:]: read_only(values) for name, values in content.items() if name.startswith("array_")}
+        return cls(
+            kind=str(content["kind"]),
+            arrays=arrays,
+            problem_hash=str(content["problem_hash"]),
+            bound=float(content["bound"]),
+        )
+
+
+def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
+    """Return the part of a problem that travels in its certificates: all but the points."""
+    return {
+        "candidates": problem.candidates,
+        "weights": problem.weights,
+        "constant_cost": problem.constant_cost,
+        "pattern": problem.pattern.mask,
+        "special_blocks": np.array(problem.pattern.special_blocks, dtype=np.int64).reshape(-1, 2),
+    }
+
+
+def hash_problem(target: NDArray[np.float64], source: NDArray[np.float64], arrays: dict[str, NDArray[Any]]) -> str:
+    """Return the SHA-256 of the points and of the problem's arrays, with shapes and types."""
+    digest = hashlib.sha256()
+    names = [*PROBLEM_ARRAYS, *(name for name in PARTIAL_ARRAYS if name in arrays)]
+    named = {"target": target, "source": source, **{name: arrays[name] for name in names}}
+    for name, values in named.items():
+        little_endian = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
+        digest.update(f"{name} {values.dtype.kind}{values.dtype.itemsize} {values.shape};".encode())
+        digest.update(little_endian.tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,1 @@
+"""Poses refined and ranked on dense points."""

@@ -1,0 +1,1 @@
+"""Local minimisation from many starts."""

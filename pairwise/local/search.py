@@ -1,0 +1,268 @@
+"""Search over the rotation block: an even set of rotations screened cheaply, the principal axes, a second look.
+
+The rotation block of an embedding is its first block; for given rotation of it the other blocks follow in closed form
+from the map that the rotation block alone finds best.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from pairwise.local.local_search import RIGID, Freedom, LocalMinima, MatchingCosts, merge, minimise, similarities
+from pairwise.local.rotation_sets import principal_frame, rotation_set, sign_rotations, small_rotations
+from pairwise.local.screening import screen
+from pairwise.problem.pattern import RotationPattern
+from pairwise.problem.problem import Problem
+
+#: Largest number of principal-axis starts; 4 in three dimensions.
+_MAX_SIGN_STARTS = 16
+#: Size of the set of rotations by dimension of the rotation block, and above.
+_NUM_ROTATIONS = {1: 1, 2: 96, 3: 500}
+_NUM_ROTATIONS_ABOVE = 500
+#: Largest dimension whose rotations such a set covers; above, steps of nearest-neighbour ICP come first.
+_MAX_COVERED_DIM = 3
+_UNCOVERED_STEPS = 1
+#: Poses closer than this are one.
+_SAME_RAD = np.deg2rad(4.0)
+#: Share of the rotations that meet exact assignment where they cover what is searched, and where they do not (shifts,
+#: higher dimensions); for so many steps; share of these that are minimised to the end.
+_TRIED, _TRIED_UNCOVERED, _TRIAL_STEPS, _KEPT = 0.07, 0.16, 1, 0.25
+_LEAST_TRIED, _LEAST_KEPT = 20, 20
+#: Of two chiralities, each has at least this share of the poses that go on.
+_CHIRALITY_SHARE = 0.25
+#: Steps of nearest-neighbour ICP where a shift is estimated as well.
+_SHIFTED_STEPS = 6
+#: The second look: around how many distinct minima, up to which multiple of the least energy, with how many rotations
+#: each, by which angle.
+_NUM_CENTRES, _CENTRE_FACTOR, _NUM_AROUND, _ANGLE_AROUND_RAD = 6, 1.25, 12, np.deg2rad(15.0)
+
+
+def of_chirality(problem: Problem, *, reflected: bool) -> Problem:
+    """Return the problem with the rotation block's determinant fixed to +1; itself where the group fixes it already.
+
+    For poses of determinant -1 the source's first coordinate is negated: negate the first column of the solutions,
+    too (:func:`mirror_rotations`).
+    """
+    if problem.pattern.special_blocks:
+        return problem
+    pattern = RotationPattern(problem.pattern.mask, ((0, problem.pattern.rotation_block),))
+    source = mirror_points(problem.source) if reflected else problem.source
+    return replace(problem, source=read_only(source), pattern=pattern)
+
+
+def mirror_points(points: FloatArray) -> FloatArray:
+    """Return points with the first coordinate negated."""
+    mirrored = points.copy()
+    mirrored[..., 0] *= -1.0
+    return mirrored
+
+
+#: Negates the first column of matrices: composes a pose with the same mirror.
+mirror_rotations = mirror_points
+
+
+def leading_problem(problem: Problem) -> Problem:
+    """Return the problem in the coordinates of the rotation block alone, constant costs included."""
+    block = problem.pattern.rotation_block
+    if block == problem.dim:
+        return problem
+    pattern = RotationPattern(
+        read_only(problem.pattern.mask[:block, :block].copy()), problem.pattern.special_blocks[:1]
+    )
+    return replace(
+        problem,
+        target=read_only(np.ascontiguousarray(problem.target[:, :block])),
+        source=read_only(np.ascontiguousarray(problem.source[:, :block])),
+        pattern=pattern,
+    )
+
+
+def search(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
+    """Return the local minima that an even set of rotations leads to: :func:`explore`, then :func:`look_around`.
+
+    Parameters
+    ----------
+    problem : Problem
+        Where its group has reflections, both chiralities are searched.
+    num_rotations : int
+        Size of the set of rotations of each chirality; 0 sets it by the dimension of the rotation block.
+    seed : int
+        For rotation blocks of more than three dimensions.
+    freedom : Freedom
+        What is estimated beside the rotation.
+    """
+    minima = explore(problem, num_rotations=num_rotations, seed=seed, freedom=freedom)
+    return look_around(problem, minima, seed=seed, freedom=freedom)
+
+
+def explore(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
+    """Return local minima found from the principal axes and an even set of rotations; parameters as :func:`search`.
+
+    Lower bounds rank all rotations; the most promising ones take a step with exact assignment; the best distinct ones
+    of these are minimised to the end. The set is laid in the frames of the principal axes, so that the answer
+    turns with the points.
+    """
+    lead = leading_problem(problem)
+    num = num_rotations or _NUM_ROTATIONS.get(lead.dim, _NUM_ROTATIONS_ABOVE)
+    axes, even = initial_rotations(lead, num, seed=seed)
+    is_covered = lead.dim <= _MAX_COVERED_DIM and not freedom.translate
+    num_tried = max(_LEAST_TRIED, round((_TRIED if is_covered else _TRIED_UNCOVERED) * num))
+    tried, shifts = _screened(lead, axes, even, num_tried, freedom)
+    starts, shifts = np.concatenate([axes, tried]), np.concatenate([np.zeros(axes.shape[:2]), shifts])
+    origins = np.repeat(["axes", "search"], [len(axes), len(tried)])
+    if lead is not problem:
+        maps = MatchingCosts(lead).assign(starts, np.ones(len(starts)), shifts)
+        starts, _, shifts = similarities(problem, maps, freedom, lead.pattern.mirrored(starts))
+    trials = minimise(
+        problem,
+        starts,
+        max_iterations=_TRIAL_STEPS,
+        freedom=freedom,
+        shifts=shifts,
+        hold_chirality=True,
+        origins=origins,
+    )
+    num_kept = max(_LEAST_KEPT, round(_KEPT * num_tried))
+    kept = distinct(
+        trials.rotations[:, : lead.dim, : lead.dim],
+        _SAME_RAD,
+        num_kept,
+        mirrored=problem.pattern.mirrored(trials.rotations),
+    )
+    return minimise(
+        problem,
+        trials.rotations[kept],
+        freedom=freedom,
+        shifts=trials.shifts[kept],
+        hold_chirality=True,
+        origins=trials.origins[kept],
+    )
+
+
+def initial_rotations(problem: Problem, num: int, *, seed: int = 0) -> tuple[FloatArray, FloatArray]:
+    """Return the principal-axis starts and the even set, ``num`` rotations of each chirality that the group has.
+
+    Parameters
+    ----------
+    problem : Problem
+        In the coordinates of the rotation block (:func:`leading_problem`).
+    num : int
+    seed : int
+        For more than three dimensions.
+    """
+    axes, even = _standard_rotations(problem.dim, num, seed)
+    is_full = bool(problem.pattern.mask.all())
+    if not is_full:
+        signs = sign_rotations(problem.dim, num, seed=seed)
+        even = np.concatenate([signs, problem.pattern.project(even, np.zeros(len(even), dtype=bool))])
+    found = []
+    for reflected in (False,) if problem.pattern.special_blocks else (False, True):
+        turned = axes, even
+        if is_full:
+            source = mirror_points(problem.source) if reflected else problem.source
+            left = principal_frame(problem.target, np.ones(problem.num_target))
+            right = principal_frame(source, problem.weights)
+            turned = left @ axes @ right.T, left @ even @ right.T
+        found.append([mirror_rotations(turns) for turns in turned] if reflected else turned)
+    return np.concatenate([turns[0] for turns in found]), np.concatenate([turns[1] for turns in found])
+
+
+@lru_cache(maxsize=16)
+def _standard_rotations(dim: int, num: int, seed: int) -> tuple[FloatArray, FloatArray]:
+    return read_only(sign_rotations(dim, _MAX_SIGN_STARTS, seed=seed)), read_only(rotation_set(dim, num, seed=seed))
+
+
+@lru_cache(maxsize=16)
+def _turns_around(dim: int, seed: int) -> FloatArray:
+    return read_only(small_rotations(dim, _NUM_AROUND, _ANGLE_AROUND_RAD, seed=seed))
+
+
+def _screened(
+    problem: Problem, axes: FloatArray, even: FloatArray, num: int, freedom: Freedom
+) -> tuple[FloatArray, FloatArray]:
+    """Return the most promising rotations and their shifts."""
+    if freedom.translate:
+        rotations, shifts, _ = _screen_shifted(problem, even, freedom)
+    elif problem.dim <= _MAX_COVERED_DIM:
+        rotations, shifts, _ = screen(problem, even)
+    else:
+        rotations, shifts, _ = screen(problem, np.concatenate([axes, even]), num_steps=_UNCOVERED_STEPS)
+    mirrored = problem.pattern.mirrored(rotations)
+    if freedom.translate or problem.dim > _MAX_COVERED_DIM:
+        chosen = distinct(rotations, _SAME_RAD, num, mirrored=mirrored)
+    else:
+        chosen = _first(num, len(rotations), mirrored)
+    return rotations[chosen], shifts[chosen]
+
+
+def _first(num: int, num_all: int, mirrored: BoolArray | None) -> IntArray:
+    """Return the first ``num`` positions of all, and the first ones of each chirality up to its share."""
+    goes_on = np.arange(num_all) < num
+    if mirrored is not None:
+        rank = np.where(mirrored, np.cumsum(mirrored), np.cumsum(~mirrored))
+        goes_on |= rank <= _CHIRALITY_SHARE * num
+    return np.flatnonzero(goes_on)
+
+
+def _screen_shifted(
+    problem: Problem, rotations: FloatArray, freedom: Freedom
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Screen every rotation at no shift, and at shifts by one standard deviation along the target's axes."""
+    weights = np.ones(problem.num_target)
+    axes = principal_frame(problem.target, weights).T
+    spread = np.sqrt((problem.target @ axes.T).var(axis=0))[:, None]
+    offsets = np.concatenate([np.zeros((1, problem.dim)), spread * axes, -spread * axes])
+    return screen(
+        problem,
+        np.repeat(rotations, len(offsets), axis=0),
+        num_steps=_SHIFTED_STEPS,
+        freedom=freedom,
+        shifts=np.tile(offsets, (len(rotations), 1)),
+    )
+
+
+def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
+    """Return the minima and those found by turning the best distinct ones a little: many basins are small.
+
+    Parameters
+    ----------
+    problem : Problem
+    minima : LocalMinima
+        Best first; only those not far above the first are worth the look.
+    seed, freedom
+        As in :func:`search`.
+    """
+    block = problem.pattern.rotation_block
+    centres = distinct(minima.rotations[:, :block, :block], _ANGLE_AROUND_RAD / 2.0, _NUM_CENTRES)
+    centres = centres[minima.energies[centres] <= _CENTRE_FACTOR * minima.energies[0]]
+    turns = np.tile(np.eye(problem.dim), (_NUM_AROUND, 1, 1))
+    turns[:, :block, :block] = _turns_around(block, seed)
+    starts = (turns @ minima.rotations[centres, None]).reshape(-1, problem.dim, problem.dim)
+    shifts = np.repeat(minima.shifts[centres], _NUM_AROUND, axis=0)
+    found = minimise(problem, starts, freedom=freedom, shifts=shifts, hold_chirality=True, origins="around")
+    return merge([minima, found])
+
+
+def distinct(rotations: FloatArray, angle_rad: float, num: int, *, mirrored: BoolArray | None = None) -> IntArray:
+    """Return positions of the first ``num`` rotations that are pairwise at least ``angle_rad`` apart, in order.
+
+    Where it is known which ones are mirrored, the first ones of each chirality follow up to its share of ``num``.
+    """
+    flat = rotations.reshape(len(rotations), -1)
+    free = np.ones(len(rotations), dtype=bool)
+    kept: list[int] = []
+    traces = rotations.shape[-1] - 2.0 * (1.0 - np.cos(angle_rad))
+    sides = [0] * len(rotations) if mirrored is None else mirrored.astype(int).tolist()
+    wanted = [0, 0] if mirrored is None else [round(_CHIRALITY_SHARE * num)] * 2
+    for position in range(len(rotations)):
+        if len(kept) >= num and max(wanted) <= 0:
+            break
+        if free[position] and (len(kept) < num or wanted[sides[position]] > 0):
+            kept.append(position)
+            wanted[sides[position]] -= 1
+            free &= flat @ flat[position] <= traces
+    return np.array(kept, dtype=np.int64)

@@ -1,0 +1,1 @@
+"""PM-SDP and its dual interior-point solver."""

@@ -1,0 +1,170 @@
+"""From the last dual iterate to a certificate: exact linear constraints, optimal potentials, a verified bound."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.errors import InputError
+from pairwise.certificates.certificate import Certificate, hash_problem, problem_arrays
+from pairwise.certificates.verify_pm_sdp import pm_sdp_bound
+from pairwise.pm_sdp.data import RelaxationData
+from pairwise.pm_sdp.interior_point import DualSolution
+from pairwise.pm_sdp.lifted_rotation import LiftedRotation
+from pairwise.problem.problem import Problem
+
+#: Times that F may be shifted away from singularity, each time ten times further.
+_MAX_SHIFTS = 18
+
+
+def certify_dual(
+    problem: Problem,
+    data: RelaxationData,
+    solution: DualSolution | None,
+    unmatched: dict[str, NDArray[Any]] | None = None,
+) -> Certificate:
+    """Turn a dual point into a certificate whose bound the verifier confirms.
+
+    The point's linear constraints are closed exactly, F is shifted until it is safely positive definite (a shift t
+    costs t d), and the potentials are those of the assignment problem at the point's costs.
+
+    Parameters
+    ----------
+    problem : Problem
+    data : RelaxationData
+        Of this problem.
+    solution : DualSolution or None
+        None where R has no free variable.
+    unmatched : dict, optional
+        The arrays ``"unmatched_costs"`` and ``"max_unmatched"`` of a partial matching.
+    """
+    lifted = data.lifted
+    k, size = problem.num_source, lifted.num_variables
+    if solution is None:
+        F, u, y = np.zeros((k, size, size)), np.zeros((k, size)), np.zeros(len(lifted.equations))
+        quaternions = np.zeros((len(lifted.quaternion_blocks), 4, 4))
+    else:
+        F, u, y = solution.dual.F, solution.dual.u, solution.equation_multipliers
+        quaternions = np.array(solution.dual.Y).reshape(-1, 4, 4)
+    F, u = _close_constraints(lifted, _symmetrised(F), u, y, _symmetrised(quaternions))
+    arrays = {**problem_arrays(problem), **(unmatched or {})}
+    arrays |= _multiplier_arrays(lifted, y, _symmetrised(quaternions))
+    arrays["u"] = u
+    arrays["impossible"] = np.argwhere(problem.candidates & ~_support(problem, data))
+    arrays, bound = _with_safe_bound(problem, data, arrays, F)
+    digest = hash_problem(problem.target, problem.source, arrays)
+    frozen = {name: read_only(np.array(values)) for name, values in arrays.items()}
+    return Certificate(kind="pm-sdp", arrays=frozen, problem_hash=digest, bound=bound)
+
+
+def _symmetrised(matrices: FloatArray) -> FloatArray:
+    return 0.5 * (matrices + np.swapaxes(matrices, -1, -2))
+
+
+def _support(problem: Problem, data: RelaxationData) -> BoolArray:
+    """Return the candidates (n, k) that some assignment uses."""
+    return data.scatter(data.valid.astype(np.float64))[: problem.num_target] > 0.0
+
+
+def _close_constraints(
+    lifted: LiftedRotation, F: FloatArray, u: FloatArray, y: FloatArray, quaternions: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Spread what the sums of F and u miss over the source points."""
+    expected = np.tensordot(y, lifted.equations, 1)
+    mean = expected[0, 1:].copy()
+    for (_, slopes), Y in zip(lifted.quaternion_blocks, quaternions, strict=True):
+        mean -= 0.5 * np.tensordot(slopes, Y, 2)
+    return F + _symmetrised(expected[1:, 1:] - F.sum(axis=0)) / len(F), u + (mean - u.sum(axis=0)) / len(u)
+
+
+def _multiplier_arrays(lifted: LiftedRotation, y: FloatArray, quaternions: FloatArray) -> dict[str, NDArray[Any]]:
+    """Return L1, L2, Z and Y4 from the multipliers of the equations."""
+    dim = lifted.pattern.dim
+    named = {"columns": np.zeros((dim, dim)), "rows": np.zeros((dim, dim)), "cross": np.zeros((dim, dim))}
+    for value, (kind, s, t) in zip(y, lifted.labels, strict=True):
+        if kind == "cross":
+            named[kind][s, t] = value
+        else:
+            named[kind][s, t] += 0.5 * value
+            named[kind][t, s] += 0.5 * value
+    num_blocks = sum(stop - start == 3 for start, stop in lifted.pattern.special_blocks)
+    return {
+        "column_multipliers": named["columns"],
+        "row_multipliers": named["rows"],
+        "cross_multipliers": named["cross"],
+        "quaternion_multipliers": quaternions if len(quaternions) else np.zeros((num_blocks, 4, 4)),
+    }
+
+
+def _with_safe_bound(
+    problem: Problem, data: RelaxationData, arrays: dict[str, NDArray[Any]], F: FloatArray
+) -> tuple[dict[str, NDArray[Any]], float]:
+    """Shift F by multiples of the identity until the verifier accepts it; return all arrays and the bound."""
+    k, size = F.shape[:2]
+    counts = np.diag((data.lifted.basis[:, 1:] ** 2).sum(axis=0))
+    shift, columns = 0.0, arrays["column_multipliers"]
+    scale = float(np.abs(F).max(initial=0.0)) or 1.0
+    for attempt in range(_MAX_SHIFTS):
+        arrays["F"] = F + shift * counts
+        arrays["column_multipliers"] = columns + k * shift * np.eye(len(columns))
+        try:
+            arrays["beta"] = _potentials(problem, data, arrays, size)
+            return arrays, pm_sdp_bound(problem.target, problem.source, arrays)
+        except (InputError, np.linalg.LinAlgError):
+            shift = scale * 10.0 ** (attempt - 14)
+    raise ArithmeticError("the dual point cannot be made positive definite")
+
+
+def _potentials(problem: Problem, data: RelaxationData, arrays: dict[str, NDArray[Any]], size: int) -> FloatArray:
+    """Return the non-positive row potentials of the assignment problem at the costs c(F, u)."""
+    rows, cols = problem.pattern.entries
+    weighted = problem.weights[:, None] * problem.source
+    vectors = (weighted[:, None, cols] * problem.target[None, :, rows]) @ data.lifted.basis
+    costs = problem.weights[:, None] * (problem.target**2).sum(axis=1) - 2.0 * vectors[..., 0]
+    if size:
+        inverse_factor = np.linalg.inv(np.linalg.cholesky(arrays["F"]))
+        w = vectors[..., 1:] - arrays["u"][:, None, :]
+        costs -= ((w @ np.swapaxes(inverse_factor, 1, 2)) ** 2).sum(axis=2)
+    costs = np.where(_support(problem, data), costs.T + problem.constant_cost, np.inf)
+    if "unmatched_costs" in arrays:
+        unmatched = arrays["unmatched_costs"] - problem.weights * (problem.source**2).sum(axis=1)
+        if size:
+            whitened = (inverse_factor @ arrays["u"][:, :, None])[..., 0]
+            unmatched = unmatched - (whitened**2).sum(axis=1)
+        costs = np.vstack([costs, unmatched])
+    return optimal_assignment(costs, data.capacity)[1]
+
+
+def optimal_assignment(costs: FloatArray, capacity: IntArray) -> tuple[IntArray, FloatArray]:
+    """Return the cheapest assignment and optimal row potentials beta <= 0, by shortest paths from it.
+
+    Parameters
+    ----------
+    costs : ndarray, shape (n, k)
+        Infinite where forbidden; every column is assigned.
+    capacity : ndarray of int, shape (n,)
+        Columns that each row may take.
+
+    Returns
+    -------
+    rows : ndarray of int, shape (k,)
+        Row of each column.
+    beta : ndarray, shape (n,)
+    """
+    n, k = costs.shape
+    row_of_copy = np.repeat(np.arange(n), np.minimum(capacity, k))
+    copies, columns = linear_sum_assignment(costs[row_of_copy])
+    rows = np.empty(k, dtype=np.int64)
+    rows[columns] = row_of_copy[copies]
+    extra = costs - costs[rows, np.arange(k)]
+    beta = np.zeros(n)
+    for _ in range(n):
+        shorter = np.minimum(beta, (extra + beta[rows]).min(axis=1))
+        if np.array_equal(shorter, beta):
+            break
+        beta = shorter
+    return rows, beta

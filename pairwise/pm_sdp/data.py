@@ -1,0 +1,196 @@
+"""PM-SDP as arrays: which matches there are, what they cost, and how they meet the lifted rotation.
+
+Symbols (Maron et al. 2016): X the assignment, R the rotation, [R] the stack of its free entries, written in terms of
+the variables rho of :class:`pairwise.pm_sdp.lifted_rotation.LiftedRotation`; M their moments, C its lower right
+part. The relaxation over X, B, M reads
+
+    min  sum_ij cost_ij X_ij - 2 <v_ij, B_ij> + constant
+    s.t. C >= sum_i B_ij B_ij^T / X_ij,   sum_i B_ij = E[rho],   sum_i X_ij = 1   for every source point j,
+         sum_j X_ij <= capacity_i (= for rows that are always full),   <A_m, M> = 0,   Y(R) >= 0,
+
+which is the paper's (10)-(12) without its redundant first row. ``v_ij`` is w_j vec(q_i p_j^T) in terms of rho.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
+
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.errors import InputError
+from pairwise.pm_sdp.lifted_rotation import LiftedRotation
+from pairwise.problem.problem import Problem
+from pairwise.problem.support import assignment_support
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RelaxationData:
+    """A relaxation as arrays: padded lists of matches, one list for every source point.
+
+    Attributes
+    ----------
+    lifted : LiftedRotation
+        s variables.
+    index : ndarray of int, shape (k, c)
+        Row (target point) of each match; 0 where padded.
+    valid : ndarray of bool, shape (k, c)
+        False where padded.
+    cost : ndarray, shape (k, c)
+        Linear cost of each match, zero where padded.
+    vectors : ndarray, shape (k, c, s)
+        v_ij of each match.
+    capacity : ndarray of int, shape (n,)
+        How many source points a row may take.
+    equality : ndarray of bool, shape (n,)
+        Rows that are always full; elsewhere the row sum is an inequality.
+    constant : float
+        Added to the value.
+    """
+
+    lifted: LiftedRotation
+    index: IntArray
+    valid: BoolArray
+    cost: FloatArray
+    vectors: FloatArray
+    capacity: IntArray
+    equality: BoolArray
+    constant: float
+
+    @property
+    def num_rows(self) -> int:
+        """Number of rows n (target points, and one more where points may stay unmatched)."""
+        return len(self.capacity)
+
+    @cached_property
+    def is_full(self) -> bool:
+        """Whether no list is padded."""
+        return bool(self.valid.all())
+
+    @cached_property
+    def is_complete(self) -> bool:
+        """Whether every list holds every row, in order."""
+        return self.is_full and self.valid.shape[1] == self.num_rows
+
+    @cached_property
+    def incidence(self) -> csr_array:
+        """Sparse (n, k c) matrix that sums matches over their rows."""
+        source, slot = np.nonzero(self.valid)
+        columns = source * self.valid.shape[1] + slot
+        ones = np.ones(len(columns))
+        return csr_array((ones, (self.index[source, slot], columns)), shape=(self.num_rows, self.valid.size))
+
+    @cached_property
+    def row_pairs(self) -> IntArray:
+        """Flat position (k c c,) in an (n, n) matrix of every pair of matches of one source point."""
+        return (self.index[:, :, None] * self.num_rows + self.index[:, None, :]).ravel()
+
+    @cached_property
+    def pinned(self) -> BoolArray:
+        """One row of each connected component in which all rows are always full: their potentials have a gauge."""
+        k, n = len(self.index), self.num_rows
+        source, slot = np.nonzero(self.valid)
+        edges = (np.ones(len(source)), (source, k + self.index[source, slot]))
+        count, labels = connected_components(coo_array(edges, shape=(k + n, k + n)), directed=False)
+        row_labels = labels[k:]
+        closed = np.ones(count, dtype=bool)
+        closed[row_labels[~self.equality]] = False
+        first = np.full(count, n)
+        np.minimum.at(first, row_labels, np.arange(n))
+        pinned = np.zeros(n, dtype=bool)
+        pinned[first[closed & (first < n)]] = True
+        return pinned
+
+    def row_sums(self, values: FloatArray) -> FloatArray:
+        """Return the sums (n, ...) over each row of matches' values (k, c, ...); padded ones do not count."""
+        if self.is_complete:
+            return values.sum(axis=0)
+        return self.incidence @ values.reshape(self.valid.size, *values.shape[2:])
+
+    def scatter(self, values: FloatArray) -> FloatArray:
+        """Return matches' values (k, c, ...) as a full array (n, k, ...), zero elsewhere."""
+        full = np.zeros((self.num_rows, len(self.index), *values.shape[2:]))
+        source, slot = np.nonzero(self.valid)
+        full[self.index[source, slot], source] = values[source, slot]
+        return full
+
+    @classmethod
+    def from_problem(
+        cls,
+        problem: Problem,
+        *,
+        cross_products: bool = False,
+        unmatched_costs: FloatArray | None = None,
+        max_unmatched: int = 0,
+    ) -> RelaxationData:
+        """Set up the relaxation of a problem.
+
+        Parameters
+        ----------
+        problem : Problem
+        cross_products : bool
+            See :meth:`LiftedRotation.build`.
+        unmatched_costs : ndarray, shape (k,), optional
+            Allow source points to stay unmatched at these costs: one more row, the last, with v = 0.
+        max_unmatched : int
+            Capacity of that row.
+
+        Raises
+        ------
+        InputError
+            If no assignment fits the candidates, or squared coordinates overflow.
+        """
+        lifted = LiftedRotation.build(problem.pattern, cross_products=cross_products)
+        allowed, capacity = problem.candidates, np.ones(problem.num_target, dtype=np.int64)
+        if unmatched_costs is not None:
+            if max_unmatched < 1:
+                raise InputError(f"max_unmatched: expected at least 1, got {max_unmatched}")
+            allowed = np.vstack([allowed, np.ones((1, problem.num_source), dtype=bool)])
+            capacity = np.append(capacity, max_unmatched)
+        support = assignment_support(allowed, capacity)
+        index, valid = _match_lists(support.allowed)
+        with np.errstate(over="ignore", invalid="ignore"):
+            cost, vectors = _match_costs(problem, lifted, unmatched_costs)
+            constant = float((problem.weights * (problem.source**2).sum(axis=1)).sum())
+        if not (np.isfinite(constant) and np.isfinite(cost).all() and np.isfinite(vectors).all()):
+            raise InputError("points: their squared coordinates overflow; divide both shapes by one length")
+        source = np.arange(problem.num_source)[:, None]
+        return cls(
+            lifted=lifted,
+            index=index,
+            valid=valid,
+            cost=np.where(valid, cost[index, source], 0.0),
+            vectors=np.where(valid[..., None], vectors[index, source], 0.0),
+            capacity=capacity,
+            equality=support.always_full,
+            constant=constant,
+        )
+
+
+def _match_lists(allowed: BoolArray) -> tuple[IntArray, BoolArray]:
+    """Return the row of every match of each column, padded to the longest list."""
+    counts = allowed.sum(axis=0)
+    valid = np.arange(counts.max()) < counts[:, None]
+    index = np.zeros(valid.shape, dtype=np.int64)
+    index[valid] = np.nonzero(allowed.T)[1]
+    return index, valid
+
+
+def _match_costs(
+    problem: Problem, lifted: LiftedRotation, unmatched_costs: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the linear costs (n, k) and the vectors v (n, k, s), with the unmatched row appended where asked."""
+    rows, cols = problem.pattern.entries
+    weighted = problem.weights[:, None] * problem.source
+    lifted_vectors = (problem.target[:, None, rows] * weighted[None, :, cols]) @ lifted.basis
+    squares = (problem.target**2).sum(axis=1)
+    cost = problem.weights * squares[:, None] + problem.constant_cost - 2.0 * lifted_vectors[..., 0]
+    vectors = lifted_vectors[..., 1:]
+    if unmatched_costs is not None:
+        saved = problem.weights * (problem.source**2).sum(axis=1)
+        cost = np.vstack([cost, unmatched_costs - saved])
+        vectors = np.concatenate([vectors, np.zeros((1, *vectors.shape[1:]))])
+    return cost, vectors

@@ -1,0 +1,178 @@
+"""The Newton system of the interior-point method, eliminated point by point.
+
+In terms of ``Delta_j = [[-d alpha_j, d u_j^T], [d u_j, d F_j]]``, ``b = (1, F^-1 w)``, ``E = diag(0, F^-1)`` and
+``H_j = sum_i x_i (1, b_i)(1, b_i)^T + diag(0, G_j) / 2``, every source point contributes
+
+    H Delta E + E Delta H - sum_i dx_i b_i b_i^T + dM = rhs_j                 (moments; HKM scaling of F G = mu I)
+    dx_i = rho_i / s_i - (x_i / s_i) (b_i^T Delta b_i - d beta_i)             (complementarity x s = mu)
+
+and the points meet in ``sum_j Delta_j = sum_m dy_m A_m`` and in the row sums of x. One generalised eigendecomposition
+of (H, F^-1) per point turns the first operator into a diagonal one; the matches are a term of low rank in it.
+What remains is a positive definite system in the moments dM (within the null space of the equations) and d beta.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from data_tools.arrays import FloatArray
+from pairwise.pm_sdp.data import RelaxationData
+from pairwise.pm_sdp.moment_basis import MomentBasis, gram
+from pairwise.pm_sdp.newton_blocks import TINY, LocalBlocks
+from pairwise.pm_sdp.step_targets import Targets
+from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint, along
+
+#: R stands beside the diagonal of the moment matrix: its coordinates are scaled by the root of two.
+_ROOT_HALF = float(np.sqrt(0.5))
+
+#: Most refinements of a solution of the reduced system.
+_MAX_REFINEMENTS = 3
+
+#: A solution whose residual stays above this share of the right hand side is no use.
+_ACCURACY = 1e-3
+
+#: A solution is refined until its residual is this share of the right hand side.
+_REFINEMENT_TOL = 1e-6
+
+
+class NewtonSystem:
+    """Factorisation of the Newton system at one pair of primal and dual points.
+
+    Attributes
+    ----------
+    is_accurate : bool
+        Whether refinement made up for the operators' errors in every solution so far.
+    """
+
+    def __init__(self, data: RelaxationData, basis: MomentBasis, primal: PrimalPoint, dual: DualPoint) -> None:
+        self.data, self.basis, self.primal, self.dual = data, basis, primal, dual
+        self.is_accurate = True
+        self.blocks = LocalBlocks(data, basis, primal, dual)
+        self._quaternion_operators()
+        self._assemble()
+
+    def _quaternion_operators(self) -> None:
+        """Diagonalise ``X -> sym(Y_dual^-1 X Y_primal)`` on symmetric 4x4 matrices, one per rotation block."""
+        self.quaternion_maps = []
+        for primal, dual in zip(self.primal.Y, self.dual.Y, strict=True):
+            factor = np.linalg.cholesky(dual)
+            eigenvalues, vectors = np.linalg.eigh(factor.T @ primal @ factor)
+            eigenvalues = np.maximum(eigenvalues, TINY)
+            weights = 2.0 / (eigenvalues[:, None] + eigenvalues)
+            self.quaternion_maps.append((vectors.T @ factor.T, weights))
+
+    def _assemble(self) -> None:
+        """Form and factor the reduced system."""
+        data, basis = self.data, self.basis
+        moments, coupling = self.blocks.condense()
+        means = slice(0, data.lifted.num_variables)
+        for (_, slopes), (T, weights) in zip(data.lifted.quaternion_blocks, self.quaternion_maps, strict=True):
+            transformed = ((T @ slopes @ T.T) * np.sqrt(weights)).reshape(-1, 16)
+            moments[means, means] += 0.5 * transformed @ transformed.T
+        coupling[data.pinned] = 0.0
+        coupling = basis.reduce_columns(coupling.T)
+        self.rows_factor = _factor(self._row_matrix())
+        half = solve_triangular(self.rows_factor[0], coupling.T, lower=True, check_finite=False)
+        schur = basis.reduce_operator(moments)
+        schur += gram(half.astype(basis.dtype, copy=False))
+        self.coupling = coupling.astype(np.float64, copy=False)
+        self.schur_factor = _factor(schur)
+
+    def _row_matrix(self) -> FloatArray:
+        """Return the (n, n) matrix of the row sums and slacks, one row of each closed component pinned."""
+        data = self.data
+        rows = self.blocks.row_matrix()
+        open_rows = np.flatnonzero(~data.equality)
+        rows[open_rows, open_rows] -= self.primal.slack[open_rows] / self.dual.beta[open_rows]
+        pinned = data.pinned
+        rows[pinned], rows[:, pinned] = 0.0, 0.0
+        rows[pinned, pinned] = 1.0
+        return rows
+
+    def solve(self, targets: Targets) -> Direction:
+        """Solve for all variables, refining where the reduced system is inexact."""
+        data, basis = self.data, self.basis
+        num_rows = data.num_rows
+        coordinates, dbeta = np.zeros(basis.num_coordinates), np.zeros(num_rows)
+        pushes = targets.products / self._safe_x()
+        first_error = acceptable = 0.0
+        for refinement in range(_MAX_REFINEMENTS + 2):
+            moments = basis.unpack(coordinates)
+            dx, local = self.blocks.solve(targets.moments - moments, pushes + dbeta[data.index])
+            imbalance = basis.reduce(self._imbalance(targets, local, moments))
+            row_rhs = self._row_residual(targets, dx, dbeta)
+            error = max(float(np.abs(imbalance).max(initial=0.0)), float(np.abs(row_rhs).max()))
+            if error <= acceptable or refinement > _MAX_REFINEMENTS:
+                break
+            if refinement == 0:
+                first_error, acceptable = error, _REFINEMENT_TOL * error
+            rhs = imbalance + self.coupling @ cho_solve(self.rows_factor, row_rhs, check_finite=False)
+            step = self._solve_schur(rhs)
+            dbeta = dbeta + cho_solve(self.rows_factor, row_rhs - self.coupling.T @ step, check_finite=False)
+            coordinates = coordinates + basis.expand(step)
+        self.is_accurate &= error <= _ACCURACY * first_error
+        return self._direction(targets, dx, local, moments, dbeta)
+
+    def _solve_schur(self, rhs: FloatArray) -> FloatArray:
+        """Solve the reduced system in the precision of its factor."""
+        solution = cho_solve(self.schur_factor, rhs.astype(self.schur_factor[0].dtype), check_finite=False)
+        return solution.astype(np.float64, copy=False)
+
+    def _imbalance(self, targets: Targets, local: FloatArray, moments: FloatArray) -> FloatArray:
+        """Return the sum of the new u and F of all points, in coordinates: it must be spanned by the equations."""
+        imbalance = self.basis.pack(local.sum(axis=0) + self._dual_sum())
+        means = slice(0, self.data.lifted.num_variables)
+        for index, (_, slopes) in enumerate(self.data.lifted.quaternion_blocks):
+            change = targets.quaternions[index] - along(moments[0, 1:], slopes)
+            dY = self._quaternion_solve(index, change) + self.dual.Y[index]
+            imbalance[means] += _ROOT_HALF * (slopes.reshape(-1, 16) @ dY.ravel())
+        return imbalance
+
+    def _row_residual(self, targets: Targets, dx: FloatArray, dbeta: FloatArray) -> FloatArray:
+        """Return what the rows' new sums, their new slack included, miss of the capacities."""
+        data, primal = self.data, self.primal
+        residual = data.capacity - data.row_sums(primal.x + dx) - primal.slack
+        open_rows = ~data.equality
+        change = targets.slacks[open_rows] + primal.slack[open_rows] * dbeta[open_rows]
+        residual[open_rows] += change / self.dual.beta[open_rows]
+        residual[data.pinned] = 0.0
+        return residual
+
+    def _safe_x(self) -> FloatArray:
+        return self.primal.x if self.data.is_full else np.where(self.data.valid, self.primal.x, 1.0)
+
+    def _dual_sum(self) -> FloatArray:
+        """Return ``sum_j [[0, u_j^T], [u_j, F_j]]``, which must be a combination of the equations."""
+        dual = self.dual
+        total = np.zeros((self.basis.size + 1, self.basis.size + 1))
+        total[1:, 1:] = dual.F.sum(axis=0)
+        total[1:, 0] = total[0, 1:] = dual.u.sum(axis=0)
+        return total
+
+    def _quaternion_solve(self, index: int, rhs: FloatArray) -> FloatArray:
+        T, weights = self.quaternion_maps[index]
+        return T.T @ (weights * (T @ rhs @ T.T)) @ T
+
+    def _direction(
+        self, targets: Targets, dx: FloatArray, local: FloatArray, moments: FloatArray, dbeta: FloatArray
+    ) -> Direction:
+        data, primal, dual = self.data, self.primal, self.dual
+        dF, du, dalpha = local[:, 1:, 1:], local[:, 1:, 0], -local[:, 0, 0]
+        pull = primal.B @ dF + primal.x[..., None] * du[:, None, :] - targets.ratio
+        dB = dx[..., None] * dual.mean - pull @ dual.inverse
+        dR = moments[0, 1:]
+        dY = tuple(
+            self._quaternion_solve(i, targets.quaternions[i] - along(dR, slopes))
+            for i, (_, slopes) in enumerate(data.lifted.quaternion_blocks)
+        )
+        dslack = np.zeros(data.num_rows)
+        open_rows = ~data.equality
+        dslack[open_rows] = (targets.slacks[open_rows] + primal.slack[open_rows] * dbeta[open_rows]) / -dual.beta[
+            open_rows
+        ]
+        return Direction(dx, dB, moments[1:, 1:], dR, dslack, dalpha, dbeta, dF, du, dY)
+
+
+def _factor(matrix: FloatArray) -> tuple[FloatArray, bool]:
+    return cho_factor(matrix, lower=True, check_finite=False)

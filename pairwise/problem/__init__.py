@@ -1,0 +1,1 @@
+"""The Procrustes matching problem."""

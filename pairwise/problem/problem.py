@@ -1,0 +1,209 @@
+"""The Procrustes matching problem as data: what is matched to what, at which cost, with which R.
+
+    minimise  E(R, map) = sum_j w_j |R p_j - q_map(j)|^2 + sum_j c[map(j), j]
+
+over R in the group with the given pattern and injective maps inside the candidates (Maron et al. 2016, eq. 1-2).
+In two-way partial matching ``max_unmatched`` source points may stay unmatched (map -1) at ``unmatched_cost`` each, as
+if the target had one more row of that capacity and constant cost; unmatched target points are free.
+Points are rows here and everywhere else; the paper's d x n matrices P and Q are ``source.T`` and ``target.T``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_bipartite_matching
+
+from data_tools.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    as_floats,
+    as_mask,
+    as_points,
+    as_weights,
+    read_only,
+)
+from data_tools.errors import InputError, OptionsError
+from pairwise.problem.pattern import PatternLike, RotationPattern
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """A checked Procrustes matching problem; build it with :meth:`from_user`.
+
+    Attributes
+    ----------
+    target : ndarray, shape (n, d)
+        The points q_i.
+    source : ndarray, shape (k, d)
+        The points p_j, k <= n.
+    pattern : RotationPattern
+        The sparsity of R and its rotation blocks.
+    candidates : ndarray of bool, shape (n, k)
+        Whether source point j may go to target point i.
+    weights : ndarray, shape (k,)
+        w_j, non-negative.
+    constant_cost : ndarray, shape (n, k)
+        c_ij, what a match costs whatever R is (weighted squared differences of invariants).
+    max_unmatched : int
+        How many source points may stay unmatched at most; 0 outside partial matching.
+    unmatched_cost : float
+        What each source point that stays unmatched costs.
+    """
+
+    target: FloatArray
+    source: FloatArray
+    pattern: RotationPattern
+    candidates: BoolArray
+    weights: FloatArray
+    constant_cost: FloatArray
+    max_unmatched: int = 0
+    unmatched_cost: float = 0.0
+
+    @classmethod
+    def from_user(
+        cls,
+        target: ArrayLike,
+        source: ArrayLike,
+        *,
+        group: str = "SO",
+        candidates: ArrayLike | None = None,
+        rotation_pattern: PatternLike = None,
+        invariants: tuple[ArrayLike, ArrayLike] | None = None,
+        weights: ArrayLike | None = None,
+        num_matches: int | None = None,
+        unmatched_penalty: float | None = None,
+    ) -> Problem:
+        """Check what callers give.
+
+        Parameters
+        ----------
+        target, source : array_like, shapes (n, d) and (k, d)
+            Points are rows; k <= n.
+        group : {"SO", "O"}
+            Rotations, or all orthogonal matrices.
+        candidates : array_like of bool, shape (n, k), optional
+            Which matches are allowed; all by default.
+        rotation_pattern : optional
+            See :meth:`RotationPattern.from_user`.
+        invariants : pair of array_like, shapes (n, m) and (k, m), optional
+            Rotation-invariant coordinates of both shapes: a block of the embedding whose R is the identity.
+        weights : array_like, shape (k,), optional
+            Weight of each source point.
+        num_matches : int, optional
+            Two-way partial matching: match exactly that many source points and leave the rest out at no cost.
+        unmatched_penalty : float, optional
+            Two-way partial matching: leave out any number of source points at this cost each, in squared units of
+            the points. Excludes ``num_matches``.
+
+        Raises
+        ------
+        InputError
+            If shapes disagree, k > n, or no injective map lies inside the candidates.
+        OptionsError
+            If both forms of partial matching are asked for, or one of them with an impossible value.
+        """
+        q = as_points(target, "target")
+        p = as_points(source, "source", dim=q.shape[1])
+        n, k = len(q), len(p)
+        if k > n:
+            raise InputError(f"source has {k} points, target {n}: the map is injective, so k <= n; swap the two")
+        w = as_weights(weights, "weights", num=k)
+        pattern = RotationPattern.from_user(rotation_pattern, q.shape[1], group)
+        allowed = np.ones((n, k), bool) if candidates is None else as_mask(candidates, "candidates", shape=(n, k))
+        max_unmatched = _max_unmatched(k, num_matches, unmatched_penalty)
+        _check_feasible(allowed, max_unmatched)
+        constant = np.zeros((n, k)) if invariants is None else _invariant_cost(invariants, n, k)
+        return cls(
+            target=read_only(q),
+            source=read_only(p),
+            pattern=pattern,
+            candidates=read_only(allowed),
+            weights=read_only(w),
+            constant_cost=read_only(constant * w),
+            max_unmatched=max_unmatched,
+            unmatched_cost=float(unmatched_penalty or 0.0),
+        )
+
+    @property
+    def num_target(self) -> int:
+        """Number n of target points."""
+        return len(self.target)
+
+    @property
+    def num_source(self) -> int:
+        """Number k of source points."""
+        return len(self.source)
+
+    @property
+    def dim(self) -> int:
+        """Dimension d of the points."""
+        return self.target.shape[1]
+
+    def assignment_costs(self, rotations: FloatArray) -> FloatArray:
+        """Return the cost of every match at the given rotations, shape (..., n, k).
+
+        Matches outside the candidates cost ``inf``. Entries are ``w_j |R p_j - q_i|^2 + c_ij``.
+        """
+        moved = self.source @ np.swapaxes(rotations, -1, -2)
+        cross = self.target @ np.swapaxes(moved, -1, -2)
+        squares = (self.target**2).sum(axis=1)[:, None] + (self.source**2).sum(axis=1)
+        costs = np.maximum(squares - 2.0 * cross, 0.0) * self.weights + self.constant_cost
+        return np.where(self.candidates, costs, np.inf)
+
+    def energy(self, rotation: FloatArray, point_map: IntArray) -> float:
+        """Return E(R, map), computed from the differences themselves.
+
+        Parameters
+        ----------
+        rotation : ndarray, shape (d, d)
+        point_map : ndarray of int, shape (k,)
+            Index on the target of each source point, -1 where it stays unmatched.
+        """
+        matched = np.flatnonzero(point_map >= 0)
+        images = point_map[matched]
+        squares = ((self.source[matched] @ rotation.T - self.target[images]) ** 2).sum(axis=1)
+        total = (self.weights[matched] * squares).sum() + self.constant_cost[images, matched].sum()
+        return float(total + self.unmatched_cost * (self.num_source - len(matched)))
+
+    def procrustes(self, point_map: IntArray) -> FloatArray:
+        """Return the best R for a map, shape (d, d): orthogonal Procrustes within the pattern's blocks."""
+        weights = np.where(point_map >= 0, self.weights, 0.0)
+        return self.pattern.project(self.target[point_map].T @ (weights[:, None] * self.source))
+
+
+def _invariant_cost(invariants: tuple[ArrayLike, ArrayLike], n: int, k: int) -> FloatArray:
+    if not isinstance(invariants, tuple | list) or len(invariants) != 2:
+        raise OptionsError("invariants: expected a pair (target, source) of arrays (n, m) and (k, m)")
+    h = as_floats(invariants[0], "invariants of the target", shape=(n, None))
+    g = as_floats(invariants[1], "invariants of the source", shape=(k, h.shape[1]))
+    return ((h[:, None, :] - g[None, :, :]) ** 2).sum(axis=2)
+
+
+def _max_unmatched(k: int, num_matches: int | None, unmatched_penalty: float | None) -> int:
+    if num_matches is not None and unmatched_penalty is not None:
+        raise OptionsError("num_matches and unmatched_penalty exclude each other: give one of them")
+    if unmatched_penalty is not None:
+        if not (np.isfinite(unmatched_penalty) and unmatched_penalty >= 0):
+            raise OptionsError(f"unmatched_penalty: expected a finite number >= 0, got {unmatched_penalty}")
+        return k
+    if num_matches is None:
+        return 0
+    if not 1 <= num_matches <= k:
+        raise OptionsError(f"num_matches: expected 1 to {k} (the source points), got {num_matches}")
+    return k - int(num_matches)
+
+
+def _check_feasible(allowed: BoolArray, max_unmatched: int) -> None:
+    empty = np.flatnonzero(~allowed.any(axis=0))
+    if len(empty) > max_unmatched:
+        raise InputError(f"candidates: source point {empty[0]} has none ({len(empty)} such points)")
+    matched: Any = maximum_bipartite_matching(csr_array(allowed), perm_type="row")
+    stuck = int((matched < 0).sum())
+    if stuck > max_unmatched:
+        raise InputError(f"candidates: no injective map fits them, {stuck} source points are always left over")

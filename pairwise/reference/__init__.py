@@ -1,0 +1,1 @@
+"""The relaxations written down plainly in CVXPY, to compare with."""

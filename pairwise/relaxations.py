@@ -1,0 +1,205 @@
+"""The entry point of the relaxations: checks the problem, picks the solver, returns values with their proof."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from data_tools.arrays import FloatArray, read_only
+from data_tools.errors import OptionsError
+from pairwise.pm_sdp.certify import certify_dual, optimal_assignment
+from pairwise.pm_sdp.data import RelaxationData
+from pairwise.pm_sdp.interior_point import DualSolution, solve_dual
+from pairwise.problem.pattern import PatternLike
+from pairwise.problem.problem import Problem
+from pairwise.results import RelaxationResult
+from pairwise.status import Status
+
+
+def solve_relaxation(
+    target: ArrayLike,
+    source: ArrayLike,
+    *,
+    group: str = "SO",
+    candidates: ArrayLike | None = None,
+    rotation_pattern: PatternLike = None,
+    invariants: tuple[ArrayLike, ArrayLike] | None = None,
+    weights: ArrayLike | None = None,
+    relaxation: str = "pm-sdp",
+    solver: str = "dual",
+    tol: float = 1e-6,
+    max_iterations: int | None = None,
+    time_limit_s: float | None = None,
+    cross_products: bool = False,
+) -> RelaxationResult:
+    """Bound the Procrustes matching energy from below by a convex relaxation.
+
+    Parameters
+    ----------
+    target, source : array_like, shapes (n, d) and (k, d)
+        Points are rows; k <= n.
+    group, candidates, rotation_pattern, invariants, weights : optional
+        See :meth:`pairwise.problem.problem.Problem.from_user`.
+    relaxation : {"pm-sdp", "quaternion", "tight"}
+        PM-SDP (Maron et al. 2016), or the relaxations for rotations whose matches carry moments of their own.
+    solver : {"dual", "scs", "clarabel"}
+        The structured interior-point method, or a general conic solver through CVXPY (PM-SDP only, no certificate).
+    tol : float
+        Relative gap between value and bound at which to stop.
+    max_iterations : int, optional
+        The solver's own limit by default.
+    time_limit_s : float, optional
+    cross_products : bool
+        PM-SDP: use the identities R_a x R_b = R_c of the 3x3 rotation blocks, stronger than conv SO(3).
+
+    Returns
+    -------
+    RelaxationResult
+        What happens inside ends in its ``status``; the bound is valid in any case.
+
+    Raises
+    ------
+    InputError
+        If the points or candidates do not make a problem.
+    OptionsError
+        If an option is unknown or out of range.
+    """
+    _check_options(relaxation, solver, tol, max_iterations, time_limit_s)
+    problem = Problem.from_user(
+        target,
+        source,
+        group=group,
+        candidates=candidates,
+        rotation_pattern=rotation_pattern,
+        invariants=invariants,
+        weights=weights,
+    )
+    limits: dict[str, Any] = {} if max_iterations is None else {"max_iterations": max_iterations}
+    if relaxation != "pm-sdp":
+        from pairwise.tight.solve import solve_tight
+
+        return solve_tight(problem, form=relaxation, tol=tol, time_limit_s=time_limit_s, **limits)
+    if solver != "dual":
+        from pairwise.reference.pm_sdp import solve_reference
+
+        return solve_reference(
+            problem, solver=solver, cross_products=cross_products, tol=tol, time_limit_s=time_limit_s, **limits
+        )
+    return solve_pm_sdp(problem, cross_products=cross_products, tol=tol, time_limit_s=time_limit_s, **limits)
+
+
+def _check_options(
+    relaxation: str, solver: str, tol: float, max_iterations: int | None, time_limit_s: float | None
+) -> None:
+    if relaxation not in ("pm-sdp", "quaternion", "tight"):
+        raise OptionsError(f"relaxation: expected 'pm-sdp', 'quaternion' or 'tight', got {relaxation!r}")
+    if solver not in ("dual", "scs", "clarabel"):
+        raise OptionsError(f"solver: expected 'dual', 'scs' or 'clarabel', got {solver!r}")
+    if relaxation != "pm-sdp" and solver != "dual":
+        raise OptionsError(f"solver: {solver!r} solves PM-SDP only, not {relaxation!r}")
+    if not 0.0 < tol < 1.0:
+        raise OptionsError(f"tol: expected a number between 0 and 1, got {tol}")
+    if max_iterations is not None and max_iterations < 1:
+        raise OptionsError(f"max_iterations: expected at least 1, got {max_iterations}")
+    if time_limit_s is not None and not time_limit_s > 0.0:
+        raise OptionsError(f"time_limit_s: expected a positive number of seconds, got {time_limit_s}")
+
+
+def solve_pm_sdp(
+    problem: Problem,
+    *,
+    cross_products: bool = False,
+    tol: float = 1e-6,
+    max_iterations: int = 100,
+    time_limit_s: float | None = None,
+    unmatched_costs: FloatArray | None = None,
+    max_unmatched: int = 0,
+) -> RelaxationResult:
+    """Solve PM-SDP of a checked problem by the interior-point method.
+
+    Parameters
+    ----------
+    problem : Problem
+    cross_products, tol, max_iterations, time_limit_s
+        See :func:`solve_relaxation`.
+    unmatched_costs : ndarray, shape (k,), optional
+        Let up to ``max_unmatched`` source points stay unmatched, at these costs; X and B then have one more row,
+        the last. The energy of an unmatched point is its cost instead of its squared distance.
+    max_unmatched : int
+    """
+    started = time.perf_counter()
+    data = RelaxationData.from_problem(
+        problem, cross_products=cross_products, unmatched_costs=unmatched_costs, max_unmatched=max_unmatched
+    )
+    unmatched: dict[str, NDArray[Any]] | None = None
+    if unmatched_costs is not None:
+        unmatched = {
+            "unmatched_costs": np.array(unmatched_costs, dtype=np.float64),
+            "max_unmatched": np.array(max_unmatched, dtype=np.int64),
+        }
+    if data.lifted.num_variables == 0:
+        return _fixed_rotation(problem, data, unmatched, started)
+    read = time.perf_counter()
+    solution = solve_dual(data, tol=tol, max_iterations=max_iterations, time_limit_s=time_limit_s)
+    certificate = certify_dual(problem, data, solution, unmatched)
+    times = {"setup": solution.times_s["setup"] + read - started, "solve": solution.times_s["solve"]}
+    times["certify"] = time.perf_counter() - read - sum(solution.times_s.values())
+    x, B, R, C = full_variables(data, solution)
+    return RelaxationResult(
+        value=solution.value,
+        lower_bound=certificate.bound,
+        R=R,
+        X=x,
+        C=C,
+        B=B,
+        status=solution.status,
+        iterations=solution.iterations,
+        residuals=solution.residuals,
+        times_s=times,
+        certificate=certificate,
+    )
+
+
+def full_variables(data: RelaxationData, solution: DualSolution) -> tuple[FloatArray, ...]:
+    """Return X, B, R and C over all matches and all free entries of R."""
+    primal, lifted = solution.primal, data.lifted
+    size = lifted.num_variables
+    moments = np.empty((size + 1, size + 1))
+    moments[0, 0], moments[0, 1:], moments[1:, 0], moments[1:, 1:] = 1.0, primal.R, primal.R, primal.C
+    entries = lifted.basis @ moments[:, 0]
+    C = lifted.basis @ moments @ lifted.basis.T
+    lifted_B = np.concatenate([primal.x[..., None], primal.B], axis=2) @ lifted.basis.T
+    x = data.scatter(primal.x)
+    B = np.ascontiguousarray(data.scatter(lifted_B).transpose(1, 2, 0))
+    return read_only(x), read_only(B), read_only(lifted.pattern.unpack(entries)), read_only(C)
+
+
+def _fixed_rotation(
+    problem: Problem, data: RelaxationData, unmatched: dict[str, NDArray[Any]] | None, started: float
+) -> RelaxationResult:
+    """Answer for a pattern that leaves one rotation (d = 1): the relaxation is the assignment problem itself."""
+    certificate = certify_dual(problem, data, None, unmatched)
+    costs = np.where(data.scatter(data.valid.astype(np.float64)) > 0.0, data.scatter(data.cost), np.inf)
+    rows, _ = optimal_assignment(costs, data.capacity)
+    columns = np.arange(problem.num_source)
+    x = np.zeros(costs.shape)
+    x[rows, columns] = 1.0
+    value = float(costs[rows, columns].sum()) + data.constant
+    entries = data.lifted.basis[:, 0]
+    B = np.ascontiguousarray(x.T[:, None, :] * entries[:, None])
+    return RelaxationResult(
+        value=value,
+        lower_bound=certificate.bound,
+        R=read_only(data.lifted.pattern.unpack(entries)),
+        X=read_only(x),
+        C=read_only(np.outer(entries, entries)),
+        B=read_only(B),
+        status=Status.CONVERGED,
+        iterations=0,
+        residuals={"primal": 0.0, "dual": 0.0, "gap": 0.0},
+        times_s={"setup": time.perf_counter() - started, "solve": 0.0},
+        certificate=certificate,
+    )

@@ -1,0 +1,230 @@
+from __future__ import annotations
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from collalign.engine.jobs.progress import ProgressBar
+from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
+from collalign.engine.jobs.worker import describe
+from data_tools.errors import CollalignError, InputError, OptionsError
+from tests.faults import worker_processes
+from tests.job_functions import look_up, misbehave, process_id, spectrum
+
+ROOT = Path(__file__).resolve().parents[3]
+SPECTRA = [(f"s{seed}", seed) for seed in range(12)]
+
+
+def collect(*arguments: Any, **options: Any) -> dict[str, JobResult]:
+    results = list(run_jobs(*arguments, **options))
+    assert len({result.key for result in results}) == len(results)
+    return {result.key: result for result in results}
+
+
+def test_serial_workers_and_any_order_give_the_same_bytes() -> None:
+    serial = {key: result.value.tobytes() for key, result in collect(spectrum, SPECTRA).items()}
+    runs = [
+        collect(spectrum, SPECTRA, num_jobs=2),
+        collect(spectrum, SPECTRA[::-1], num_jobs=2, batch_size=4),
+        collect(spectrum, SPECTRA, num_jobs=1, time_limit_s=60.0),
+    ]
+    for run in runs:
+        assert {key: result.value.tobytes() for key, result in run.items()} == serial
+    assert len(set(serial.values())) == len(SPECTRA)
+
+
+def test_no_limits_and_one_job_stay_in_this_process_and_a_limit_leaves_it() -> None:
+    tasks = [(str(i), i) for i in range(8)]
+    assert {result.value for result in collect(process_id, tasks).values()} == {os.getpid()}
+    isolated = {result.value for result in collect(process_id, tasks, time_limit_s=60.0).values()}
+    assert os.getpid() not in isolated
+    assert len({result.value for result in collect(process_id, tasks, num_jobs=2).values()}) == 2
+
+
+def test_results_stream_and_tasks_are_drawn_as_workers_become_free() -> None:
+    drawn: list[int] = []
+
+    def tasks() -> Iterator[tuple[str, int]]:
+        for i in range(400):
+            drawn.append(i)
+            yield str(i), i
+
+    results = run_jobs(process_id, tasks(), num_jobs=2)
+    next(results)
+    assert len(drawn) < 40
+    results.close()
+
+
+def test_tasks_that_misbehave_cost_only_themselves(tmp_path: Path) -> None:
+    tasks = [(f"r{i}", ("return", i)) for i in range(40)]
+    for place, action in ((3, "raise"), (15, "segfault"), (21, "hang"), (27, "fill")):
+        tasks.insert(place, (action, (action, 7)))
+    tasks.insert(33, ("killed-once", ("killed-once", str(tmp_path / "killed"))))  # type: ignore[arg-type]
+    results = collect(misbehave, tasks, num_jobs=2, time_limit_s=1.0, memory_limit_bytes=2**31)
+    assert results.keys() == dict(tasks).keys()
+    assert all(results[f"r{i}"].value == i for i in range(40))
+    assert results["killed-once"].value == str(tmp_path / "killed")
+    failures = {key: result.failure for key, result in results.items() if result.failure is not None}
+    assert failures.keys() == {"raise", "segfault", "hang", "fill"}
+    reasons = {"raise": "no answer for 7", "segfault": "SIGSEGV", "hang": "time limit of 1 s", "fill": "MemoryError"}
+    assert all(reason in str(failures[key]) for key, reason in reasons.items())
+    assert {key for key in failures if results[key].crashed} == {"segfault", "hang"}
+    assert np.isnan(results["hang"].seconds)
+    assert results["r0"].seconds >= 0.01
+
+
+def test_failures_are_records_in_one_process_too() -> None:
+    results = collect(misbehave, [("a", ("raise", 1)), ("b", ("return", 2))])
+    assert results["a"].failure is not None
+    assert results["a"].failure.startswith("ValueError: no answer for 1 (in misbehave, tests/job_functions.py:")
+    assert results["b"].value == 2
+
+
+@pytest.mark.parametrize("num_jobs", [1, 2])
+def test_an_error_of_the_task_list_itself_is_raised(num_jobs: int) -> None:
+    def tasks() -> Iterator[tuple[str, Any]]:
+        yield "a", ("return", 1)
+        yield "b", ("return", 2)
+        raise InputError("no more")
+
+    with pytest.raises(InputError, match="no more"):
+        collect(misbehave, tasks(), num_jobs=num_jobs)
+
+
+def test_no_tasks_give_no_results() -> None:
+    assert collect(spectrum, [], num_jobs=2) == {}
+
+
+def test_workers_that_cannot_start_a_task_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    import collalign.engine.jobs.local
+
+    monkeypatch.setattr(collalign.engine.jobs.local, "run_guarded", _die_before_the_ledger)
+    monkeypatch.setattr(collalign.engine.jobs.local, "_MAX_STALLS", 2)
+    with pytest.raises(CollalignError, match=r"die before they start a task.*EXIT\(9\)"):
+        collect(spectrum, SPECTRA, num_jobs=2)
+
+
+def _die_before_the_ledger(*arguments: object) -> None:
+    os._exit(9)
+
+
+def test_workers_end_when_their_parent_is_killed() -> None:
+    script = (
+        "from collalign.engine.jobs.run import run_jobs\n"
+        "from tests.job_functions import process_id\n"
+        "for result in run_jobs(process_id, ((str(i), i) for i in range(100000)), num_jobs=2):\n"
+        "    print(result.value, flush=True)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, cwd=ROOT) as process:
+        assert process.stdout is not None
+        workers = {int(process.stdout.readline()) for _ in range(20)}
+        os.kill(process.pid, signal.SIGKILL)
+    assert_gone(workers)
+
+
+def test_workers_that_never_had_a_task_end_with_their_parent_too() -> None:
+    script = (
+        "import time\n"
+        "from collalign.engine.jobs.run import run_jobs\n"
+        "from tests.job_functions import process_id\n"
+        "list(run_jobs(process_id, [('a', 1)], num_jobs=2))\n"
+        "print('ready', flush=True); time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, cwd=ROOT) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+        workers = worker_processes(process.pid)
+        os.kill(process.pid, signal.SIGKILL)
+    assert len(workers) == 2
+    assert_gone(set(workers))
+
+
+def test_a_worker_that_starts_after_its_parent_is_gone_ends_at_once() -> None:
+    script = (
+        "import os, sys, time\n"
+        "from collalign.engine.jobs.worker import end_with_parent\n"
+        "end_with_parent(int(sys.argv[1])); time.sleep(60)\n"
+    )
+    with subprocess.Popen(["true"]) as zombie:
+        time.sleep(0.2)  # ended, and not waited for
+        ended = subprocess.run([sys.executable, "-c", script, str(zombie.pid)], cwd=ROOT, timeout=30, check=False)
+    assert ended.returncode == 1
+
+
+def assert_gone(processes: set[int]) -> None:
+    deadline = time.monotonic() + 10.0
+    while any(is_running(pid) for pid in processes) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not any(is_running(pid) for pid in processes)
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_is_running_sees_this_process() -> None:
+    assert is_running(os.getpid())
+
+
+@pytest.mark.parametrize("num_jobs", [1, 2])
+def test_shared_records_are_looked_up_by_key(num_jobs: int) -> None:
+    records = ((str(i), {"positions": np.full((4, 3), float(i))}) for i in range(300))
+    with SharedTable.create(records) as table:
+        assert len(table) == 300
+        assert list(table)[:2] == ["0", "1"]
+        results = collect(look_up, [(f"{i}", str(i)) for i in range(300)], num_jobs=num_jobs, shared=table)
+        assert all(result.value == 12.0 * int(key) for key, result in results.items())
+        with pytest.raises(KeyError):
+            table["missing"]
+        with pytest.raises(ValueError, match="read-only"):
+            table["3"]["positions"][0] = 1.0
+        path = table.path
+    assert not path.exists()
+
+
+def test_a_table_that_cannot_be_written_leaves_no_file(tmp_path: Path) -> None:
+    with pytest.raises(TypeError):
+        SharedTable.create([("a", {"f": print})], directory=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_progress_is_told_of_every_result() -> None:
+    text = io.StringIO()
+    with ProgressBar("pairs", 5, done=2, file=text) as progress:
+        collect(misbehave, [("a", ("return", 1)), ("b", ("raise", 1)), ("c", ("return", 1))], progress=progress)
+    assert "5/5" in text.getvalue()
+    assert "failed=1" in text.getvalue()
+
+
+def test_errors_are_described_in_one_line() -> None:
+    assert describe(InputError("a.ply: no\npoints")) == "a.ply: no points"
+    assert describe(ZeroDivisionError("x" * 5000)).startswith("ZeroDivisionError: xxx")
+    assert len(describe(ZeroDivisionError("x" * 5000))) < 1200
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"num_jobs": 0},
+        {"time_limit_s": 0.0},
+        {"time_limit_s": float("nan")},
+        {"time_limit_s": float("inf")},
+        {"memory_limit_bytes": 5},
+        {"batch_size": 0},
+    ],
+)
+def test_impossible_options_are_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(OptionsError):
+        run_jobs(spectrum, SPECTRA, **options)

@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import logging
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from collalign import AlignOptions, RunOptions, align_collection
+from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
+from data_tools.errors import CollalignError
+from data_tools.options import SamplingOptions
+from tests.job_functions import look_up, misbehave, spectrum
+
+distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'collalign[dask]'")
+dask = pytest.importorskip("dask")
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
+        distributed.LocalCluster(silence_logs=logging.CRITICAL, **options) as cluster,
+    ):
+        yield cluster
+
+
+def kill_one_worker(cluster: Any) -> None:
+    os.kill(next(worker.pid for worker in cluster.workers.values() if worker.pid), signal.SIGKILL)
+
+
+def test_a_killed_worker_changes_nothing(cluster: Any) -> None:
+    tasks = [(f"s{seed}", seed) for seed in range(60)]
+    expected = {result.key: result.value.tobytes() for result in run_jobs(spectrum, tasks)}
+    found = {}
+    for result in run_jobs(spectrum, tasks, scheduler=cluster.scheduler_address, batch_size=2):
+        found[result.key] = result.value.tobytes()
+        if len(found) == 10:
+            kill_one_worker(cluster)
+    assert found == expected
+
+
+def test_restarted_workers_have_the_shared_records(cluster: Any) -> None:
+    found = {}
+    with SharedTable.create((str(i), {"positions": np.full((4, 3), float(i))}) for i in range(10)) as table:
+        tasks = [(f"{i} {j}", str(i)) for i in range(10) for j in range(20)]
+        for result in run_jobs(look_up, tasks, scheduler=cluster.scheduler_address, shared=table, batch_size=4):
+            assert result.failure is None
+            found[result.key] = result.value
+            if len(found) == 20:
+                kill_one_worker(cluster)
+    assert found == {f"{i} {j}": 12.0 * i for i in range(10) for j in range(20)}
+
+
+def test_tasks_that_kill_workers_cost_only_themselves(cluster: Any) -> None:
+    tasks = [(f"r{i}", ("return", i)) for i in range(20)]
+    tasks[3:3] = [("raise", ("raise", 1)), ("segfault", ("segfault", 1)), ("fill", ("fill", 1))]
+    results = {
+        result.key: result
+        for result in run_jobs(
+            misbehave,
+            tasks,
+            scheduler=cluster.scheduler_address,
+            time_limit_s=20.0,
+            memory_limit_bytes=2**31,
+            batch_size=3,
+        )
+    }
+    assert results.keys() == dict(tasks).keys()
+    assert all(results[f"r{i}"].value == i for i in range(20))
+    assert {key for key, result in results.items() if result.failure} == {"raise", "segfault", "fill"}
+    assert {key for key, result in results.items() if result.crashed} == {"segfault"}
+
+
+def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("collalign.engine.jobs.dask._CONNECT_TIMEOUT_S", 0.5)
+    with pytest.raises(CollalignError, match=r"tcp://127\.0\.0\.1:9"):
+        list(run_jobs(spectrum, [("a", 1)], scheduler="tcp://127.0.0.1:9"))
+
+
+def test_a_cluster_with_other_versions_is_refused(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("collalign.engine.jobs.dask._version", lambda package: "0.0")
+    with pytest.raises(CollalignError, match="same versions"):
+        list(run_jobs(spectrum, [("a", 1)], scheduler=cluster.scheduler_address))
+
+
+def test_a_collection_is_the_same_after_a_worker_was_killed(cluster: Any, tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    family = deformed_family(chair(rng, resolution=1), 4, rng, rms=0.02)
+    write_collection(tmp_path, planted_collection(family, rng))
+    options = AlignOptions(group="SO", sampling=SamplingOptions(num_points=16, num_dense_points=0))
+    kinds: list[str] = []
+
+    def progress(kind: str, total: int, *, done: int = 0) -> Any:
+        def report(job: JobResult) -> None:
+            if kind == "pairs" and kind not in kinds:
+                kill_one_worker(cluster)
+            kinds.append(kind)
+
+        return nullcontext(report)
+
+    local = align_collection(tmp_path, options=options, run=RunOptions(jobs=1))
+    run = RunOptions(scheduler=cluster.scheduler_address)
+    distributed_result = align_collection(tmp_path, options=options, run=run, progress=progress)
+    assert kinds.count("pairs") == 6
+    assert distributed_result.transforms.tobytes() == local.transforms.tobytes()
+    assert distributed_result.complete

@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign.engine.store.keys import KEY_LENGTH, fingerprint, hash_arrays, hash_file, pair_seed
+from data_tools.errors import InputError
+
+
+@dataclass(frozen=True)
+class Options:
+    num_points: int = 64
+    weight: float = 0.5
+
+
+def test_a_key_changes_with_version_options_and_content_only() -> None:
+    key = fingerprint("1", Options(), "aa", "bb")
+    assert len(key) == KEY_LENGTH
+    assert key == fingerprint("1", {"weight": 0.5, "num_points": np.int64(64)}, "aa", "bb")
+    others = [
+        fingerprint("2", Options(), "aa", "bb"),
+        fingerprint("1", Options(num_points=65), "aa", "bb"),
+        fingerprint("1", Options(), "bb", "aa"),
+        fingerprint("1", Options(), "aabb"),
+        fingerprint("1", Options(), "aa"),
+    ]
+    assert len({key, *others}) == 6
+
+
+def test_whole_floats_count_as_integers_but_not_as_flags() -> None:
+    assert fingerprint("1", {"w": 1.0}) == fingerprint("1", {"w": 1})
+    assert fingerprint("1", {"w": True}) != fingerprint("1", {"w": 1})
+
+
+def test_options_of_other_kinds_are_refused() -> None:
+    with pytest.raises(TypeError):
+        fingerprint("1", {"f": print})
+
+
+def test_files_are_hashed_by_content(tmp_path: Path) -> None:
+    for name, content in (("a", b"1"), ("b", b"1"), ("c", b"2")):
+        (tmp_path / name).write_bytes(content)
+    assert hash_file(tmp_path / "a") == hash_file(str(tmp_path / "b")) != hash_file(tmp_path / "c")
+    with pytest.raises(InputError, match="missing"):
+        hash_file(tmp_path / "missing")
+
+
+def test_array_hashes_see_values_types_and_shapes(rng: np.random.Generator) -> None:
+    array = rng.standard_normal((4, 6))
+    assert hash_arrays(array) == hash_arrays(np.asfortranarray(array))
+    distinct = {hash_arrays(a) for a in (array, array.reshape(6, 4), array.astype("f4"), array + 1e-16, array * 2)}
+    assert len(distinct) == 5
+
+
+def test_pair_seeds_depend_on_seed_and_both_names_in_order() -> None:
+    seeds = {pair_seed(0, "a", "b"), pair_seed(0, "b", "a"), pair_seed(1, "a", "b"), pair_seed(0, "ab", "")}
+    assert len(seeds) == 4
+    assert pair_seed(0, "a", "b") == pair_seed(0, "a", "b")
+    assert all(0 <= seed < 2**63 for seed in seeds)

@@ -1,0 +1,241 @@
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import warnings
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign.engine.store import file as store_file
+from collalign.engine.store.file import file_system_of
+from collalign.engine.store.layout import FORMAT_VERSION, Counts
+from collalign.engine.store.store import Store
+from data_tools.errors import StoreError
+
+RECORD = {"R": np.eye(3), "energy": 0.25, "names": ["a", "b"]}
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "run.store"
+
+
+def test_records_survive_closing(path: Path) -> None:
+    with Store.open(path) as store:
+        store.put("pairs", "k", RECORD, label="a ~ b", seconds=0.5)
+        store.put("pairs", "k", RECORD | {"energy": 0.5}, label="a ~ b", seconds=1.5)
+        store.set_meta("options", {"seed": 3})
+    with Store.open(path) as store:
+        found = store.get("pairs", "k")
+        assert found is not None
+        assert found["energy"] == 0.5
+        assert (found["R"] == np.eye(3)).all()
+        assert store.get("pairs", "other") is None
+        assert store.get("shapes", "k") is None
+        assert store.get_meta("options") == {"seed": 3}
+        assert store.get_meta("nothing") is None
+        assert store.costs("pairs").mean_seconds == 1.5
+        assert np.isnan(store.costs("shapes").mean_bytes)
+
+
+def test_a_store_in_memory_behaves_the_same() -> None:
+    with Store.memory() as store:
+        store.put("shapes", "k", RECORD)
+        assert store.keys("shapes") == {"k"}
+        assert not store.read_only
+
+
+def test_status_counts_the_plan(path: Path) -> None:
+    with Store.open(path) as store:
+        store.plan("pairs", {"a": "1 ~ 2", "b": "1 ~ 3", "c": "2 ~ 3", "d": ""})
+        store.put("pairs", "a", RECORD)
+        store.put("pairs", "from another run", RECORD)
+        store.put_failure("pairs", "b", "no answer")
+        store.put_failure("pairs", "c", "died", crashed=True)
+        expected = Counts(planned=4, done=1, failed=2, left=1)
+        assert store.status()["shapes"] == Counts(planned=0, done=0, failed=0, left=0)
+        assert store.status()["pairs"] == expected
+        store.put("pairs", "c", RECORD)
+        assert store.status()["pairs"] == Counts(planned=4, done=2, failed=1, left=1)
+        store.plan("pairs", {"a": ""})
+        assert store.status()["pairs"] == Counts(planned=1, done=1, failed=0, left=0)
+
+
+def test_missing_tries_crashes_again_but_not_errors() -> None:
+    with Store.memory() as store:
+        store.put("pairs", "done", RECORD)
+        store.put_failure("pairs", "raised", "no answer", label="x ~ y")
+        store.put_failure("pairs", "crashed", "died", crashed=True)
+        keys = ["new", "done", "crashed", "raised"]
+        assert store.missing("pairs", keys) == ["new", "crashed"]
+        assert store.missing("pairs", keys, retry="all") == ["new", "crashed", "raised"]
+        assert store.missing("pairs", keys, retry="none") == ["new"]
+        assert store.failures("pairs")["raised"].label == "x ~ y"
+        with pytest.raises(ValueError, match="retry"):
+            store.missing("pairs", keys, retry="maybe")
+
+
+def test_a_second_writer_is_refused_and_a_reader_is_not(path: Path) -> None:
+    with Store.open(path) as store:
+        store.put("pairs", "k", RECORD)
+        with pytest.raises(StoreError, match=f"process {os.getpid()}"):
+            Store.open(path)
+        with Store.open(path, read_only=True) as reader:
+            assert reader.keys("pairs") == {"k"}
+            with pytest.raises(StoreError, match="reading only"):
+                reader.put("pairs", "l", RECORD)
+    Store.open(path).close()
+
+
+def test_a_killed_writer_leaves_its_records_and_no_lock(path: Path) -> None:
+    script = (
+        "import os, sys; from collalign.engine.store.store import Store\n"
+        "store = Store.open(sys.argv[1])\n"
+        "for i in range(50): store.put('pairs', str(i), {'i': i})\n"
+        "print('ready', flush=True)\n"
+        "while True: i += 1; store.put('pairs', str(i), {'i': i})\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", script, str(path)], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+        os.kill(process.pid, signal.SIGKILL)
+    with Store.open(path) as store:
+        keys = store.keys("pairs")
+        assert len(keys) >= 50
+        assert keys == {str(i) for i in range(len(keys))}
+        assert all(store.get("pairs", key) == {"i": int(key)} for key in keys)
+
+
+def tamper(path: Path, *statements: str) -> None:
+    connection = sqlite3.connect(path)
+    for statement in statements:
+        connection.execute(statement)
+    connection.commit()
+    connection.close()
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE pairs SET record = x'80'",
+        "UPDATE pairs SET record = 'text'",
+        "UPDATE pairs SET record = substr(record, 1, length(record) - 1) || x'7f'",
+        "UPDATE pairs SET digest = x'00'",
+        "UPDATE pairs SET key = CASE key WHEN 'k' THEN 'l' ELSE 'k' END",
+    ],
+)
+def test_damaged_rows_are_refused(path: Path, statement: str) -> None:
+    with Store.open(path) as store:
+        store.put("pairs", "k", RECORD)
+        assert store.get("pairs", "k") is not None
+    tamper(path, statement)
+    with Store.open(path) as store:
+        key = next(iter(store.keys("pairs")))
+        with pytest.raises(StoreError, match="damaged"):
+            store.get("pairs", key)
+        store.discard("pairs", key)
+        assert store.get("pairs", key) is None
+
+
+@pytest.mark.parametrize(
+    ("statement", "reason"),
+    [
+        ("PRAGMA user_version = 99", "format version 99"),
+        ("PRAGMA application_id = 7", "not a store"),
+        ("CREATE TABLE more (x)", "tables"),
+        ("CREATE TRIGGER t AFTER INSERT ON pairs BEGIN DELETE FROM shapes; END", "tables"),
+        ("DROP TABLE meta", "tables"),
+    ],
+)
+def test_files_of_another_layout_are_refused(path: Path, statement: str, reason: str) -> None:
+    Store.open(path).close()
+    tamper(path, statement)
+    for read_only in (True, False):
+        with pytest.raises(StoreError, match=reason):
+            Store.open(path, read_only=read_only)
+
+
+def test_other_files_are_refused_and_left_alone(tmp_path: Path) -> None:
+    text = tmp_path / "notes.txt"
+    text.write_text("not a database, but long enough to look at" * 40)
+    with pytest.raises(StoreError, match=r"notes\.txt"):
+        Store.open(text)
+    assert text.read_text().startswith("not a database")
+    foreign = tmp_path / "other.sqlite"
+    tamper(foreign, "CREATE TABLE t (x)")
+    with pytest.raises(StoreError, match="not a store"):
+        Store.open(foreign)
+    with pytest.raises(StoreError, match="no such store"):
+        Store.open(tmp_path / "missing", read_only=True)
+    with pytest.raises(StoreError):
+        Store.open(tmp_path)
+
+
+def test_text_that_is_not_unicode_is_refused_or_read(path: Path) -> None:
+    with Store.open(path) as store:
+        store.put_failure("pairs", "k", "took too long")
+    content = path.read_bytes()
+    for found, damaged in ((b"took too", b"took \xcetoo"[:8]), (b"CREATE TABLE plan", b"CREATE TABLE \xceplan"[:17])):
+        path.write_bytes(content.replace(found, damaged))
+        with suppress(StoreError), Store.open(path, read_only=True) as store:
+            assert "took" in store.failures("pairs")["k"].reason
+
+
+def test_a_refused_store_is_not_left_locked(path: Path) -> None:
+    Store.open(path).close()
+    tamper(path, "PRAGMA user_version = 99")
+    with pytest.raises(StoreError):
+        Store.open(path)
+    tamper(path, f"PRAGMA user_version = {FORMAT_VERSION}")
+    Store.open(path).close()
+
+
+def test_meta_that_is_not_json_is_refused(path: Path) -> None:
+    Store.open(path).close()
+    tamper(path, "INSERT INTO meta VALUES ('options', '{')")
+    with Store.open(path, read_only=True) as store, pytest.raises(StoreError, match="JSON"):
+        store.get_meta("options")
+
+
+@pytest.mark.parametrize("key", ["", "x" * 2000, 7])
+def test_impossible_keys_and_kinds_are_refused(key: object) -> None:
+    with Store.memory() as store:
+        with pytest.raises(ValueError, match="key"):
+            store.put("pairs", key, RECORD)  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match="kind"):
+            store.get("pairs; DROP TABLE pairs", "k")
+
+
+def test_the_file_system_of_a_path_is_that_of_the_deepest_mount() -> None:
+    mounts = "/dev/a / ext4 rw 0 0\nserver:/x /home nfs4 rw 0 0\n/dev/b /home/local\\040disk xfs rw 0 0\n"
+    assert file_system_of(Path("/tmp/a"), mounts) == "ext4"
+    assert file_system_of(Path("/home/me/a"), mounts) == "nfs4"
+    assert file_system_of(Path("/homes/a"), mounts) == "ext4"
+    assert file_system_of(Path("/home/local disk/a"), mounts) == "xfs"
+    assert file_system_of(Path("/a"), "") == ""
+
+
+def test_a_network_disk_is_said_and_gets_the_safe_journal(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Store.open(path).close()
+    monkeypatch.setattr(store_file, "file_system_of", lambda path, mounts: "nfs4")
+    with pytest.warns(UserWarning, match="network file system"):
+        store = Store.open(path)
+    with store:
+        store.put("pairs", "k", RECORD)
+        assert not path.with_name(path.name + "-wal").exists()
+
+
+def test_names_that_are_not_unicode_are_stored_readably() -> None:
+    with Store.memory() as store:
+        store.put("shapes", "k", RECORD, label="tooth\udcff")
+        store.put_failure("shapes", "l", "broken: tooth\udcff", label="tooth\udcff")
+        store.plan("shapes", {"k": "tooth\udcff"})
+        assert store.failures("shapes")["l"].reason == "broken: tooth?"

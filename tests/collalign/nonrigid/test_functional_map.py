@@ -1,0 +1,116 @@
+"""Functional maps: nearest rows by brute force, ICP and ZoomOut repair perturbed maps, bad input is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from collalign.nonrigid.functional_map import (
+    ZoomOut,
+    icp,
+    mutual_nearest_rows,
+    nearest_rows,
+    point_map_of,
+    zoomout_sizes,
+)
+from data_tools.errors import InputError, OptionsError
+from tests.problems import random_rotation
+
+
+def circle_basis(angles: np.ndarray, num: int) -> np.ndarray:
+    """The constant function and the eigenfunctions of a circle, lowest first."""
+    columns = [np.ones(len(angles))]
+    for k in range(1, num // 2 + 1):
+        columns += [np.sqrt(2) * np.cos(k * angles), np.sqrt(2) * np.sin(k * angles)]
+    return np.column_stack(columns)[:, :num]
+
+
+def turns(angles: np.ndarray) -> np.ndarray:
+    return np.abs((angles + np.pi) % (2 * np.pi) - np.pi)
+
+
+def test_nearest_rows_agree_with_brute_force(rng: np.random.Generator) -> None:
+    points, queries = rng.random((300, 7)), rng.random((411, 7))
+    distances = np.linalg.norm(queries[:, None] - points, axis=2)
+    assert np.array_equal(nearest_rows(points, queries), distances.argmin(axis=1))
+    forward, backward = mutual_nearest_rows(points, queries)
+    assert np.array_equal(forward, distances.argmin(axis=1))
+    assert np.array_equal(backward, distances.argmin(axis=0))
+
+
+def test_large_sets_lose_nothing_but_rounding(rng: np.random.Generator) -> None:
+    points = rng.random((4100, 5))
+    queries = points[rng.permutation(4100)] + 1e-6
+    nearest = nearest_rows(points, queries)
+    assert np.linalg.norm(points[nearest] - queries, axis=1).max() < 1e-3
+
+
+def test_zoomout_repairs_a_bad_map_and_both_directions_agree(rng: np.random.Generator) -> None:
+    angles = np.sort(rng.uniform(0, 2 * np.pi, 400))
+    shift = 1.1
+    target, source = circle_basis(angles, 41), circle_basis(angles - shift, 41)
+    truth = np.arange(400)
+    start = np.where(rng.random(400) < 0.3, rng.integers(0, 400, 400), truth)
+    refined = ZoomOut(target, source, zoomout_sizes(5, 41)).refine(start)
+    assert turns(angles[refined.map_target_source] - angles).max() < 0.15
+    assert turns(angles[refined.map_source_target] - angles).max() < 0.15
+    assert turns(angles[start] - angles).max() > 1.0
+    exact = ZoomOut(target, source, [41]).refine(truth)
+    assert np.array_equal(exact.map_target_source, truth)
+    assert np.array_equal(point_map_of(target, source, exact.C_source_target), truth)
+    assert source @ exact.C_source_target == pytest.approx(target, abs=1e-4)
+
+
+def test_unknown_matches_are_left_out(rng: np.random.Generator) -> None:
+    angles = rng.uniform(0, 2 * np.pi, 200)
+    basis = circle_basis(angles, 21)
+    start = np.where(np.arange(200) < 30, np.arange(200), -1)
+    refined = ZoomOut(basis, basis, zoomout_sizes(7, 21)).refine(start)
+    assert np.array_equal(refined.map_target_source, np.arange(200))
+
+
+def test_descriptors_decide_between_symmetric_maps(rng: np.random.Generator) -> None:
+    angles = np.linspace(0, 2 * np.pi, 120, endpoint=False)
+    basis = circle_basis(angles, 9)
+    mark = np.cos(angles)[:, None]
+    turned = np.roll(np.arange(120), 3)
+    plain = ZoomOut(basis, basis, [3, 9]).refine(turned)
+    marked = ZoomOut(basis, basis, [3] * 30 + [9], descriptors=(mark, mark), descriptor_weight=3.0).refine(turned)
+    assert np.array_equal(plain.map_target_source, turned)
+    assert np.abs(marked.map_target_source - np.arange(120)).max() <= 1
+
+
+def test_icp_finds_the_rotation(rng: np.random.Generator) -> None:
+    target = rng.standard_normal((150, 4)) * [3.0, 2.0, 1.0, 0.5]
+    rotation = random_rotation(rng, 4)
+    order = rng.permutation(150)
+    source = target[order] @ rotation
+    tilt = np.eye(4)
+    tilt[:2, :2] = [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]]
+    found = icp(target, source, tilt @ rotation)
+    assert np.abs(found.C_source_target.T - rotation).max() < 1e-9
+    assert np.array_equal(found.map_target_source, order)
+    assert icp(target, source, tilt @ rotation, max_iterations=1).iterations == 1
+
+
+def test_sizes_grow_to_the_last() -> None:
+    assert zoomout_sizes(5, 9, factor=1.0) == [5, 6, 7, 8, 9]
+    assert zoomout_sizes(20, 20) == [20]
+    sizes = zoomout_sizes(18, 121, factor=1.2)
+    assert sizes[0] == 18
+    assert sizes[-1] == 121
+    assert (np.diff(sizes) > 0).all()
+
+
+def test_wrong_input_is_refused(rng: np.random.Generator) -> None:
+    basis = rng.random((20, 9))
+    with pytest.raises(OptionsError, match="ascending"):
+        ZoomOut(basis, basis, [5, 4])
+    with pytest.raises(OptionsError, match="first <= last"):
+        zoomout_sizes(9, 5)
+    with pytest.raises(InputError, match="10 functions"):
+        ZoomOut(basis, basis, [5, 10])
+    with pytest.raises(InputError, match="too few"):
+        ZoomOut(basis[:8], basis[:8], [9])
+    with pytest.raises(InputError, match="12 functions"):
+        icp(basis, basis, np.eye(12))

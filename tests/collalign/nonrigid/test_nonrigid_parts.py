@@ -1,0 +1,199 @@
+"""Parts of non-rigid matching: curvature, orientation, masks, the graph operator, evidence, evaluation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign.nonrigid.evaluation import MapErrors, MapEvaluator, cumulative_curve, draw_curves, summary
+from collalign.nonrigid.evidence import judge, paired_forms
+from collalign.nonrigid.functional_map import FunctionalMap
+from collalign.nonrigid.geometry import orientation_form, outward, signed_volume, smoothed_curvature, vertex_normals
+from collalign.nonrigid.graph_operator import graph_spectrum
+from collalign.nonrigid.masks import candidate_mask, descriptor_gaps
+from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.portfolio import of_both_orientations
+from collalign.nonrigid.refine import Refiner
+from collalign.nonrigid.surface import SpectralShape, prepare_surface
+from data_tools.datasets.synthetic import mirrored
+from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
+from data_tools.embedding.sampling import farthest_points
+from data_tools.errors import InputError
+from data_tools.surface.geodesics import GeodesicSolver
+from data_tools.surface.laplacian import cotangent_laplacian
+from data_tools.surface.shape import Shape
+
+SMALL = SurfaceOptions(num_functions=40, num_samples=40, num_dense=300)
+
+
+@pytest.fixture(scope="module")
+def sphere() -> Shape:
+    return Shape.from_arrays(*sphere_mesh(1200))
+
+
+@pytest.fixture(scope="module")
+def body() -> SpectralShape:
+    return prepare_surface(figure(), SMALL)
+
+
+def identity_of(shape: SpectralShape) -> FunctionalMap:
+    own = np.arange(len(shape.dense))
+    return FunctionalMap(
+        C_source_target=np.eye(len(shape.eigenvalues) + 1),
+        map_target_source=own,
+        map_source_target=own,
+        iterations=0,
+    )
+
+
+def test_curvature_of_spheres(sphere: Shape) -> None:
+    operators = cotangent_laplacian(sphere.vertices, sphere.faces)
+    curvature = smoothed_curvature(sphere, operators, time=1e-4)
+    assert curvature == pytest.approx(np.sqrt(4 * np.pi), rel=0.1)
+    large = replace(sphere, vertices=10.0 * sphere.vertices)
+    operators = cotangent_laplacian(large.vertices, large.faces)
+    assert smoothed_curvature(large, operators, time=1e-4) == pytest.approx(curvature, rel=1e-6)
+
+
+def test_curvature_is_positive_on_bumps_and_negative_in_dents(rng: np.random.Generator) -> None:
+    shape = blob(rng)
+    operators = cotangent_laplacian(shape.vertices, shape.faces)
+    curvature = smoothed_curvature(shape, operators, time=3e-4)
+    assert curvature.min() < 0.0 < curvature.max()
+    inside_out = outward(replace(shape, faces=shape.faces[:, ::-1].copy()))
+    assert signed_volume(inside_out) > 0
+    assert smoothed_curvature(inside_out, operators, time=3e-4) == pytest.approx(curvature)
+
+
+def test_orientation_form_of_linear_functions(sphere: Shape) -> None:
+    form = orientation_form(sphere, sphere.vertices)
+    normals = vertex_normals(sphere)
+    unit = sphere.area
+    assert form[:, 0, 1] == pytest.approx(unit * normals[:, 2], abs=0.05 * unit)
+    assert form[:, 1, 2] == pytest.approx(unit * normals[:, 0], abs=0.05 * unit)
+    assert form == pytest.approx(-np.swapaxes(form, 1, 2))
+    image = mirrored(sphere)
+    assert orientation_form(image, sphere.vertices) == pytest.approx(-form)
+
+
+def test_forms_follow_the_functional_map(body: SpectralShape) -> None:
+    signs = np.ones(41)
+    signs[2] = -1.0
+    on_target, on_source = paired_forms(body.orientation, body.orientation, np.diag(signs))
+    _, same = paired_forms(body.orientation, body.orientation, np.eye(41))
+    assert same == pytest.approx(on_target)
+    assert not np.allclose(on_source, on_target)
+    _, opposite = paired_forms(body.orientation, body.orientation, np.eye(41), sign=-1.0)
+    assert opposite == pytest.approx(-same)
+
+
+def test_evidence_of_the_identity_is_perfect_and_of_others_is_not(
+    body: SpectralShape, rng: np.random.Generator
+) -> None:
+    identity = identity_of(body)
+    perfect = judge(body, body, identity)
+    assert perfect.curvature == pytest.approx(0.0, abs=1e-9)
+    assert perfect.commutativity == pytest.approx(0.0, abs=1e-9)
+    assert perfect.roughness == pytest.approx(0.0, abs=1e-9)
+    assert perfect.orientation == pytest.approx(1.0)
+    assert perfect.coverage == perfect.bijectivity == 1.0
+    mixed = rng.permutation(len(body.dense))
+    wrong = judge(body, body, replace(identity, map_target_source=mixed))
+    assert wrong.curvature > 0.5
+    assert wrong.roughness > 0.5
+    assert wrong.bijectivity < 0.5
+    assert wrong.score > perfect.score
+    rotated = np.eye(41)
+    rotated[1:3, 1:3] = [[0.0, 1.0], [-1.0, 0.0]]
+    assert judge(body, body, replace(identity, C_source_target=rotated)).commutativity > 0.001
+
+
+def test_oriented_refinement_gives_either_orientation(body: SpectralShape) -> None:
+    refiner = Refiner(body, body, num_dense=300, first=14, last=41, factor=1.4)
+    kept = judge(body, body, refiner.oriented(np.eye(11), preserving=True))
+    swapped = judge(body, body, refiner.oriented(np.eye(11), preserving=False))
+    assert kept.orientation > 0.9
+    assert swapped.orientation < 0.3
+
+
+def test_masks_hold_a_share_and_leave_a_map(body: SpectralShape) -> None:
+    samples = body.samples[:20]
+    for kind, share in (("agd", 0.3), ("wks", 0.15)):
+        allowed = candidate_mask(body, body, samples, NonrigidOptions(mask=kind))
+        assert allowed.shape == (40, 20)
+        assert (allowed.sum(axis=0) >= round(share * 40)).all()
+        assert allowed[np.arange(20), np.arange(20)].all()
+        assert descriptor_gaps(kind, body, body, samples)[np.arange(20), np.arange(20)] == pytest.approx(0.0)
+    assert candidate_mask(body, body, samples, NonrigidOptions(mask="none")).all()
+    near = candidate_mask(body, body, samples, NonrigidOptions(mask="agd", mask_threshold=0.05))
+    gaps = descriptor_gaps("agd", body, body, samples)
+    assert near[gaps <= 0.05].all()
+
+
+def test_impossible_masks_are_widened(body: SpectralShape) -> None:
+    alike = replace(body, agd=np.round(body.agd * 2.0))
+    allowed = candidate_mask(alike, alike, body.samples[:20], NonrigidOptions(mask="agd", mask_share=0.02))
+    assert allowed.sum() > 20
+
+
+def test_graph_spectrum_of_a_sphere(sphere: Shape) -> None:
+    samples = farthest_points(sphere, 300, metric="euclidean")
+    eigen = graph_spectrum(sphere, GeodesicSolver(sphere), samples, 8)
+    gram = eigen.functions.T @ (eigen.mass[:, None] * eigen.functions)
+    assert gram == pytest.approx(np.eye(8), abs=1e-9)
+    assert np.abs(eigen.mass @ eigen.functions).max() < 1e-9
+    basis = eigen.functions[:, :3]
+    reproduced = basis @ (basis.T @ (eigen.mass[:, None] * sphere.vertices))
+    assert np.abs(reproduced - sphere.vertices).mean() < 0.05
+    assert eigen.values[3] > 1.5 * eigen.values[2]
+    with pytest.raises(InputError, match="too few"):
+        graph_spectrum(sphere, GeodesicSolver(sphere), samples[:9], 8)
+
+
+def test_both_orientations_are_kept() -> None:
+    class Fake:
+        def __init__(self, score: float, orientation: float) -> None:
+            self.score = score
+            self.evidence = type("E", (), {"orientation": orientation})()
+
+    many = [Fake(0.0, -0.9), Fake(1.0, -0.9), Fake(2.0, -0.9), Fake(3.0, 0.9), Fake(4.0, 0.9), Fake(5.0, 0.1)]
+    assert [c.score for c in of_both_orientations(many, 4)] == [0.0, 1.0, 3.0, 4.0]
+    assert [c.score for c in of_both_orientations(many[:3], 2)] == [0.0, 1.0]
+    assert [c.score for c in of_both_orientations(many[3:5], 4)] == [3.0, 4.0]
+
+
+def test_evaluator_measures_geodesics_over_the_root_of_the_area(sphere: Shape) -> None:
+    top, bottom = int(sphere.vertices[:, 2].argmax()), int(sphere.vertices[:, 2].argmin())
+    evaluator = MapEvaluator(sphere, [top, top, bottom], [bottom, bottom, top])
+    errors = evaluator.errors([top, bottom, -1])
+    half_turn = np.pi / np.sqrt(4 * np.pi)
+    assert errors.direct[0] == pytest.approx(0.0, abs=1e-6)
+    assert errors.direct[1] == pytest.approx(half_turn, rel=0.1)
+    assert errors.direct[2] == np.inf
+    flipped = evaluator.errors([bottom, bottom, top])
+    assert flipped.accepting_flips == pytest.approx(0.0, abs=1e-6)
+    assert flipped.direct.min() > 0.5
+    with pytest.raises(InputError, match="images"):
+        evaluator.errors([0, 1])
+    with pytest.raises(InputError, match="truth"):
+        MapEvaluator(sphere, [99999])
+
+
+def test_the_whole_map_is_flipped_or_not() -> None:
+    half = MapErrors(direct=np.array([0.0, 0.4]), mirrored=np.array([0.5, 0.0]))
+    assert half.accepting_flips.tolist() == [0.0, 0.4]
+
+
+def test_curves_count_points(tmp_path: Path) -> None:
+    errors = [np.array([0.0, 0.05]), np.array([0.1, 0.3])]
+    assert cumulative_curve(errors, np.array([0.0, 0.05, 0.2, 1.0])).tolist() == [0.25, 0.5, 0.75, 1.0]
+    numbers = summary(errors)
+    assert numbers["mean"] == pytest.approx(0.1125)
+    assert numbers["within_0.1"] == 0.75
+    assert numbers["worst_map"] == pytest.approx(0.2)
+    assert draw_curves(tmp_path / "c.png", {"all": errors}).read_bytes()[:4] == b"\x89PNG"
+    with pytest.raises(InputError, match="none"):
+        cumulative_curve([])

@@ -1,0 +1,86 @@
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from collalign.output.corrections import FORMAT, read_corrections
+from data_tools.errors import InputError
+
+R = Rotation.random(4, random_state=1).as_matrix()
+NAMES = ["a", "b", "c", "d"]
+
+
+def record(**changes: Any) -> dict[str, Any]:
+    """Two decisions about four shapes, as the report writes them."""
+    flipped = np.diag([1.0, -1.0, -1.0]) @ R[1]
+    return {
+        "format": FORMAT,
+        "version": 1,
+        "decisions": [
+            {"shape": "b", "decision": "pose", "rotation": flipped.tolist()},
+            {"shape": "c", "decision": "confirmed", "rotation": R[2].tolist()},
+        ],
+        "frame": {name: matrix.tolist() for name, matrix in zip("ad", R[[0, 3]], strict=True)},
+    } | changes
+
+
+def write(tmp_path: Path, content: Any) -> Path:
+    path = tmp_path / "corrections.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def test_decisions_come_back(tmp_path: Path) -> None:
+    found = read_corrections(write(tmp_path, record()))
+    assert [(decision.shape, decision.kind) for decision in found.decisions] == [("b", "pose"), ("c", "confirmed")]
+    assert found.source.endswith("corrections.json")
+
+
+def test_certain_shapes_stay_and_decided_ones_move(tmp_path: Path) -> None:
+    fixed = read_corrections(write(tmp_path, record())).fixed(["z", *NAMES])
+    assert set(fixed) == set(NAMES)
+    np.testing.assert_allclose(fixed["a"], R[0], atol=1e-12)
+    np.testing.assert_allclose(fixed["b"], np.diag([1.0, -1.0, -1.0]) @ R[1], atol=1e-12)
+
+
+def test_certain_shapes_may_have_left_the_collection_but_not_all(tmp_path: Path) -> None:
+    found = read_corrections(write(tmp_path, record()))
+    assert set(found.fixed(["b", "c", "d"])) == {"b", "c", "d"}
+    with pytest.raises(InputError, match="none of the shapes that it refers to"):
+        found.fixed(["b", "c"])
+
+
+def test_no_decisions_fix_nothing(tmp_path: Path) -> None:
+    assert read_corrections(write(tmp_path, record(decisions=[]))).fixed(NAMES) == {}
+
+
+def test_decisions_about_shapes_that_are_not_there_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="'c' is no shape of this collection"):
+        read_corrections(write(tmp_path, record())).fixed(["a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "cannot be read as JSON"),
+        ("[" * 100_000, "cannot be read as JSON"),
+        ([], "not a file of decisions"),
+        ({"format": "other"}, "not a file of decisions"),
+        (record(version=2), "version 2"),
+        (record(frame=[]), "'frame' an object"),
+        (record(decisions=[{"shape": "b"}]), "decision 1: expected 'shape'"),
+        (record(decisions=[{"shape": "b", "decision": "pose", "rotation": "x"}]), "decision 1"),
+        (record(decisions=[{"shape": "b", "decision": "pose", "rotation": [[1, 0], [0, 1]]}]), "3 x 3"),
+        (
+            record(decisions=[{"shape": "b", "decision": "pose", "rotation": np.ones((3, 3)).tolist()}]),
+            "not orthogonal",
+        ),
+        (record(decisions=record()["decisions"][:1] * 2), "two decisions about 'b'"),
+    ],
+)
+def test_damaged_files_are_refused_with_advice(tmp_path: Path, content: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_corrections(write(tmp_path, content))

@@ -1,0 +1,126 @@
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from collalign.output.evidence.file import EVIDENCE_FILE, load_view, save_view
+from collalign.products.evidence import CollectionView, json_types
+from data_tools.errors import InputError
+from tests.view_problems import view_of
+
+
+def test_a_view_comes_back_as_it_was(tmp_path: Path) -> None:
+    view = view_of(7, num_missing=3)
+    save_view(view, tmp_path)
+    found = load_view(tmp_path)
+    for field in dataclasses.fields(CollectionView):
+        before, after = getattr(view, field.name), getattr(found, field.name)
+        if field.name in ("pairs", "alternatives", "vertices", "faces"):
+            continue
+        if isinstance(before, np.ndarray):
+            np.testing.assert_array_equal(after, before)
+        else:
+            assert after == before, field.name
+    for name in ("vertices", "faces"):
+        for a, b in zip(getattr(view, name), getattr(found, name), strict=True):
+            np.testing.assert_array_equal(a, b)
+    for a, b in zip(view.pairs, found.pairs, strict=True):
+        assert (a.i, a.j, a.inlier, a.mirrored, a.choice) == (b.i, b.j, b.inlier, b.mirrored, b.choice)
+        assert (a.status, a.chirality_proven) == (b.status, b.chirality_proven)
+        np.testing.assert_array_equal([a.energy, a.lower_bound], [b.energy, b.lower_bound])
+        assert (a.map_i_j is None) == (b.map_i_j is None)
+        for p, q in zip(a.candidates, b.candidates, strict=True):
+            np.testing.assert_array_equal(p.R_i_j, q.R_i_j)
+            assert p.energy == q.energy
+    assert [[pose.score for pose in poses] for poses in found.alternatives][1] == [-0.7]
+
+
+def test_the_same_view_gives_the_same_bytes(tmp_path: Path) -> None:
+    one, two = save_view(view_of(5), tmp_path / "a"), save_view(view_of(5), tmp_path / "b")
+    assert one.read_bytes() == two.read_bytes()
+
+
+def test_a_view_without_pairs_or_labels(tmp_path: Path) -> None:
+    view = dataclasses.replace(view_of(3), pairs=(), alternatives=(), labels={}, excluded=())
+    save_view(view, tmp_path)
+    assert load_view(tmp_path / EVIDENCE_FILE).pairs == ()
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04 cut short"])
+def test_damaged_files_are_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / EVIDENCE_FILE).write_bytes(content)
+    with pytest.raises(InputError, match="collalign align"):
+        load_view(tmp_path)
+
+
+def test_a_folder_without_result_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        load_view(tmp_path)
+
+
+def test_another_version_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / EVIDENCE_FILE, version=np.array(99))
+    with pytest.raises(InputError, match="format 99"):
+        load_view(tmp_path)
+
+
+def test_arrays_that_need_pickle_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / EVIDENCE_FILE, version=np.array(1), text=np.array([{}], dtype=object), allow_pickle=True)
+    with pytest.raises(InputError, match="damaged"):
+        load_view(tmp_path)
+
+
+def test_views_check_themselves() -> None:
+    view = view_of(3)
+    for change in (
+        {"names": ("a", "a", "b")},
+        {"files": ("a",)},
+        {"labels": {"taxon": ("a",)}},
+        {"transforms": np.zeros((3, 3, 3))},
+        {"pairs": (dataclasses.replace(view.pairs[0], i=9),)},
+    ):
+        with pytest.raises(InputError):
+            dataclasses.replace(view, **change)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="no shape of this collection"):
+        view.index("nobody")
+
+
+def test_decomposition_of_the_transforms() -> None:
+    view = view_of(5)
+    np.testing.assert_allclose(
+        view.rotations @ np.swapaxes(view.rotations, 1, 2), np.tile(np.eye(3), (5, 1, 1)), atol=1e-12
+    )
+    assert view.reflected.tolist() == [False, False, True, False, False]
+    np.testing.assert_allclose(view.scales[:, None, None] * view.rotations, view.transforms[:, :3, :3], rtol=1e-12)
+
+
+def test_json_types_know_no_nan() -> None:
+    value = {"a": (np.float64("nan"), np.array([1, 2]), Path("x")), 1: True, "none": None, "inf": float("inf")}
+    assert json_types(value) == {"a": [None, [1, 2], "x"], "1": True, "none": None, "inf": None}
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        ("transforms", lambda array: array * np.nan),
+        ("transforms", lambda array: array * 0),
+        ("faces", lambda array: array + 10**6),
+        ("vertices", lambda array: array * np.inf),
+        ("vertices_starts", lambda array: array * 0),
+        ("pose_R_i_j", lambda array: 2 * array),
+        ("pair_indices", lambda array: array + 10**6),
+        ("groups", lambda array: array + 0.5),
+        ("samples", lambda array: array[:-1]),
+    ],
+)
+def test_impossible_numbers_are_refused(tmp_path: Path, name: str, damage: Callable[[Any], Any]) -> None:
+    path = save_view(view_of(5), tmp_path)
+    with np.load(path) as file:
+        arrays = {key: file[key] for key in file.files}
+    with np.errstate(invalid="ignore"):
+        np.savez(path, **(arrays | {name: damage(arrays[name])}))
+    with pytest.raises(InputError, match=r"evidence\.npz: damaged"):
+        load_view(tmp_path)

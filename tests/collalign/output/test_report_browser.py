@@ -1,0 +1,372 @@
+"""The report in a real headless Chromium: it loads, draws, answers to mouse and keyboard, and stays offline."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from collalign.output.corrections import read_corrections
+from collalign.output.report import write_report
+from collalign.products.evidence import CollectionView
+from tests.view_problems import view_of
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+CHROMIUM = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)"
+)
+
+#: Opaque pixels of a canvas and their mean colour.
+PIXELS = """canvas => {
+  const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+  let [count, sum] = [0, [0, 0, 0]];
+  for (let at = 0; at < data.length; at += 4) if (data[at + 3] > 128) {
+    count++;
+    [0, 1, 2].forEach(c => sum[c] += data[at + c]);
+  }
+  return { share: count / (data.length / 4), mean: sum.map(value => value / count) };
+}"""
+SILHOUETTE = """canvas => {
+  const small = new OffscreenCanvas(32, 32).getContext('2d');
+  small.drawImage(canvas, 0, 0, 32, 32);
+  return [...small.getImageData(0, 0, 32, 32).data].filter((_, at) => at % 4 === 3).map(alpha => alpha > 128 ? 1 : 0);
+}"""
+NUM_COLOURS = """canvas => {
+  const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+  return new Set([...new Uint32Array(data.buffer)]).size;
+}"""
+#: Controls that a screen reader could not name.
+UNNAMED = """() => [...document.querySelectorAll('button, select, input, a, canvas:not([aria-hidden])')]
+  .filter(one => !(one.textContent.trim() || one.getAttribute('aria-label') || one.labels?.length))
+  .map(one => one.outerHTML)"""
+#: Red + green + blue of a computed colour.
+BRIGHTNESS = """([selector, property]) => getComputedStyle(document.querySelector(selector))[property]
+  .match(/\\d+/g).slice(0, 3).reduce((sum, value) => sum + Number(value), 0)"""
+ALL_DRAWN = "() => [...document.querySelectorAll('.tile canvas')].every(canvas => canvas.dataset.drawn)"
+
+
+@pytest.fixture(scope="module")
+def driver() -> Iterator[Any]:
+    with playwright.sync_playwright() as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def browser(driver: Any) -> Iterator[Any]:
+    chromium = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+    yield chromium
+    chromium.close()
+
+
+class Page:
+    """A report that is open, with everything that went wrong since."""
+
+    def __init__(self, browser: Any, path: Path, **context: Any) -> None:
+        context = {"offline": True, "accept_downloads": True, "viewport": {"width": 900, "height": 700}} | context
+        self.context = browser.new_context(**context)
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(20_000)
+        self.problems: list[str] = []
+        self.requests: list[str] = []
+        self.page.on("console", lambda message: message.type == "error" and self.problems.append(message.text))
+        self.page.on("pageerror", lambda error: self.problems.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(path.as_uri())
+        self.page.wait_for_selector("html[data-ready]", state="attached")
+
+    def canvas(self, selector: str, at: int = 0) -> Any:
+        canvas = self.page.locator(selector).nth(at)
+        canvas.scroll_into_view_if_needed()
+        canvas.and_(self.page.locator("[data-drawn]")).wait_for()
+        return canvas
+
+    def pixels(self, selector: str, at: int = 0) -> dict[str, Any]:
+        return self.canvas(selector, at).evaluate(PIXELS)
+
+    def image(self, selector: str, at: int = 0) -> str:
+        return self.canvas(selector, at).evaluate("canvas => canvas.toDataURL()")
+
+    def wait_until_changed(self, selector: str, before: str) -> None:
+        self.page.wait_for_function(
+            "([selector, before]) => document.querySelector(selector).toDataURL() !== before", arg=[selector, before]
+        )
+
+
+@pytest.fixture(scope="module")
+def small() -> CollectionView:
+    return view_of(10, num_missing=3)
+
+
+@pytest.fixture(scope="module")
+def small_file(small: CollectionView, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_report(small, tmp_path_factory.mktemp("small"), title="Ten bodies")
+
+
+@pytest.fixture
+def opened(browser: Any, small_file: Path) -> Iterator[Page]:
+    """The report of ten shapes; the test fails if the page complained about anything."""
+    page = Page(browser, small_file)
+    yield page
+    page.context.close()
+    assert page.problems == []
+    assert page.requests == [small_file.as_uri()]
+
+
+@pytest.mark.parametrize("num_shapes", [10, 300])
+def test_both_sizes_load_draw_and_open_without_a_complaint(browser: Any, tmp_path: Path, num_shapes: int) -> None:
+    page = Page(browser, write_report(view_of(num_shapes), tmp_path))
+    assert page.page.locator(".card").count() == num_shapes
+    before, after = page.pixels(".tile canvas", 0), page.pixels(".tile canvas", 1)
+    assert 0.1 < before["share"] < 0.9
+    assert 0.1 < after["share"] < 0.9
+    assert before["mean"][0] < before["mean"][2]
+    assert after["mean"][0] > after["mean"][2] + 20
+    page.page.wait_for_function(ALL_DRAWN, timeout=60_000)
+    page.page.locator(".tile").first.click()
+    assert page.page.locator("dialog h2", has_text="shape_001").is_visible()
+    page.page.keyboard.press("Escape")
+    page.page.locator("#pairs table button").first.click()
+    assert page.page.locator("dialog[open] canvas").count() == 3
+    assert page.problems == []
+    page.context.close()
+
+
+def test_alignment_is_visible(opened: Page) -> None:
+    opened.page.wait_for_function(ALL_DRAWN)
+    shapes = np.array(opened.page.locator(".tile canvas").evaluate_all(f"all => all.map({SILHOUETTE})"), dtype=bool)
+    before, after = shapes[::2], shapes[1::2]
+
+    def overlap(masks: Any) -> float:
+        return float(masks.all(axis=0).sum() / masks.any(axis=0).sum())
+
+    assert overlap(after) > 0.6 > 0.5 > overlap(before)
+
+
+def test_turning_one_shape_turns_all(opened: Page) -> None:
+    others = [opened.image(".tile canvas", at) for at in (1, 2)]
+    opened.page.locator(".tile").first.focus()
+    opened.page.keyboard.press("ArrowRight")
+    opened.page.wait_for_function(
+        "before => document.querySelectorAll('.tile canvas')[2].toDataURL() !== before", arg=others[1]
+    )
+    assert opened.image(".tile canvas", 1) != others[0]
+    box = opened.page.locator(".tile").first.bounding_box()
+    turned = opened.image(".tile canvas", 2)
+    opened.page.mouse.move(box["x"] + 20, box["y"] + 20)
+    opened.page.mouse.down()
+    opened.page.mouse.move(box["x"] + 90, box["y"] + 30, steps=4)
+    opened.page.mouse.up()
+    opened.page.wait_for_function(
+        "before => document.querySelectorAll('.tile canvas')[2].toDataURL() !== before", arg=turned
+    )
+    assert opened.page.locator("dialog[open]").count() == 0
+
+
+def test_spinning_starts_and_stops(opened: Page) -> None:
+    spin = opened.page.locator("#spin")
+    before = opened.image(".tile canvas", 0)
+    spin.click()
+    opened.wait_until_changed(".tile canvas", before)
+    spin.click()
+    assert spin.get_attribute("aria-pressed") == "false"
+
+
+def test_gallery_is_ordered_by_doubt_and_searched_by_name(opened: Page) -> None:
+    names = opened.page.locator(".card .name")
+    assert names.first.inner_text() == "shape_001"
+    opened.page.get_by_label("Find").fill("_00")
+    assert opened.page.locator(".card:visible").count() == 10
+    opened.page.get_by_label("Find").fill("007")
+    assert opened.page.locator(".card:visible").count() == 1
+    opened.page.get_by_label("Find").fill("")
+    opened.page.locator("#gallery").get_by_label("Order by").select_option("name")
+    assert names.first.inner_text() == "shape_000"
+
+
+def test_overlay_shows_what_is_chosen(opened: Page) -> None:
+    overlay = opened.page.locator("#overlay")
+    assert overlay.locator(".chip").count() == 8
+    before = opened.image("#overlay canvas")
+    overlay.get_by_label("Show").select_option("taxon=taxon A")
+    assert overlay.locator(".chip").count() == 4
+    opened.wait_until_changed("#overlay canvas", before)
+    overlay.get_by_role("button", name="Remove shape_003").click()
+    assert overlay.locator(".chip").count() == 3
+    opened.page.locator(".card", has_text="shape_003").get_by_label("overlay").check()
+    assert overlay.locator(".chip").count() == 4
+    assert opened.pixels("#overlay canvas")["share"] > 0.05
+
+
+def test_matrix_opens_the_pair_under_the_mouse_and_under_the_cursor(opened: Page, small: CollectionView) -> None:
+    matrix = opened.page.locator("canvas.matrix")
+    opened.page.locator("#pairs").get_by_label("Order by").select_option("name")
+    matrix.scroll_into_view_if_needed()
+    box = matrix.bounding_box()
+    matrix.click(position={"x": box["width"] * 0.45, "y": box["height"] * 0.25})
+    title = opened.page.locator("dialog[open] h2")
+    assert title.inner_text() == "shape_002 – shape_004"
+    before = opened.image("dialog[open] canvas", 1)
+    opened.page.get_by_label("alternative 1").check()
+    opened.page.wait_for_function(
+        "before => document.querySelectorAll('dialog[open] canvas')[1].toDataURL() !== before", arg=before
+    )
+    pair = next(pair for pair in small.pairs if (pair.i, pair.j) == (2, 4))
+    assert f"{pair.energy:.3g}" in opened.page.locator("dialog[open] table").inner_text()
+    opened.page.get_by_role("button", name="Close").click()
+    matrix.focus()
+    opened.page.keyboard.press("ArrowRight")
+    assert "shape_002 – shape_005" in opened.page.locator(".cell-text").inner_text()
+    opened.page.keyboard.press("Enter")
+    assert title.inner_text() == "shape_002 – shape_005"
+
+
+def test_matched_points_carry_equal_colours(opened: Page) -> None:
+    opened.page.locator("#pairs table button").first.click()
+    first, second = (opened.pixels("dialog[open] canvas", at) for at in (0, 1))
+    assert abs(first["share"] - second["share"]) < 0.2
+    assert opened.canvas("dialog[open] canvas", 0).evaluate(NUM_COLOURS) > 500
+
+
+def test_a_correction_is_chosen_downloaded_and_read(opened: Page, small: CollectionView, tmp_path: Path) -> None:
+    before = opened.image(".tile canvas", 1)
+    opened.page.locator("#confidence").get_by_role("button", name="shape_001").click()
+    opened.page.get_by_role("button", name="Use this pose").first.click()
+    opened.page.get_by_role("button", name="Close").click()
+    opened.page.wait_for_function(
+        "before => document.querySelectorAll('.tile canvas')[1].toDataURL() !== before", arg=before
+    )
+    assert "set to pose 1" in opened.page.locator(".card").first.inner_text()
+    opened.page.locator(".tile").nth(1).click()
+    second = opened.page.locator("dialog[open] h2").inner_text()
+    opened.page.get_by_role("button", name="This pose is right").click()
+    opened.page.keyboard.press("Escape")
+    with opened.page.expect_download() as download:
+        opened.page.get_by_role("button", name="Download decisions").click()
+    download.value.save_as(tmp_path / "corrections.json")
+    found = read_corrections(tmp_path / "corrections.json")
+    assert [(one.shape, one.kind) for one in found.decisions] == [("shape_001", "pose"), (second, "confirmed")]
+    np.testing.assert_allclose(found.decisions[0].R_common_shape, small.alternatives[1][0].R, atol=1e-12)
+    fixed = found.fixed(small.names)
+    assert set(fixed) == set(small.names)
+    np.testing.assert_allclose(fixed["shape_005"], small.rotations[5], atol=1e-12)
+    opened.page.get_by_role("button", name="Take back the decision on shape_001").click()
+    assert opened.page.get_by_text("1 decision", exact=True).is_visible()
+
+
+def test_map_is_walked_by_keys_and_coloured_by_labels(opened: Page) -> None:
+    points = opened.page.locator("#map g.dot")
+    assert points.count() == 10
+    assert points.evaluate_all("all => all.filter(one => one.getAttribute('tabindex') === '0').length") == 1
+    assert points.first.locator("circle").get_attribute("fill") != points.nth(1).locator("circle").get_attribute(
+        "fill"
+    )
+    points.first.focus()
+    reached = set()
+    for key in ("ArrowRight", "ArrowLeft", "ArrowUp", "ArrowDown"):
+        opened.page.keyboard.press(key)
+        reached.add(opened.page.evaluate("document.activeElement.getAttribute('aria-label')"))
+    assert len(reached) > 1
+    name = opened.page.evaluate("document.activeElement.getAttribute('aria-label')").split(",")[0]
+    opened.page.keyboard.press("Enter")
+    assert opened.page.locator("dialog[open] h2").inner_text() == name
+    opened.page.keyboard.press("Escape")
+    opened.page.locator("#map").get_by_label("Method").select_option("MDS")
+    assert "principal coordinate 1" in opened.page.locator("#map svg").text_content()
+
+
+def test_every_part_holds_what_it_should(opened: Page) -> None:
+    text = {
+        part: opened.page.locator(f"#{part}").text_content()
+        for part in ("excluded", "run", "cycles", "tree", "confidence")
+    }
+    assert "folder/broken.ply" in text["excluded"]
+    assert "export it again" in text["excluded"]
+    assert all(word in text["run"] for word in ("sampling.num_samples", "numpy", "12.3"))
+    assert "Going around 400 cycles" in text["cycles"]
+    assert opened.page.locator("#cycles rect").count() == 36
+    assert opened.page.locator("#tree text").count() == 10
+    assert opened.page.locator("#components figure").count() == 9
+    assert opened.pixels("#components canvas", 0)["share"] > 0.1
+    first = opened.page.locator("#confidence tbody tr").first.inner_text()
+    assert first.startswith("shape_001")
+    assert "21 %" in first
+
+
+def test_controls_have_names_and_headings_follow_each_other(opened: Page) -> None:
+    assert opened.page.evaluate(UNNAMED) == []
+    assert opened.page.locator("h1").inner_text() == "Ten bodies"
+    assert opened.page.locator("section[aria-labelledby] > h2").count() == 10
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_sticks_out_and_text_can_be_read(browser: Any, small_file: Path, scheme: str) -> None:
+    page = Page(browser, small_file, color_scheme=scheme)
+    for width in (360, 900, 1600):
+        page.page.set_viewport_size({"width": width, "height": 700})
+        assert page.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    text, back = (page.page.evaluate(BRIGHTNESS, ["body", what]) for what in ("color", "backgroundColor"))
+    assert (text > back + 300) == (scheme == "dark")
+    page.page.locator("#theme").click()
+    assert page.page.evaluate(BRIGHTNESS, ["body", "backgroundColor"]) > 600
+    page.page.locator("#theme").click()
+    assert page.page.evaluate(BRIGHTNESS, ["body", "backgroundColor"]) < 200
+    assert page.problems == []
+    page.context.close()
+
+
+def test_printing_finds_every_shape_drawn(opened: Page, tmp_path: Path) -> None:
+    opened.page.wait_for_function(ALL_DRAWN)
+    opened.page.emulate_media(media="print", color_scheme="dark")
+    assert not opened.page.locator("nav").is_visible()
+    assert opened.page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    pdf = opened.page.pdf(path=tmp_path / "report.pdf")
+    assert len(pdf) > 100_000
+
+
+def test_page_without_webgl_keeps_tables_and_charts(driver: Any, small_file: Path) -> None:
+    chromium = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-3d-apis"])
+    page = Page(chromium, small_file)
+    assert "no WebGL" in page.page.get_by_role("alert").inner_text()
+    assert page.page.locator("#map g.dot").count() == 10
+    page.page.locator(".tile").first.click()
+    assert page.page.locator("dialog[open] table").is_visible()
+    assert [problem for problem in page.problems if "WebGL" not in problem] == []
+    chromium.close()
+
+
+def test_hostile_names_stay_text(browser: Any, tmp_path: Path) -> None:
+    bad = "</script><img src=x onerror=\"document.title='owned'\">"
+    view = dataclasses.replace(view_of(3), names=(bad, "<b>b</b>", "c"), labels={"<i>kind</i>": ("<u>", "v", "")})
+    page = Page(browser, write_report(view, tmp_path, title="safe"))
+    assert page.page.title() == "safe"
+    assert page.page.locator("main img, main b, main i, main u").count() == 0
+    assert bad in page.page.locator("#gallery").inner_text()
+    assert page.problems == []
+    page.context.close()
+
+
+def test_point_clouds_are_drawn(browser: Any, tmp_path: Path) -> None:
+    plain = view_of(3)
+    view = dataclasses.replace(plain, faces=(np.empty((0, 3), dtype=np.int64),) * 3)
+    page = Page(browser, write_report(view, tmp_path))
+    assert page.pixels(".tile canvas", 1)["share"] > 0.01
+    assert page.problems == []
+    page.context.close()
+
+
+def test_a_page_that_was_cut_short_says_so(browser: Any, small_file: Path, tmp_path: Path) -> None:
+    text = small_file.read_text(encoding="utf-8").replace('id="pairs">', 'id="pairs">!')
+    (tmp_path / "cut.html").write_text(text, encoding="utf-8")
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto((tmp_path / "cut.html").as_uri())
+    assert "could not be opened" in page.get_by_role("alert").inner_text()
+    context.close()

@@ -1,0 +1,234 @@
+"""What goes into the page, without a browser."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import gzip
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from collalign.output import report
+from collalign.output.report import display_mesh, faces_per_shape, render_report, write_report
+from collalign.output.report.content import build_content, categories
+from collalign.output.report.payload import MISSING, pack, pack_mesh, quaternions, sample_colors
+from collalign.output.report.poses import DISTINCT_DEG, angle_deg, offered_poses
+from collalign.output.report.statistics import cycle_histogram, shape_map, variation
+from collalign.products.evidence import CollectionView, Pose
+from tests.view_problems import bumpy_shapes, view_of
+
+
+def unpack(fields: list[tuple[str, str, int]], text: str) -> dict[str, np.ndarray[Any, Any]]:
+    """The reader's side of :func:`pack`."""
+    raw, found, at = gzip.decompress(base64.b64decode(text)), {}, 0
+    for name, dtype, length in fields:
+        end = at + length * np.dtype(dtype).itemsize
+        found[name] = np.frombuffer(raw[at:end], dtype=np.dtype(dtype).newbyteorder("<"))
+        at = end
+    assert at == len(raw)
+    return found
+
+
+def data_of(page: str) -> dict[str, Any]:
+    found = re.search(r'<script type="application/json" id="collalign-data">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    return json.loads(found[1])
+
+
+def test_packs_come_apart_again() -> None:
+    arrays = {
+        "a": np.arange(5, dtype=np.uint16),
+        "b": np.array([1.5], dtype=np.float32),
+        "c": np.empty(0, dtype=np.uint8),
+    }
+    for name, array in unpack(*pack(arrays)).items():
+        np.testing.assert_array_equal(array, arrays[name])
+
+
+def test_meshes_are_rounded_to_a_sixteen_bit_grid(rng: np.random.Generator) -> None:
+    vertices = 1000 + rng.standard_normal((50, 3)) * [1, 10, 100]
+    samples = vertices[:4].copy()
+    samples[2] = np.nan
+    faces = rng.integers(0, 50, (20, 3))
+    info, text = pack_mesh(vertices, faces, samples, np.linspace(0, 1, 50))
+    found = unpack(info["fields"], text)
+    placed = np.array(info["centre"]) + info["step"] * found["vertices"].reshape(-1, 3)
+    assert np.abs(placed - vertices).max() <= 0.5 * info["step"] * (1 + 1e-9)
+    assert info["step"] == pytest.approx(np.ptp(vertices, axis=0).max() / 65534)
+    np.testing.assert_array_equal(found["faces"].reshape(-1, 3), faces)
+    np.testing.assert_array_equal(found["samples"].reshape(-1, 3)[2], [MISSING] * 3)
+    assert found["scalars"][[0, -1]].tolist() == [0, 255]
+
+
+def test_large_meshes_get_wide_indices() -> None:
+    vertices = np.random.default_rng(0).standard_normal((70_000, 3))
+    info, text = pack_mesh(vertices, np.array([[0, 1, 69_999]]), vertices[:1])
+    assert unpack(info["fields"], text)["faces"].tolist() == [0, 1, 69_999]
+
+
+def test_quaternions_carry_reflections() -> None:
+    R = Rotation.random(5, random_state=0).as_matrix() * np.array([1, -1, 1, -1, 1])[:, None, None]
+    turns, mirrored = quaternions(R)
+    back = Rotation.from_quat(turns).as_matrix() * np.where(mirrored, -1, 1)[:, None, None]
+    np.testing.assert_allclose(back, R, atol=1e-12)
+    assert mirrored.tolist() == [0, 1, 0, 1, 0]
+    assert quaternions(np.empty((0, 3, 3)))[0].shape == (0, 4)
+
+
+def test_colours_are_in_range_and_follow_places(rng: np.random.Generator) -> None:
+    aligned = rng.standard_normal((3, 8, 3))
+    aligned[:, 2] = np.nan
+    colors = sample_colors(aligned)
+    assert ((colors >= 0) & (colors <= 1)).all()
+
+
+def test_display_meshes_are_small_and_keep_their_outline() -> None:
+    vertices, faces = bumpy_shapes(1, subdivisions=4)
+    few, triangles = display_mesh(1e4 + vertices[0], faces, max_faces=800)
+    assert 600 <= len(triangles) <= 900
+    np.testing.assert_allclose(np.ptp(few, axis=0), np.ptp(vertices[0], axis=0), rtol=0.03)
+    assert triangles.max() < len(few)
+    np.testing.assert_array_equal(display_mesh(vertices[0], faces, max_faces=10**6)[0], vertices[0])
+    cloud, none = display_mesh(vertices[0], np.empty((0, 3), dtype=int), max_faces=500)
+    assert 250 <= len(cloud) <= 500
+    assert not len(none)
+    assert faces_per_shape(10) > faces_per_shape(300) >= 1000
+
+
+def test_offered_poses_are_distinct_and_begin_with_the_evidence() -> None:
+    view = view_of(4)
+    near = Pose(R=Rotation.from_rotvec([0.1, 0, 0]).as_matrix() @ view.rotations[0])
+    view = dataclasses.replace(view, alternatives=((near,), *view.alternatives[1:]))
+    for at, poses in enumerate(offered_poses(view)):
+        everything = [view.rotations[at], *(pose.R for pose in poses)]
+        for a, one in enumerate(everything):
+            assert all(angle_deg(one, other) > DISTINCT_DEG for other in everything[a + 1 :])
+    first = offered_poses(view)[1][0]
+    assert (first.origin, first.score) == ("candidates", -0.7)
+    assert len(offered_poses(view)[0]) == 3
+
+
+def test_angles_between_poses() -> None:
+    turn = Rotation.from_rotvec([0, 0, np.radians(40)]).as_matrix()
+    assert angle_deg(turn, np.eye(3)) == pytest.approx(40)
+    assert angle_deg(-turn, np.eye(3)) == float("inf")
+
+
+def test_map_and_tree_speak_of_the_largest_group() -> None:
+    view = dataclasses.replace(view_of(9), groups=np.array([1, 0, 0, 0, 0, 0, 0, 0, 1]))
+    found = shape_map(view)
+    assert found["members"] == [1, 2, 3, 4, 5, 6, 7]
+    assert len(found["points"]["PCA"]) == len(found["points"]["MDS"]) == len(found["tree"]["order"]) == 7
+    assert "other 2 shapes are in other groups" in found["words"]
+    assert list(build_content(view)[0]["orders"]) == ["similarity", "name", "confidence", "taxon", "side"]
+    for order in build_content(view)[0]["orders"].values():
+        assert sorted(order) == list(range(9))
+
+
+def test_only_shared_labels_become_colours() -> None:
+    view = view_of(9)
+    labels = {
+        "side": view.labels["side"],
+        "area": tuple(str(at) for at in range(9)),
+        "only": ("x",) * 9,
+        "few": ("x", "y", *[""] * 7),
+    }
+    assert categories(dataclasses.replace(view, labels=labels)) == ["side", "few"]
+
+
+def test_mean_and_components_are_drawn() -> None:
+    content, meshes = variation(view_of(8, num_missing=3))
+    assert [entry["low"] for entry in content["components"]] == [f"component-{at}-low" for at in range(3)]
+    assert set(meshes) == {"mean", *(f"component-{at}-{side}" for at in range(3) for side in ("low", "high"))}
+    mean, low, high = (
+        unpack(meshes[name][0]["fields"], meshes[name][1]) for name in ("mean", "component-0-low", "component-0-high")
+    )
+    assert not len(mean["scalars"])
+    assert low["scalars"].max() == high["scalars"].max() == 255
+    assert (low["vertices"] != high["vertices"]).any()
+
+
+def test_cycle_histogram_counts_every_cycle() -> None:
+    view = dataclasses.replace(view_of(4), cycle_errors_deg=np.array([0.0, 7.0, 180.0, np.nan]))
+    found = cycle_histogram(view)
+    assert sum(found["counts"]) == 3
+    assert found["counts"][0] == found["counts"][1] == found["counts"][-1] == 1
+    assert "33.3 % of the cycles" in found["words"]
+    assert cycle_histogram(dataclasses.replace(view, cycle_errors_deg=np.empty(0)))["counts"] == []
+
+
+@pytest.mark.parametrize("num_shapes", [2, 3])
+def test_tiny_collections_say_what_they_cannot_show(num_shapes: int) -> None:
+    view = dataclasses.replace(view_of(num_shapes), samples=view_of(num_shapes).samples[:, :2])
+    document, _ = build_content(view)
+    assert "problem" in document["map"]
+    assert "problem" in document["variation"]
+
+
+def test_one_shape_without_pairs_and_labels() -> None:
+    many = view_of(3)
+    view = CollectionView(
+        names=many.names[:1],
+        files=many.files[:1],
+        transforms=many.transforms[:1],
+        confidence=many.confidence[:1],
+        samples=many.samples[:1],
+        vertices=many.vertices[:1],
+        faces=(np.empty((0, 3), dtype=np.int64),),
+    )
+    document, blobs = build_content(view)
+    assert len(document["shapes"]) == 1
+    assert set(blobs) == {"mesh-0", "pairs"}
+
+
+def test_pairs_carry_maps_poses_and_words() -> None:
+    view = view_of(6)
+    document, blobs = build_content(view)
+    found = unpack([tuple(field) for field in document["pairFields"]], blobs["pairs"])  # type: ignore[misc]
+    assert found["poseCount"].tolist() == [2] * 14 + [0]
+    assert found["poseCount"].sum() == len(found["poseEnergy"]) == len(found["poseRotation"]) / 4
+    maps = found["map"].reshape(15, -1)
+    assert maps[3, :3].tolist() == [1, 0, 2]
+    assert (maps[0] == -2).all()
+    assert document["statuses"][found["status"][-1]] == "Time limit reached."
+    assert np.isnan(found["energy"][-1])
+
+
+def test_report_is_the_same_each_time_and_needs_no_network(tmp_path: Path) -> None:
+    path = write_report(view_of(5), tmp_path / "out")
+    assert path == tmp_path / "out" / "report.html"
+    page = path.read_text(encoding="utf-8")
+    assert page == render_report(view_of(5))
+    without_script = page[: page.rindex("<script>")]
+    assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", without_script)
+    assert "default-src 'none'" in page
+    assert "Permission is hereby granted" in page
+
+
+def test_names_cannot_become_markup() -> None:
+    bad = "</script><img src=x onerror=alert(1)>"
+    view = dataclasses.replace(view_of(3), names=(bad, "a & b", "<!--"), notes=(bad,))
+    page = render_report(view, title=bad)
+    assert bad not in page
+    assert [shape["name"] for shape in data_of(page)["shapes"]] == [bad, "a & b", "<!--"]
+
+
+def test_missing_confidence_is_shown_as_none_at_all() -> None:
+    view = dataclasses.replace(view_of(3), confidence=np.array([np.nan, 0.5, 2.0]))
+    assert [shape["confidence"] for shape in data_of(render_report(view))["shapes"]] == [0.0, 0.5, 1.0]
+
+
+def test_bundle_was_built_from_the_sources_beside_it() -> None:
+    """After a change in viewer/src run ``npm ci && npm run build`` in viewer/."""
+    folder = Path(report.__file__).parent
+    digest = hashlib.sha256()
+    for file in [*sorted((folder / "viewer" / "src").iterdir()), folder / "viewer" / "package-lock.json"]:
+        digest.update(file.read_bytes())
+    assert f"sources {digest.hexdigest()};" in (folder / "viewer.min.js").read_text(encoding="utf-8")[:200]

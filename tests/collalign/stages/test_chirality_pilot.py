@@ -1,0 +1,237 @@
+"""Whole runs that decide by themselves whether shapes are mirrored."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from collalign import AlignedCollection, AlignOptions, RunOptions, align_collection
+from collalign.cli import main
+from collalign.extend import add_to_collection
+from collalign.output.write import alignment_record
+from collalign.stages.chirality.pilot import chirality_energies, nearest_pairs
+from collalign.stages.pairs.choose import KEPT_UNMIRRORED
+from collalign.stages.pairs.match import MatchedPair
+from collalign.stages.pairs.select import all_pairs
+from data_tools.arrays import FloatArray
+from data_tools.datasets.public import Dataset, read_shrec07_class, read_teeth
+from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
+from data_tools.datasets.synthetic_shapes import chair, crown
+from data_tools.embedding.embedding import sample_shape
+from data_tools.io.shapes import read_folder, write_mesh
+from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.surface.shape import Shape
+from experiments.collections.posed import PosedCollection, pose_collection
+
+OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
+ONE = RunOptions(jobs=1)
+
+
+def lopsided(shape: Shape) -> Shape:
+    """Shear a shape so that it is far from every mirror symmetry."""
+    x, y, z = shape.vertices.T
+    sheared = np.column_stack([x + 0.5 * y * z, y, z + 0.4 * x * y])
+    return Shape.from_arrays(sheared, shape.faces, name=shape.name)
+
+
+def crowns(folder: Path, *, num: int = 7, sides: tuple[int, ...] = ()) -> Path:
+    """Write lopsided crowns, those of ``sides`` mirrored."""
+    rng = np.random.default_rng(3)
+    family = deformed_family(lopsided(crown(rng, num_vertices=300)), num, rng, rms=0.01)
+    for i, shape in enumerate(family):
+        write_mesh(folder / f"{shape.name}.ply", mirrored(shape) if i in sides else shape)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return crowns(tmp_path_factory.mktemp("mixed"), sides=(1, 4))
+
+
+@pytest.fixture(scope="module")
+def one_sided(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return crowns(tmp_path_factory.mktemp("one_sided"))
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> RunOptions:
+    """One store for the runs that may share pairs."""
+    return RunOptions(jobs=1, store=tmp_path_factory.mktemp("store") / "store.sqlite")
+
+
+@pytest.fixture(scope="module")
+def aligned_mixed(mixed: Path, store: RunOptions) -> AlignedCollection:
+    return align_collection(mixed, options=OPTIONS, run=store)
+
+
+def without_decision(collection: AlignedCollection) -> dict[str, Any]:
+    """What two runs share if one was asked for what the other decided."""
+    record = alignment_record(collection)
+    record["options"].pop("group")
+    record["notes"] = [note for note in record["notes"] if "mirrored" not in note]
+    return record
+
+
+def test_a_mix_is_noticed_and_aligned_as_if_asked_for(
+    aligned_mixed: AlignedCollection, mixed: Path, store: RunOptions
+) -> None:
+    assert aligned_mixed.group == "O"
+    assert aligned_mixed.reflected.tolist() == [i in (1, 4) for i in range(7)]
+    assert "Left and right specimens are mixed, 2 of 7" in " ".join(aligned_mixed.notes)
+    asked = align_collection(mixed, options=replace(OPTIONS, group="O"), run=store)
+    assert asked.run.num_reused == 7 + 21
+    assert without_decision(asked) == without_decision(aligned_mixed)
+    record = alignment_record(aligned_mixed)
+    assert (record["options"]["group"], record["decided"]) == ("auto", {"group": "O"})
+    assert (alignment_record(asked)["options"]["group"], asked.group) == ("O", "O")
+
+
+def test_one_side_comes_out_as_with_rotations_only(one_sided: Path, store: RunOptions) -> None:
+    found = align_collection(one_sided, options=OPTIONS, run=store)
+    assert found.group == "SO"
+    assert not found.reflected.any()
+    assert "No shape is mirrored" in " ".join(found.notes)
+    asked = align_collection(one_sided, options=replace(OPTIONS, group="SO"), run=store)
+    assert without_decision(asked) == without_decision(found)
+
+
+def test_two_workers_and_a_second_run_decide_alike(
+    aligned_mixed: AlignedCollection, mixed: Path, store: RunOptions
+) -> None:
+    again = align_collection(mixed, options=OPTIONS, run=store)
+    assert again.run.num_reused == 7 + 21
+    parallel = align_collection(mixed, options=OPTIONS, run=RunOptions(jobs=2))
+    assert parallel.run.num_reused == 0
+    for other in (again, parallel):
+        assert json.dumps(alignment_record(other)) == json.dumps(alignment_record(aligned_mixed))
+
+
+def test_bilateral_shapes_are_not_mirrored(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    for i in range(8):
+        shape = bumped(chair(rng, resolution=1, name=f"chair{i}"), rng, rms=0.02)
+        write_mesh(tmp_path / f"chair{i}.ply", shape)
+    found = align_collection(tmp_path, options=OPTIONS, run=ONE)
+    assert found.group == "SO"
+    assert not found.reflected.any()
+
+
+def pair_of(rotations: list[FloatArray], energies: list[float]) -> MatchedPair:
+    return MatchedPair(
+        target=0,
+        source=1,
+        rotations=np.array(rotations),
+        maps=np.zeros((len(energies), 8), dtype=np.int64),
+        energies=np.array(energies),
+        lower_bound=float("nan"),
+        status="LOCAL_OPTIMUM",
+    )
+
+
+def test_the_energies_of_both_kinds_are_told_apart() -> None:
+    few = sample_shape(crown(num_vertices=200), SamplingOptions(num_points=8, num_dense_points=0), EmbeddingOptions())
+    kinds = [np.diag([1.0, 1.0, -1.0]), np.eye(3), np.diag([-1.0, -1.0, 1.0])]
+    assert chirality_energies(pair_of(kinds, [0.1, 0.2, 0.3]), few, few) == (0.2, 0.1)
+    alone = chirality_energies(pair_of(kinds[1:], [0.2, 0.3]), few, few)
+    assert alone == pytest.approx((0.2, np.nan), nan_ok=True)
+
+
+def test_dense_samples_tell_the_kinds_apart_where_few_do_not() -> None:
+    shape, options = lopsided(crown(num_vertices=300)), SamplingOptions(num_points=8, num_dense_points=150)
+    target, source = (sample_shape(one, options, EmbeddingOptions()) for one in (shape, mirrored(shape)))
+    mirror = np.diag([-1.0, 1.0, 1.0])
+    plain, reflected = chirality_energies(pair_of([np.eye(3), mirror], [0.2, 0.2]), target, source)
+    assert reflected < 0.2 * plain
+    alone = chirality_energies(pair_of([mirror], [0.2]), target, source)
+    assert alone == pytest.approx((np.nan, reflected), nan_ok=True)
+
+
+def test_the_pilot_takes_the_nearest_pairs_of_every_shape() -> None:
+    descriptors = np.array([[0.0], [1.0], [2.1], [3.3], [10.0]])
+    near = nearest_pairs(all_pairs(5), descriptors, 1)
+    assert near.tolist() == [[0, 1], [1, 2], [2, 3], [3, 4]]
+    assert len(nearest_pairs(all_pairs(5), descriptors, 4)) == 10
+    kept = nearest_pairs(np.array([[0, 4], [1, 4]]), descriptors, 1)
+    assert kept.tolist() == [[0, 4], [1, 4]], "only pairs of the run"
+
+
+def test_added_shapes_keep_what_was_decided(
+    aligned_mixed: AlignedCollection, one_sided: Path, mixed: Path, store: RunOptions, tmp_path: Path
+) -> None:
+    new = tmp_path / "new"
+    late = read_folder(mixed).files[4]
+    write_copy(late, new / "late.ply")
+    aligned_mixed.save(tmp_path / "mixed", report=False)
+    added = add_to_collection(tmp_path / "mixed", new, run=store)
+    assert (added.group, added.options.group) == ("O", "auto")
+    assert added.reflected.tolist() == [*aligned_mixed.reflected.tolist(), True]
+    align_collection(one_sided, options=OPTIONS, run=store).save(tmp_path / "one", report=False)
+    added = add_to_collection(tmp_path / "one", new, run=store)
+    assert added.group == "SO"
+    assert not added.reflected.any()
+    assert KEPT_UNMIRRORED in " ".join(added.notes)
+    assert "late" in " ".join(added.notes)
+
+
+def write_copy(file: Path, copy: Path) -> None:
+    copy.parent.mkdir(exist_ok=True)
+    copy.write_bytes(file.read_bytes())
+
+
+def test_added_shapes_do_not_hide_what_was_left_out(one_sided: Path, tmp_path: Path) -> None:
+    folder, out = tmp_path / "folder", tmp_path / "out"
+    folder.mkdir()
+    for file in read_folder(one_sided).files[:3]:
+        write_copy(file, folder / file.name)
+    (folder / "broken.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 3\n")
+    (folder / "mended.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 3\n")
+    flags = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--jobs", "1", "--no-report"]
+    assert main(["align", str(folder), "--out", str(out), *flags]) == 3
+    write_copy(read_folder(one_sided).files[5], tmp_path / "new" / "mended.ply")
+    assert main(["add", str(out), str(tmp_path / "new"), "--jobs", "1", "--no-report"]) == 3
+    record = json.loads((out / "alignment.json").read_text())
+    assert [item["file"] for item in record["excluded"]] == ["broken.ply"]
+
+
+def test_a_mirrored_pose_set_by_hand_allows_mirror_images(
+    aligned_mixed: AlignedCollection, mixed: Path, store: RunOptions
+) -> None:
+    fixed = {"crown2": aligned_mixed.rotations[1]}
+    found = align_collection(mixed, options=OPTIONS, run=store, fixed=fixed)
+    assert found.group == "O"
+    assert "because a pose set by hand is" in " ".join(found.notes)
+    assert np.allclose(found.rotations[1], fixed["crown2"])
+
+
+def posed(data: Dataset, folder: Path, num: int, seed: int, *, chirality: int | None = None) -> PosedCollection:
+    """Write some shapes in random poses, of one chirality if asked for."""
+    rng = np.random.default_rng(seed)
+    among = np.arange(len(data))
+    if chirality is not None:
+        assert data.chirality is not None
+        among = np.flatnonzero(data.chirality == chirality)
+    return pose_collection(data, rng.permutation(among)[:num], folder, rng)
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("chirality", [None, 1])
+def test_twenty_teeth_of_both_sides_or_of_one(chirality: int | None, shared_data: Path, tmp_path: Path) -> None:
+    teeth = read_teeth(shared_data / "teeth_pnas116")
+    truth = posed(teeth, tmp_path, 20, 1, chirality=chirality)
+    options = AlignOptions(pairs="sparse", refine=False)
+    found = align_collection(tmp_path, options=options)
+    assert found.group == ("O" if chirality is None else "SO")
+    assert not np.isnan(truth.pair_errors_deg(found.rotations, found.names)).any()
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["teddy", "ant"])
+def test_measured_bilateral_shapes_are_not_mirrored(name: str, shared_data: Path, tmp_path: Path) -> None:
+    posed(read_shrec07_class(shared_data / "shrec07_dev" / name), tmp_path, 9, 0)
+    options = AlignOptions(refine=False)
+    assert align_collection(tmp_path, options=options).group == "SO"

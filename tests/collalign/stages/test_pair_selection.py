@@ -1,0 +1,188 @@
+from __future__ import annotations
+
+from typing import Any
+
+import networkx as nx
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from collalign.stages.pairs.graph import near_partners, without_bridges
+from collalign.stages.pairs.select import adaptive_pairs, all_pairs, extend_pairs, select_pairs
+from data_tools.errors import InputError, OptionsError
+
+
+def check_pairs(edges: NDArray[Any], num_shapes: int) -> nx.Graph:
+    """Rows i < j, sorted, distinct; returns the graph."""
+    assert edges.dtype == np.int64
+    assert edges.shape == (len(edges), 2)
+    assert (edges[:, 0] < edges[:, 1]).all()
+    rows = [tuple(row) for row in edges.tolist()]
+    assert rows == sorted(set(rows))
+    graph = nx.Graph(rows)
+    graph.add_nodes_from(range(num_shapes))
+    assert len(graph) == num_shapes
+    return graph
+
+
+def as_set(edges: NDArray[Any]) -> set[tuple[int, ...]]:
+    return {tuple(row) for row in edges.tolist()}
+
+
+@pytest.mark.parametrize("num_shapes", [0, 1, 2, 7])
+def test_all_pairs(num_shapes: int) -> None:
+    edges = select_pairs(num_shapes, strategy="all")
+    check_pairs(edges, num_shapes)
+    assert len(edges) == num_shapes * (num_shapes - 1) // 2
+
+
+@pytest.mark.parametrize("num_shapes", [2, 3, 14, 20, 60, 200])
+@pytest.mark.parametrize("kind", ["random", "spread", "two islands", "equal"])
+def test_sparse_pairs_have_no_bridge_and_the_wanted_degree(
+    num_shapes: int, kind: str, rng: np.random.Generator
+) -> None:
+    descriptors = {
+        "random": None,
+        "spread": rng.standard_normal((num_shapes, 4)),
+        "two islands": rng.standard_normal((num_shapes, 2)) + 1e3 * (np.arange(num_shapes) % 2)[:, None],
+        "equal": np.zeros((num_shapes, 2)),
+    }[kind]
+    edges = select_pairs(num_shapes, strategy="sparse", descriptors=descriptors, degree=10, seed=3)
+    graph = check_pairs(edges, num_shapes)
+    assert nx.is_connected(graph)
+    assert num_shapes == 2 or not nx.has_bridges(graph)
+    assert 2 * len(edges) / num_shapes <= 11
+    assert num_shapes < 12 or min(degree for _, degree in graph.degree) >= 3
+
+
+def test_near_shapes_are_paired(rng: np.random.Generator) -> None:
+    descriptors = rng.standard_normal((80, 3))
+    edges = as_set(select_pairs(80, strategy="sparse", descriptors=descriptors))
+    distances = np.linalg.norm(descriptors[:, None] - descriptors, axis=2)
+    nearest = np.argsort(distances, axis=1)[:, 1]
+    assert all((min(i, j), max(i, j)) in edges for i, j in enumerate(nearest))
+    far = [distances[i, j] for i, j in edges]
+    assert max(far) > np.median(distances)  # never neighbours alone
+
+
+def test_a_growing_collection_adds_only_pairs_with_new_shapes(rng: np.random.Generator) -> None:
+    descriptors = rng.standard_normal((110, 3))
+    names = [f"shape {i}" for i in rng.permutation(110)]
+    for points in (None, descriptors):
+        before, after = (
+            select_pairs(
+                num, strategy="sparse", descriptors=None if points is None else points[:num], identities=names[:num]
+            )
+            for num in (100, 110)
+        )
+        added = as_set(after) - as_set(before)
+        assert added
+        assert all(j >= 100 for _, j in added)
+        assert len(added) <= 10 * 16
+
+
+def test_the_selection_follows_the_shapes_and_not_their_order(rng: np.random.Generator) -> None:
+    descriptors = rng.standard_normal((50, 3))
+    names = np.array([f"shape {i}" for i in range(50)])
+    order = rng.permutation(50)
+    one = select_pairs(50, strategy="sparse", descriptors=descriptors, identities=list(names))
+    other = select_pairs(50, strategy="sparse", descriptors=descriptors[order], identities=list(names[order]))
+    named_one = {frozenset(names[list(pair)]) for pair in one.tolist()}
+    assert named_one == {frozenset(names[order][list(pair)]) for pair in other.tolist()}
+    assert as_set(one) != as_set(select_pairs(50, strategy="sparse", descriptors=descriptors, seed=1))
+
+
+def test_shapes_of_the_same_identity_are_told_apart() -> None:
+    edges = select_pairs(30, strategy="sparse", identities=["same content"] * 30, degree=8)
+    assert nx.is_connected(check_pairs(edges, 30))
+    assert len(edges) < 30 * 29 / 4
+
+
+def test_landmarks_shorten_the_paths(rng: np.random.Generator) -> None:
+    descriptors = rng.standard_normal((150, 3))
+    plain = select_pairs(150, strategy="sparse", descriptors=descriptors)
+    with_landmarks = select_pairs(150, strategy="sparse", descriptors=descriptors, num_landmarks=5)
+    assert as_set(plain) < as_set(with_landmarks)
+    length = nx.average_shortest_path_length
+    assert length(check_pairs(with_landmarks, 150)) < length(check_pairs(plain, 150))
+
+
+def test_repair_joins_parts_by_their_closest_shapes_and_removes_bridges() -> None:
+    points = np.array([[0.0], [1.0], [2.0], [3.0], [4.0], [50.0]])
+    parts = np.array([[0, 1], [1, 2], [0, 2], [3, 4]])
+    graph = check_pairs(without_bridges(6, parts, points), 6)
+    assert nx.is_connected(graph)
+    assert not nx.has_bridges(graph)
+    assert graph.has_edge(2, 3)
+
+
+def test_neighbours_among_equal_descriptors_are_others(rng: np.random.Generator) -> None:
+    pairs = near_partners(np.zeros((9, 2)), np.arange(9), np.arange(9), 3)
+    assert len(pairs) == 27
+    assert (pairs[:, 0] != pairs[:, 1]).all()
+
+
+def test_adaptive_pairs_go_to_uncertain_shapes(rng: np.random.Generator) -> None:
+    descriptors = rng.standard_normal((40, 3))
+    edges = select_pairs(40, strategy="adaptive", descriptors=descriptors, degree=6)
+    confidence = np.full(40, 0.99)
+    confidence[[5, 17]] = 0.3, np.nan
+    added = adaptive_pairs(40, edges[:, ::-1], confidence, descriptors=descriptors)
+    check_pairs(added, 40)
+    assert len(added) == 12
+    assert not as_set(added) & as_set(edges)
+    assert all(5 in pair or 17 in pair for pair in as_set(added))
+    assert (5, 17) not in as_set(added)  # confident partners first
+    assert len(adaptive_pairs(40, edges, np.ones(40))) == 0
+    first = adaptive_pairs(40, edges, confidence, max_pairs=6)
+    assert all(17 in pair for pair in as_set(first))  # the least confident first
+
+
+def test_adaptive_pairs_join_separate_groups_and_end_when_all_pairs_exist() -> None:
+    edges = np.array([[0, 1], [1, 2], [3, 4]])
+    added = adaptive_pairs(5, edges, np.ones(5), groups=[[0, 1, 2], [3, 4]])
+    assert nx.is_connected(nx.Graph(np.concatenate([edges, added]).tolist()))
+    assert len(adaptive_pairs(5, all_pairs(5), np.zeros(5))) == 0
+    everything = np.concatenate([edges, adaptive_pairs(5, edges, np.zeros(5), added=9)])
+    assert as_set(everything) == as_set(all_pairs(5))
+
+
+@pytest.mark.parametrize("strategy", ["all", "sparse"])
+@pytest.mark.parametrize("num_old", [1, 3, 50])
+def test_extending_joins_new_shapes_to_old_ones(strategy: str, num_old: int, rng: np.random.Generator) -> None:
+    total = num_old + 4
+    for descriptors in (None, rng.standard_normal((total, 3))):
+        edges = extend_pairs(num_old, 4, strategy=strategy, descriptors=descriptors, degree=8)
+        check_pairs(edges, total)
+        assert (edges[:, 1] >= num_old).all()
+        to_old = edges[edges[:, 0] < num_old]
+        assert set(to_old[:, 1].tolist()) == set(range(num_old, total))
+        if strategy == "sparse" and num_old == 50:
+            assert len(edges) <= 4 * 8
+    assert len(extend_pairs(num_old, 0)) == 0
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"strategy": "some"},
+        {"degree": 3},
+        {"num_landmarks": -1},
+        {"num_landmarks": 2},
+        {"identities": ["a"]},
+    ],
+)
+def test_impossible_options_are_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(OptionsError):
+        select_pairs(30, **({"strategy": "sparse"} | options))
+
+
+def test_arrays_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(InputError, match="descriptors"):
+        select_pairs(30, strategy="sparse", descriptors=np.zeros((29, 2)))
+    with pytest.raises(OptionsError, match="confidence"):
+        adaptive_pairs(5, all_pairs(5), np.ones(4))
+    with pytest.raises(InputError, match="edges"):
+        adaptive_pairs(4, all_pairs(5), np.ones(4))
+    with pytest.raises(OptionsError, match="num_old"):
+        extend_pairs(0, 3)

@@ -1,0 +1,103 @@
+"""Mixed folders in parts, and turning a solution as a whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from collalign.options import AlignOptions
+from collalign.stages.pairs.match import MatchedPair, candidate_arrays
+from collalign.stages.poses.agreement import turned
+from collalign.stages.poses.parts import agree_in_parts
+from collalign.synchronization import SynchronizationResult, synchronize
+from data_tools.embedding.embedding import Samples
+from data_tools.errors import CollectionError, OptionsError
+from data_tools.rotations import random_rotation
+from tests.synchronization_problems import mixed_collection, pose_errors_deg
+
+SIZES = (9, 7)
+
+
+@pytest.fixture
+def labels_and_truth() -> tuple[np.ndarray, np.ndarray]:
+    problem, labels = mixed_collection(np.random.default_rng(4), SIZES, wrong=0.1)
+    return labels, problem.truth
+
+
+@pytest.fixture
+def pairs() -> list[MatchedPair]:
+    problem, _ = mixed_collection(np.random.default_rng(4), SIZES, wrong=0.1)
+    assert problem.energies is not None
+    return [
+        MatchedPair(
+            target=int(i), source=int(j), rotations=rotations, maps=np.arange(6)[None], energies=1e-6 * energies,
+            lower_bound=float("nan"), status="LOCAL_OPTIMUM",
+        )
+        for (i, j), rotations, energies in zip(problem.edges, problem.rotations, problem.energies, strict=True)
+    ]  # fmt: skip
+
+
+@pytest.fixture
+def samples(rng: np.random.Generator) -> list[Samples]:
+    """Shapes so unlike that no pair can be solved again to an energy near its own."""
+    none = np.zeros(0, dtype=np.int64)
+    clouds = rng.standard_normal((sum(SIZES), 6, 3))
+    return [
+        Samples(
+            name=str(i), vertex_indices=np.arange(6), positions=points, coordinates=points, block_sizes=(3,),
+            invariants=np.empty((6, 0)), offset=np.zeros(3), scale=1.0, dense_indices=none,
+            dense_positions=np.empty((0, 3)), dense_normals=np.empty((0, 3)),
+            dense_invariants=np.empty((0, 0)),
+        )
+        for i, points in enumerate(clouds)
+    ]  # fmt: skip
+
+
+def solve(samples: list[Samples], pairs: list[MatchedPair], clusters: int, **held: object) -> SynchronizationResult:
+    arguments = {"fixed": {}, "reference": 0} | held
+    merged, solution = agree_in_parts(samples, pairs, AlignOptions(group="SO", clusters=clusters), **arguments)  # type: ignore[arg-type]
+    assert [(pair.target, pair.source) for pair in merged] == [(pair.target, pair.source) for pair in pairs]
+    return solution
+
+
+@pytest.mark.parametrize("clusters", [0, 2])
+def test_a_mixed_folder_is_split_and_each_part_is_right(
+    clusters: int, samples: list[Samples], pairs: list[MatchedPair], labels_and_truth: tuple[np.ndarray, np.ndarray]
+) -> None:
+    labels, truth = labels_and_truth
+    solution = solve(samples, pairs, clusters)
+    assert {tuple(group) for group in solution.groups} == {tuple(np.flatnonzero(labels == part)) for part in (0, 1)}
+    for group in solution.groups:
+        assert pose_errors_deg(solution.rotations[group], truth[group]).max() < 20
+    assert np.allclose(solution.rotations[0], np.eye(3))
+    assert len(solution.edge_choice) == len(solution.edge_inlier) == len(pairs)
+    assert any("Split into 2 parts" in line for line in solution.warnings)
+    assert not any("unconnected" in line for line in solution.warnings)
+
+
+def test_poses_set_by_hand_stay(samples: list[Samples], pairs: list[MatchedPair], rng: np.random.Generator) -> None:
+    fixed = {3: random_rotation(rng)}
+    solution = solve(samples, pairs, 2, fixed=fixed)
+    assert np.allclose(solution.rotations[3], fixed[3])
+
+
+def test_parts_of_one_shape_each_are_refused(samples: list[Samples], pairs: list[MatchedPair]) -> None:
+    with pytest.raises(CollectionError, match="ask for fewer"):
+        solve(samples, pairs, sum(SIZES))
+    with pytest.raises(OptionsError, match="clusters"):
+        AlignOptions(clusters=2, synchronization="spectral")
+    with pytest.raises(OptionsError, match="reference"):
+        AlignOptions(gauge="axes", reference="a")
+
+
+def test_a_turn_moves_poses_alternatives_and_cuts_together(
+    pairs: list[MatchedPair], rng: np.random.Generator
+) -> None:
+    edges, rotations, energies = candidate_arrays(pairs)
+    before = synchronize(edges, rotations, energies=energies)
+    turn = random_rotation(rng)
+    after = turned(before, np.tile(turn, (sum(SIZES), 1, 1)))
+    assert np.allclose(after.rotations, turn @ before.rotations)
+    assert np.allclose(after.weak_cuts[0].rotation @ turn, turn @ before.weak_cuts[0].rotation)
+    for poses, others in zip(after.alternatives, before.alternatives, strict=True):
+        assert all(np.allclose(p.rotation, turn @ o.rotation) for p, o in zip(poses, others, strict=True))

@@ -1,0 +1,70 @@
+"""Which pairs are refined, and that refinement brings disturbed poses of equal shapes back."""
+
+from __future__ import annotations
+
+import itertools
+
+import networkx as nx
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from collalign.stages.poses.refinement import local_pairs, refine_rotations
+from data_tools.datasets.synthetic_shapes import crown
+from data_tools.embedding.embedding import Samples, sample_shape
+from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
+
+
+def all_edges(num: int) -> np.ndarray:
+    return np.array(list(itertools.combinations(range(num), 2)))
+
+
+def test_local_pairs_keep_the_nearest_and_the_connection(rng: np.random.Generator) -> None:
+    edges = all_edges(12)
+    energies = rng.random(len(edges))
+    energies[np.isin(edges, range(6)).sum(axis=1) == 1] += 10.0  # two families, far from each other
+    kept = local_pairs(12, edges, energies, num=2)
+    assert nx.is_connected(nx.Graph(kept.tolist()))
+    assert len(kept) < len(edges) / 2
+    chosen = {tuple(pair) for pair in kept.tolist()}
+    for shape in range(12):
+        own = [e for e, pair in enumerate(edges) if shape in pair]
+        nearest = min(own, key=lambda e: energies[e])
+        assert tuple(edges[nearest]) in chosen
+    across = [pair for pair in chosen if (pair[0] < 6) != (pair[1] < 6)]
+    assert len(across) == 1
+
+
+def posed_crowns(rng: np.random.Generator, num: int) -> tuple[list[Samples], np.ndarray]:
+    shape = crown(num_vertices=500)
+    turns = np.stack([random_rotation(rng, group="O") for _ in range(num)])
+    options = SamplingOptions(num_points=16, num_dense_points=200, seeds="centroid")
+    samples = [
+        sample_shape(Shape.from_arrays(shape.vertices @ turn, shape.faces), options, EmbeddingOptions(kind="xyz"))
+        for turn in turns
+    ]
+    return samples, turns
+
+
+def errors_deg(rotations: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    pairs = all_edges(len(truth))
+    return np.array([rotation_angle_deg(rotations[i].T @ rotations[j], truth[i].T @ truth[j]) for i, j in pairs])
+
+
+def test_disturbed_poses_come_back(rng: np.random.Generator) -> None:
+    samples, truth = posed_crowns(rng, 4)
+    disturbed = Rotation.from_rotvec(0.12 * rng.standard_normal((4, 3))).as_matrix() @ truth
+    edges = all_edges(4)
+    refined = refine_rotations(samples, disturbed, edges, np.ones(len(edges)), group="O", fixed={0: disturbed[0]})
+    assert errors_deg(disturbed, truth).max() > 5
+    assert errors_deg(refined, truth).max() < 0.5
+    assert np.allclose(refined[0], disturbed[0])
+
+
+def test_fixed_poses_stay(rng: np.random.Generator) -> None:
+    samples, truth = posed_crowns(rng, 3)
+    fixed = {1: truth[1], 2: np.diag([1.0, -1.0, -1.0]) @ truth[2]}
+    refined = refine_rotations(samples, truth, all_edges(3), np.ones(3), group="O", fixed=fixed)
+    for shape, pose in fixed.items():
+        assert np.allclose(refined[shape], pose)

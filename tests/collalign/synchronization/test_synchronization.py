@@ -1,0 +1,304 @@
+"""Poses from pairs: exactness, gauge, invariances, candidates, constraints, and what is refused."""
+
+from __future__ import annotations
+
+import networkx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from collalign.synchronization import principal_axes_gauge, refine_with_pairs, synchronize
+from collalign.synchronization.problem.geometry import angles_rad
+from data_tools.errors import InputError, OptionsError
+from tests.synchronization_problems import (
+    D2_FLIPS,
+    complete_edges,
+    exact_pairs,
+    flipped_pairs,
+    pose_errors_deg,
+    random_rotations,
+    regular_edges,
+    small_rotations,
+)
+
+METHODS = ["robust", "spectral"]
+
+
+def _graph_edges(name: str) -> np.ndarray:
+    graphs = {
+        "pair": networkx.path_graph(2),
+        "path": networkx.path_graph(40),
+        "cycle": networkx.cycle_graph(15),
+        "star": networkx.star_graph(12),
+        "grid": networkx.convert_node_labels_to_integers(networkx.grid_2d_graph(4, 5)),
+        "complete": networkx.complete_graph(12),
+        "barbell": networkx.barbell_graph(6, 3),
+        "regular": networkx.random_regular_graph(4, 30, seed=1),
+    }
+    return np.array(sorted(tuple(sorted(e)) for e in graphs[name].edges))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["pair", "path", "cycle", "star", "grid", "complete", "barbell", "regular"])
+def test_exact_pairs_are_recovered_on_every_connected_graph(name: str, method: str) -> None:
+    edges = _graph_edges(name)
+    truth = random_rotations(np.random.default_rng(3), int(edges.max()) + 1)
+    pairs = exact_pairs(truth, edges)
+    found = synchronize(edges, pairs, method=method)
+    assert np.abs(exact_pairs(found.rotations, edges) - pairs).max() < 1e-8
+    assert found.certificate.optimal
+    assert found.certificate.suboptimality < 1e-8
+    assert found.edge_inlier.all()
+    assert np.array_equal(found.rotations[0], np.eye(3)) or np.allclose(found.rotations[0], np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["path", "regular"])
+def test_large_sparse_graphs_are_solved_exactly(kind: str) -> None:
+    graphs = {"path": networkx.path_graph(450), "regular": networkx.random_regular_graph(4, 450, seed=2)}
+    edges = np.array(sorted(tuple(sorted(e)) for e in graphs[kind].edges))
+    truth = random_rotations(np.random.default_rng(18), 450)
+    found = synchronize(edges, exact_pairs(truth, edges))
+    assert np.abs(exact_pairs(found.rotations, edges) - exact_pairs(truth, edges)).max() < 1e-8
+
+
+@pytest.mark.parametrize(("dim", "group"), [(2, "SO"), (2, "O"), (3, "O"), (5, "SO"), (5, "O")])
+@pytest.mark.parametrize("method", METHODS)
+def test_other_groups_are_recovered(dim: int, group: str, method: str) -> None:
+    rng = np.random.default_rng(dim)
+    edges = regular_edges(14, 5, 0)
+    truth = random_rotations(rng, 14, dim, group=group)
+    found = synchronize(edges, exact_pairs(truth, edges), group=group, method=method)
+    assert np.abs(exact_pairs(found.rotations, edges) - exact_pairs(truth, edges)).max() < 1e-8
+    assert np.array_equal(found.reflected, np.linalg.det(truth) * np.linalg.det(truth[0]) < 0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_mixed_blocks_are_synchronized_apart(method: str) -> None:
+    rng = np.random.default_rng(0)
+    edges = regular_edges(16, 6, 0)
+    truth = np.zeros((16, 7, 7))
+    truth[:, :3, :3] = random_rotations(rng, 16)
+    truth[:, 3:, 3:] = random_rotations(rng, 16, 4, group="O")
+    pairs = exact_pairs(truth, edges)
+    wrong = rng.choice(len(edges), 8, replace=False)
+    pairs[wrong, 3:, 3:] = random_rotations(rng, 8, 4, group="O")
+    found = synchronize(edges, pairs, rotation_pattern=(3, 4), method=method)
+    assert np.abs(found.rotations[:, :3, 3:]).max() == 0.0
+    assert np.linalg.det(found.rotations[:, :3, :3]).min() > 0
+    clean = exact_pairs(truth, edges)
+    assert np.abs(exact_pairs(found.rotations, edges) - clean)[:, :3, :3].max() < 1e-8
+    if method == "robust":
+        assert np.abs(exact_pairs(found.rotations, edges) - clean).max() < 1e-3
+
+
+@settings(max_examples=6, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_gauge_of_the_shapes_and_order_change_nothing(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    problem = flipped_pairs(rng, regular_edges(14, 6, 1), 14, wrong=0.1, num_candidates=4)
+    first = synchronize(problem.edges, problem.rotations, energies=problem.energies)
+    turns = random_rotations(rng, 14)
+    order = rng.permutation(14)
+    left, right = turns[problem.edges[:, 0]], turns[problem.edges[:, 1]]
+    turned = np.swapaxes(left, 1, 2)[:, None] @ problem.rotations @ right[:, None]
+    moved = synchronize(order[problem.edges], turned, energies=problem.energies)
+    expected = first.rotations @ turns
+    relative_pairs = exact_pairs(expected, problem.edges)
+    assert np.allclose(exact_pairs(moved.rotations[order], problem.edges), relative_pairs, atol=1e-3)
+    assert np.array_equal(first.edge_choice, moved.edge_choice)
+    assert np.allclose(first.confidence, moved.confidence[order], atol=0.05)
+
+
+def test_reversed_edges_change_nothing() -> None:
+    rng = np.random.default_rng(4)
+    problem = flipped_pairs(rng, regular_edges(20, 6, 0), 20, wrong=0.2, num_candidates=4)
+    first = synchronize(problem.edges, problem.rotations, energies=problem.energies)
+    back = synchronize(
+        problem.edges[:, ::-1], np.swapaxes(problem.rotations, 2, 3), energies=problem.energies, num_shapes=20
+    )
+    assert np.allclose(first.rotations, back.rotations, atol=1e-7)
+
+
+def test_the_same_call_gives_the_same_bits() -> None:
+    problem = flipped_pairs(np.random.default_rng(5), regular_edges(20, 4, 0), 20, wrong=0.3, num_candidates=4)
+    first, second = (synchronize(problem.edges, problem.rotations, energies=problem.energies) for _ in range(2))
+    assert np.array_equal(first.rotations, second.rotations)
+    assert np.array_equal(first.confidence, second.confidence)
+
+
+def test_cycles_of_the_answer_close() -> None:
+    problem = flipped_pairs(np.random.default_rng(6), complete_edges(8), 8, wrong=0.2)
+    found = synchronize(problem.edges, problem.rotations).rotations
+    ij, jk, ik = (np.swapaxes(found[a], 0, 1) @ found[b] for a, b in ((0, 3), (3, 6), (0, 6)))
+    assert np.allclose(ij @ jk, ik, atol=1e-12)
+
+
+def test_reference_and_principal_axes_fix_the_gauge() -> None:
+    rng = np.random.default_rng(7)
+    edges = complete_edges(6)
+    truth = random_rotations(rng, 6)
+    found = synchronize(edges, exact_pairs(truth, edges), reference=4)
+    assert np.allclose(found.rotations[4], np.eye(3), atol=1e-12)
+    cloud = rng.standard_normal((30, 3)) * [3.0, 2.0, 1.0]
+    samples = [cloud @ g for g in truth]
+    axes = principal_axes_gauge(samples, truth)
+    turned = principal_axes_gauge(samples, random_rotations(rng, 1)[0] @ truth)
+    assert np.allclose(axes, turned, atol=1e-9)
+    posed = np.concatenate([x @ g.T for x, g in zip(samples, axes, strict=True)])
+    spread = np.cov(posed.T)
+    assert np.allclose(spread, np.diag(np.diag(spread)), atol=1e-9)
+    assert np.all(np.diff(np.diag(spread)) < 0)
+
+
+def test_outliers_do_not_move_the_answer() -> None:
+    problem = flipped_pairs(np.random.default_rng(8), complete_edges(40), 40, wrong=0.5, kind="uniform")
+    robust = synchronize(problem.edges, problem.rotations)
+    spectral = synchronize(problem.edges, problem.rotations, method="spectral")
+    robust_deg = pose_errors_deg(robust.rotations, problem.truth)
+    spectral_deg = pose_errors_deg(spectral.rotations, problem.truth)
+    assert np.median(robust_deg) < 0.5 * np.median(spectral_deg)
+    assert robust_deg.max() < 8.0
+    wrong = np.rad2deg(angles_rad(_misfit(problem))) > 60.0
+    assert (robust.edge_inlier != wrong).mean() > 0.95
+    assert np.deg2rad(3.0) < robust.noise_rad < np.deg2rad(9.0)
+
+
+def _misfit(problem) -> np.ndarray:
+    return np.swapaxes(problem.rotations[:, 0], 1, 2) @ exact_pairs(problem.truth, problem.edges)
+
+
+def test_candidates_are_chosen_by_consistency_and_energy() -> None:
+    edges = regular_edges(40, 10, 0)
+    problem = flipped_pairs(np.random.default_rng(9), edges, 40, wrong=0.3, num_candidates=4)
+    found = synchronize(edges, problem.rotations, energies=problem.energies)
+    assert pose_errors_deg(found.rotations, problem.truth).max() < 20.0
+    chosen = problem.rotations[np.arange(len(edges)), found.edge_choice]
+    apart = angles_rad(np.swapaxes(chosen, 1, 2) @ exact_pairs(problem.truth, edges))
+    assert np.rad2deg(apart).max() < 60.0
+    assert (found.edge_choice != np.argmin(problem.energies, axis=1)).mean() > 0.2
+
+
+def test_absent_candidates_do_not_count() -> None:
+    edges = regular_edges(20, 6, 0)
+    problem = flipped_pairs(np.random.default_rng(10), edges, 20, wrong=0.1, num_candidates=4)
+    padded = np.concatenate([problem.rotations, np.full((len(edges), 1, 3, 3), np.nan)], axis=1)
+    costs = np.concatenate([problem.energies, np.full((len(edges), 1), np.inf)], axis=1)
+    found = synchronize(edges, padded, energies=costs)
+    plain = synchronize(edges, problem.rotations, energies=problem.energies)
+    assert np.allclose(found.rotations, plain.rotations, atol=1e-6)
+    assert found.edge_choice.max() < 4
+
+
+def test_fixed_shapes_come_out_exactly_and_turn_the_others_with_them() -> None:
+    edges = regular_edges(24, 6, 0)
+    problem = flipped_pairs(np.random.default_rng(11), edges, 24, wrong=0.1, num_candidates=4)
+    free = synchronize(edges, problem.rotations, energies=problem.energies)
+    turn = random_rotations(np.random.default_rng(1), 1)[0]
+    wanted = {i: turn @ free.rotations[i] for i in (2, 7, 9)} | {5: turn @ free.rotations[5] @ D2_FLIPS[1]}
+    found = synchronize(edges, problem.rotations, energies=problem.energies, fixed=wanted)
+    assert all(np.array_equal(found.rotations[i], pose) for i, pose in wanted.items())
+    others = np.setdiff1d(np.arange(24), list(wanted))
+    moved = np.swapaxes(turn @ free.rotations[others], 1, 2) @ found.rotations[others]
+    assert np.rad2deg(angles_rad(moved)).max() < 20.0
+    assert found.confidence[2] == found.confidence[5] == 1.0
+    assert len(found.edge_choice) == len(edges)
+
+
+def test_fixed_shapes_join_groups() -> None:
+    truth = random_rotations(np.random.default_rng(12), 4)
+    edges = np.array([[0, 1], [2, 3]])
+    found = synchronize(edges, exact_pairs(truth, edges), fixed={1: truth[1], 2: truth[2]})
+    assert len(found.components) == 1
+    assert np.allclose(found.rotations, truth, atol=1e-8)
+
+
+def test_disconnected_graphs_are_groups() -> None:
+    truth = random_rotations(np.random.default_rng(13), 7)
+    edges = np.array([[0, 1], [1, 2], [3, 4]])
+    found = synchronize(edges, exact_pairs(truth, edges), num_shapes=7)
+    assert [part.tolist() for part in found.components] == [[0, 1, 2], [3, 4], [5], [6]]
+    assert any("unconnected" in line for line in found.warnings)
+    assert np.isnan(found.confidence[5:]).all()
+    assert np.allclose(found.rotations[3], np.eye(3), atol=1e-12)
+
+
+def test_weights_zero_cut_edges() -> None:
+    truth = random_rotations(np.random.default_rng(14), 4)
+    edges = complete_edges(4)
+    weights = np.where((edges == 3).any(axis=1), 0.0, 1.0)
+    found = synchronize(edges, exact_pairs(truth, edges), weights=weights)
+    assert len(found.components) == 2
+
+
+def test_pairs_are_solved_again_until_they_agree() -> None:
+    rng = np.random.default_rng(15)
+    truth = random_rotations(rng, 12)
+    edges = complete_edges(12)
+    exact = exact_pairs(truth, edges)
+    rotations = exact @ small_rotations(rng, (len(edges),), 4.0)
+    wrong = rng.choice(len(edges), 15, replace=False)
+    rotations[wrong] = random_rotations(rng, 15)
+    energies = np.ones(len(edges))
+    stubborn = int(wrong[0])
+
+    def resolve(edge: int, start: np.ndarray) -> tuple[np.ndarray, float, None]:
+        near = np.rad2deg(angles_rad(exact[edge].T @ start)) < 30.0
+        cost = 10.0 if edge == stubborn else 0.5
+        return (exact[edge], cost, None) if near else (rotations[edge], 1.0, None)
+
+    found = refine_with_pairs(edges, rotations, energies, resolve)
+    assert pose_errors_deg(found.result.rotations, truth).max() < 0.5
+    assert found.vetoed[stubborn]
+    assert found.vetoed.sum() == 1
+    assert np.isinf(found.energies[stubborn, 1])
+    assert found.rounds <= 5
+
+
+def test_bad_input_is_refused() -> None:
+    eye = np.tile(np.eye(3), (2, 1, 1))
+    edges = [[0, 1], [1, 2]]
+    bad = [
+        ({"edges": [[0, 1], [2, 2]]}, InputError, "itself"),
+        ({"edges": [[0, 1], [1, 0]]}, InputError, "more than once"),
+        ({"edges": [[0, 1], [1, -2]]}, InputError, "indices"),
+        ({"num_shapes": 2}, InputError, "indices"),
+        ({"edges": [[0.0, 1.0], [1.0, 2.0]]}, InputError, "integer"),
+        ({"rotations": eye[:1]}, InputError, "rotations"),
+        ({"rotations": eye * np.nan}, InputError, "NaN"),
+        ({"rotations": 2 * eye}, InputError, "orthogonal"),
+        ({"rotations": -eye}, InputError, "reflection"),
+        ({"energies": [1.0, np.nan]}, InputError, "energies"),
+        ({"energies": [1.0, np.inf]}, InputError, "no candidate"),
+        ({"energies": [[1.0, 2.0], [1.0, 2.0]]}, InputError, "energies"),
+        ({"weights": [1.0, -1.0]}, InputError, "negative"),
+        ({"weights": [0.0, 0.0]}, InputError, "zero"),
+        ({"group": "SE"}, OptionsError, "group"),
+        ({"method": "tree"}, OptionsError, "method"),
+        ({"fixed": {7: np.eye(3)}}, InputError, "fixed"),
+        ({"fixed": {0: -np.eye(3)}}, InputError, "reflection"),
+        ({"reference": 3}, InputError, "reference"),
+        ({"rotation_pattern": (2, 2)}, OptionsError, "rotation_pattern"),
+    ]
+    synchronize(edges, eye)
+    for change, error, words in bad:
+        arguments = {"edges": edges, "rotations": eye, **change}
+        with pytest.raises(error, match=words):
+            synchronize(**arguments)
+
+
+def test_results_are_read_only() -> None:
+    found = synchronize([[0, 1]], np.eye(3)[None])
+    with pytest.raises(ValueError, match="read-only"):
+        found.rotations[0, 0, 0] = 2.0
+
+
+def test_pose_errors_see_a_wrong_pose() -> None:
+    truth = random_rotations(np.random.default_rng(16), 9)
+    turn = random_rotations(np.random.default_rng(17), 1)[0]
+    assert pose_errors_deg(turn @ truth, truth).max() < 1e-5
+    broken = turn @ truth
+    broken[3] = broken[3] @ D2_FLIPS[2]
+    errors = pose_errors_deg(broken, truth)
+    assert errors[3] > 170.0
+    assert np.delete(errors, 3).max() < 1e-5

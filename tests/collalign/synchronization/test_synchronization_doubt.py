@@ -1,0 +1,237 @@
+"""Every detector reports the failure that is planted for it, and is silent where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from collalign.synchronization import synchronize, synchronize_clusters, synchronize_signs
+from collalign.synchronization.clusters import spectral_clusters
+from collalign.synchronization.doubt.confidence import agreement
+from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization.problem.model import EdgeModel, group_volume
+from collalign.synchronization.solvers.blocks import turn_differences, weak_cuts
+from data_tools.errors import InputError, OptionsError
+from tests.synchronization_problems import (
+    D2_FLIPS,
+    Planted,
+    complete_edges,
+    exact_pairs,
+    flipped_pairs,
+    group_flip,
+    mixed_collection,
+    pose_errors_deg,
+    random_rotations,
+    regular_edges,
+    small_rotations,
+    symmetric_pairs,
+)
+
+
+def _solve(problem: Planted, **options):
+    return synchronize(problem.edges, problem.rotations, energies=problem.energies, **options)
+
+
+def test_a_block_flipped_by_most_of_its_pairs_is_flagged() -> None:
+    problem, block = group_flip(np.random.default_rng(0), complete_edges(40), 40, share=0.3, chance=0.6)
+    found = _solve(problem)
+    cut = found.weak_cuts[0]
+    assert cut.doubted
+    assert set(cut.members) == set(np.flatnonzero(block))
+    assert len(found.groups) == 2
+    assert found.confidence[block].max() < 0.95
+    assert any("Blocks" in line for line in found.warnings)
+    turned = found.rotations.copy()
+    turned[cut.members] = cut.rotation @ turned[cut.members]
+    assert pose_errors_deg(turned, problem.truth).max() < 20.0
+
+
+def test_a_block_flipped_by_fewer_pairs_comes_out_right() -> None:
+    problem, _ = group_flip(np.random.default_rng(1), complete_edges(60), 60, share=0.3, chance=0.45)
+    assert (pose_errors_deg(_solve(problem).rotations, problem.truth) < 20.0).mean() > 0.97
+
+
+def test_random_flips_are_not_called_blocks() -> None:
+    for seed in range(3):
+        problem = flipped_pairs(np.random.default_rng(seed), complete_edges(40), 40, wrong=0.4)
+        found = _solve(problem)
+        assert len(found.groups) == 1
+        assert found.confidence.min() > 0.95
+
+
+def test_a_wrong_shape_has_low_confidence_and_its_true_pose_among_the_alternatives() -> None:
+    edges = complete_edges(16)
+    problem = flipped_pairs(np.random.default_rng(2), edges, 16, wrong=0.05, num_candidates=1)
+    rotations = problem.rotations.copy()
+    touching = np.flatnonzero((edges == 5).any(axis=1))
+    flipped = touching[::2]
+    turn = D2_FLIPS[3]
+    left = np.swapaxes(problem.truth[edges[:, 0]], 1, 2)
+    rotations[flipped, 0] = (left @ turn @ problem.truth[edges[:, 1]])[flipped]
+    found = synchronize(edges, rotations)
+    assert found.confidence[5] < 0.95 < np.delete(found.confidence, 5).min()
+    pairs = np.delete(np.arange(16), 5)
+    gauge = found.rotations[pairs[0]] @ problem.truth[pairs[0]].T
+    poses = [gauge.T @ found.rotations[5], *(gauge.T @ other.rotation for other in found.alternatives[5])]
+    assert min(np.linalg.norm(pose - problem.truth[5]) for pose in poses) < 0.5
+
+
+def test_confidence_is_calibrated_and_ranks_wrong_shapes() -> None:
+    right, sure = [], []
+    for seed in range(6):
+        problem = flipped_pairs(np.random.default_rng(seed), regular_edges(60, 6, seed), 60, wrong=0.3)
+        found = _solve(problem)
+        right.append(pose_errors_deg(found.rotations, problem.truth) < 20.0)
+        sure.append(found.confidence)
+    is_right, confidence = np.concatenate(right), np.concatenate(sure)
+    assert is_right[confidence >= 0.95].mean() >= 0.95
+    assert confidence[is_right].mean() > confidence[~is_right].mean() + 0.1
+
+
+def test_too_few_pairs_for_the_flips_are_called_unreliable() -> None:
+    problem = flipped_pairs(np.random.default_rng(3), complete_edges(8), 8, wrong=0.5)
+    found = _solve(problem)
+    assert any("too little" in line for line in found.warnings)
+    clean = flipped_pairs(np.random.default_rng(3), complete_edges(8), 8, wrong=0.0)
+    assert not _solve(clean).warnings
+
+
+def test_a_symmetric_collection_is_reported() -> None:
+    problem = symmetric_pairs(np.random.default_rng(4), regular_edges(30, 8, 0), 30)
+    found = _solve(problem)
+    assert len(found.symmetries) == 1
+    assert np.trace(found.symmetries[0]) == pytest.approx(-1.0, abs=0.1)
+    clean = flipped_pairs(np.random.default_rng(4), regular_edges(30, 8, 0), 30, wrong=0.2, num_candidates=4)
+    assert not _solve(clean).symmetries
+
+
+def test_certificate_refuses_a_suboptimal_answer() -> None:
+    edges = np.array([[i, (i + 1) % 12] for i in range(12)])
+    angle = 2.0 * np.pi / 12
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    from collalign.synchronization.doubt.certificate import certify_frames
+
+    graph = PairGraph.from_user(edges, np.tile(np.eye(2), (12, 1, 1)))
+    pairs, weights = graph.chosen(graph.best_choice), np.ones(12)
+    winding = np.stack([np.linalg.matrix_power(turn, i) for i in range(12)])
+    wrong = certify_frames(graph, pairs, weights, winding)
+    assert not wrong.optimal
+    assert wrong.min_eigenvalue < -0.1
+    best = certify_frames(graph, pairs, weights, np.tile(np.eye(2), (12, 1, 1)))
+    assert best.optimal
+    assert wrong.objective - wrong.suboptimality <= best.objective + 1e-9
+    assert wrong.objective > 1.0
+
+
+def test_noisy_answers_are_certified() -> None:
+    problem = flipped_pairs(np.random.default_rng(5), regular_edges(30, 6, 0), 30, wrong=0.2)
+    certificate = _solve(problem).certificate
+    assert certificate.optimal
+    assert 0.0 <= certificate.suboptimality <= 1e-6 * certificate.objective
+
+
+def test_mirrored_shapes_are_found_among_wrong_signs() -> None:
+    rng = np.random.default_rng(6)
+    edges = regular_edges(60, 10, 0)
+    truth = random_rotations(rng, 60, group="O")
+    pairs = exact_pairs(truth, edges) @ small_rotations(rng, (len(edges),), 10.0)
+    wrong = rng.random(len(edges)) < 0.3
+    pairs[wrong] = pairs[wrong] @ _mirrors(rng, int(wrong.sum()))
+    found = synchronize(edges, pairs, group="O")
+    assert np.array_equal(found.reflected, np.linalg.det(truth) * np.linalg.det(truth[0]) < 0)
+    assert found.chirality is not None
+    assert found.chirality.optimal
+    assert np.array_equal(found.chirality.mirrored, found.reflected)
+    assert found.edge_inlier[wrong].mean() < 0.05
+
+
+def _mirrors(rng: np.random.Generator, count: int) -> np.ndarray:
+    normals = rng.standard_normal((count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.eye(3) - 2.0 * normals[:, :, None] * normals[:, None]
+
+
+def test_signs_alone_and_their_certificate() -> None:
+    rng = np.random.default_rng(7)
+    edges = complete_edges(30)
+    truth = np.where(rng.random(30) < 0.4, -1.0, 1.0)
+    truth *= truth[0]
+    signs = truth[edges[:, 0]] * truth[edges[:, 1]]
+    wrong = rng.random(len(edges)) < 0.15
+    found = synchronize_signs(edges, np.where(wrong, -signs, signs))
+    assert np.array_equal(found.mirrored, truth < 0)
+    assert np.array_equal(found.contradicted, wrong)
+    assert found.optimal
+    frustrated = synchronize_signs([[0, 1], [1, 2], [0, 2]], [1, 1, -1])
+    assert frustrated.contradicted.sum() == 1
+    assert not frustrated.optimal
+    with pytest.raises(InputError, match="signs"):
+        synchronize_signs([[0, 1]], [0])
+
+
+@pytest.mark.parametrize(("sizes", "seed"), [((20, 20, 20), 0), ((10, 14, 8, 12), 1)])
+def test_mixed_folders_are_split(sizes: tuple[int, ...], seed: int) -> None:
+    problem, labels = mixed_collection(np.random.default_rng(seed), sizes, wrong=0.2)
+    found = synchronize_clusters(problem.edges, problem.rotations, energies=problem.energies)
+    assert len(found.parts) == len(sizes)
+    assert all(len(np.unique(labels[part])) == 1 for part in found.parts)
+    for part, result in zip(found.parts, found.results, strict=True):
+        assert (pose_errors_deg(result.rotations, problem.truth[part]) < 20.0).mean() > 0.95
+
+
+def test_one_kind_of_shapes_is_not_split() -> None:
+    problem = flipped_pairs(np.random.default_rng(8), complete_edges(20), 20, wrong=0.2)
+    found = synchronize_clusters(problem.edges, problem.rotations)
+    assert len(found.parts) == 1
+    assert pose_errors_deg(found.rotations, problem.truth).max() < 20.0
+    with pytest.raises(OptionsError, match="num_clusters"):
+        synchronize_clusters(problem.edges, problem.rotations, num_clusters=21)
+
+
+def test_spectral_clusters_find_blocks() -> None:
+    labels = np.repeat([0, 1, 2], [5, 9, 7])
+    affinity = np.where(np.equal.outer(labels, labels), 1.0, 0.05)
+    assert np.array_equal(spectral_clusters(affinity, None), labels)
+    assert len(np.unique(spectral_clusters(affinity, 2))) == 2
+
+
+def test_parts_are_turned_to_each_other() -> None:
+    truth = random_rotations(np.random.default_rng(9), 12)
+    edges = complete_edges(12)
+    found = synchronize_clusters(edges, exact_pairs(truth, edges), num_clusters=2)
+    assert pose_errors_deg(found.rotations, truth).max() < 1e-5
+    assert found.between_agreement[1] == 1.0
+
+
+def test_agreement_sees_one_flipped_shape() -> None:
+    frames = random_rotations(np.random.default_rng(10), 9)
+    others = frames @ random_rotations(np.random.default_rng(11), 1)[0]
+    assert agreement(frames, others).all()
+    others[4] = D2_FLIPS[1] @ others[4]
+    assert np.flatnonzero(~agreement(frames, others)).tolist() == [4]
+
+
+def test_a_planted_cut_is_the_weakest() -> None:
+    edges = complete_edges(10)
+    block = np.arange(10) < 3
+    costs = np.where(block[edges[:, 0]] != block[edges[:, 1]], 0.1, 5.0)
+    graph = PairGraph.from_user(edges, np.tile(np.eye(3), (len(edges), 1, 1)))
+    cuts = weak_cuts(graph, costs[None], D2_FLIPS[1:2], np.zeros(10, dtype=bool))
+    assert any(cut.members.tolist() == [0, 1, 2] for cut in cuts)
+    assert cuts[0].log_odds == pytest.approx(2.1)
+    held = weak_cuts(graph, costs[None], D2_FLIPS[1:2], block)
+    assert all(not set(cut.members) & {0, 1, 2} for cut in held)
+    assert turn_differences(np.zeros((45, 2, 2)), 1).shape == (1, 45)
+
+
+def test_the_model_is_a_probability() -> None:
+    assert group_volume(2) == pytest.approx(2.0 * np.pi)
+    assert group_volume(3) == pytest.approx(8.0 * np.pi**2)
+    problem = flipped_pairs(np.random.default_rng(12), complete_edges(6), 6, wrong=0.2, num_candidates=4)
+    graph = PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies)
+    model = EdgeModel(graph=graph)
+    assert np.allclose(np.exp(model.log_prior).sum(axis=1), 1.0)
+    share = model.responsibilities(np.full((15, 4), 0.01))
+    assert (share.sum(axis=1) <= 1.0).all()
+    assert (share.sum(axis=1) > 0.99).all()
+    assert model.responsibilities(np.full((15, 4), 8.0)).sum() < 1e-3

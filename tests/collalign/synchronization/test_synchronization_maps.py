@@ -1,0 +1,164 @@
+"""Consistent labels, generalised Procrustes analysis, and the paper's alternation of assignments and rotations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from collalign.synchronization import alternate_assignments, superimpose, synchronize_maps
+from collalign.synchronization.solvers.spectral import assign_all_pairs
+from data_tools.errors import InputError, OptionsError
+from tests.synchronization_problems import complete_edges, random_rotations, regular_edges
+
+
+def _planted_labels(rng: np.random.Generator, num_shapes: int, universe: int, sizes: np.ndarray) -> list[np.ndarray]:
+    return [rng.permutation(universe)[: sizes[i]] for i in range(num_shapes)]
+
+
+def _maps(labels, edges, rng, wrong: float) -> dict[tuple[int, int], np.ndarray]:
+    """Maps of planted labels in which a share of the matches is permuted at random."""
+    maps = {}
+    for i, j in edges:
+        place = {label: sample for sample, label in enumerate(labels[i])}
+        found = np.array([place.get(label, -1) for label in labels[j]])
+        spoiled = np.flatnonzero(rng.random(len(found)) < wrong)
+        found[spoiled] = found[rng.permutation(spoiled)]
+        maps[int(i), int(j)] = found
+    return maps
+
+
+def _same_labels(found, planted) -> float:
+    """Share of samples whose label stands for the planted one, after the best naming of labels."""
+    pairs = np.concatenate([np.stack([a, b], axis=1) for a, b in zip(found, planted, strict=True)])
+    named = {}
+    for label in np.unique(pairs[:, 0]):
+        values, counts = np.unique(pairs[pairs[:, 0] == label, 1], return_counts=True)
+        named[label] = values[np.argmax(counts)]
+    return float(np.mean([named[a] == b for a, b in pairs]))
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.4])
+def test_labels_are_recovered_and_maps_compose(wrong: float) -> None:
+    rng = np.random.default_rng(0)
+    planted = _planted_labels(rng, 30, 20, np.full(30, 20))
+    maps = _maps(planted, complete_edges(30), rng, wrong)
+    found = synchronize_maps(maps, [20] * 30)
+    assert _same_labels(found.labels, planted) == 1.0
+    for a, b, c in ((0, 5, 9), (3, 1, 28), (7, 7, 2)):
+        composed = found.map_between(a, b)[found.map_between(b, c)]
+        assert np.array_equal(composed, found.map_between(a, c))
+    assert found.agreement == pytest.approx(1.0 - wrong, abs=0.08)
+
+
+def test_sparse_maps_and_different_numbers_of_samples() -> None:
+    rng = np.random.default_rng(1)
+    sizes = rng.integers(12, 17, 40)
+    planted = _planted_labels(rng, 40, 16, sizes)
+    maps = _maps(planted, regular_edges(40, 10, 0), rng, 0.15)
+    found = synchronize_maps(maps, sizes, universe=16)
+    assert _same_labels(found.labels, planted) > 0.97
+    assert all(len(np.unique(labels)) == len(labels) for labels in found.labels)
+    assert max(labels.max() for labels in found.labels) < 16
+
+
+def test_unsupported_samples_stay_unmatched() -> None:
+    rng = np.random.default_rng(2)
+    planted = _planted_labels(rng, 12, 10, np.full(12, 10))
+    maps = _maps(planted, complete_edges(12), rng, 0.0)
+    for pair in maps:
+        if 4 in pair:
+            maps[pair] = np.full(10, -1)
+    found = synchronize_maps(maps, [10] * 12, min_support=0.5)
+    assert (found.labels[4] == -1).all()
+    assert (found.map_between(0, 4) == -1).all()
+    labels, samples = found.consensus_landmarks(min_share=11 / 12)
+    assert len(labels) == 10
+    assert (samples[4] == -1).all()
+    assert len(found.consensus_landmarks()[0]) == 0
+    everyone = np.delete(np.arange(12), 4)
+    assert (samples[everyone] >= 0).all()
+    with pytest.raises(OptionsError, match="min_share"):
+        found.consensus_landmarks(min_share=0.0)
+
+
+def test_positions_label_what_maps_leave_open() -> None:
+    rng = np.random.default_rng(3)
+    cloud = rng.standard_normal((15, 3))
+    planted = [rng.permutation(15) for _ in range(10)]
+    positions = [cloud[order] + 0.02 * rng.standard_normal((15, 3)) for order in planted]
+    found = synchronize_maps({(0, 1): np.full(15, -1)}, [15] * 10, positions=positions)
+    assert _same_labels(found.labels, planted) == 1.0
+
+
+def test_bad_maps_are_refused() -> None:
+    good = {(0, 1): np.array([1, 0, 2])}
+    assert synchronize_maps(good, [3, 3]).agreement == 1.0
+    bad = [
+        ({(0, 2): [0, 1, 2]}, {}, "pair"),
+        ({(0, 0): [0, 1, 2]}, {}, "pair"),
+        ({(0, 1): [0, 1, 3]}, {}, "indices"),
+        ({(0, 1): [0, 1]}, {}, "shape"),
+        ({(0, 1): [1, 1, 2]}, {}, "two samples"),
+        (good, {"weights": {(0, 1): -1.0}}, "weights"),
+        (good, {"universe": 2}, "num_samples"),
+        (good, {"positions": [np.zeros((3, 3))]}, "positions"),
+    ]
+    for maps, options, words in bad:
+        with pytest.raises(InputError, match=words):
+            synchronize_maps(maps, [3, 3], **options)
+
+
+def test_procrustes_recovers_similarities() -> None:
+    rng = np.random.default_rng(4)
+    cloud = rng.standard_normal((25, 3))
+    rotations = random_rotations(rng, 8, group="O")
+    scales = rng.uniform(0.5, 2.0, 8)
+    labels = [rng.permutation(25)[:22] for _ in range(8)]
+    shifts = rng.standard_normal((8, 3))
+    samples = [((cloud[v] - t) / s) @ r for v, r, s, t in zip(labels, rotations, scales, shifts, strict=True)]
+    found = superimpose(samples, labels, rotations)
+    assert found.residuals.max() < 1e-6
+    assert np.allclose(found.scales / found.scales[0], scales / scales[0], atol=1e-6)
+    assert np.exp(np.log(found.scales).mean()) == pytest.approx(1.0)
+    posed = [s * x @ r.T + t for x, r, s, t in zip(samples, rotations, found.scales, found.translations, strict=True)]
+    assert np.allclose(posed[0], found.mean[labels[0]], atol=1e-6)
+    assert np.allclose(np.nanmean(found.mean, axis=0), 0.0, atol=1e-9)
+    rough = rotations @ _small_turns(rng, 8)
+    turned = superimpose(samples, labels, rough, with_rotation=True)
+    assert turned.residuals.max() < 1e-6
+    assert np.array_equal(np.sign(np.linalg.det(turned.rotations)), np.sign(np.linalg.det(rotations)))
+    fixed = superimpose(samples, labels, rotations, with_scale=False)
+    assert np.array_equal(fixed.scales, np.ones(8))
+    assert fixed.residuals.max() > 0.1
+
+
+def _small_turns(rng: np.random.Generator, count: int) -> np.ndarray:
+    skew = rng.standard_normal((count, 3, 3)) * 0.1
+    skew = skew - np.swapaxes(skew, 1, 2)
+    return np.linalg.solve(np.eye(3) - skew / 2, np.eye(3) + skew / 2)
+
+
+def test_procrustes_refuses_what_does_not_fit() -> None:
+    samples, labels = [np.eye(3)] * 2, [np.arange(3)] * 2
+    with pytest.raises(InputError, match="same shapes"):
+        superimpose(samples, labels, np.tile(np.eye(3), (3, 1, 1)))
+    with pytest.raises(InputError, match="two labelled"):
+        superimpose(samples, [np.arange(3), np.array([0, -1, -1])], np.tile(np.eye(3), (2, 1, 1)))
+
+
+def test_alternation_of_assignments_and_rotations() -> None:
+    rng = np.random.default_rng(5)
+    cloud = rng.standard_normal((14, 3)) * [3.0, 2.0, 1.0]
+    truth = random_rotations(rng, 6)
+    samples = [rng.permutation(cloud + 0.02 * rng.standard_normal(cloud.shape)) @ g for g in truth]
+    rough = truth @ _small_turns(rng, 6)
+    rotations, maps, energies = alternate_assignments(samples, rough)
+    assert (np.diff(energies) <= 1e-12).all()
+    assert energies[-1] < 0.5 * energies[0]
+    relative = np.swapaxes(rotations[0], 0, 1) @ rotations
+    assert np.abs(relative - np.swapaxes(truth[0], 0, 1) @ truth).max() < 0.05
+    again, energy = assign_all_pairs(samples, rotations)
+    assert energy <= energies[-1] + 1e-12
+    assert len(maps) == len(again) == 15
+    with pytest.raises(InputError, match="samples"):
+        alternate_assignments(samples[:5], rough)

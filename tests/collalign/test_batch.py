@@ -1,0 +1,102 @@
+"""Batch files: read with care, estimated without being run, run one after the other."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign.batch import estimate_job, read_batch
+from collalign.cli import main
+from collalign.options import RunOptions
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
+from data_tools.errors import InputError, OptionsError
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    rng = np.random.default_rng(1)
+    family = deformed_family(chair(rng, resolution=1), 3, rng, rms=0.02)
+    write_collection(tmp_path / "chairs", planted_collection(family, rng))
+    return tmp_path
+
+
+def batch_file(folder: Path, text: str) -> Path:
+    path = folder / "batch.toml"
+    path.write_text(text)
+    return path
+
+
+GOOD = """
+[options]
+seed = 3
+[options.sampling]
+num_points = 20
+num_dense_points = 50
+[[jobs]]
+folder = "chairs"
+out = "a"
+[[jobs]]
+folder = "chairs"
+out = "b"
+[jobs.options]
+group = "O"
+[jobs.options.sampling]
+num_points = 16
+"""
+
+
+def test_jobs_share_options_and_override_them(folder: Path) -> None:
+    first, second = read_batch(batch_file(folder, GOOD))
+    assert (first.options.seed, first.options.sampling.num_points, first.options.group) == (3, 20, "auto")
+    assert (second.options.seed, second.options.sampling.num_points, second.options.group) == (3, 16, "O")
+    assert second.options.sampling.num_dense_points == 50
+    assert first.folder == folder / "chairs"
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "word"),
+    [
+        ("jobs = 3", InputError, "nothing to do"),
+        ("[[jobs]]\nfolder = 'x'", InputError, "job 1"),
+        ("[[jobs]]\nfolder = 'x'\nout = 'y'\nextra = 1", InputError, "job 1"),
+        ("[[jobs]]\nfolder = 'x'\nout = 'y'\n[[jobs]]\nfolder = 'z'\nout = 'y'", InputError, "same folder"),
+        ("[[jobs]]\nfolder = 'x'\nout = 'y'\n[jobs.options]\ngruop = 'O'", OptionsError, "gruop"),
+        ("[option]\n[[jobs]]\nfolder = 'x'\nout = 'y'", InputError, "option"),
+        ("options = 1\n[[jobs]]\nfolder = 'x'\nout = 'y'", InputError, "table"),
+        ("[[jobs]]\nfolder = 'x'\nout = 'y'\noptions = 1", InputError, "job 1"),
+        ("[[jobs]]\nfolder = 'x'\nout = 'y'\n[jobs.options]\nstrict = 'no'", OptionsError, "strict"),
+        (
+            "[[jobs]]\nfolder = 'x'\nout = 'y'\n[jobs.options]\ncertify_budget_s = inf",
+            OptionsError,
+            "certify_budget_s",
+        ),
+        ("not toml", InputError, "TOML"),
+    ],
+)
+def test_bad_files_are_refused_by_name(text: str, error: type[Exception], word: str, tmp_path: Path) -> None:
+    path = batch_file(tmp_path, text)
+    with pytest.raises(error, match=word) as raised:
+        read_batch(path)
+    assert "batch.toml" in str(raised.value)
+
+
+def test_dry_run_estimates_and_writes_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = batch_file(folder, GOOD)
+    estimate = estimate_job(read_batch(path)[0], RunOptions(jobs=1))
+    assert (estimate.num_shapes, estimate.num_pairs) == (3, 3)
+    assert not math.isnan(estimate.seconds)
+    assert main(["batch", str(path), "--dry-run", "--jobs", "1"]) == 0
+    assert "3 shapes and 3 pairs" in capsys.readouterr().out
+    assert not (folder / "a").exists()
+
+
+def test_one_bad_folder_does_not_stop_the_others(folder: Path) -> None:
+    text = GOOD.replace('folder = "chairs"\nout = "a"', 'folder = "nowhere"\nout = "a"')
+    assert main(["batch", str(batch_file(folder, text)), "--jobs", "1"]) == 3
+    assert (folder / "b" / "alignment.json").exists()
+    estimate = estimate_job(read_batch(folder / "batch.toml")[1], RunOptions(jobs=1))
+    assert (estimate.num_shapes, estimate.num_pairs) == (0, 0)

@@ -1,0 +1,194 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from data_tools.datasets import public as datasets
+from data_tools.datasets.synthetic import bumped
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.errors import InputError
+from data_tools.io.shapes import write_mesh
+from data_tools.rotations import landmark_rotation, random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
+
+
+@pytest.fixture
+def registered(rng: np.random.Generator) -> list[Shape]:
+    base = blob(rng, num_vertices=80)
+    return [bumped(base, rng) for _ in range(3)]
+
+
+def quaternion_pose(scan: Shape, q: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """The vertices in the common frame, by rotating with the conjugate quaternion (independent of any matrix)."""
+    axis, w = -q[:3], q[3]
+    v = scan.vertices
+    return v + 2 * np.cross(axis, np.cross(axis, v) + w * v) + t
+
+
+def test_teeth_layout(tmp_path: Path, registered: list[Shape], rng: np.random.Generator) -> None:
+    names = ["B1", "A2", "C3"]
+    marks = np.stack([s.vertices[:18] for s in registered])
+    rows = ["name,file,order,family,genus,chirality_from_landmarks"]
+    for i, (name, shape) in enumerate(zip(names, registered, strict=True)):
+        write_mesh(tmp_path / "meshes" / f"{name}_sas.off", shape)
+        rows.append(f"{name},{name}_sas.off,Primates,F{i},NA,{(-1) ** i}")
+    (tmp_path / "labels.csv").write_text("\n".join(rows) + "\n")
+    nearest = np.tile(np.arange(18), (3, 1))
+    np.savez(tmp_path / "landmarks_mesh_coords.npz", names=names[::-1], landmarks=marks[::-1], nearest_vertex=nearest)
+    teeth = datasets.read_teeth(tmp_path)
+    assert teeth.names == ("B1", "A2", "C3")
+    assert teeth.landmarks is not None
+    np.testing.assert_array_equal(teeth.landmarks, marks[:, :16])
+    assert teeth.labels["genus"] == ("", "", "")
+    assert teeth.chirality is not None
+    assert teeth.chirality.tolist() == [1, -1, 1]
+    np.testing.assert_allclose(teeth.shape("A2").vertices, registered[1].vertices, atol=1e-6)
+    assert teeth.shape(1).name == "A2"
+    np.testing.assert_allclose(
+        teeth.rotation(0, 2, group="O"), landmark_rotation(marks[0, :16], marks[2, :16], group="O")
+    )
+    with pytest.raises(InputError, match="no shape is called 'D4'"):
+        teeth.shape("D4")
+    (tmp_path / "labels.csv").write_text(rows[0] + "\nD4,D4_sas.off,a,b,c,1\n")
+    with pytest.raises(InputError, match="no landmarks for D4"):
+        datasets.read_teeth(tmp_path)
+    (tmp_path / "labels.csv").write_text("name,file\nD4,x\n")
+    with pytest.raises(InputError, match="no columns order"):
+        datasets.read_teeth(tmp_path)
+
+
+def test_shrec07_layout(tmp_path: Path, registered: list[Shape]) -> None:
+    folder = tmp_path / "blob"
+    (folder / "landmarks").mkdir(parents=True)
+    for i, shape in enumerate(registered, start=9):
+        write_mesh(folder / "meshes" / f"{i}.off", shape)
+        lines = [f"{j} {x} {y} {z}" for j, (x, y, z) in enumerate(shape.vertices[:5])]
+        (folder / "landmarks" / f"{i}.vts").write_text("\n".join(lines))
+    (folder / "3.sym.info").write_text("0 1\n2\n")
+    found = datasets.read_shrec07_class(folder)
+    assert found.names == ("9", "10", "11")
+    assert found.labels == {"class": ("blob",) * 3}
+    assert found.mirror is not None
+    assert found.mirror.tolist() == [1, 0, 2, 3, 4]
+    assert found.landmarks is not None
+    np.testing.assert_allclose(found.landmarks[1], registered[1].vertices[:5])
+    (folder / "landmarks" / "9.vts").write_text("0 0 0 0\n")
+    with pytest.raises(InputError, match="different numbers"):
+        datasets.read_shrec07_class(folder)
+
+
+def test_registered_archive_layout(tmp_path: Path, registered: list[Shape]) -> None:
+    vertices = np.stack([s.vertices for s in registered]).astype(np.float32)
+    faces = np.stack([s.faces for s in registered]).astype(np.uint16)
+    np.savez(tmp_path / "all.npz", vertices=vertices, faces=faces, names=["a", "b", "c"])
+    (tmp_path / "Corrs").mkdir()
+    (tmp_path / "Corrs" / "1.pid").write_text("4 0 0 0\n9 0 0 0\n")
+    (tmp_path / "Corrs" / "1.sym.info").write_text("0 1\n")
+    (tmp_path / "x.sym.labels").write_text("1\n" * 80)
+    found = datasets.read_registered_archive(tmp_path)
+    assert found.vertices_correspond
+    assert found.landmark_vertices is not None
+    assert found.landmark_vertices.tolist() == [[4, 9]] * 3
+    assert found.mirror is not None
+    assert found.mirror.tolist() == [1, 0]
+    assert found.vertex_sides is not None
+    np.testing.assert_array_equal(found.shape("b").vertices, vertices[1])
+    truth = landmark_rotation(vertices[0].astype(float), vertices[1].astype(float))
+    np.testing.assert_allclose(found.rotation(0, 1), truth, atol=1e-12)
+    with pytest.raises(InputError, match="neither poses nor landmarks"):
+        replace(found, vertices_correspond=False).rotation(0, 1)
+    np.savez(tmp_path / "all.npz", vertices=vertices, faces=faces, names=["a"])
+    with pytest.raises(InputError, match="1 names"):
+        datasets.read_registered_archive(tmp_path)
+    np.savez(tmp_path / "all.npz", vertices=vertices)
+    with pytest.raises(InputError, match="not an archive"):
+        datasets.read_registered_archive(tmp_path)
+    (tmp_path / "all.npz").unlink()
+    with pytest.raises(InputError, match=r"one \.npz archive, found 0"):
+        datasets.read_registered_archive(tmp_path)
+
+
+def test_registered_folder_and_faust_layouts(tmp_path: Path, registered: list[Shape]) -> None:
+    for i, shape in enumerate(registered):
+        write_mesh(tmp_path / "meshes" / f"centaur{i}.off", shape)
+        write_mesh(tmp_path / "training" / "registrations" / f"tr_reg_{39 + i:03d}.ply", shape)
+    found = datasets.read_registered_folder(tmp_path)
+    assert found.names == ("centaur0", "centaur1", "centaur2")
+    assert found.vertex_sides is found.landmark_vertices is None
+    faust = datasets.read_faust(tmp_path)
+    assert faust.labels == {"subject": ("3", "4", "4"), "pose": ("9", "0", "1")}
+    assert len(faust.shape(2).vertices) == 80
+    write_mesh(tmp_path / "training" / "registrations" / "scan.ply", registered[0])
+    with pytest.raises(InputError, match="ends in the number"):
+        datasets.read_faust(tmp_path)
+
+
+def test_range_scan_layout(tmp_path: Path, registered: list[Shape], rng: np.random.Generator) -> None:
+    quaternions = rng.standard_normal((3, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    shifts = rng.standard_normal((3, 3))
+    lines = ["camera 0 0 0 0 0 0 1"]
+    for i, shape in enumerate(registered):
+        write_mesh(tmp_path / f"scan{i}.ply", shape)
+        pose = " ".join(repr(float(x)) for x in (*shifts[i], *quaternions[i]))
+        lines.append(f"bmesh scan{i}.ply {pose}")
+    (tmp_path / "all.conf").write_text("\n".join(lines))
+    scans = datasets.read_range_scans(tmp_path)
+    assert scans.names == ("scan0", "scan1", "scan2")
+    assert scans.rotations is not None
+    assert scans.translations is not None
+    for i, shape in enumerate(registered):
+        placed = shape.vertices @ scans.rotations[i].T + scans.translations[i]
+        np.testing.assert_allclose(placed, quaternion_pose(shape, quaternions[i], shifts[i]), atol=1e-9)
+    np.testing.assert_allclose(scans.rotation(0, 1), scans.rotations[0].T @ scans.rotations[1])
+    (tmp_path / "all.conf").write_text("bmesh scan0.ply 0 0 zero 0 0 0 1\n")
+    with pytest.raises(InputError, match="malformed pose"):
+        datasets.read_range_scans(tmp_path)
+
+
+def test_landmark_archive_layout(tmp_path: Path, rng: np.random.Generator) -> None:
+    points = rng.standard_normal((4, 9, 3))
+    np.savez(tmp_path / "marks.npz", landmarks=points, names=list("abcd"))
+    found = datasets.read_landmark_archive(tmp_path / "marks.npz")
+    assert len(found) == 4
+    assert not found.shape("c").is_mesh
+    turn = random_rotation(rng)
+    np.savez(tmp_path / "marks.npz", landmarks=np.stack([points[0], points[0] @ turn.T]), names=["a", "b"])
+    pair = datasets.read_landmark_archive(tmp_path / "marks.npz")
+    assert rotation_angle_deg(pair.rotation(1, 0), turn) < 1e-9
+    with pytest.raises(InputError, match=r"none\.npz: no such file"):
+        datasets.read_landmark_archive(tmp_path / "none.npz")
+
+
+@pytest.mark.data
+def test_public_collections_agree_with_their_ground_truth(shared_data: Path) -> None:
+    teeth = datasets.read_teeth(shared_data / "teeth_pnas116")
+    ant = datasets.read_shrec07_class(shared_data / "shrec07_dev" / "ant")
+    for dataset, count, tolerance in ((teeth, 116, 0.03), (ant, 20, 1e-6)):
+        assert len(dataset) == count
+        shape = dataset.shape(5)
+        assert dataset.landmarks is not None
+        assert dataset.landmark_vertices is not None
+        gap = shape.vertices[dataset.landmark_vertices[5]] - dataset.landmarks[5]
+        assert np.linalg.norm(gap, axis=1).max() < tolerance * np.linalg.norm(np.ptp(shape.vertices, axis=0))
+    assert teeth.chirality is not None
+    signs = [np.linalg.det(teeth.rotation(0, j, group="O")) for j in range(116)]
+    np.testing.assert_array_equal(np.sign(signs), teeth.chirality[0] * teeth.chirality)
+
+
+@pytest.mark.data
+def test_public_scans_and_registered_bodies(shared_data: Path) -> None:
+    scans = datasets.read_range_scans(shared_data / "stanford_bunny_scans")
+    with np.load(shared_data / "stanford_bunny_scans" / "poses_verified.npz") as verified:
+        np.testing.assert_allclose(scans.rotations, verified["R"], atol=1e-4)
+        np.testing.assert_allclose(scans.translations, verified["t"], atol=1e-6)
+    bodies = datasets.read_registered_archive(shared_data / "scape71")
+    assert len(bodies) == 71
+    assert bodies.vertex_sides is not None
+    assert len(bodies.vertex_sides) == len(bodies.shape(70).vertices) == 12500
+    centaurs = datasets.read_registered_folder(shared_data / "tosca_centaur6")
+    assert len(centaurs) == 6
+    assert (
+        len(datasets.read_landmark_archive(shared_data / "mouse_skull_landmarks126" / "mouse_landmarks.npz")) == 126
+    )

@@ -1,0 +1,136 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from data_tools.datasets.synthetic import (
+    bent,
+    bumped,
+    deformed_family,
+    demo_collection,
+    mirrored,
+    planted_collection,
+    planted_pair,
+    point_cloud,
+    shuffled,
+    write_collection,
+)
+from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure
+from data_tools.errors import InputError, OptionsError
+from data_tools.io.shapes import read_folder, read_shape
+from data_tools.rotations import landmark_rotation, rotation_angle_deg
+from data_tools.surface.geodesics import GeodesicSolver
+from data_tools.surface.topology import mesh_edges
+
+
+@pytest.mark.parametrize("group", ["SO", "O"])
+@pytest.mark.parametrize(("n", "k", "d"), [(8, 8, 3), (12, 5, 3), (10, 7, 5)])
+def test_planted_pair_without_noise_is_exact(rng: np.random.Generator, n: int, k: int, d: int, group: str) -> None:
+    pair = planted_pair(rng, n, k, d, group=group)
+    np.testing.assert_allclose(pair.source @ pair.R_target_source.T, pair.target[pair.map_target_source], atol=1e-12)
+    assert pair.target.shape == (n, d)
+    assert len(set(pair.map_target_source)) == k
+    if group == "SO":
+        assert np.linalg.det(pair.R_target_source) > 0
+
+
+def test_planted_noise_has_the_stated_size(rng: np.random.Generator) -> None:
+    pair = planted_pair(rng, 3000, 3000, noise=0.1)
+    residual = pair.source @ pair.R_target_source.T - pair.target[pair.map_target_source]
+    assert residual.std() == pytest.approx(0.1, rel=0.05)
+    with pytest.raises(OptionsError, match="k <= n"):
+        planted_pair(rng, 3, 4)
+
+
+def test_bumps_have_the_stated_size_and_keep_the_mesh(rng: np.random.Generator) -> None:
+    shape = crown(num_vertices=500)
+    for rms in (0.045, 0.08):
+        copy = bumped(shape, rng, rms=rms)
+        diagonal = np.linalg.norm(np.ptp(shape.vertices, axis=0))
+        moved = np.sqrt(((copy.vertices - shape.vertices) ** 2).sum(axis=1).mean())
+        assert moved == pytest.approx(rms * diagonal)
+        np.testing.assert_array_equal(copy.faces, shape.faces)
+
+
+def test_bending_moves_limbs_but_hardly_changes_geodesics(rng: np.random.Generator) -> None:
+    shape = figure()
+    posed = bent(shape, rng, angle=0.5)
+    edges = mesh_edges(shape.faces).vertices
+    before, after = (
+        np.linalg.norm(s.vertices[edges[:, 0]] - s.vertices[edges[:, 1]], axis=1) for s in (shape, posed)
+    )
+    assert np.abs(posed.vertices - shape.vertices).max() > 1.0
+    assert np.median(np.abs(after / before - 1)) < 0.1
+    a, b = (GeodesicSolver(s).from_vertex(0) for s in (shape, posed))
+    assert np.abs(a - b).mean() < 0.05 * a.max()
+
+
+def test_mirror_images_keep_their_outside_outside(rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=100)
+    twice = mirrored(mirrored(shape))
+    np.testing.assert_array_equal(twice.vertices, shape.vertices)
+    corners = mirrored(shape).vertices[mirrored(shape).faces]
+    assert np.linalg.det(corners).sum() == pytest.approx(np.linalg.det(shape.vertices[shape.faces]).sum())
+
+
+def test_shuffling_tells_where_each_vertex_was(rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=100)
+    mixed, origin = shuffled(shape, rng)
+    np.testing.assert_array_equal(mixed.vertices, shape.vertices[origin])
+    assert {tuple(sorted(origin[f])) for f in mixed.faces} == {tuple(sorted(f)) for f in shape.faces}
+    assert mixed.area == pytest.approx(shape.area)
+
+
+def test_point_clouds_have_noise_of_the_stated_size(rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=1000)
+    cloud = point_cloud(shape, rng, noise=0.01)
+    assert not cloud.is_mesh
+    diagonal = np.linalg.norm(np.ptp(shape.vertices, axis=0))
+    assert (cloud.vertices - shape.vertices).std() == pytest.approx(0.01 * diagonal, rel=0.1)
+
+
+@pytest.mark.parametrize("group", ["SO", "O"])
+def test_collection_truth_undoes_the_poses(rng: np.random.Generator, group: str) -> None:
+    family = deformed_family(chair(), 5, rng)
+    collection = planted_collection(family, rng, group=group, scale_range=(0.5, 2.0))
+    assert [s.name for s in collection.shapes] == ["chair1", "chair2", "chair3", "chair4", "chair5"]
+    for i, (shape, member) in enumerate(zip(collection.shapes, family, strict=True)):
+        common = (shape.vertices - collection.translations[i]) / collection.scales[i] @ collection.rotations[i].T
+        np.testing.assert_allclose(common, member.vertices[collection.origins[i]], atol=1e-9)
+        assert np.linalg.det(shape.vertices[shape.faces] - shape.vertices.mean(axis=0)).sum() > 0
+    if group == "SO":
+        assert not any(collection.reflected)
+
+
+def test_relative_rotation_is_what_corresponding_vertices_say(rng: np.random.Generator) -> None:
+    base = chair()
+    collection = planted_collection((base, replace(base, name="other")), rng, group="O")
+    points = [s.vertices[np.argsort(o)] for s, o in zip(collection.shapes, collection.origins, strict=True)]
+    found = landmark_rotation(points[0], points[1], group="O")
+    np.testing.assert_allclose(found, collection.relative_rotation(0, 1), atol=1e-9)
+
+
+def test_repeated_names_are_refused(rng: np.random.Generator) -> None:
+    with pytest.raises(InputError, match="names repeat"):
+        planted_collection((chair(), chair()), rng)
+
+
+def test_demo_collection_is_written_with_its_truth_and_reads_back(tmp_path: Path) -> None:
+    collection = demo_collection(num=4, resolution=1)
+    files = write_collection(tmp_path, collection)
+    listing = read_folder(tmp_path)
+    assert listing.files == files
+    assert [p.name for p in listing.skipped] == ["truth.json"]
+    records = json.loads((tmp_path / "truth.json").read_text())["shapes"]
+    for i, record in enumerate(records):
+        back = read_shape(tmp_path / record["file"])
+        np.testing.assert_allclose(back.vertices, collection.shapes[i].vertices, rtol=1e-5, atol=1e-6)
+        assert rotation_angle_deg(np.array(record["rotation"]), collection.rotations[i]) < 1e-9
+        assert record["reflected"] is False
+
+
+def test_demo_collection_repeats_to_the_byte() -> None:
+    a, b, c = (demo_collection(num=2, resolution=1, seed=s) for s in (1, 1, 2))
+    assert a.shapes[1].vertices.tobytes() == b.shapes[1].vertices.tobytes() != c.shapes[1].vertices.tobytes()

@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+
+from data_tools.datasets.synthetic_shapes import (
+    blob,
+    chair,
+    crown,
+    fibonacci_sphere,
+    figure,
+    is_closed_manifold,
+    smooth_field,
+    sphere_mesh,
+    table,
+    voxel_surface,
+)
+from data_tools.surface.shape import Shape
+from data_tools.surface.topology import is_open_surface, mesh_edges, vertex_components
+
+
+def volume(shape: Shape) -> float:
+    a, b, c = (shape.vertices[shape.faces[:, i]] for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def distance_to_itself(shape: Shape, matrix: np.ndarray) -> float:
+    """Largest distance of a moved vertex to the nearest vertex, about the centroid."""
+    points = shape.vertices - (shape.vertices.max(axis=0) + shape.vertices.min(axis=0)) / 2
+    moved = points @ np.asarray(matrix, dtype=float).T
+    return float(np.linalg.norm(moved[:, None] - points, axis=2).min(axis=1).max())
+
+
+def test_fibonacci_points_are_even() -> None:
+    points = fibonacci_sphere(500)
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0)
+    assert np.abs(points.mean(axis=0)).max() < 0.01
+
+
+@pytest.mark.parametrize("make", [blob, chair, table])
+def test_solid_shapes_are_closed_oriented_and_in_one_piece(make: object, rng: np.random.Generator) -> None:
+    shape = make(rng)  # type: ignore[operator]
+    assert is_closed_manifold(shape.faces)
+    assert volume(shape) > 0
+    assert vertex_components(len(shape.vertices), mesh_edges(shape.faces).vertices)[0] == 1
+    assert 900 < len(shape.vertices) < 2500
+
+
+def test_figure_is_closed_and_refines() -> None:
+    assert is_closed_manifold(figure().faces)
+    assert len(figure(resolution=4).vertices) > 3 * len(figure().vertices)
+
+
+def test_manifold_check_refuses() -> None:
+    _, faces = sphere_mesh(50)
+    assert is_closed_manifold(faces)
+    assert not is_closed_manifold(faces[1:])
+    flipped = faces.copy()
+    flipped[0] = flipped[0][::-1]
+    assert not is_closed_manifold(flipped)
+
+
+def test_crown_is_open_with_one_rim() -> None:
+    shape = crown(num_vertices=800)
+    assert abs(len(shape.vertices) - 800) < 40
+    assert is_open_surface(shape.vertices, shape.faces)
+    rim = mesh_edges(shape.faces).boundary
+    _, labels = vertex_components(len(shape.vertices), rim)
+    assert len(set(labels[np.unique(rim)])) == 1
+    np.testing.assert_array_equal(crown(num_vertices=800).vertices, shape.vertices)
+    varied = crown(np.random.default_rng(1), num_vertices=800)
+    assert np.abs(varied.vertices - shape.vertices).max() > 0.02
+
+
+def test_chair_has_one_mirror_and_table_the_symmetries_of_the_square() -> None:
+    mirror, quarter = np.diag([-1, 1, 1]), [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    assert distance_to_itself(chair(), mirror) < 1e-9
+    assert distance_to_itself(chair(), np.diag([-1, -1, 1])) > 0.5
+    assert distance_to_itself(table(), mirror) < 1e-9
+    assert distance_to_itself(table(), np.array(quarter)) < 1e-9
+    assert distance_to_itself(table(), np.diag([1, -1, -1])) > 0.5
+
+
+def test_proportions_vary_but_vertices_correspond(rng: np.random.Generator) -> None:
+    a, b = chair(rng), chair(rng)
+    np.testing.assert_array_equal(a.faces, b.faces)
+    assert np.abs(a.vertices - b.vertices).max() > 0.1
+
+
+def test_voxel_surface_without_smoothing_is_the_box() -> None:
+    vertices, faces = voxel_surface(np.ones((2, 3, 4), dtype=bool), resolution=1, smoothing=0)
+    shape = Shape.from_arrays(vertices, faces)
+    assert volume(shape) == pytest.approx(24)
+    assert shape.area == pytest.approx(2 * (6 + 8 + 12))
+    assert is_closed_manifold(faces)
+
+
+def test_smooth_field_is_smooth(rng: np.random.Generator) -> None:
+    vertices, faces = sphere_mesh(500)
+    field = smooth_field(vertices, rng, num_bumps=6, width=0.5)
+    edges = mesh_edges(faces).vertices
+    assert np.abs(field[edges[:, 0]] - field[edges[:, 1]]).max() < 0.35
+    assert field.std() > 0.1

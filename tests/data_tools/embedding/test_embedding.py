@@ -1,0 +1,150 @@
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from data_tools.datasets.synthetic import mirrored, point_cloud, shuffled
+from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
+from data_tools.embedding.embedding import Samples, sample_shape
+from data_tools.errors import InputError
+from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.rotations import random_rotation
+from data_tools.surface.shape import Shape
+
+FEW = SamplingOptions(num_points=24, num_dense_points=60)
+ALL = EmbeddingOptions(kind="all", agd_weight=0.1, wks_weight=0.1)
+
+
+@pytest.fixture(scope="module")
+def shape() -> Shape:
+    return blob(np.random.default_rng(3), num_vertices=700)
+
+
+@pytest.mark.parametrize(
+    ("kind", "dim", "num_invariants"), [("xyz", 3, 0), ("xyz+lb", 7, 0), ("xyz+invariants", 3, 6), ("all", 7, 6)]
+)
+def test_blocks_of_each_kind(shape: Shape, kind: str, dim: int, num_invariants: int) -> None:
+    samples = sample_shape(shape, FEW, EmbeddingOptions(kind=kind))  # type: ignore[arg-type]
+    assert samples.coordinates.shape == (24, dim)
+    assert samples.invariants.shape == (24, num_invariants)
+    assert samples.block_sizes == ((3,) if dim == 3 else (3, 4))
+    np.testing.assert_array_equal(samples.coordinates[:, :3], samples.positions)
+    arrays = [getattr(samples, f.name) for f in fields(Samples)]
+    assert all(not a.flags.writeable and a.flags.c_contiguous for a in arrays if isinstance(a, np.ndarray))
+
+
+def test_positions_undo_to_vertices(shape: Shape) -> None:
+    for normalisation in ("centroid", "area", "none"):
+        options = SamplingOptions(num_points=24, num_dense_points=60, normalisation=normalisation)  # type: ignore[arg-type]
+        samples = sample_shape(shape, options)
+        back = samples.positions * samples.scale + samples.offset
+        np.testing.assert_allclose(back, shape.vertices[samples.vertex_indices], atol=1e-12)
+        back = samples.dense_positions * samples.scale + samples.offset
+        np.testing.assert_allclose(back, shape.vertices[samples.dense_indices], atol=1e-12)
+        np.testing.assert_allclose(samples.positions.mean(axis=0), 0.0, atol=1e-12)
+        expected = {
+            "centroid": np.linalg.norm(samples.positions) * samples.scale,
+            "area": shape.area**0.5,
+            "none": 1.0,
+        }
+        assert samples.scale == pytest.approx(expected[normalisation])
+    assert np.linalg.norm(sample_shape(shape, FEW).positions) == pytest.approx(1.0)
+
+
+def test_weights_are_squared_norms_relative_to_positions() -> None:
+    options = EmbeddingOptions(
+        kind="all", lb_weight=0.5, hks_weight=0.2, agd_weight=0.2, boundary_weight=0.4, open_factor=1.0
+    )
+    for normalisation in ("centroid", "none"):
+        sampling = SamplingOptions(num_points=24, num_dense_points=0, normalisation=normalisation)  # type: ignore[arg-type]
+        samples = sample_shape(crown(num_vertices=600), sampling, options)
+        size = np.linalg.norm(samples.positions)
+        assert np.linalg.norm(samples.coordinates[:, 3:]) ** 2 == pytest.approx(0.5 * size**2)
+        assert np.linalg.norm(samples.invariants[:, :4]) ** 2 == pytest.approx(0.2 * size**2)
+        assert np.linalg.norm(samples.invariants[:, 4]) ** 2 == pytest.approx(0.2 * size**2)
+        assert np.linalg.norm(samples.invariants[:, 5]) ** 2 == pytest.approx(0.4 * size**2)
+
+
+def test_invariants_weigh_less_on_open_surfaces_and_point_clouds(shape: Shape, rng: np.random.Generator) -> None:
+    for other in (crown(num_vertices=600), point_cloud(shape, rng)):
+        full, less = (sample_shape(other, FEW, EmbeddingOptions(open_factor=f)).invariants for f in (1.0, 0.25))
+        np.testing.assert_allclose(less, 0.5 * full, atol=1e-12)
+    full, same = (sample_shape(shape, FEW, EmbeddingOptions(open_factor=f)).invariants for f in (1.0, 0.25))
+    np.testing.assert_array_equal(same, full)
+
+
+def test_dense_invariants_are_those_of_as_many_samples(shape: Shape) -> None:
+    dense = sample_shape(shape, FEW, ALL)
+    centred = dense.dense_positions - dense.dense_positions.mean(axis=0)
+    assert dense.dense_invariants.shape == (60, dense.invariants.shape[1])
+    assert (dense.dense_invariants[:, :4] ** 2).sum() == pytest.approx(0.2 * (centred**2).sum())
+    without = sample_shape(shape, SamplingOptions(num_points=24, num_dense_points=0), ALL)
+    assert without.dense_invariants.shape == (0, dense.invariants.shape[1])
+
+
+def test_pose_scale_and_vertex_order_only_turn_the_positions(shape: Shape, rng: np.random.Generator) -> None:
+    rotation = random_rotation(rng)
+    moved = Shape.from_arrays(3.0 * shape.vertices @ rotation.T + [5, 6, 7], shape.faces)
+    mixed, origin = shuffled(moved, rng)
+    a, b = sample_shape(shape, FEW, ALL), sample_shape(mixed, FEW, ALL)
+    np.testing.assert_array_equal(origin[b.vertex_indices], a.vertex_indices)
+    np.testing.assert_allclose(b.positions, a.positions @ rotation.T, atol=1e-9)
+    np.testing.assert_allclose(b.coordinates[:, 3:], a.coordinates[:, 3:], atol=1e-6)
+    np.testing.assert_allclose(b.invariants, a.invariants, atol=1e-6)
+    np.testing.assert_allclose(b.dense_positions, a.dense_positions @ rotation.T, atol=1e-9)
+    np.testing.assert_allclose(b.dense_invariants, a.dense_invariants, atol=1e-6)
+
+
+def test_mirror_images_have_mirrored_samples(shape: Shape) -> None:
+    a, b = sample_shape(shape, FEW, ALL), sample_shape(mirrored(shape), FEW, ALL)
+    np.testing.assert_array_equal(a.vertex_indices, b.vertex_indices)
+    np.testing.assert_allclose(b.positions, a.positions * [-1, 1, 1], atol=1e-12)
+    np.testing.assert_allclose(b.invariants, a.invariants, atol=1e-6)
+
+
+def test_calls_repeat_to_the_byte(shape: Shape) -> None:
+    a, b = sample_shape(shape, FEW, ALL), sample_shape(shape, FEW, ALL)
+    for field in fields(Samples):
+        x, y = getattr(a, field.name), getattr(b, field.name)
+        assert x.tobytes() == y.tobytes() if isinstance(x, np.ndarray) else x == y
+
+
+def test_auto_samples_closed_surfaces_along_and_open_ones_through_space(shape: Shape) -> None:
+    def indices(s: Shape, metric: str) -> list[int]:
+        options = SamplingOptions(num_points=24, num_dense_points=0, metric=metric)  # type: ignore[arg-type]
+        return sample_shape(s, options, EmbeddingOptions(kind="xyz")).vertex_indices.tolist()
+
+    opened = crown(num_vertices=600)
+    assert indices(shape, "auto") == indices(shape, "geodesic") != indices(shape, "euclidean")
+    assert indices(opened, "auto") == indices(opened, "euclidean") != indices(opened, "geodesic")
+
+
+def test_clouds_get_all_blocks(shape: Shape, rng: np.random.Generator) -> None:
+    cloud = point_cloud(shape, rng, noise=0.002)
+    samples = sample_shape(cloud, FEW, ALL)
+    mesh = sample_shape(shape, FEW, ALL)
+    assert samples.coordinates.shape == mesh.coordinates.shape
+    assert samples.invariants.shape == mesh.invariants.shape
+    assert np.isfinite(samples.invariants).all()
+
+
+def test_large_meshes_are_decimated_but_samples_are_their_own_vertices() -> None:
+    shape = blob(np.random.default_rng(0), num_vertices=3000, name="large")
+    options = SamplingOptions(num_points=24, num_dense_points=60, max_faces=1500)
+    samples = sample_shape(shape, options, ALL)
+    assert "decimated from 5996 to" in samples.notes[-1]
+    full = sample_shape(shape, FEW, ALL)
+    np.testing.assert_allclose(samples.scale, full.scale, rtol=0.03)
+    np.testing.assert_allclose(
+        samples.positions * samples.scale + samples.offset, shape.vertices[samples.vertex_indices], atol=1e-12
+    )
+
+
+def test_unusable_shapes_are_refused_by_name(shape: Shape) -> None:
+    small = Shape.from_arrays(*sphere_mesh(20), name="small")
+    with pytest.raises(InputError, match="small: 20 vertices, 24 samples"):
+        sample_shape(small, FEW)
+    few = SamplingOptions(num_points=8, num_dense_points=0)
+    with pytest.raises(InputError, match="small: too few vertices for 30 eigenfunctions"):
+        sample_shape(small, few, EmbeddingOptions(kind="xyz+lb", num_eigenfunctions=30))
+    assert sample_shape(small, few).invariants.shape == (8, 6)

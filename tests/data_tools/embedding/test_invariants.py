@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import blob, crown, figure, sphere_mesh
+from data_tools.embedding.invariants import (
+    boundary_distance,
+    heat_kernel_signature,
+    standardised,
+    wave_kernel_signature,
+)
+from data_tools.rotations import random_rotation
+from data_tools.surface.geodesics import GeodesicSolver
+from data_tools.surface.laplacian import eigenfunctions
+from data_tools.surface.shape import Shape
+
+
+def test_heat_kernel_of_the_sphere_is_constant_and_known() -> None:
+    eigen = eigenfunctions(Shape.from_arrays(*sphere_mesh(2500)), 63)
+    # Unit area: h_t = sum_l (2 l + 1) exp(-4 pi l (l + 1) t); 63 functions are l <= 7.
+    degrees = np.arange(8)
+    for time in (0.01, 0.03, 0.1):
+        exact = np.log(((2 * degrees + 1) * np.exp(-4 * np.pi * degrees * (degrees + 1) * time)).sum())
+        np.testing.assert_allclose(heat_kernel_signature(eigen, (time,)), exact, atol=0.02)
+
+
+def test_signatures_do_not_depend_on_pose_or_scale(rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=500)
+    moved = Shape.from_arrays(9.0 * shape.vertices @ random_rotation(rng, group="O").T - 4.0, shape.faces)
+    for signature in (heat_kernel_signature, wave_kernel_signature):
+        a, b = (signature(eigenfunctions(s, 40)) for s in (shape, moved))
+        np.testing.assert_allclose(a, b, atol=1e-6)
+
+
+def test_signatures_survive_bending_and_tell_points_apart(rng: np.random.Generator) -> None:
+    shape = figure()
+    posed = bent(shape, rng, angle=0.5)
+    for signature in (heat_kernel_signature, wave_kernel_signature):
+        a, b = (signature(eigenfunctions(s, 40)) for s in (shape, posed))
+        change = np.abs(a - b).mean(axis=0)
+        spread = a.std(axis=0)
+        assert (change < spread).all()
+        assert (change / spread).mean() < 0.5
+
+
+def test_boundary_distance_is_zero_on_the_rim_and_on_closed_surfaces(rng: np.random.Generator) -> None:
+    shape = crown()
+    distance = boundary_distance(shape, GeodesicSolver(shape))
+    lowest = shape.vertices[:, 2] <= np.quantile(shape.vertices[:, 2], 0.02)
+    assert distance[lowest].max() < 0.15
+    assert shape.vertices[distance.argmax(), 2] > np.quantile(shape.vertices[:, 2], 0.7)
+    big = Shape.from_arrays(10 * shape.vertices, shape.faces)
+    np.testing.assert_allclose(boundary_distance(big, GeodesicSolver(big)), distance, rtol=1e-6, atol=1e-9)
+    closed = blob(rng, num_vertices=200)
+    assert not boundary_distance(closed, GeodesicSolver(closed)).any()
+    cloud = Shape.from_arrays(closed.vertices)
+    assert not boundary_distance(cloud, GeodesicSolver(cloud)).any()
+
+
+def test_standardised_columns(rng: np.random.Generator) -> None:
+    values = rng.standard_normal((50, 3)) * [1.0, 100.0, 0.0] + 5.0
+    chosen = np.arange(0, 50, 2)
+    result = standardised(values, chosen)
+    np.testing.assert_allclose(result.mean(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose((result**2).sum(axis=0), [1 / 3, 1 / 3, 0.0])
+    assert np.linalg.norm(standardised(values[:, :2], chosen)) == pytest.approx(1.0)

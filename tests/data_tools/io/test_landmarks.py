@@ -1,0 +1,105 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from data_tools.errors import InputError
+from data_tools.io.landmarks import read_landmarks, read_side_labels, read_symmetry, read_vertex_indices
+
+FCSV = """# Markups fiducial file version = 4.11
+# CoordinateSystem = LPS
+1,0,0,0,0,0,0,1,1,1,0,tip,,
+2,1,2,3,0,0,0,1,1,1,0,base,,
+"""
+
+
+def slicer(*controls: object) -> str:
+    return json.dumps({"markups": [{"type": "Fiducial", "controlPoints": list(controls)}]})
+
+
+TIP = {"label": "tip", "position": [0, 0, 0], "positionStatus": "defined"}
+BASE = {"label": "base", "position": [1, 2, 3]}
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "labels"),
+    [
+        ("a.mrk.json", slicer(TIP, BASE), ("tip", "base")),
+        ("a.fcsv", FCSV, ("tip", "base")),
+        ("a.csv", "label,x,y,z\ntip,0,0,0\nbase,1,2,3\n", ("tip", "base")),
+        ("b.csv", "0,0,0\n1,2,3\n", ("0", "1")),
+        ("A.VTS", "5 0 0 0\n 9 1 2 3\n", ("0", "1")),
+    ],
+)
+def test_formats(tmp_path: Path, name: str, content: str, labels: tuple[str, ...]) -> None:
+    (tmp_path / name).write_text(content)
+    landmarks = read_landmarks(tmp_path / name)
+    assert landmarks.labels == labels
+    np.testing.assert_array_equal(landmarks.points, [[0, 0, 0], [1, 2, 3]])
+    assert not landmarks.points.flags.writeable
+    if name.endswith("VTS"):
+        assert landmarks.vertices is not None
+        assert landmarks.vertices.tolist() == [5, 9]
+
+
+def test_missing_landmarks_are_nan(tmp_path: Path) -> None:
+    (tmp_path / "a.mrk.json").write_text(slicer(TIP, {**BASE, "positionStatus": "undefined"}))
+    (tmp_path / "a.csv").write_text("tip,0,0,0\nbase,,,\n")
+    for name in ("a.mrk.json", "a.csv"):
+        assert np.isnan(read_landmarks(tmp_path / name).points).all(axis=1).tolist() == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("a.mrk.json", "{", "not a readable landmark file"),
+        ("a.mrk.json", "[]", "not a readable landmark file"),
+        ("a.mrk.json", slicer(), "no landmarks"),
+        ("a.mrk.json", slicer({"label": "flat", "position": [1, 2]}), "flat has 2 coordinates"),
+        ("a.fcsv", "1,0,zero,0\n", "not a readable landmark file"),
+        ("a.fcsv", "# nothing\n", "no landmarks"),
+        ("a.csv", "tip,0,0,inf\n", "infinite"),
+        ("a.csv", "0,0\n", "2 coordinates"),
+        ("a.vts", "5 0 0\n", "2 coordinates"),
+        ("a.vts", "-5 0 0 0\n", "negative vertex"),
+        ("a.vts", "tip 0 0 0\n", "not a readable landmark file"),
+        ("a.tps", "LM3=1\n", "unknown landmark format"),
+        ("a.csv", "", "empty"),
+    ],
+)
+def test_malformed_files_are_refused_by_name(tmp_path: Path, name: str, content: str, reason: str) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=reason) as caught:
+        read_landmarks(tmp_path / name)
+    assert name in str(caught.value)
+
+
+def test_vertex_indices(tmp_path: Path) -> None:
+    path = tmp_path / "a.pid"
+    path.write_text(" 7 0 0 0\n3 0 0 0\n\n")
+    assert read_vertex_indices(path, num_vertices=8).tolist() == [7, 3]
+    with pytest.raises(InputError, match="below 7"):
+        read_vertex_indices(path, num_vertices=7)
+
+
+def test_symmetry_is_an_involution(tmp_path: Path) -> None:
+    path = tmp_path / "a.sym.info"
+    path.write_text("0 3\n1 2 \n\n4\n")
+    partner = read_symmetry(path, num_landmarks=6)
+    assert partner.tolist() == [3, 2, 1, 0, 4, 5]
+    for content in ("0 6\n", "0 1 2\n", "a b\n", "0 1\n1 2\n"):
+        path.write_text(content)
+        with pytest.raises(InputError, match="line"):
+            read_symmetry(path, num_landmarks=6)
+
+
+def test_side_labels(tmp_path: Path) -> None:
+    path = tmp_path / "a.sym.labels"
+    path.write_text("1\n-1\n1\n")
+    assert read_side_labels(path, num_vertices=3).tolist() == [1, -1, 1]
+    with pytest.raises(InputError, match="3 labels for 4"):
+        read_side_labels(path, num_vertices=4)
+    path.write_text("left\n")
+    with pytest.raises(InputError, match="integers"):
+        read_side_labels(path, num_vertices=1)

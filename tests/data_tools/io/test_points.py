@@ -1,0 +1,157 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.errors import InputError
+from data_tools.io.shapes import read_shape
+
+
+def pcd(
+    points: int,
+    data: str,
+    *,
+    fields: str = "x y z",
+    size: str = "4 4 4",
+    kind: str = "F F F",
+    count: str = "1 1 1",
+) -> str:
+    head = f"VERSION .7\nFIELDS {fields}\nSIZE {size}\nTYPE {kind}\nCOUNT {count}\n"
+    return f"{head}POINTS {points}\nDATA {data}\n"
+
+
+MALFORMED = [
+    ("nan.xyz", "0 0 0\nnan 1 2\n3 4 5\n", "NaN"),
+    ("inf.xyz", "0 0 0\ninf 1 2\n3 4 5\n", "infinite"),
+    ("cut.xyz", "0 0 0\n1 2 3\n4 5\n", "row 3 has 2 columns"),
+    ("flat.xyz", "0 0\n1 2\n", "2 columns, expected 3"),
+    ("words.xyz", "0 0 0\n1 two 3\n", "row 2 is not numbers"),
+    ("gap.csv", "0,0,0\n1,,3\n4,5,6\n", "1 of 9 values are NaN"),
+    ("gaps.csv", "x,y,z,w\n,0,0,7\n,2,3,7\n,5,6,7\n", "3 of 9 values are NaN"),
+    ("comments.xyz", "# nothing\n\n", "no points"),
+    ("header.csv", "x,y,z\n", "no points"),
+    ("binary.txt", "\x00\x01\x02", "columns|no points|numbers"),
+    ("prose.txt", "This is a letter to a friend.\nIt has no points in it, or few.\n", "columns|numbers"),
+    ("text.npz", "not an archive", "not an NPZ archive"),
+    ("text.pcd", "not a cloud", "no DATA line"),
+    ("header.pcd", "VERSION .7\nDATA ascii\n", "no FIELDS"),
+    ("cut.pcd", pcd(3, "ascii"), "truncated"),
+    ("huge.pcd", pcd(10**12, "binary"), "truncated"),
+    ("flat.pcd", pcd(1, "ascii", fields="x y", size="4 4", kind="F F", count="1 1"), "x, y and z"),
+    ("type.pcd", pcd(0, "binary", kind="F F Q"), "Q4"),
+    ("count.pcd", pcd(0, "ascii", count="1 1 -1"), "no number"),
+    ("sizes.pcd", pcd(0, "ascii", size="4 4"), "fields"),
+    ("kind.pcd", pcd(0, "zip"), "zip"),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "reason"), MALFORMED, ids=[row[0] for row in MALFORMED])
+def test_malformed_files_are_refused_by_name_and_reason(tmp_path: Path, name: str, content: str, reason: str) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(InputError, match=reason) as caught:
+        read_shape(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("blanks.xyz", "0 0 0\n1 2 3\n4 5 6\n"),
+        ("colours.txt", "# scan\n0\t0\t0\t255\t0\t0\n1\t2\t3\t255\t0\t0\n4\t5\t6\t0\t0\t0\n"),
+        ("commas.csv", "0,0,0\n1, 2, 3\n4,5,6\n"),
+        ("semicolons.csv", "0;0;0\r\n1;2;3\r\n4;5;6\r\n"),
+        ("named.csv", "id,z,y,x\na,0,0,0\nb,3,2,1\nc,6,5,4\n"),
+        ("bom.csv", "\ufeffx,y,z\n0,0,0\n1,2,3\n4,5,6\n"),
+        ("trailing.csv", "0,0,0,\n1,2,3,\n4,5,6,\n"),
+        ("unused.csv", "x,y,z,w\n0,0,0,\n1,2,3,\n4,5,6,\n"),
+        ("quoted.csv", '"X" "Y" "Z"\n0 0 0\n1 2 3\n4 5 6 // last\n'),
+    ],
+)
+def test_text_tables_of_all_habits(tmp_path: Path, name: str, content: str) -> None:
+    path = tmp_path / name
+    path.write_text(content, encoding="utf-8")
+    shape = read_shape(path)
+    assert not shape.is_mesh
+    np.testing.assert_array_equal(shape.vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 6]])
+
+
+def test_npz_holds_meshes_and_clouds(tmp_path: Path, rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=50)
+    np.savez(tmp_path / "mesh.npz", vertices=shape.vertices, faces=shape.faces)
+    np.savez_compressed(tmp_path / "cloud.npz", points=shape.vertices.astype(np.float32))
+    np.testing.assert_array_equal(read_shape(tmp_path / "mesh.npz").faces, shape.faces)
+    assert not read_shape(tmp_path / "cloud.npz").is_mesh
+
+
+@pytest.mark.parametrize(
+    ("arrays", "reason"),
+    [
+        ({"other": np.zeros((3, 3))}, "none of the arrays"),
+        ({"vertices": np.zeros((3, 2))}, "shape"),
+        ({"vertices": np.zeros((0, 3))}, "no points"),
+        ({"vertices": np.full((3, 3), np.nan)}, "NaN"),
+        ({"vertices": np.eye(3), "faces": np.array([[0, 1, 99]])}, r"expected them in \[0, 3\)"),
+        ({"vertices": np.eye(3), "faces": np.array([[0.0, 1.0, 2.0]])}, "integer"),
+        ({"vertices": np.array(["a", "b"])}, "real numbers"),
+        ({"vertices": np.array([{"a": 1}], dtype=object)}, "pickle|not a readable"),
+    ],
+)
+def test_npz_arrays_are_checked(tmp_path: Path, arrays: dict[str, np.ndarray], reason: str) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, **arrays)
+    with pytest.raises(InputError, match=reason) as caught:
+        read_shape(path)
+    assert str(path) in str(caught.value)
+
+
+def test_npz_that_unpacks_to_gigabytes_is_refused_before_it_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    np.savez_compressed(tmp_path / "bomb.npz", vertices=np.zeros((100_000, 3)))
+    monkeypatch.setattr("data_tools.io.points.MAX_ARRAY_BYTES", 1_000_000)
+    with pytest.raises(InputError, match="larger than"):
+        read_shape(tmp_path / "bomb.npz")
+
+
+def test_truncated_npz_is_refused(tmp_path: Path, rng: np.random.Generator) -> None:
+    np.savez(tmp_path / "whole.npz", vertices=rng.standard_normal((50, 3)))
+    content = (tmp_path / "whole.npz").read_bytes()
+    for length in np.linspace(1, len(content) - 1, 20).astype(int):
+        (tmp_path / "cut.npz").write_bytes(content[:length])
+        with pytest.raises(InputError, match=r"cut\.npz"):
+            read_shape(tmp_path / "cut.npz")
+
+
+def test_pcd_text_with_more_fields(tmp_path: Path) -> None:
+    head = pcd(2, "ascii", fields="rgb x y z", size="4 4 4 4", kind="U F F F", count="2 1 1 1")
+    (tmp_path / "a.pcd").write_text("# .PCD v.7\n" + head + "9 9 0 0 1\n9 9 2 3 4\n")
+    np.testing.assert_array_equal(read_shape(tmp_path / "a.pcd").vertices, [[0, 0, 1], [2, 3, 4]])
+
+
+def test_pcd_binary_skips_points_without_a_return(tmp_path: Path) -> None:
+    head = pcd(3, "binary", fields="x y z t", size="4 4 4 8", kind="F F F F", count="1 1 1 1")
+    record = np.dtype([("xyz", "<f4", 3), ("t", "<f8")])
+    table = np.zeros(3, record)
+    table["xyz"] = [[0, 0, 1], [np.nan] * 3, [2, 3, 4]]
+    (tmp_path / "a.pcd").write_bytes(head.encode() + table.tobytes())
+    np.testing.assert_array_equal(read_shape(tmp_path / "a.pcd").vertices, [[0, 0, 1], [2, 3, 4]])
+
+
+def test_compressed_pcd_asks_for_the_missing_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    head = pcd(3, "binary_compressed")
+    (tmp_path / "a.pcd").write_text(head)
+    monkeypatch.setitem(__import__("sys").modules, "open3d", None)
+    with pytest.raises(InputError, match=r"collalign\[open3d\]"):
+        read_shape(tmp_path / "a.pcd")
+
+
+def test_compressed_pcd_written_by_open3d_is_read(tmp_path: Path, rng: np.random.Generator) -> None:
+    open3d = pytest.importorskip("open3d", reason="needs the extra open3d")
+    points = rng.standard_normal((50, 3))
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    for name, options in (("z", {"compressed": True}), ("b", {}), ("a", {"write_ascii": True})):
+        path = tmp_path / f"{name}.pcd"
+        assert open3d.io.write_point_cloud(str(path), cloud, **options)
+        np.testing.assert_allclose(read_shape(path).vertices, points, atol=1e-6)

@@ -1,0 +1,260 @@
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.errors import InputError
+from data_tools.io.shapes import read_folder, read_shape, write_mesh
+from data_tools.options import CleaningOptions
+from data_tools.surface.shape import Shape
+
+TRIANGLE = "0 0 0\n1 0 0\n0 1 0\n"
+PLY = "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n{}end_header\n"
+PLY_FACES = "element face {}\nproperty list uchar int vertex_indices\n"
+
+#: File name, content, and what the error must say.
+MALFORMED = [
+    ("index99.off", "OFF\n3 1 0\n" + TRIANGLE + "3 0 1 99\n", "index outside"),
+    ("negative.off", "OFF\n3 1 0\n" + TRIANGLE + "3 0 1 -1\n", "index outside"),
+    ("nan.off", "OFF\n3 1 0\n0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n", "1 of 9 values are NaN or infinite"),
+    ("no_face.off", "OFF\n3 2 0\n" + TRIANGLE + "3 0 1 2\n", "truncated"),
+    ("no_vertex.off", "OFF\n30 1 0\n" + TRIANGLE, "truncated"),
+    ("huge.off", "OFF\n3000000000 1 0\n" + TRIANGLE + "3 0 1 2\n", "truncated"),
+    ("no_counts.off", "OFF\n" + TRIANGLE, "not a readable|truncated|counts"),
+    ("only_header.off", "OFF\n", "counts"),
+    ("empty_mesh.off", "OFF\n0 0 0\n", "no points|no geometry|not a readable"),
+    ("obj_inside.off", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "not an OFF file"),
+    ("words.off", "OFF\n3 1 0\n0 0 zero\n1 0 0\n0 1 0\n3 0 1 2\n", "vertex 0 is not three numbers"),
+    ("index99.ply", PLY.format(3, PLY_FACES.format(1)) + TRIANGLE + "3 0 1 99\n", "names vertex 99, there are 3"),
+    ("nan.ply", PLY.format(3, PLY_FACES.format(1)) + TRIANGLE.replace("1 0 0", "nan 0 0") + "3 0 1 2\n", "NaN"),
+    ("inf.ply", PLY.format(3, PLY_FACES.format(1)) + TRIANGLE.replace("1 0 0", "inf 0 0") + "3 0 1 2\n", "infinite"),
+    ("huge_faces.ply", PLY.format(3, PLY_FACES.format(2 * 10**9)) + TRIANGLE + "3 0 1 2\n", "truncated"),
+    ("huge_vertices.ply", PLY.format(10**12, "") + TRIANGLE, "truncated"),
+    ("short.ply", PLY.format(5, PLY_FACES.format(1)) + TRIANGLE + "3 0 1 2\n", "truncated"),
+    ("no_vertices.ply", PLY.format(0, ""), "no vertices"),
+    ("bad_count.ply", PLY.format("many", "") + TRIANGLE, "malformed PLY header"),
+    ("no_header.ply", TRIANGLE, "not a PLY file"),
+    ("header_only.ply", "ply\nformat ascii 1.0\n", "not a PLY file"),
+    ("binary.ply", PLY.format(10**9, "").replace("ascii", "binary_little_endian") + "xyz", "truncated"),
+    ("index99.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99\n", "names vertex 99, there are 3"),
+    ("zero.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "is no corner"),
+    ("below.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -9 1 2\n", "there are 3"),
+    ("cut.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n", "face 1 has 2 corners"),
+    ("nan.obj", "v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n", "NaN"),
+    ("short.obj", "v 0 0 0\nv 1 0 0\nv 0 1\nf 1 2 3\n", "is not three numbers"),
+    ("flat.obj", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "is not three numbers"),
+    ("garbage.obj", "\x00\x01 not a mesh", "no vertex lines"),
+    ("garbage.stl", "not a mesh", "not an STL file or truncated"),
+    ("cut.stl", "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n", "truncated STL text"),
+    ("garbage.glb", "not a mesh at all, but long enough to be one", "not a readable GLB"),
+    ("garbage.gltf", "{", "not a readable GLTF"),
+    ("nothing.gltf", '{"asset": {"version": "2.0"}}', "GLTF|no geometry"),
+    ("point.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\n", "one place"),
+    ("far.obj", "v 0 0 0\nv 1e200 0 0\nv 0 1 0\nf 1 2 3\n", "beyond 1e100"),
+    ("line.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "zero area"),
+    ("mesh.fbx", "anything", "unknown suffix '.fbx'"),
+    ("mesh", "anything", "unknown suffix ''"),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "reason"), MALFORMED, ids=[row[0] for row in MALFORMED])
+def test_malformed_files_are_refused_by_name_and_reason(tmp_path: Path, name: str, content: str, reason: str) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(InputError, match=reason) as caught:
+        read_shape(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".stl", ".glb", ".npz", ".pcd", ".xyz"])
+def test_missing_and_empty_files_are_refused(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"shape{suffix}"
+    with pytest.raises(InputError, match="no such file"):
+        read_shape(path)
+    path.touch()
+    with pytest.raises(InputError, match="empty"):
+        read_shape(path)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".stl", ".glb"])
+def test_every_truncation_is_refused(tmp_path: Path, suffix: str, rng: np.random.Generator) -> None:
+    content = write_mesh(tmp_path / f"whole{suffix}", blob(rng, num_vertices=40)).read_bytes()
+    path = tmp_path / f"cut{suffix}"
+    for length in np.linspace(1, len(content) - 40, 25).astype(int):
+        path.write_bytes(content[:length])
+        with pytest.raises(InputError, match="cut"):
+            read_shape(path)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".glb"])
+def test_nan_written_by_other_tools_is_refused(tmp_path: Path, suffix: str, rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=40)
+    vertices = shape.vertices.copy()
+    vertices[7, 1] = np.nan
+    path = tmp_path / f"nan{suffix}"
+    trimesh.Trimesh(vertices, shape.faces, process=False, validate=False).export(path)
+    with pytest.raises(InputError, match="1 of 120 values are NaN"):
+        read_shape(path)
+
+
+@pytest.mark.parametrize("wrong", [".ply", ".off", ".obj", ".stl", ".glb", ".gltf", ".npz", ".pcd"])
+def test_content_of_another_format_is_refused(tmp_path: Path, wrong: str, rng: np.random.Generator) -> None:
+    for right in (".ply", ".off", ".obj", ".stl", ".glb"):
+        if right == wrong:
+            continue
+        content = write_mesh(tmp_path / f"right{right}", blob(rng, num_vertices=40)).read_bytes()
+        path = tmp_path / f"wrong{wrong}"
+        path.write_bytes(content)
+        with pytest.raises(InputError, match="wrong"):
+            read_shape(path)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".stl", ".glb"])
+def test_round_trip_keeps_the_surface(tmp_path: Path, suffix: str, rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=100)
+    back = read_shape(write_mesh(tmp_path / f"blob{suffix}", shape))
+    assert back.name == "blob"
+    assert back.file == tmp_path / f"blob{suffix}"
+    assert len(back.vertices) == 100
+    assert back.area == pytest.approx(shape.area, rel=1e-6)
+    if suffix != ".stl":
+        np.testing.assert_allclose(back.vertices, shape.vertices, atol=1e-6)
+        np.testing.assert_array_equal(back.faces, shape.faces)
+        assert back.source_indices is None
+
+
+def test_stl_vertices_are_merged_and_say_so(tmp_path: Path, rng: np.random.Generator) -> None:
+    path = write_mesh(tmp_path / "blob.stl", blob(rng, num_vertices=100))
+    back = read_shape(path)
+    assert back.notes == (f"merged {3 * len(back.faces) - 100} duplicate vertices",)
+    assert back.source_indices is not None
+    apart = read_shape(path, CleaningOptions(merge_vertices=False, largest_component=False))
+    np.testing.assert_array_equal(apart.vertices[back.source_indices], back.vertices)
+
+
+def test_polygons_become_triangles(tmp_path: Path) -> None:
+    path = tmp_path / "quad.off"
+    path.write_text("OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n")
+    assert read_shape(path).faces.shape == (2, 3)
+    assert read_shape(path).area == pytest.approx(1.0)
+
+
+def test_obj_keeps_vertex_order_through_groups_textures_and_negative_indices(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(
+        "mtllib ../m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1 # top\nvt 0 0\nvn 0 0 1\nusemtl a\nf 4/1/1 2/1/1 \\\n"
+        "3/1/1\ng b\nusemtl c\nf 1//1 3//1 2//1\nf -4 -3 -1 -2\n"
+    )
+    shape = read_shape(path)
+    np.testing.assert_array_equal(shape.vertices[1:], np.eye(3))
+    np.testing.assert_array_equal(shape.faces, [[3, 1, 2], [0, 2, 1], [0, 1, 3], [0, 3, 2]])
+
+
+def test_header_variants_of_off(tmp_path: Path) -> None:
+    path = tmp_path / "a.off"
+    for head in ("OFF\n# a comment\n3 1 0\n", "OFF 3 1 0\n", "OFF\n\n3 1 0 # counts\n"):
+        path.write_text(head + TRIANGLE + "3 0 1 2\n")
+        assert read_shape(path).area == pytest.approx(0.5)
+
+
+def test_clouds_come_without_faces(tmp_path: Path, rng: np.random.Generator) -> None:
+    cloud = Shape.from_arrays(rng.standard_normal((30, 3)), name="cloud")
+    for suffix in (".ply", ".obj"):
+        back = read_shape(write_mesh(tmp_path / f"cloud{suffix}", cloud))
+        assert not back.is_mesh
+        np.testing.assert_allclose(back.vertices, cloud.vertices, atol=1e-6)
+    with pytest.raises(InputError, match="point cloud"):
+        write_mesh(tmp_path / "cloud.stl", cloud)
+    with pytest.raises(InputError, match=r"cannot write '\.npz'"):
+        write_mesh(tmp_path / "cloud.npz", cloud)
+
+
+def test_scene_transforms_are_applied(tmp_path: Path) -> None:
+    box = trimesh.creation.box()
+    scene = trimesh.Scene()
+    turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 0, 1], [2, 0, 0])
+    scene.add_geometry(box, transform=turn)
+    scene.export(tmp_path / "box.glb")
+    back = read_shape(tmp_path / "box.glb")
+    np.testing.assert_allclose(back.vertices.mean(axis=0), [2, -2, 0], atol=1e-6)
+
+
+def test_gltf_reads_buffers_of_its_folder_only(tmp_path: Path, rng: np.random.Generator) -> None:
+    mesh = trimesh.Trimesh(*_arrays(blob(rng, num_vertices=40)), process=False)
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    files = mesh.export(file_type="gltf")
+    for name, content in files.items():
+        (inner / name).write_bytes(content)
+    assert len(read_shape(inner / "model.gltf").vertices) == 40
+    tree = json.loads(files["model.gltf"])
+    for buffer in tree["buffers"]:
+        os.replace(inner / buffer["uri"], tmp_path / buffer["uri"])
+        buffer["uri"] = "../" + buffer["uri"]
+    (inner / "model.gltf").write_text(json.dumps(tree))
+    with pytest.raises(InputError, match="outside of its folder"):
+        read_shape(inner / "model.gltf")
+
+
+def test_folder_is_listed_in_natural_order_with_distinct_names(tmp_path: Path) -> None:
+    for name in ("b10.ply", "b2.ply", "a.off", "a.ply", "A.obj", "notes.md", ".hidden.ply"):
+        (tmp_path / name).touch()
+    (tmp_path / "folder.ply").mkdir()
+    listing = read_folder(tmp_path)
+    assert [f.name for f in listing.files] == ["A.obj", "a.off", "a.ply", "b2.ply", "b10.ply"]
+    assert listing.names == ("A.obj", "a.off", "a.ply", "b2", "b10")
+    assert [f.name for f in listing.skipped] == ["folder.ply", "notes.md"]
+
+
+def test_names_stay_distinct_and_readable_whatever_the_files_are_called(tmp_path: Path) -> None:
+    for name in (b"a.ply", b"a.obj", b"a.ply.ply", b"\xff.ply"):
+        with open(os.fsencode(tmp_path) + b"/" + name, "wb"):
+            pass
+    listing = read_folder(tmp_path)
+    assert len(set(listing.names)) == 4
+    assert "\n".join(listing.names).encode()  # no surrogates
+    assert any("xff" in name for name in listing.names)
+
+
+def test_folder_without_shapes_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.md").touch()
+    with pytest.raises(InputError, match="no shape file"):
+        read_folder(tmp_path)
+    with pytest.raises(InputError, match="no such folder"):
+        read_folder(tmp_path / "missing")
+
+
+def test_mutated_files_end_in_a_shape_or_an_input_error(tmp_path: Path, rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=40)
+    originals = [write_mesh(tmp_path / f"a{s}", shape).read_bytes() for s in (".ply", ".off", ".obj", ".stl", ".glb")]
+    outcomes = {"shape": 0, "error": 0}
+    for turn in range(150):
+        suffix, content = [".ply", ".off", ".obj", ".stl", ".glb"][turn % 5], bytearray(originals[turn % 5])
+        for _ in range(rng.integers(1, 4)):
+            content[rng.integers(len(content))] = rng.integers(256)
+        path = tmp_path / f"mutated{suffix}"
+        path.write_bytes(content)
+        try:
+            read = read_shape(path)
+        except InputError:
+            outcomes["error"] += 1
+        else:
+            assert np.isfinite(read.vertices).all()
+            assert read.faces.max(initial=-1) < len(read.vertices)
+            outcomes["shape"] += 1
+    assert min(outcomes.values()) > 10
+
+
+@pytest.mark.data
+def test_every_mesh_format_of_the_public_collections_is_read(shared_data: Path) -> None:
+    files = [path for path in sorted(shared_data.rglob("*")) if path.suffix in (".ply", ".off")]
+    for path in files[::25]:
+        assert len(read_shape(path).vertices) > 1000
+
+
+def _arrays(shape: Shape) -> tuple[np.ndarray, np.ndarray]:
+    return np.array(shape.vertices), np.array(shape.faces)

@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+
+from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
+from data_tools.errors import InputError, OptionsError
+from data_tools.options import CleaningOptions
+from data_tools.surface.cleaning import clean
+from data_tools.surface.shape import Shape
+
+
+def test_clean_shape_is_returned_as_it_is(rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=60)
+    assert clean(shape) is shape
+
+
+def test_everything_is_repaired_and_reported(rng: np.random.Generator) -> None:
+    good = blob(rng, num_vertices=60)
+    small, small_faces = sphere_mesh(20)
+    order = np.array([*range(60), 3])
+    vertices = np.concatenate([good.vertices[order], 0.01 * small + 9.0, [[5.0, 5.0, 5.0]]])
+    moved = np.where(good.faces == 3, 60, good.faces)
+    faces = np.concatenate([good.faces[:40], moved[40:], small_faces + 61, [[0, 0, 1], [4, 5, 5]]])
+    cleaned = clean(Shape.from_arrays(vertices, faces, name="torn"))
+    np.testing.assert_array_equal(cleaned.vertices, good.vertices)
+    assert {tuple(sorted(f)) for f in cleaned.faces} == {tuple(sorted(f)) for f in good.faces}
+    np.testing.assert_array_equal(cleaned.source_indices, np.arange(60))
+    assert len(cleaned.notes) == 4
+    for note, word in zip(cleaned.notes, ("merged 1", "2 degenerate", "largest of 2", "21 vertices"), strict=True):
+        assert word in note
+
+
+def test_components_and_duplicates_are_kept_on_request() -> None:
+    first, faces = sphere_mesh(30)
+    two = Shape.from_arrays(np.concatenate([first, first + 5.0]), np.concatenate([faces, faces + 30]))
+    assert len(clean(two).vertices) == 30
+    assert clean(two, CleaningOptions(largest_component=False)) is two
+    twice = Shape.from_arrays(np.repeat(first, 2, axis=0))
+    assert len(clean(twice).vertices) == 30
+    assert clean(twice, CleaningOptions(merge_vertices=False)) is twice
+
+
+def test_largest_means_area_not_number_of_triangles() -> None:
+    fine, fine_faces = sphere_mesh(200)
+    coarse, coarse_faces = sphere_mesh(20)
+    both = Shape.from_arrays(np.concatenate([fine, 5 * coarse]), np.concatenate([fine_faces, coarse_faces + 200]))
+    assert len(clean(both).vertices) == 20
+
+
+def test_source_indices_go_through_two_cleanings() -> None:
+    vertices, faces = sphere_mesh(30)
+    apart = Shape.from_arrays(np.concatenate([[[9.0, 9.0, 9.0]], vertices]), faces + 1)
+    once = clean(apart)
+    np.testing.assert_array_equal(apart.vertices[once.source_indices], once.vertices)
+    torn = Shape(
+        name="torn", vertices=once.vertices, faces=once.faces[(once.faces != 4).all(axis=1)],
+        source_indices=once.source_indices,
+    )  # fmt: skip
+    twice = clean(torn)
+    assert len(twice.vertices) == 29
+    np.testing.assert_array_equal(apart.vertices[twice.source_indices], twice.vertices)
+
+
+def test_mesh_without_area_is_refused_by_name() -> None:
+    line = Shape.from_arrays([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]], name="line")
+    with pytest.raises(InputError, match="line: every one of its 1 triangles has zero area"):
+        clean(line)
+
+
+def test_options_check_themselves() -> None:
+    with pytest.raises(OptionsError, match="merge_vertices"):
+        CleaningOptions(merge_vertices=1)  # type: ignore[arg-type]

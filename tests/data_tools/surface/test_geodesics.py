@@ -1,0 +1,89 @@
+import numpy as np
+import pytest
+
+from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
+from data_tools.embedding.sampling import farthest_points
+from data_tools.errors import InputError
+from data_tools.surface.geodesics import GeodesicSolver, agd_maxima, average_geodesic_distance
+from data_tools.surface.shape import Shape
+
+
+@pytest.fixture(scope="module")
+def sphere() -> Shape:
+    return Shape.from_arrays(*sphere_mesh(2000), name="sphere")
+
+
+def agd_of(shape: Shape, num: int = 64) -> np.ndarray:
+    sources = farthest_points(shape, num, metric="euclidean")
+    return average_geodesic_distance(shape, GeodesicSolver(shape), sources)
+
+
+@pytest.mark.parametrize(("kind", "tolerance"), [("heat", 0.03), ("cloud", 0.12)])
+def test_distances_on_the_sphere_are_angles(sphere: Shape, kind: str, tolerance: float) -> None:
+    shape = sphere if kind == "heat" else Shape.from_arrays(sphere.vertices)
+    solver = GeodesicSolver(shape)
+    assert solver.method == ("heat" if kind == "heat" else "shortest paths")
+    exact = np.arccos(np.clip(sphere.vertices @ sphere.vertices[17], -1, 1))
+    np.testing.assert_allclose(solver.from_vertex(17), exact, atol=tolerance * np.pi)
+
+
+def test_several_sources_give_the_nearest(sphere: Shape) -> None:
+    solver = GeodesicSolver(sphere)
+    both = solver.from_vertices(np.array([3, 1200]))
+    alone = np.minimum(solver.from_vertex(3), solver.from_vertex(1200))
+    np.testing.assert_allclose(both, alone, atol=0.1)
+    with pytest.raises(InputError, match="sources"):
+        solver.from_vertex(2000)
+
+
+def test_two_components_are_infinitely_far_apart() -> None:
+    vertices, faces = sphere_mesh(50)
+    two = Shape.from_arrays(np.concatenate([vertices, vertices + 5]), np.concatenate([faces, faces + 50]))
+    solver = GeodesicSolver(two)
+    assert solver.method == "shortest paths"
+    distances = solver.from_vertex(0)
+    assert np.isfinite(distances[:50]).all()
+    assert np.isinf(distances[50:]).all()
+    assert np.isfinite(agd_of(two, 10)).all()
+
+
+def test_fins_and_flipped_triangles_do_no_harm(sphere: Shape) -> None:
+    faces = np.array(sphere.faces)
+    faces[::7] = faces[::7, ::-1]
+    fin = np.array([[faces[0, 0], faces[0, 1], faces[900, 2]]])
+    poor = Shape.from_arrays(sphere.vertices, np.concatenate([faces, fin]))
+    distances = GeodesicSolver(poor).from_vertex(0)
+    assert np.isfinite(distances).all()
+    assert distances.max() < 4.0
+
+
+def test_average_distance_on_the_sphere_is_known(sphere: Shape) -> None:
+    # The mean angle over the sphere is pi / 2; sqrt(area) is sqrt(4 pi).
+    np.testing.assert_allclose(agd_of(sphere), np.pi / 2 / np.sqrt(4 * np.pi), rtol=0.04)
+
+
+def test_average_distance_does_not_depend_on_scale_or_meshing(rng: np.random.Generator) -> None:
+    coarse, fine = (blob(np.random.default_rng(5), num_vertices=n) for n in (800, 2000))
+    big = Shape.from_arrays(50 * fine.vertices, fine.faces)
+    np.testing.assert_allclose(agd_of(big), agd_of(fine), rtol=1e-6)
+    assert agd_of(coarse).mean() == pytest.approx(agd_of(fine).mean(), rel=0.05)
+
+
+def test_maxima_are_the_tips_of_the_limbs() -> None:
+    shape = figure()
+    solver = GeodesicSolver(shape)
+    tips = agd_maxima(agd_of(shape), solver, num=5, radius=0.2 * shape.area**0.5)
+    found = shape.vertices[tips]
+    corners = np.array([[2, 1, 12], [19, 1, 12], [8, 1, 0], [11, 1, 1], [9, 1, 17]], dtype=float)
+    nearest = np.linalg.norm(found[:, None] - corners, axis=2).argmin(axis=0)
+    assert len(set(nearest)) == 5
+
+
+def test_maxima_keep_their_distance(sphere: Shape, rng: np.random.Generator) -> None:
+    solver = GeodesicSolver(sphere)
+    noise = rng.standard_normal(2000)
+    found = agd_maxima(noise, solver, num=8, radius=0.5)
+    assert len(found) == 8
+    assert found[0] == noise.argmax()
+    gaps = np.stack([solver.from_vertex(int(v))[found] for v in found])
+    assert gaps[~np.eye(8, dtype=bool)].min() >= 0.45

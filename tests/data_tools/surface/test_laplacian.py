@@ -1,0 +1,109 @@
+import numpy as np
+import pytest
+
+from data_tools.datasets.synthetic import shuffled
+from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
+from data_tools.errors import InputError
+from data_tools.rotations import random_rotation
+from data_tools.surface.laplacian import (
+    cotangent_laplacian,
+    eigenfunctions,
+    spectrum,
+    surface_operators,
+    vertex_areas,
+)
+from data_tools.surface.shape import Shape
+
+
+@pytest.fixture(scope="module")
+def sphere() -> Shape:
+    return Shape.from_arrays(*sphere_mesh(2500), name="sphere")
+
+
+def with_fin(shape: Shape) -> Shape:
+    a, b, c = shape.faces[0]
+    tip = shape.vertices[[a, b, c]].mean(axis=0) * 1.3
+    faces = np.concatenate([shape.faces, [[a, b, len(shape.vertices)]]])
+    return Shape.from_arrays(np.concatenate([shape.vertices, [tip]]), faces, name="finned")
+
+
+@pytest.mark.parametrize("kind", ["cotangent", "tufted", "point cloud"])
+def test_operators_are_symmetric_semidefinite_and_know_constants(kind: str) -> None:
+    sphere = Shape.from_arrays(*sphere_mesh(600))
+    shape = {"cotangent": sphere, "tufted": with_fin(sphere), "point cloud": Shape.from_arrays(sphere.vertices)}[kind]
+    operators = surface_operators(shape)
+    assert operators.kind == kind
+    dense = operators.stiffness.toarray()
+    np.testing.assert_allclose(dense, dense.T, atol=1e-12)
+    np.testing.assert_allclose(dense.sum(axis=1), 0.0, atol=1e-9)
+    assert np.linalg.eigvalsh(dense).min() > -1e-9
+    assert operators.mass.min() > 0
+    assert operators.mass.sum() == pytest.approx(4 * np.pi, rel=0.05)
+
+
+def test_stiffness_of_one_triangle_is_known() -> None:
+    operators = cotangent_laplacian(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    np.testing.assert_allclose(operators.stiffness.toarray(), [[1, -0.5, -0.5], [-0.5, 0.5, 0], [-0.5, 0, 0.5]])
+    np.testing.assert_allclose(operators.mass, 1 / 6)
+
+
+def test_dirichlet_energy_of_a_linear_function_is_exact(rng: np.random.Generator) -> None:
+    shape = crown()
+    flat = np.array(shape.vertices) * [1, 1, 0]
+    keep = flat[shape.faces]
+    doubled = np.linalg.norm(np.cross(keep[:, 1] - keep[:, 0], keep[:, 2] - keep[:, 0]), axis=1)
+    faces = shape.faces[doubled > 1e-6]
+    operators = cotangent_laplacian(flat, faces)
+    slope = rng.standard_normal(3) * [1, 1, 0]
+    values = flat @ slope
+    area = Shape.from_arrays(flat, faces).area
+    assert values @ (operators.stiffness @ values) == pytest.approx(slope @ slope * area, rel=1e-9)
+
+
+@pytest.mark.parametrize(("cloud", "tolerance"), [(False, 0.01), (True, 0.05)])
+def test_spectrum_of_the_sphere(sphere: Shape, cloud: bool, tolerance: float) -> None:
+    shape = Shape.from_arrays(sphere.vertices) if cloud else sphere
+    eigen = eigenfunctions(shape, 15)
+    exact = 4 * np.pi * np.repeat([2.0, 6.0, 12.0], [3, 5, 7])
+    np.testing.assert_allclose(eigen.values, exact, rtol=tolerance)
+
+
+def test_eigenfunctions_are_orthonormal_signed_and_repeatable(rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=600)
+    operators = surface_operators(shape)
+    eigen = spectrum(operators, 12)
+    again = spectrum(operators, 12)
+    assert eigen.functions.tobytes() == again.functions.tobytes()
+    gram = eigen.functions.T @ (eigen.mass[:, None] * eigen.functions)
+    np.testing.assert_allclose(gram, np.eye(12), atol=1e-9)
+    np.testing.assert_allclose(eigen.mass @ eigen.functions, 0.0, atol=1e-9)
+    assert (eigen.mass @ eigen.functions**3 >= 0).all()
+    residual = operators.stiffness @ eigen.functions - eigen.mass[:, None] * eigen.functions * eigen.values
+    np.testing.assert_allclose(residual, 0.0, atol=1e-8)
+    assert not eigen.functions.flags.writeable
+
+
+def test_eigenfunctions_do_not_depend_on_pose_scale_or_vertex_order(rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=600)
+    moved = Shape.from_arrays(7.0 * shape.vertices @ random_rotation(rng).T + 3.0, shape.faces)
+    mixed, origin = shuffled(moved, rng)
+    a, b = eigenfunctions(shape, 6), eigenfunctions(mixed, 6)
+    np.testing.assert_allclose(b.values, a.values, rtol=1e-8)
+    np.testing.assert_allclose(b.functions, a.functions[origin], atol=1e-6)
+
+
+def test_poor_surfaces_are_refused_by_name() -> None:
+    with pytest.raises(InputError, match="tiny: 9 points are too few"):
+        surface_operators(Shape.from_arrays(np.random.default_rng(0).standard_normal((9, 3)), name="tiny"))
+    with pytest.raises(InputError, match="20 vertices are too few for 30"):
+        eigenfunctions(Shape.from_arrays(*sphere_mesh(20)), 30)
+    vertices, faces = sphere_mesh(50)
+    stray = Shape.from_arrays(np.concatenate([vertices, [[9.0, 9, 9]]]), faces, name="stray")
+    with pytest.raises(InputError, match="stray: its cotangent Laplacian is not finite"):
+        surface_operators(stray)
+
+
+def test_vertex_areas_of_cloud_and_mesh_agree(sphere: Shape) -> None:
+    cloud = Shape.from_arrays(sphere.vertices)
+    assert vertex_areas(cloud).sum() == pytest.approx(4 * np.pi, rel=0.1)
+    assert vertex_areas(sphere).sum() == pytest.approx(sphere.area)

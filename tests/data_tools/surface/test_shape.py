@@ -1,0 +1,45 @@
+import numpy as np
+import pytest
+
+from data_tools.datasets.synthetic_shapes import sphere_mesh
+from data_tools.errors import InputError
+from data_tools.surface.shape import Shape
+
+
+def test_measures_of_the_sphere() -> None:
+    sphere = Shape.from_arrays(*sphere_mesh(3000), name="sphere")
+    assert sphere.is_mesh
+    assert sphere.area == pytest.approx(4 * np.pi, rel=0.01)
+    assert sphere.centroid_size == pytest.approx(np.sqrt(3000), rel=1e-3)
+
+
+def test_clouds_have_no_area() -> None:
+    cloud = Shape.from_arrays(np.eye(3))
+    assert not cloud.is_mesh
+    assert np.isnan(cloud.area)
+
+
+def test_arrays_are_copies_and_read_only() -> None:
+    vertices = np.eye(3)
+    shape = Shape.from_arrays(vertices, [[0, 1, 2]])
+    vertices[0, 0] = 7
+    assert shape.vertices[0, 0] == 1
+    assert not shape.vertices.flags.writeable
+    assert not shape.faces.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "reason"),
+    [
+        (np.eye(3), [[0, 1, 99]], "faces: indices run from 0 to 99"),
+        (np.eye(3), [[0, 1, -1]], "faces: indices run from -1"),
+        (np.eye(3), [[0, 1]], "faces: expected shape"),
+        (np.eye(3), [[0.5, 1, 2]], "faces: expected integer"),
+        (np.full((3, 3), np.nan), None, "vertices: 9 of 9"),
+        (np.eye(2), None, "vertices: expected shape"),
+        (np.empty((0, 3)), None, "vertices: 0 points"),
+    ],
+)
+def test_impossible_arrays_are_refused_by_name(vertices: np.ndarray, faces: object, reason: str) -> None:
+    with pytest.raises(InputError, match=f"thing: {reason}"):
+        Shape.from_arrays(vertices, faces, name="thing")  # type: ignore[arg-type]

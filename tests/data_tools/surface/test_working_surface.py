@@ -1,0 +1,65 @@
+import numpy as np
+
+from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
+from data_tools.options import SamplingOptions
+from data_tools.surface.shape import Shape
+from data_tools.surface.working_surface import WorkingSurface
+
+SMALL = SamplingOptions(max_faces=1000, max_cloud_points=1000)
+
+
+def test_a_small_clean_shape_is_its_own_working_surface(rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=300)
+    surface = WorkingSurface(shape, SMALL)
+    assert surface.shape is shape
+    assert surface.notes == ()
+    np.testing.assert_array_equal(surface.to_original, np.arange(300))
+
+
+def test_decimation_keeps_the_surface_and_maps_to_near_vertices(rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=3000)
+    surface = WorkingSurface(shape, SMALL)
+    assert len(surface.shape.faces) <= 1000
+    assert abs(surface.area / shape.area - 1) < 0.02
+    gap = np.linalg.norm(shape.vertices[surface.to_original] - surface.shape.vertices, axis=1)
+    assert gap.max() < 0.1
+    assert "decimated" in surface.notes[0]
+
+
+def test_clouds_are_thinned(rng: np.random.Generator) -> None:
+    cloud = Shape.from_arrays(blob(rng, num_vertices=3000).vertices)
+    surface = WorkingSurface(cloud, SMALL)
+    assert len(surface.shape.vertices) == 1000
+    np.testing.assert_array_equal(cloud.vertices[surface.to_original], surface.shape.vertices)
+    assert surface.notes == ("preprocessed on 1000 of 3000 points",)
+
+
+def test_stray_vertices_are_left_out() -> None:
+    vertices, faces = sphere_mesh(100)
+    stray = Shape.from_arrays(np.concatenate([[[9.0, 9, 9]], vertices]), faces + 1)
+    surface = WorkingSurface(stray, SMALL)
+    np.testing.assert_array_equal(surface.to_original, np.arange(1, 101))
+    assert surface.operators.kind == "cotangent"
+    assert surface.geodesics.method == "heat"
+
+
+def test_what_is_unusual_is_noted() -> None:
+    vertices, faces = sphere_mesh(100)
+    fins = np.concatenate([faces, [[faces[0, 0], faces[0, 1], 50]]])
+    surface = WorkingSurface(Shape.from_arrays(vertices, fins), SMALL)
+    assert surface.operators.kind == "tufted"
+    assert "tufted" in surface.notes[0]
+    two = Shape.from_arrays(np.concatenate([vertices, vertices + 5]), np.concatenate([faces, faces + 100]))
+    parts = WorkingSurface(two, SMALL)
+    assert parts.geodesics.method == "shortest paths"
+    assert "shortest paths" in parts.notes[0]
+
+
+def test_open_and_closed() -> None:
+    assert WorkingSurface(crown(num_vertices=300), SMALL).is_open
+    assert not WorkingSurface(Shape.from_arrays(*sphere_mesh(100)), SMALL).is_open
+
+
+def test_spectra_are_as_long_as_the_surface_allows() -> None:
+    surface = WorkingSurface(Shape.from_arrays(*sphere_mesh(30)), SMALL)
+    assert surface.eigenfunctions(60).functions.shape == (30, 28)

@@ -1,0 +1,88 @@
+"""Validators accept what is right, copy it, and refuse what is wrong by name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data_tools import arrays
+from data_tools.errors import InputError
+from data_tools.surface.shape import Shape
+
+
+def test_points_become_fresh_contiguous_float64() -> None:
+    given = np.arange(12, dtype=np.int32).reshape(4, 3)[::2]
+    points = arrays.as_points(given, "points")
+    assert points.dtype == np.float64
+    assert points.flags.c_contiguous
+    points[0, 0] = 7
+    assert given[0, 0] == 0
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ([[0.0, np.nan, 1.0]], "NaN"),
+        ([[0.0, np.inf, 1.0]], "infinite"),
+        (np.zeros((2, 4)), "shape"),
+        (np.zeros(3), "shape"),
+        (np.zeros((0, 3)), "at least 1"),
+        ([["a", "b", "c"]], "real numbers"),
+        (np.zeros((1, 3), complex), "real numbers"),
+    ],
+)
+def test_bad_points_are_refused_by_name(values: object, word: str) -> None:
+    with pytest.raises(InputError, match=word) as error:
+        arrays.as_points(values, "molar.ply", dim=3)
+    assert "molar.ply" in str(error.value)
+
+
+def test_face_index_beyond_the_vertices_is_refused() -> None:
+    with pytest.raises(InputError, match="99"):
+        Shape.from_arrays(np.eye(3), [[0, 1, 99]])
+    with pytest.raises(InputError, match="-1"):
+        Shape.from_arrays(np.eye(3), [[0, 1, -1]])
+    with pytest.raises(InputError, match="integer"):
+        Shape.from_arrays(np.eye(3), [[0, 1, 2.5]])
+    assert Shape.from_arrays(np.eye(3), [[0, 1, 2]]).is_mesh
+
+
+def test_shape_measures_and_is_read_only() -> None:
+    shape = Shape.from_arrays([[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0, 1, 2]], name="t")
+    assert shape.area == pytest.approx(2.0)
+    assert shape.centroid_size == pytest.approx(np.sqrt(16 / 3))
+    assert not Shape.from_arrays(np.eye(3)).is_mesh
+    with pytest.raises(ValueError, match="read-only"):
+        shape.vertices[0, 0] = 1
+
+
+def test_weights() -> None:
+    assert arrays.as_weights(None, "w", num=3).tolist() == [1, 1, 1]
+    for wrong in ([1, -1, 1], [0, 0, 0], [1, 1], [1, np.nan, 1]):
+        with pytest.raises(InputError, match="w:"):
+            arrays.as_weights(wrong, "w", num=3)
+
+
+def test_rotations() -> None:
+    mirror = np.diag([1.0, 1.0, -1.0])
+    assert arrays.as_rotations([np.eye(3), mirror], "R").shape == (2, 3, 3)
+    with pytest.raises(InputError, match="reflection"):
+        arrays.as_rotations(mirror, "R", group="SO")
+    with pytest.raises(InputError, match="not orthogonal"):
+        arrays.as_rotations(2 * np.eye(3), "R")
+    with pytest.raises(InputError, match="square"):
+        arrays.as_rotations(np.ones((2, 3)), "R")
+
+
+def test_masks_and_indices() -> None:
+    assert arrays.as_mask([[1, 0]], "m", shape=(1, 2)).tolist() == [[True, False]]
+    with pytest.raises(InputError, match="booleans"):
+        arrays.as_mask([[2, 0]], "m", shape=(1, 2))
+    with pytest.raises(InputError, match="shape"):
+        arrays.as_mask([[1, 0]], "m", shape=(2, 1))
+    assert arrays.as_indices([-1, 2], "i", lower=-1, upper=3).tolist() == [-1, 2]
+
+
+def test_rotations_whose_squares_overflow_are_refused() -> None:
+    with pytest.raises(InputError, match="not orthogonal"):
+        arrays.as_rotations(np.array([[1e200, 1e200], [1e200, -1e200]]), "R")

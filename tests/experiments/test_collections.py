@@ -1,0 +1,243 @@
+"""The collections and the classification: their parts, and each from end to end on generated layouts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from collalign.engine.store.records import decode, encode
+from collalign.engine.store.store import Store
+from data_tools.arrays import FloatArray
+from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic_shapes import chair, crown
+from data_tools.errors import InputError
+from data_tools.io.shapes import write_mesh
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
+from experiments import load_experiment
+from experiments.collections import aligning, classification, collections, tooth_distances
+from experiments.experiment import Bench, Cell
+from experiments.figures import figure13
+from experiments.write import write_experiment
+from pairwise.dense.points import DensePoints
+
+MARKS = np.arange(0, 18 * 30, 30)
+SIDES = np.array([1, -1, 1, 1, -1, -1, 1, -1])
+
+
+def posed(shape: Shape, rng: np.random.Generator, side: int = 1) -> FloatArray:
+    return np.asarray(shape.vertices * [side, 1, 1] @ random_rotation(rng).T)
+
+
+def chiral_crown(rng: np.random.Generator) -> Shape:
+    """A crown that is longer than wide and twisted, so that its mirror image is another shape."""
+    shape = crown(num_vertices=700)
+    x, y, z = (shape.vertices * [1.5, 1.0, 1.0]).T
+    angle = 0.6 * z
+    twisted = np.column_stack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y, z])
+    return deformed_family(Shape.from_arrays(twisted, shape.faces, name="T"), 1, rng, rms=0.03)[0]
+
+
+def write_teeth(folder: Path) -> None:
+    """Two genera of four crowns each, in random poses, some mirrored, in the layout of the teeth."""
+    rng = np.random.default_rng(3)
+    members = [shape for _ in range(2) for shape in deformed_family(chiral_crown(rng), 4, rng, rms=0.003)]
+    lines = ["name,file,order,family,genus,chirality_from_landmarks"]
+    marks = []
+    for i, (shape, side) in enumerate(zip(members, SIDES.tolist(), strict=True)):
+        vertices = posed(shape, rng, side)
+        faces = shape.faces[:, ::-1] if side < 0 else shape.faces
+        write_mesh(folder / "meshes" / f"T{i}_sas.off", Shape.from_arrays(vertices, faces))
+        marks.append(vertices[MARKS])
+        lines.append(f"T{i},T{i}_sas.off,Order,Family{i // 4},Genus{i // 4},{side}")
+    (folder / "labels.csv").write_text("\n".join(lines), "utf-8")
+    names = [f"T{i}" for i in range(8)]
+    np.savez(
+        folder / "landmarks_mesh_coords.npz", names=names, landmarks=marks, nearest_vertex=np.tile(MARKS, (8, 1))
+    )
+
+
+def write_class(folder: Path) -> None:
+    rng = np.random.default_rng(4)
+    for number, shape in enumerate(deformed_family(chair(), 4, rng, rms=0.01)):
+        vertices = posed(shape, rng)
+        write_mesh(folder / "meshes" / f"{number}.off", Shape.from_arrays(vertices, shape.faces))
+        rows = [f"{i} " + " ".join(map(str, vertices[i])) for i in range(0, 200, 20)]
+        (folder / "landmarks").mkdir(exist_ok=True)
+        (folder / "landmarks" / f"{number}.vts").write_text("\n".join(rows), "utf-8")
+
+
+@pytest.fixture(scope="module")
+def layouts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("collections")
+    write_teeth(root / "teeth_pnas116")
+    write_class(root / "shrec07_dev" / "glasses")
+    return root
+
+
+def cell(data: Path, **settings: Any) -> Cell:
+    return Cell(data=data, settings=settings)
+
+
+@pytest.mark.parametrize("name", ["classification", "collections", "figure13"])
+def test_quick_run_writes_tables_and_pictures(name: str, layouts: Path, tmp_path: Path) -> None:
+    experiment = load_experiment(name)
+    with Store.memory() as store:
+        bench = Bench(data=layouts, store=store, quick=True, quiet=True)
+        outcome = experiment.measure(bench)
+        written = write_experiment(experiment, outcome, bench, tmp_path)
+    assert {path.suffix for path in written} == {".csv", ".png", ".md"}
+    assert all(table.rows for table in outcome.tables)
+
+
+def test_alignment_record_knows_the_errors_before_and_after(layouts: Path) -> None:
+    settings = {"collection": "teeth", "shapes": 8, "seed": 2, "points": 20, "embedding": "xyz", "pairs": "all"}
+    record = aligning.measure_alignment(cell(layouts, **settings, way="toolkit", subsets=1, subset_size=8))
+    assert record["matched"] == 28 == len(record["own_deg"]) == len(record["pair_deg"])
+    assert record["group"] == "O"
+    assert record["mirrored"] == 0
+    assert record["within_20"] == 8
+    assert record["unnoticed"] == 0
+    assert (np.nan_to_num(record["candidate_deg"], nan=180) <= np.nan_to_num(record["own_deg"], nan=180)).all()
+    assert record["subsets"] == [1.0]
+    assert decode(encode(record), "record")["matched"] == 28
+
+
+def test_a_row_counts_mirrored_pairs_as_wrong() -> None:
+    record = {"shapes": 4, "matched": 2, "own_deg": np.array([5.0, np.nan]), "within_10": 1, "within_20": 2}
+    record |= {"median_deg": 5.0, "worst_deg": 5.0, "gross": 0, "mirrored": 1}
+    row = collections.row_of({"collection": "ant", "way": "appendix B", "points": 20, "embedding": "xyz"}, record)
+    assert row["own_20"] == 50
+    assert row["within_20"] == 50
+    assert row["unnoticed"] is None
+
+
+def test_goals_are_missed_where_they_are_missed() -> None:
+    row = {"collection": "teeth", "way": "toolkit", "points": 20, "embedding": "3 + invariants", "within_20": 94.9}
+    assert collections.goals_table([row]).rows[0]["met"] == "no"
+    assert collections.goals_table([row | {"within_20": 95.0}]).rows[0]["met"] == "yes"
+    assert not collections.goals_table([row | {"way": "appendix B"}]).rows
+
+
+def test_pairs_by_axes_take_the_nearest_start(rng: np.random.Generator) -> None:
+    points = rng.standard_normal((30, 3)) * [3, 2, 1]
+    points = (points - points.mean(axis=0)) / np.linalg.norm(points - points.mean(axis=0))
+    turn = random_rotation(rng) * np.array([-1.0, 1.0, 1.0])
+    relative, distances = aligning.match_by_axes([points, points @ turn], "O")
+    assert np.allclose(relative[0, 1], turn)
+    assert np.allclose(relative[1, 0], turn.T)
+    assert distances[0, 1] == distances[1, 0] == pytest.approx(0, abs=1e-9)
+    relative, distances = aligning.match_by_axes([points, points @ turn], "SO")
+    assert np.linalg.det(relative[0, 1]) > 0
+    assert distances[0, 1] > 0.1
+
+
+def test_published_rotations_are_compared_with_the_landmarks(layouts: Path, tmp_path: Path) -> None:
+    write_teeth(tmp_path / "teeth_pnas116")
+    file = tmp_path / "teeth_pnas116" / aligning.PUBLISHED_FILE
+    dataset = aligning.read_dataset("teeth", tmp_path)
+    common = np.stack([dataset.rotation(0, i, group="O") for i in range(8)])
+    common[7] = np.nan
+    np.savez(file, names=dataset.names, R=common)
+    record = aligning.measure_published_rotations(cell(tmp_path))
+    assert record["shapes"] == 7
+    assert record["within_20"] == 7
+    assert record["worst_deg"] < 5
+    common[4] *= -1.0
+    np.savez(file, names=dataset.names, R=common)
+    assert aligning.measure_published_rotations(cell(tmp_path))["mirrored"] == 6
+    np.savez(file, names=dataset.names[:5], R=common[:5])
+    with pytest.raises(InputError, match="no entry"):
+        aligning.measure_published_rotations(cell(tmp_path))
+
+
+def test_figure13_says_when_seven_dimensions_are_worse() -> None:
+    errors = np.array([1.0, np.nan, 30.0])
+    assert figure13.curve(errors)[[0, -1]].tolist() == pytest.approx([0.0, 200 / 3])
+    record = {"pair_deg": errors, "own_deg": errors, "subsets": [0.5], "shapes": 4, "within_20": 4}
+    keys = [("ant", "toolkit", "xyz"), ("ant", "toolkit", "xyz+lb")]
+    same = figure13.rows_of(dict.fromkeys(keys, record))
+    assert "ant, toolkit: yes" in figure13.comparison(same)
+    worse = figure13.rows_of({keys[0]: record, keys[1]: record | {"within_20": 3, "subsets": [0.4]}})
+    assert "ant, toolkit: no" in figure13.comparison(worse)
+    assert "Not every shape is within 20 degrees" in figure13.comparison(worse)
+
+
+def test_distances_vanish_for_the_same_surface_only(rng: np.random.Generator) -> None:
+    points = rng.standard_normal((60, 3))
+    points = (points - points.mean(axis=0)) / np.linalg.norm(points - points.mean(axis=0))
+    turn = random_rotation(rng)
+    one, same = DensePoints.from_user(points), DensePoints.from_user(points[rng.permutation(60)] @ turn)
+    assert tooth_distances.one_to_one_distance(one.points, same.points @ turn.T) == pytest.approx(0, abs=1e-6)
+    assert tooth_distances.closest_distance(one, same, turn)[0] == pytest.approx(0, abs=1e-9)
+    bent = points * [1.4, 1.0, 0.8]
+    other = DensePoints.from_user((bent - bent.mean(axis=0)) / np.linalg.norm(bent - bent.mean(axis=0)))
+    one_to_one = tooth_distances.one_to_one_distance(one.points, other.points)
+    assert one_to_one == pytest.approx(tooth_distances.one_to_one_distance(other.points, one.points))
+    there, back = (tooth_distances.closest_distance(*pair, np.eye(3))[0] for pair in ((one, other), (other, one)))
+    assert there == pytest.approx(back, rel=0.02)
+    assert min(one_to_one, there) > 0.05
+
+
+def test_a_pair_alone_is_found_from_few_of_its_points(rng: np.random.Generator) -> None:
+    points = rng.standard_normal((40, 3)) * [3, 2, 1]
+    points -= points.mean(axis=0)
+    turn = random_rotation(rng)
+    points /= np.linalg.norm(points)
+    found, distance = tooth_distances.match_alone(points, points @ turn, num_coarse=16)
+    assert rotation_angle_deg(found, turn) < 1e-4
+    assert distance < 1e-6
+    bent = points * [1.4, 1.0, 0.8]
+    assert tooth_distances.match_alone(points, bent / np.linalg.norm(bent), num_coarse=16)[1] > 0.05
+
+
+def test_teeth_are_classified_from_their_meshes(layouts: Path) -> None:
+    poses = tooth_distances.measure_poses(cell(layouts))
+    assert poses["mirrored"] == poses["gross"] == 0
+    assert (np.sign(np.linalg.det(poses["rotations"])) * SIDES == SIDES[0]).all()
+    common = {"rows": [0, 8], "points": 40}
+    fixed = tooth_distances.measure_at_poses(cell(layouts, poses=poses["rotations"].tolist(), near=3))
+    assert np.isnan(fixed["posed"]).any()
+    assert np.isfinite(np.sort(fixed["posed"], axis=1)[:, :3]).all()
+    alone = tooth_distances.measure_pairs(cell(layouts, **common, signs=SIDES.tolist(), coarse=24))
+    assert np.nanmedian(alone["error_deg"]) < 5
+    marks = tooth_distances.measure_landmarks(cell(layouts, landmarks=18))
+    labels = {level: classification.counted_labels(marks["labels"][level]) for level in classification.LEVELS}
+    matrices = [
+        marks["distances"],
+        fixed["closest"],
+        fixed["posed"],
+        classification.matrix_of({"": alone}, "closest"),
+    ]
+    for matrix in matrices:
+        results = classification.classify_all(matrix, labels, marks["names"])
+        assert results["genus"].accuracy == 1.0
+        assert results["genus"].num_scored == 8
+    order = [0, 4, 1, 5, 2, 6, 3, 7]
+    mixed = matrices[1][np.ix_(order, order)]
+    assert classification.classify_all(mixed, labels, marks["names"])["genus"].accuracy < 0.5
+
+
+def test_near_pairs_are_near_for_one_of_the_two() -> None:
+    places = np.array([0.0, 1.0, 1.5, 9.0])
+    assert tooth_distances.near_pairs(np.abs(places[:, None] - places), 1) == [(0, 1), (1, 2), (2, 3)]
+
+
+def test_blocks_of_rows_make_one_symmetric_matrix() -> None:
+    upper = np.triu(np.arange(16.0).reshape(4, 4), 1)
+    rows = np.where(upper > 0, upper, np.nan)
+    matrix = classification.matrix_of({"a": {"d": rows[:2]}, "b": {"d": rows[2:]}}, "d")
+    assert (matrix == upper + upper.T).all()
+
+
+def test_small_and_unknown_taxa_do_not_count_and_spellings_are_one() -> None:
+    labels = ["Cheirogaleiidae", "Cheirogaleidae", "Cheirogaleidae", "NA", "Lorisidae", "Lorisidae"]
+    assert classification.counted_labels(labels) == ["Cheirogaleidae"] * 3 + [""] * 3
+
+
+def test_plans_name_every_collection_once_per_row() -> None:
+    rows = [repr((function.__name__, settings)) for function, settings in collections.plan(quick=False)]
+    assert len(set(rows)) == len(rows)

@@ -1,0 +1,153 @@
+"""The experiments' framework: cells are kept and resumed, tables compare, the committed page is made of its parts."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from collalign.engine.store.records import Record
+from collalign.engine.store.store import Store
+from data_tools.errors import CollectionError, InputError, OptionsError
+from experiments import NAMES, load_experiment
+from experiments.__main__ import app
+from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
+from experiments.figures import theorem3
+from experiments.tables import Column, Table, differences
+from experiments.write import write_experiment, write_page
+
+ROOT = Path(__file__).resolve().parents[2]
+CALLS: list[int] = []
+
+
+def square(cell: Cell) -> Record:
+    CALLS.append(cell.settings["number"])
+    if cell.settings["number"] < 0:
+        raise ValueError("a negative number")
+    return {"square": cell.settings["number"] ** 2}
+
+
+def cells(*numbers: int) -> dict[str, dict[str, int]]:
+    return {f"cell {number}": {"number": number} for number in numbers}
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    CALLS.clear()
+    return Bench(data=tmp_path / "data", store=Store.memory(), quiet=True)
+
+
+def table(*rows: dict[str, str | int | float | None]) -> Table:
+    columns = (
+        Column(key="name", title="name"),
+        Column(key="share", title="share, %", format=".1f"),
+        Column(key="seconds", title="s", format=".2f", clock=True),
+    )
+    return Table(columns=columns, rows=rows)
+
+
+def test_finished_cells_are_not_computed_again(bench: Bench) -> None:
+    assert bench.measure(square, cells(2, 3))["cell 3"] == {"square": 9}
+    assert bench.measure(square, cells(2, 3, 4))["cell 4"] == {"square": 16}
+    assert CALLS == [2, 3, 4]
+    assert bench.num_reused == 2
+    bench.measure(square, cells(2), version="2")
+    assert CALLS == [2, 3, 4, 2]
+
+
+def test_a_failed_cell_is_named_loses_nothing_and_is_tried_again(bench: Bench) -> None:
+    with pytest.raises(CollectionError, match=r"cell -1: .*a negative number"):
+        bench.measure(square, cells(5, -1, 6))
+    with pytest.raises(CollectionError):
+        bench.measure(square, cells(5, -1, 6))
+    assert sorted(CALLS) == [-1, -1, 5, 6]
+
+
+def test_resumed_files_are_those_of_a_fresh_run(bench: Bench, tmp_path: Path) -> None:
+    def measure(bench: Bench) -> Outcome:
+        records = bench.measure(square, cells(2, 3))
+        rows = tuple({"name": name, "share": record["square"]} for name, record in records.items())
+        plot = Plot(draw=lambda figure: figure.subplots().plot([1, 2]), title="a line")
+        return Outcome(tables=(table(*rows),), plots=(plot,), text="Two cells.")
+
+    experiment = Experiment(name="squares", title="Squares", about="Of numbers.", measure=measure)
+    contents = []
+    for folder in (tmp_path / "fresh", tmp_path / "resumed"):
+        written = write_experiment(experiment, experiment.measure(bench), bench, folder)
+        assert [file.name for file in written] == ["squares.csv", "squares.png", "squares.md"]
+        contents.append([file.read_bytes() for file in written])
+    assert contents[0] == contents[1]
+    page = write_page(("squares", "missing"), tmp_path / "fresh").read_text("utf-8")
+    assert "## Squares" in page
+    assert "| cell 3 | 9.0 |  |" in page
+    assert page.endswith("Not measured yet: `missing`.\n")
+    assert (tmp_path / "fresh" / re.search(r"!\[a line\]\((.*?)\)", page)[1]).is_file()
+
+
+def test_tables_show_what_was_not_measured_and_what_is_impossible() -> None:
+    shown = table({"name": "a|b", "share": None, "seconds": 1.5}, {"name": "c", "share": math.nan}).to_markdown()
+    assert "| a\\|b |  | 1.50 |" in shown
+    assert "| c | – |  |" in shown
+
+
+def test_a_row_needs_its_columns() -> None:
+    with pytest.raises(ValueError, match="other"):
+        table({"name": "a", "other": 1})
+
+
+def test_differences_see_a_wrong_value_but_no_clock() -> None:
+    text = table({"name": "a", "share": 50.0, "seconds": 1.0}, {"name": "b", "share": math.nan}).to_csv()
+    assert differences(table({"name": "a", "share": 50.0 + 1e-9, "seconds": 7.0}), text) == []
+    assert differences(table({"name": "b", "share": math.nan}), text) == []
+    assert differences(table({"name": "a", "share": 50.1}), text)
+    assert differences(table({"name": "b", "share": 50.0}), text)
+    with pytest.raises(InputError, match="share"):
+        differences(table({"name": "a", "share": 50.0}), "name\na\n")
+
+
+def test_a_collection_that_is_not_there_is_named(bench: Bench) -> None:
+    with pytest.raises(InputError, match="teeth_pnas116"):
+        bench.folder("teeth_pnas116")
+
+
+def test_an_unknown_experiment_is_named() -> None:
+    with pytest.raises(OptionsError, match="nope"):
+        load_experiment("nope")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_experiment_loads_and_says_what_it_is(name: str) -> None:
+    experiment = load_experiment(name)
+    assert experiment.name == name
+    assert experiment.title
+    assert experiment.about.strip()
+
+
+def test_the_command_writes_a_part_of_the_committed_results_again(tmp_path: Path) -> None:
+    assert app(["theorem3", "--quick", "--quiet", "--jobs", "1", "--out", str(tmp_path)], exit_on_error=False) == 0
+    assert (tmp_path / "RESULTS.md").read_text("utf-8").count("## ") == 1
+    with Store.open(tmp_path / ".cache" / "experiments.sqlite") as store:
+        bench = Bench(data=tmp_path, store=store, quick=True, quiet=True)
+        (found,) = theorem3.EXPERIMENT.measure(bench).tables
+    assert bench.num_reused == len(found.rows) > 0
+    committed = (ROOT / "results" / "theorem3.csv").read_text("utf-8")
+    assert differences(found, committed) == []
+    assert differences(found, committed.replace("chair,10,2,2", "chair,10,2,3"))
+
+
+def test_the_committed_page_is_made_of_the_committed_sections(tmp_path: Path) -> None:
+    (tmp_path / "results").mkdir()
+    for section in (ROOT / "results").glob("*.md"):
+        assert section.stem in NAMES
+        (tmp_path / "results" / section.name).write_bytes(section.read_bytes())
+    assert write_page(NAMES, tmp_path).read_bytes() == (ROOT / "RESULTS.md").read_bytes()
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", NAMES)
+def test_what_can_be_measured_has_been(name: str, shared_data: Path) -> None:
+    if not all((shared_data / folder).is_dir() for folder in load_experiment(name).collections):
+        pytest.skip("its collection is not here")
+    assert (ROOT / "results" / f"{name}.md").is_file()

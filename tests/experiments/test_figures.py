@@ -1,0 +1,304 @@
+"""The experiments of the paper's figures: their parts, and each from end to end on generated collections."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from collalign.engine.store.store import Store
+from data_tools.datasets.synthetic import bent, shuffled
+from data_tools.datasets.synthetic_shapes import chair, fibonacci_sphere, figure
+from data_tools.errors import InputError
+from data_tools.io.shapes import write_mesh
+from data_tools.surface.shape import Shape
+from experiments import load_experiment
+from experiments.__main__ import app
+from experiments.experiment import Bench, Cell
+from experiments.figures import figure3, figure5, figure14
+from experiments.figures.exhaustive import exhaustive_energies, minimise_each
+from experiments.figures.planted import planted_problem
+from experiments.maps import map_cells, map_sets, map_trials
+from experiments.write import write_experiment
+from pairwise.local.local_search import minimise
+from pairwise.status import Status
+
+#: Height above which the scans of the generated bodies miss everything.
+CUT = 15.0
+
+
+@pytest.fixture(scope="module")
+def bodies() -> list[Shape]:
+    base, rng = figure(resolution=2), np.random.default_rng(7)
+    return [base, bent(base, rng, angle=0.4), bent(base, rng, angle=0.4)]
+
+
+@pytest.fixture(scope="module")
+def collections(tmp_path_factory: pytest.TempPathFactory, bodies: list[Shape]) -> Path:
+    """All sets of maps in their publishers' layouts, made of three poses of one figure."""
+    root = tmp_path_factory.mktemp("collections")
+    write_scape(root / "scape71", bodies)
+    for i, body in enumerate(bodies):
+        write_mesh(root / "tosca_centaur6" / "meshes" / f"centaur{i}.off", body)
+        name = f"{(0, 1, 10)[i]:03d}"
+        write_mesh(root / "faust" / "training" / "registrations" / f"tr_reg_{name}.ply", body)
+        write_mesh(root / "faust" / "training" / "scans" / f"tr_scan_{name}.ply", scan_of(body, seed=i))
+    lines = ["set,method,source,target,average_geodesic_error,fraction_guessed"]
+    for number, name in enumerate(map_sets.SHREC07_CLASSES):
+        names = [str(10 * number + i) for i in range(3)]
+        write_shrec_class(root / "shrec07_dev" / name, dict(zip(names, bodies, strict=True)))
+        lines.append(f"SHREC,BlendedMap,{names[0]},{names[1]},0.9,0.5")
+    (root / "shrec07_dev" / "bim2011_published_errors.csv").write_text("\n".join(lines))
+    return root
+
+
+def write_scape(folder: Path, bodies: list[Shape]) -> None:
+    folder.mkdir()
+    names = [f"mesh{i:03d}" for i in range(len(bodies))]
+    vertices, faces = (np.stack([getattr(body, key) for body in bodies]) for key in ("vertices", "faces"))
+    np.savez(folder / "all.npz", vertices=vertices, faces=faces, names=names)
+    (folder / "Corr_Scape.query").write_text("SCAPE\n1\n0\nSCAPE\n1\n2\nSCAPE\n1\n1\nSCAPE\n1\n71\n")
+    (folder / "bim2011_published_errors.csv").write_text(
+        "set,method,source,target,average_geodesic_error,fraction_guessed\n"
+        "SCAPE,BlendedMap,mesh000,mesh002,0.08,1\nSCAPE,BlendedMap,mesh001,mesh071,0.7,1\n"
+        "SCAPE,Other,mesh001,mesh000,0.09,1\n"
+    )
+
+
+def write_shrec_class(folder: Path, shapes: dict[str, Shape]) -> None:
+    (folder / "landmarks").mkdir(parents=True)
+    for name, shape in shapes.items():
+        write_mesh(folder / "meshes" / f"{name}.off", shape)
+        rows = [f"{v} {x} {y} {z}" for v, (x, y, z) in list(enumerate(shape.vertices))[:1200:100]]
+        (folder / "landmarks" / f"{name}.vts").write_text("\n".join(rows))
+
+
+def scan_of(body: Shape, seed: int) -> Shape:
+    """What a scanner might see: vertices in another order, no head, and a loose speck beside the body."""
+    seen = figure(resolution=2).vertices[:, 2] < CUT
+    faces = body.faces[seen[body.faces].all(axis=1)]
+    speck = 0.01 * fibonacci_sphere(4) + body.vertices.max(axis=0) + 3.0
+    vertices = np.concatenate([body.vertices, speck])
+    faces = np.concatenate([faces, len(body.vertices) + np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])])
+    return shuffled(Shape.from_arrays(vertices, faces, name="scan"), np.random.default_rng(seed))[0]
+
+
+@pytest.fixture
+def bench(collections: Path) -> Bench:
+    return Bench(data=collections, store=Store.memory(), quick=True, quiet=True)
+
+
+def rows_of(bench: Bench, name: str, folder: Path) -> list[dict[str, Any]]:
+    """Run an experiment from end to end, files included, and return the rows of its last table."""
+    experiment = load_experiment(name)
+    outcome = experiment.measure(bench)
+    assert all(file.stat().st_size for file in write_experiment(experiment, outcome, bench, folder))
+    return [dict(row) for row in outcome.tables[-1].rows]
+
+
+def test_planted_problems_hold_their_truth() -> None:
+    problem = planted_problem(np.random.default_rng(1), 12, 8, 3, noise=0.0, num_candidates=3, group="O")
+    assert problem.candidates.sum(axis=0).max() <= 3
+    assert exhaustive_energies(problem, 400).min() < 1e-20
+    noisy = planted_problem(np.random.default_rng(1), 12, 8, 3, noise=0.2, num_candidates=3, group="O")
+    assert exhaustive_energies(noisy, 400).min() > 1e-3
+
+
+def test_exhaustive_runs_end_in_local_minima_that_do_not_depend_on_each_other() -> None:
+    problem = planted_problem(np.random.default_rng(2), 10, 10, 3, group="O")
+    starts = np.stack([np.eye(3), np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, 1.0])])
+    together = minimise_each(problem, starts)
+    np.testing.assert_allclose(together, [minimise_each(problem, start[None])[0] for start in starts])
+    assert together.min() == pytest.approx(minimise(problem, starts).energies[0])
+
+
+def test_shares_of_reached_energies_see_a_worse_one() -> None:
+    assert figure5.share_reached([1.0, 1.0 + 1e-9, 0.0], [1.0, 1.0, 1e-12]) == 100.0
+    assert figure5.share_reached([1.0, 1.01], [1.0, 1.0]) == 50.0
+
+
+def test_figure5(bench: Bench, tmp_path: Path) -> None:
+    outcome = load_experiment("figure5").measure(bench)
+    histograms, runs = (table.rows for table in outcome.tables)
+    assert len(histograms) == 2 * len(figure5.SIGMAS)
+    assert all(row["bound"] <= row["least"] + 1e-6 for row in histograms)
+    assert all(row["least"] <= row["median"] for row in histograms)
+    exact = [row for row in histograms if row["sigma"] == 0]
+    assert max(max(row["least"], row["pm_sdp"]) for row in exact) < 1e-9
+    assert [row["dim"] for row in runs] == [3, 3, 5, 5]
+    assert len(bench.store.keys("measurements")) == len(histograms) + sum(row["runs"] for row in runs)
+    assert all(f"{row['reached']:.0f} % of {row['runs']} runs" in outcome.text for row in runs)
+    reused = bench.num_reused
+    rows_of(bench, "figure5", tmp_path)
+    assert bench.num_reused > reused
+
+
+def test_figure14(bench: Bench, tmp_path: Path) -> None:
+    rows = rows_of(bench, "figure14", tmp_path)
+    assert [row["panel"] for row in rows] == ["a", "b", "c", "c"]
+    assert all(row["difference"] < 2 * figure14.TOL for row in rows if row["panel"] == "c")
+    settings = {"panel": "c", "seed": 0, "limit_s": 1e-6}
+    stopped = figure14.measure_full_sizes(bench, {"4": {**settings, "size": 4}, "5": {**settings, "size": 5}})
+    assert list(stopped) == ["4"]
+    (row,) = figure14.rows_of("c", {4: {"seconds": 1.0, "value": 2.0}}, {4: stopped["4"]})
+    assert str(row["full"]).startswith("stopped at ")
+    assert row.get("difference") is None
+    done = {"seconds": 9.0, "value": 3.0, "status": Status.CONVERGED.name}
+    assert figure14.rows_of("c", {4: {"seconds": 1.0, "value": 2.0}}, {4: done})[0]["difference"] == 0.5
+
+
+def test_true_ranks_count_what_is_nearer() -> None:
+    gaps = np.array([[0.1, 0.5], [0.2, 0.1], [0.3, 0.1]])
+    assert figure3.true_ranks(gaps, np.array([0, 2])).tolist() == [1, 2]
+    assert figure3.true_ranks(gaps, np.array([2, 0])).tolist() == [3, 3]
+    kept = figure3.shares_kept([{"agd": np.array([1, 2, 3, 9])}], "agd", 10)
+    assert (kept[10], kept[30], kept[80], kept[100]) == (25.0, 75.0, 75.0, 100.0)
+
+
+def test_figure3(bench: Bench, tmp_path: Path) -> None:
+    rows = rows_of(bench, "figure3", tmp_path)
+    assert len(rows) == 2 * len(figure3.NUM_PAIRS)
+    assert all(row["at_100"] == 100.0 and row["at_30"] > 60.0 for row in rows)
+
+
+def test_pairs_and_published_errors_are_those_of_the_files(collections: Path, tmp_path: Path) -> None:
+    scape = map_sets.read_map_set(collections, "scape")
+    assert scape.pairs == (("mesh002", "mesh000"),)
+    assert scape.on(scape.pairs) == {"BlendedMap": (0.08,)}
+    assert map_sets.read_map_set(collections, "teddy").pairs == (("11", "10"),)
+    with pytest.raises(InputError, match="no landmarks"):
+        scape.landmarks("mesh000")
+    (tmp_path / "query").write_text("SCAPE 1 0 SCAPE 1")
+    with pytest.raises(InputError, match="six words"):
+        map_sets.read_query(tmp_path / "query")
+    (tmp_path / "errors.csv").write_text("method,source,target,average_geodesic_error\nA,1,2,x\n")
+    with pytest.raises(InputError, match="line 2"):
+        map_sets.read_published(tmp_path / "errors.csv", ("1", "2"))
+
+
+@pytest.mark.parametrize("variant", map_sets.VARIANTS)
+def test_variants_know_where_the_vertices_went(collections: Path, bodies: list[Shape], variant: str) -> None:
+    maps = map_sets.read_map_set(collections, "faust")
+    copy = map_sets.vary(maps, maps.data.names[1], variant)
+    found, body = copy.from_original >= 0, bodies[1]
+    gaps = np.linalg.norm(copy.shape.vertices[copy.from_original] - body.vertices, axis=1)
+    expected = cKDTree(copy.shape.vertices).query(body.vertices)[0]
+    np.testing.assert_allclose(gaps[found], expected[found], atol=1e-5)
+    if variant == "scan":
+        seen = figure(resolution=2).vertices[:, 2] < CUT
+        assert found[seen].mean() > 0.99
+        assert found[~seen].mean() < 0.3
+        assert len(copy.shape.vertices) < len(body.vertices)
+    else:
+        assert found.all()
+        assert (len(copy.shape.vertices) < len(body.vertices)) == (variant == "remeshed")
+        assert (copy.from_original == np.arange(len(body.vertices))).all() == (variant == "original")
+
+
+def test_the_true_map_has_no_error_and_another_has(collections: Path) -> None:
+    maps = map_sets.read_map_set(collections, "tosca")
+    settings = {"target": "centaur0", "source": "centaur1", "points": 30}
+    permuted = tuple(map_sets.vary(maps, settings[role], "permuted") for role in ("target", "source"))
+    num = len(permuted[0].shape.vertices)
+    true_map = np.empty(num, dtype=np.int64)
+    true_map[permuted[1].from_original] = permuted[0].from_original
+    assert map_cells.evaluate(maps, settings, true_map, permuted, None).direct.max() == pytest.approx(0.0, abs=1e-6)
+    assert map_cells.evaluate(maps, settings, np.arange(num), permuted, None).direct.mean() > 0.3
+
+
+def test_the_mirror_image_is_found_only_where_landmarks_confirm_it(tmp_path: Path) -> None:
+    seat = chair(resolution=2)
+    marks = np.arange(0, len(seat.vertices), 60)
+    gaps = {}
+    for axis in range(3):
+        flipped = seat.vertices.copy()
+        flipped[:, axis] = seat.vertices[:, axis].min() + seat.vertices[:, axis].max() - flipped[:, axis]
+        distances, images = cKDTree(seat.vertices).query(flipped)
+        gaps[float(distances.max())] = images
+    images = gaps[min(gaps)]
+    for folder, partner in (("true", images[marks]), ("false", np.roll(marks, len(marks) // 2))):
+        root = tmp_path / folder / "tosca_centaur6"
+        write_mesh(root / "meshes" / "chair0.off", seat)
+        (root / "chair.pid").write_text("\n".join(f"{v} 0 0 0" for v in (*marks, *partner)))
+        pairs = [f"{i} {i + len(marks)}" for i in range(len(marks))]
+        (root / "chair.sym.info").write_text("\n".join(pairs))
+    settings = {"set": "tosca", "surface": map_trials.QUICK_SURFACE}
+    mirror = map_cells.mirror_of(tmp_path / "true", settings)
+    assert mirror is not None
+    assert np.linalg.norm(seat.vertices[mirror.image] - seat.vertices[images], axis=1).mean() < 1.0
+    assert map_cells.mirror_of(tmp_path / "false", settings) is None
+
+
+@pytest.mark.parametrize("name", ["scape", "tosca", "shrec07_maps"])
+def test_maps_of_registered_bodies_and_of_classes(bench: Bench, tmp_path: Path, name: str) -> None:
+    rows = rows_of(bench, name, tmp_path)
+    defaults = [row for row in rows if row["method"] == map_trials.DEFAULT]
+    assert len(defaults) == (3 if name == "shrec07_maps" else 1)
+    assert all(row["direct"] < 0.05 for row in defaults)
+    published = [row["direct"] for row in rows if row["origin"] == "published"]
+    assert published == {"scape": [0.08], "tosca": [], "shrec07_maps": [0.9] * 3}[name]
+    copies = [row["direct"] for row in rows if "copies" in row["method"]]
+    assert len(copies) == (0 if name == "shrec07_maps" else 2)
+    assert max(copies, default=0.0) < 0.06
+
+
+def test_faust_and_its_scans_where_they_are(bench: Bench, tmp_path: Path) -> None:
+    rows = {row["method"]: row for row in rows_of(bench, "faust", tmp_path)}
+    assert [row["pairs"] for row in rows.values()] == [1] * len(rows) == [1] * 6
+    assert rows["registrations, one body"]["direct"] < 0.05
+    assert rows["scans, one body"]["direct"] < 0.1
+    with pytest.raises(InputError, match="faust is not there"):
+        app(["faust", "--data", str(tmp_path), "--out", str(tmp_path), "--quiet"], exit_on_error=False)
+
+
+def test_a_trial_knows_the_means_of_its_pairs_only() -> None:
+    pairs = (("a", "b"), ("a", "c"))
+    records = tuple({"direct": np.array([e, 0.0]), "mirrored": np.array([0.0, 0.0])} for e in (0.2, 0.4))
+    measured = map_trials.Measured(trial=map_trials.Trial(label="x", pairs=pairs), records=records)
+    assert measured.mean_direct(pairs) == pytest.approx(0.15)
+    assert measured.mean_direct(pairs[1:]) == pytest.approx(0.2)
+    assert measured.mean_direct((("b", "a"),)) is None
+    assert measured.accepting_flips is not None
+    assert max(errors.max() for errors in measured.accepting_flips) == 0.0
+
+
+def test_some_pairs_are_a_part_in_order() -> None:
+    pairs = tuple((str(i), "x") for i in range(30))
+    chosen = map_trials.some_pairs(pairs, 8, 0)
+    assert len(chosen) == 8
+    assert list(chosen) == sorted(chosen, key=pairs.index)
+    assert chosen != map_trials.some_pairs(pairs, 8, 1)
+    assert map_trials.some_pairs(pairs, 99, 0) == pairs
+
+
+@pytest.mark.data
+def test_the_public_benchmarks_have_their_published_means(shared_data: Path) -> None:
+    scape = map_sets.read_map_set(shared_data, "scape")
+    assert len(scape.pairs) == 69
+    means = {method: np.mean(errors) for method, errors in scape.on(scape.pairs).items()}
+    assert len(means) == 6
+    assert min(means, key=lambda method: float(means[method])) == "BlendedMap"
+    assert means["BlendedMap"] == pytest.approx(0.081, abs=0.002)
+    for name in map_sets.SHREC07_CLASSES:
+        maps = map_sets.read_map_set(shared_data, name)
+        assert set(maps.on(maps.pairs)) == {"BlendedMap"}
+        assert len(maps.pairs) == len(set(maps.pairs)) >= 19
+
+
+@pytest.mark.data
+def test_one_map_of_glasses(shared_data: Path) -> None:
+    target, source = map_trials.some_pairs(map_sets.read_map_set(shared_data, "glasses").pairs, 1, 0)[0]
+    settings = {
+        "set": "glasses",
+        "variant": "original",
+        "target": target,
+        "source": source,
+        "points": 50,
+        "options": {},
+        "surface": map_trials.QUICK_SURFACE,
+    }
+    record = map_cells.measure_map(Cell(data=shared_data, settings=settings))
+    assert map_cells.errors_of(record).direct.mean() < 0.06

@@ -1,0 +1,240 @@
+"""The comparison with other tools, the jobs of teeth and the deformed families: their parts and their quick runs."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign.engine.store.store import Store
+from data_tools.arrays import FloatArray
+from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import crown
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from experiments.clock import Elapsed, stopwatch
+from experiments.collections import deformations, teeth_jobs
+from experiments.collections.posed import PosedCollection
+from experiments.experiment import Bench, Cell
+from experiments.peers import peers
+from experiments.peers.peer_pairs import MatchedPairs, open3d_pairs, open3d_pose_graph, spectral
+from experiments.peers.peer_tools import TOOLS, Answer, largest_difference_deg
+from experiments.peers.principal_axes import (
+    align_by_principal_axes,
+    along_tree,
+    axis_starts,
+    closest_points,
+    normalised_points,
+)
+
+
+def worst_deg(found: FloatArray, true: FloatArray) -> float:
+    return max(
+        float(rotation_angle_deg(found[a].T @ found[b], true[a].T @ true[b]))
+        for a, b in itertools.combinations(range(len(true)), 2)
+    )
+
+
+def matched(rotations: FloatArray, rng: np.random.Generator) -> MatchedPairs:
+    poses = np.tile(np.eye(4), (len(rotations), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = rotations, rng.standard_normal((len(rotations), 3))
+    edges = np.array(list(itertools.combinations(range(len(rotations)), 2)))
+    transforms = np.linalg.inv(poses[edges[:, 0]]) @ poses[edges[:, 1]]
+    return MatchedPairs(
+        num_shapes=len(rotations), edges=edges, transforms=transforms, information=(1000.0 * np.eye(6),) * len(edges)
+    )
+
+
+@pytest.fixture
+def crowns(rng: np.random.Generator) -> PlantedCollection:
+    members = deformed_family(crown(num_vertices=600), 4, rng, rms=0.01)
+    return planted_collection(members, rng, scale_range=(0.5, 2.0))
+
+
+@pytest.fixture
+def posed_crowns(crowns: PlantedCollection, tmp_path: Path) -> PosedCollection:
+    write_collection(tmp_path / "crowns", crowns)
+    relative = np.array([[crowns.relative_rotation(a, b) for b in range(4)] for a in range(4)])
+    names = tuple(shape.name for shape in crowns.shapes)
+    return PosedCollection(folder=tmp_path / "crowns", names=names, relative=relative)
+
+
+def test_figures_see_gross_and_mirrored_pairs(posed_crowns: PosedCollection, crowns: PlantedCollection) -> None:
+    right = posed_crowns.figures(crowns.rotations, posed_crowns.names)
+    assert right["gross"] == right["mirrored"] == 0
+    assert right["within_20"] == right["shapes"] == 4
+    assert right["median_deg"] < 1e-4
+    turned, mirrored = crowns.rotations.copy(), crowns.rotations.copy()
+    turned[0] = turned[0] @ np.diag([1.0, -1.0, -1.0])
+    mirrored[0] = -mirrored[0]
+    wrong = posed_crowns.figures(turned, posed_crowns.names)
+    assert (wrong["gross"], wrong["mirrored"], wrong["within_20"]) == (3, 0, 3)
+    wrong = posed_crowns.figures(mirrored, posed_crowns.names)
+    assert (wrong["gross"], wrong["mirrored"], wrong["within_20"]) == (0, 3, 3)
+
+
+def test_figures_follow_the_names(posed_crowns: PosedCollection, crowns: PlantedCollection) -> None:
+    names = posed_crowns.names[::-1]
+    assert posed_crowns.figures(crowns.rotations[::-1], names)["gross"] == 0
+    assert posed_crowns.figures(crowns.rotations, names)["gross"] > 0
+
+
+def test_the_stopwatch_tells_waiting_from_working() -> None:
+    with stopwatch() as waiting:
+        time.sleep(0.3)
+    with stopwatch() as working:
+        end = time.process_time() + 0.3
+        while time.process_time() < end:
+            pass
+    assert waiting.wall_s >= 0.3
+    if Path("/proc/self").exists():
+        assert waiting.processor_s < 0.2 < working.processor_s
+
+
+def test_principal_axes_find_the_rotation_and_the_mirror_image(rng: np.random.Generator) -> None:
+    target = normalised_points(crown(num_vertices=600), 60)
+    for group, side in (("SO", 1.0), ("O", -1.0)):
+        turn = random_rotation(rng) * np.array([side, 1.0, 1.0])
+        source = (target @ turn)[rng.permutation(60)]
+        starts = axis_starts(target, source, group=group)
+        assert len(starts) == (4 if group == "SO" else 8)
+        rotation, distance = min((closest_points(target, source, start) for start in starts), key=lambda p: p[1])
+        np.testing.assert_allclose(rotation, turn, atol=1e-9)
+        assert distance < 1e-9
+    wrong, distance = closest_points(target, source, starts[np.linalg.det(starts) > 0][0])
+    assert distance > 0.01
+    assert np.linalg.det(wrong) > 0
+
+
+def test_the_tree_takes_the_nearest_pairs_only(rng: np.random.Generator) -> None:
+    true = np.stack([random_rotation(rng) for _ in range(5)])
+    relative = np.swapaxes(true, 1, 2)[:, None] @ true[None]
+    distances = np.abs(np.subtract.outer(np.arange(5.0), np.arange(5.0)))
+    relative[0, 4] = random_rotation(rng)
+    relative[4, 0] = relative[0, 4].T
+    assert worst_deg(along_tree(relative, distances), true) < 1e-4
+    distances[0, 4] = distances[4, 0] = 0.5
+    assert worst_deg(along_tree(relative, distances), true) > 1
+
+
+def test_principal_axes_align_crowns(crowns: PlantedCollection) -> None:
+    found = align_by_principal_axes(crowns.shapes, num_points=(40, 60))
+    np.testing.assert_array_equal(found[0], np.eye(3))
+    assert worst_deg(found, crowns.rotations) < 20
+
+
+def test_spectral_synchronization_recovers_and_rejects(rng: np.random.Generator) -> None:
+    true = np.stack([random_rotation(rng) for _ in range(5)])
+    pairs = matched(true, rng)
+    assert worst_deg(spectral(pairs), true) < 1e-4
+    assert worst_deg(spectral(replace(pairs, transforms=pairs.transforms[::-1])), true) > 30
+
+
+def test_the_pose_graph_prunes_a_loop_but_trusts_the_chain(rng: np.random.Generator) -> None:
+    pytest.importorskip("open3d", reason="needs the extra open3d")
+    true = np.stack([random_rotation(rng) for _ in range(6)])
+    pairs = matched(true, rng)
+    assert worst_deg(open3d_pose_graph(pairs), true) < 1e-4
+    for edge, is_right in ((3, True), (0, False)):  # shapes 0 and 4; shapes 0 and 1, a link of the chain
+        transforms = pairs.transforms.copy()
+        transforms[edge, :3, :3] = transforms[edge, :3, :3] @ np.diag([1.0, -1.0, -1.0])
+        assert (worst_deg(open3d_pose_graph(replace(pairs, transforms=transforms)), true) < 1) == is_right
+
+
+def test_open3d_matches_copies(crowns: PlantedCollection, rng: np.random.Generator) -> None:
+    pytest.importorskip("open3d", reason="needs the extra open3d")
+    copies = planted_collection([replace(crowns.shapes[0], name=f"copy{i}") for i in range(2)], rng)
+    (transform,) = open3d_pairs(copies.shapes, 1).transforms
+    assert rotation_angle_deg(transform[:3, :3].copy(), copies.relative_rotation(0, 1)) < 5
+
+
+def test_differences_between_answers(rng: np.random.Generator) -> None:
+    rotations = np.stack([random_rotation(rng) for _ in range(3)])
+    answer = Answer(names=("a", "b", "c"), rotations=rotations, elapsed=Elapsed())
+    assert largest_difference_deg(answer, answer) == 0
+    other = replace(answer, rotations=random_rotation(rng) @ rotations)
+    assert 0 < largest_difference_deg(answer, other) < 1e-4
+    turned = rotations.copy()
+    turned[2] = turned[2] @ np.diag([1.0, -1.0, -1.0])
+    assert largest_difference_deg(answer, replace(answer, rotations=turned)) == pytest.approx(180)
+    turned[2] = -turned[2]
+    assert np.isnan(largest_difference_deg(answer, replace(answer, rotations=turned)))
+    assert np.isnan(largest_difference_deg(answer, replace(answer, names=("a", "c", "b"))))
+
+
+def test_a_comparison_runs_each_tool_twice(posed_crowns: PosedCollection) -> None:
+    record = peers.compare_runs(TOOLS["axes"], posed_crowns, mixed=False, num_jobs=1)
+    (figures,) = record.values()
+    assert figures["difference_deg"] == 0
+    assert figures["wall_s"] > 0
+
+
+def test_a_missing_package_is_named() -> None:
+    tool = replace(TOOLS["axes"], packages=("numpy", "no_such_package"))
+    assert tool.lacks() == "no_such_package"
+    assert TOOLS["collalign"].lacks() == ""
+
+
+def test_the_text_names_who_is_ahead() -> None:
+    row = {"collection": "c", "tool": "collalign", "within_20": 90.0, "gross": 0.0}
+    assert "nowhere" in peers._text((row, row | {"tool": "other"}))
+    text = peers._text((row, row | {"tool": "other", "within_20": 95.0}))
+    assert "other on c (95.0 against 90.0" in text
+
+
+def test_a_job_that_falls_short_says_so() -> None:
+    row = {
+        "job": "116 teeth, mixed sides",
+        "tool": "collalign",
+        "gross": 0,
+        "mirrored": 0,
+        "median_deg": 5.0,
+        "largest_median_deg": 5.4,
+        "wall_s": 100.0,
+        "processor_s": 190.0,
+    }
+    text = teeth_jobs._text((row,))
+    assert text.startswith("Short of the figures: nothing.")
+    assert "took 190 of them" in text
+    assert "Single draws" not in text
+    assert "mixed sides (up to 5.70)" in teeth_jobs._text((row | {"largest_median_deg": 5.7},))
+    text = teeth_jobs._text((row | {"gross": 2, "mirrored": 1, "median_deg": 6.0, "wall_s": 300.0},))
+    assert all(words in text for words in ("2 gross", "1 pairs of wrong chirality", "6.00 degrees", "300 seconds"))
+
+
+def test_families_are_deformed_and_their_truth_is_exact(tmp_path: Path) -> None:
+    posed = deformations.make_family("chair", 3, 3, tmp_path, tmp_path / "family")
+    assert len(list(posed.folder.glob("*.ply"))) == len(posed.names) == 3
+    np.testing.assert_allclose(posed.relative[0, 1] @ posed.relative[1, 2], posed.relative[0, 2], atol=1e-12)
+    again = deformations.make_family("chair", 3, 3, tmp_path, tmp_path / "again")
+    np.testing.assert_array_equal(posed.relative, again.relative)
+
+
+def test_the_quick_run_of_deformations_is_the_same_twice(tmp_path: Path) -> None:
+    bench = Bench(data=tmp_path, store=Store.memory(), quick=True, quiet=True)
+    main, families = deformations.EXPERIMENT.measure(bench).tables
+    ours = main.rows[0]
+    assert (ours["tool"], ours["same_bytes"]) == ("collalign", "yes")
+    assert ours["clean"] == (ours["gross"] == 0)
+    assert (families.rows[0]["collalign"] == 0) == (ours["gross"] == 0)
+
+
+@pytest.mark.data
+def test_the_quick_run_of_peers_has_a_row_per_tool(shared_data: Path) -> None:
+    bench = Bench(data=shared_data, store=Store.memory(), quick=True, quiet=True)
+    (table,) = peers.EXPERIMENT.measure(bench).tables
+    tools = [tool for name, tool in TOOLS.items() if name in peers.QUICK_TOOLS and not tool.lacks()]
+    expected = {answer for tool in tools for answer in tool.answers}
+    assert {row["tool"] for row in table.rows} == expected
+
+
+@pytest.mark.data
+def test_a_job_of_three_teeth_has_no_gross_pair(shared_data: Path) -> None:
+    record = teeth_jobs.measure_job(
+        Cell(data=shared_data, settings={"num": 3, "one_side": True, "seed": 0, "jobs": 1, "tool": "collalign"})
+    )
+    assert record["gross"] == record["mirrored"] == 0
+    assert 1 < record["landmarks_deg"] < 10

@@ -1,0 +1,151 @@
+"""Certificates: saved and loaded, accepted when right, refused when changed, damaged or for another problem."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from data_tools.errors import InputError
+from pairwise import Certificate, solve_relaxation, verify_certificate
+from pairwise.certificates.verify_pm_sdp import pm_sdp_bound
+from pairwise.relaxations import solve_pm_sdp
+from tests.oracles import brute_force
+from tests.problems import planted
+
+
+@pytest.fixture(scope="module")
+def solved():
+    rng = np.random.default_rng(5)
+    problem = planted(
+        rng,
+        rng.random((6, 4)),
+        num_source=5,
+        noise=0.2,
+        group="SO",
+        rotation_pattern=[3, 1],
+        weights=[1.0, 0.5, 2.0, 1.0, 0.1],
+        invariants=(rng.random((6, 2)), rng.random((5, 2))),
+    )
+    return problem, solve_pm_sdp(problem)
+
+
+def test_round_trip(tmp_path: Path, solved) -> None:
+    problem, result = solved
+    result.certificate.save(tmp_path / "pair.npz")
+    loaded = Certificate.load(tmp_path / "pair.npz")
+    assert loaded.kind == "pm-sdp"
+    assert loaded.problem_hash == result.certificate.problem_hash
+    assert verify_certificate(problem.target, problem.source, loaded) == result.lower_bound
+    assert result.lower_bound <= brute_force(problem).energy
+
+
+def test_nothing_is_pickled(tmp_path: Path, solved) -> None:
+    solved[1].certificate.save(tmp_path / "pair.npz")
+    with np.load(tmp_path / "pair.npz", allow_pickle=False) as archive:
+        assert all(archive[name].dtype != object for name in archive.files)
+
+
+@pytest.mark.parametrize("content", [b"", b"not an archive", b"PK\x03\x04 cut off"])
+def test_damaged_files_are_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "bad.npz").write_bytes(content)
+    with pytest.raises(InputError, match=r"bad\.npz"):
+        Certificate.load(tmp_path / "bad.npz")
+
+
+def test_other_archives_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    with pytest.raises(InputError, match="not a certificate"):
+        Certificate.load(tmp_path / "other.npz")
+    with pytest.raises(InputError, match="cannot be read"):
+        Certificate.load(tmp_path / "missing.npz")
+
+
+def test_other_points_are_refused(solved) -> None:
+    problem, result = solved
+    with pytest.raises(InputError, match="another problem"):
+        verify_certificate(problem.target + 1e-12, problem.source, result.certificate)
+    with pytest.raises(InputError, match="does not fit"):
+        verify_certificate(problem.target[:-1], problem.source, result.certificate)
+
+
+def test_invariants_are_compared(rng: np.random.Generator) -> None:
+    target, source = rng.random((5, 3)), rng.random((4, 3))
+    invariants = (rng.random((5, 2)), rng.random((4, 2)))
+    result = solve_relaxation(target, source, invariants=invariants)
+    assert verify_certificate(target, source, result.certificate, invariants=invariants) == result.lower_bound
+    with pytest.raises(InputError, match="other invariants"):
+        verify_certificate(target, source, result.certificate, invariants=(invariants[0] + 0.1, invariants[1]))
+
+
+def changed(certificate: Certificate, name: str, values) -> Certificate:
+    return replace(certificate, arrays={**certificate.arrays, name: values})
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("candidates", lambda a: ~a),
+        ("weights", lambda a: 1.1 * a),
+        ("constant_cost", lambda a: a + 1.0),
+        ("pattern", lambda a: np.ones_like(a)),
+        ("special_blocks", lambda a: a[:0]),
+        ("F", lambda a: 1.01 * a),
+        ("F", lambda a: -a),
+        ("F", lambda a: a[:-1]),
+        ("F", lambda a: a.astype(np.float32)),
+        ("F", lambda a: a * np.nan),
+        ("F", lambda a: a + np.triu(np.ones_like(a[0]), 1)),
+        ("u", lambda a: a + 0.01),
+        ("beta", lambda a: a + 1.0),
+        ("beta", lambda a: a * 2.0 - 1.0),
+        ("column_multipliers", lambda a: a - 0.01 * np.eye(len(a))),
+        ("row_multipliers", lambda a: a - 0.01 * np.eye(len(a))),
+        ("quaternion_multipliers", lambda a: a + np.diag([0.1, 0.0, 0.0, 0.0])),
+        ("impossible", lambda a: np.array([[0, 0]])),
+    ],
+)
+def test_changed_arrays_are_refused(solved, name: str, change) -> None:
+    problem, result = solved
+    certificate = changed(result.certificate, name, change(result.certificate.arrays[name]))
+    with pytest.raises(InputError, match="certificate"):
+        verify_certificate(problem.target, problem.source, certificate)
+
+
+def test_missing_arrays_and_wrong_claims_are_refused(solved) -> None:
+    problem, result = solved
+    for name in result.certificate.arrays:
+        if name == "impossible":
+            continue
+        arrays = {key: value for key, value in result.certificate.arrays.items() if key != name}
+        with pytest.raises(InputError, match="certificate"):
+            verify_certificate(problem.target, problem.source, replace(result.certificate, arrays=arrays))
+    for forged in (
+        replace(result.certificate, bound=result.lower_bound + 1e-6),
+        replace(result.certificate, bound=float("nan")),
+        replace(result.certificate, kind="exact"),
+    ):
+        with pytest.raises(InputError, match="certificate"):
+            verify_certificate(problem.target, problem.source, forged)
+
+
+def test_any_dual_point_gives_a_valid_bound(solved) -> None:
+    # Weak duality: bounds of arbitrary multipliers never exceed the optimum, however bad they are.
+    problem, result = solved
+    optimum = brute_force(problem).energy
+    rng = np.random.default_rng(3)
+    for size in (1e-3, 1e-1, 1.0):
+        for _ in range(20):
+            arrays = dict(result.certificate.arrays)
+            noise = size * rng.standard_normal(arrays["F"].shape)
+            arrays["F"] = arrays["F"] + noise @ np.swapaxes(noise, 1, 2)
+            arrays["F"] = 0.5 * (arrays["F"] + np.swapaxes(arrays["F"], 1, 2))
+            arrays["u"] = arrays["u"] + size * rng.standard_normal(arrays["u"].shape)
+            arrays["beta"] = arrays["beta"] - size * rng.random(arrays["beta"].shape)
+            for name in ("column_multipliers", "row_multipliers", "quaternion_multipliers"):
+                shift = size * rng.standard_normal(arrays[name].shape)
+                arrays[name] = arrays[name] + (shift + np.swapaxes(shift, -1, -2))
+            arrays["cross_multipliers"] = arrays["cross_multipliers"] + size * rng.standard_normal((4, 4))
+            assert pm_sdp_bound(problem.target, problem.source, arrays) <= optimum

@@ -1,0 +1,129 @@
+"""Alternating minimisation: every end is a local minimum, runs that meet are one, the cost kernel is exact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import linear_sum_assignment
+
+from pairwise.local.local_search import Freedom, LocalMinima, MatchingCosts, energies_of, merge, minimise, procrustes
+from pairwise.local.rotation_sets import random_rotations
+from pairwise.local.search import of_chirality
+from pairwise.problem.problem import Problem
+from tests.problems import catalogue, planted
+
+PROBLEMS = [known for known in catalogue() if known.problem.pattern.is_block_diagonal]
+
+
+def starts_for(problem: Problem, num: int, seed: int = 0) -> np.ndarray:
+    return problem.pattern.project(random_rotations(problem.dim, num, np.random.default_rng(seed)))
+
+
+@pytest.mark.parametrize("known", PROBLEMS, ids=lambda known: known.name)
+def test_costs_and_maps_are_those_of_the_problem(known) -> None:
+    problem = known.problem
+    rotations = starts_for(problem, 5)
+    costs = MatchingCosts(problem)
+    expected = np.swapaxes(problem.assignment_costs(rotations), 1, 2)
+    np.testing.assert_allclose(costs(rotations, np.ones(5)).transpose(2, 1, 0), expected, atol=1e-12)
+    maps = costs.assign(rotations, np.ones(5))
+    for cost, point_map in zip(expected, maps, strict=True):
+        rows, cols = linear_sum_assignment(cost)
+        assert cost[rows, point_map].sum() == pytest.approx(cost[rows, cols].sum())
+
+
+@pytest.mark.parametrize("known", PROBLEMS, ids=lambda known: known.name)
+def test_every_end_is_a_local_minimum_below_its_start(known) -> None:
+    problem = known.problem
+    rotations = starts_for(problem, 12)
+    costs = problem.assignment_costs(rotations)
+    worst = max(cost[linear_sum_assignment(cost)].sum() for cost in costs)
+    found = minimise(problem, rotations)
+    assert len(found) >= 1
+    assert (np.diff(found.energies) >= 0).all()
+    assert found.energies[-1] <= worst + 1e-9
+    again = minimise(problem, found.rotations)
+    assert again.energies[0] == pytest.approx(found.energies[0], rel=1e-5, abs=1e-9)
+    for rotation, point_map, energy in zip(found.rotations, found.maps, found.energies, strict=True):
+        assert problem.energy(rotation, point_map) == pytest.approx(energy, abs=1e-9)
+        assert problem.energy(problem.procrustes(point_map), point_map) == pytest.approx(energy, abs=1e-9)
+
+
+def test_runs_that_meet_are_one(rng: np.random.Generator) -> None:
+    problem = planted(rng, rng.random((15, 3)), noise=0.02)
+    rotations = random_rotations(3, 60, rng)
+    found = minimise(problem, np.concatenate([rotations, rotations]))
+    alone = [minimise(problem, rotation[None]) for rotation in rotations]
+    assert len({m.tobytes() for m in found.maps}) == len(found)
+    assert {round(float(e), 9) for e in found.energies} == {round(float(m.energies[0]), 9) for m in alone}
+
+
+def test_merging_keeps_each_map_once_and_the_best_first(rng: np.random.Generator) -> None:
+    problem = planted(rng, rng.random((10, 3)), noise=0.05)
+    found = minimise(problem, random_rotations(3, 20, rng))
+    both = merge([found, found.take(np.arange(len(found))[::-1])])
+    np.testing.assert_array_equal(both.maps, found.maps)
+    assert isinstance(both, LocalMinima)
+
+
+def test_origins_name_the_starts(rng: np.random.Generator) -> None:
+    points = rng.random((12, 3))
+    problem = Problem.from_user(points, points)
+    found = minimise(problem, np.stack([np.eye(3), np.diag([1.0, -1.0, -1.0])]), origins=np.array(["near", "far"]))
+    assert found.origins[0] == "near"
+
+
+def test_the_scale_is_estimated_within_its_limits(rng: np.random.Generator) -> None:
+    points = rng.standard_normal((14, 3))
+    turn = random_rotations(3, 1, rng)
+    problem = Problem.from_user(points, 1.5 * points @ turn[0])
+    free = minimise(problem, turn, freedom=Freedom(scale_range=(0.5, 2.0)))
+    assert free.scales[0] == pytest.approx(1 / 1.5)
+    assert free.energies[0] == pytest.approx(0.0, abs=1e-12)
+    bounded = minimise(problem, turn, freedom=Freedom(scale_range=(0.8, 2.0)))
+    assert bounded.scales[0] == 0.8
+    assert minimise(problem, turn).scales[0] == 1.0
+    assert free.energies[0] <= bounded.energies[0] <= minimise(problem, turn).energies[0]
+
+
+def test_shift_and_scale_are_estimated_together(rng: np.random.Generator) -> None:
+    points, shift = rng.standard_normal((14, 3)), np.array([0.3, -0.2, 0.1])
+    turn = random_rotations(3, 1, rng)
+    problem = Problem.from_user(1.2 * points @ turn[0].T + shift, points)
+    found = minimise(problem, turn, freedom=Freedom(scale_range=(0.5, 2.0), translate=True))
+    assert found.energies[0] == pytest.approx(0.0, abs=1e-12)
+    assert found.scales[0] == pytest.approx(1.2)
+    np.testing.assert_allclose(found.shifts[0], shift, atol=1e-9)
+    assert not minimise(problem, turn).shifts.any()
+
+
+def test_energies_come_from_the_differences_themselves(rng: np.random.Generator) -> None:
+    problem = planted(rng, rng.random((9, 3)) + 1e6)
+    rotations, maps = random_rotations(3, 3, rng), np.stack([rng.permutation(9) for _ in range(3)])
+    best, scales = procrustes(problem, maps)
+    np.testing.assert_allclose(best, [problem.procrustes(m) for m in maps])
+    found = energies_of(problem, rotations, maps, scales)
+    np.testing.assert_allclose(found, [problem.energy(r, m) for r, m in zip(rotations, maps, strict=True)])
+
+
+def test_runs_hold_the_chirality_of_their_starts_on_request(rng: np.random.Generator) -> None:
+    points = rng.random((12, 3)) - 0.5
+    problem = Problem.from_user(points, points, group="O")
+    mirror = np.diag([-1.0, 1.0, 1.0])
+    starts = np.concatenate([random_rotations(3, 8, rng), random_rotations(3, 8, rng) @ mirror])
+    found = minimise(problem, starts, hold_chirality=True)
+    mirrored = np.linalg.det(found.rotations) < 0
+    apart = [
+        minimise(of_chirality(problem, reflected=r), starts[8 * r :][:8] @ (mirror if r else np.eye(3)))
+        for r in (0, 1)
+    ]
+    assert sorted(found.energies[mirrored]) == pytest.approx(sorted(apart[1].energies))
+    assert sorted(found.energies[~mirrored]) == pytest.approx(sorted(apart[0].energies))
+
+
+def test_merging_keeps_equal_maps_of_both_chiralities() -> None:
+    plane = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [-1.0, -1.0, 0.0], [2.0, -1.0, 0.0]])
+    problem = Problem.from_user(plane, plane, group="O")
+    found = minimise(problem, np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])]), hold_chirality=True)
+    assert len(found) == 2
+    assert len(merge([found, found])) == 2

@@ -1,0 +1,130 @@
+"""Search: never worse than many random starts, distinct poses, chirality, blocks in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data_tools.errors import OptionsError
+from pairwise.local.local_search import minimise
+from pairwise.local.rotation_sets import random_rotations, rotation_angles
+from pairwise.local.search import (
+    distinct,
+    explore,
+    leading_problem,
+    look_around,
+    mirror_rotations,
+    of_chirality,
+    search,
+)
+from pairwise.problem.pattern import RotationPattern
+from pairwise.problem.problem import Problem
+from tests.problems import planted
+
+
+@pytest.mark.parametrize(("seed", "num", "noise"), [(0, 16, 0.15), (1, 20, 0.3), (2, 24, 0.2), (3, 12, 0.5)])
+@pytest.mark.parametrize("num_source", [None, 10])
+def test_search_is_no_worse_than_many_random_starts(
+    seed: int, num: int, noise: float, num_source: int | None
+) -> None:
+    rng = np.random.default_rng(seed)
+    problem = planted(rng, rng.random((num, 3)) - 0.5, noise=noise, num_source=num_source)
+    random = minimise(problem, random_rotations(3, 500, rng))
+    assert search(problem).energies[0] <= random.energies[0] * (1 + 1e-9)
+
+
+def test_a_second_look_never_loses(rng: np.random.Generator) -> None:
+    problem = planted(rng, rng.random((20, 3)) - 0.5, noise=0.4)
+    first = explore(problem, num_rotations=10)
+    second = look_around(problem, first)
+    assert second.energies[0] <= first.energies[0]
+    assert {m.tobytes() for m in first.maps} <= {m.tobytes() for m in second.maps}
+
+
+def test_distinct_keeps_the_first_of_every_cluster() -> None:
+    angles = np.deg2rad([0.0, 5.0, 20.0, 22.0, 90.0])
+    turns = np.zeros((5, 3, 3))
+    turns[:, 2, 2] = 1.0
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
+    turns[:, 1, 0], turns[:, 0, 1] = np.sin(angles), -np.sin(angles)
+    np.testing.assert_array_equal(distinct(turns, np.deg2rad(15), 8), [0, 2, 4])
+    np.testing.assert_array_equal(distinct(turns, np.deg2rad(15), 2), [0, 2])
+    np.testing.assert_array_equal(distinct(turns, 0.0, 8), [0, 1, 2, 3, 4])
+
+
+def test_the_mirrored_problem_finds_reflections(rng: np.random.Generator) -> None:
+    points = rng.random((12, 3)) - 0.5
+    reflection = random_rotations(3, 1, rng)[0] @ np.diag([1.0, 1.0, -1.0])
+    problem = Problem.from_user(points, points @ reflection, group="O")
+    found = search(of_chirality(problem, reflected=True))
+    rotation = mirror_rotations(found.rotations)[0]
+    np.testing.assert_allclose(rotation, reflection, atol=1e-9)
+    assert problem.energy(rotation, found.maps[0]) == pytest.approx(found.energies[0], abs=1e-12)
+    assert search(of_chirality(problem, reflected=False)).energies[0] > 0.01
+
+
+def test_the_group_of_a_special_problem_is_left_as_it_is(rng: np.random.Generator) -> None:
+    problem = planted(rng, rng.random((6, 3)))
+    assert of_chirality(problem, reflected=False) is problem
+
+
+def test_the_rotation_block_is_the_first_one() -> None:
+    def block(pattern, dim, group):
+        return RotationPattern.from_user(pattern, dim, group).rotation_block
+
+    assert block(None, 3, "SO") == block(None, 3, "O") == 3
+    assert block([3, 4], 7, "SO") == block([3, 4], 7, "O") == 3
+    assert block(0, 5, "O") == block(2, 5, "SO") == 5
+    with pytest.raises(OptionsError, match="first"):
+        _ = RotationPattern(np.eye(3, dtype=bool), ((1, 3),)).rotation_block
+
+
+def test_other_blocks_follow_in_closed_form(rng: np.random.Generator) -> None:
+    points = rng.random((18, 7)) - 0.5
+    turn = np.zeros((7, 7))
+    turn[:3, :3], turn[3:, 3:] = random_rotations(3, 1, rng)[0], random_rotations(4, 1, rng)[0]
+    turn[:, 4] *= -1.0
+    problem = Problem.from_user(points, points @ turn, rotation_pattern=[3, 4])
+    assert leading_problem(problem).dim == 3
+    found = search(problem)
+    assert found.energies[0] == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_allclose(found.rotations[0], turn, atol=1e-9)
+
+
+def test_signs_start_diagonal_patterns(rng: np.random.Generator) -> None:
+    signs = np.diag([1.0, -1.0, -1.0, 1.0, -1.0, 1.0])
+    problem = planted(rng, rng.random((14, 6)), rotation=signs, rotation_pattern=0, noise=0.01, group="O")
+    found = search(of_chirality(problem, reflected=True))
+    np.testing.assert_array_equal(mirror_rotations(found.rotations)[0], signs)
+
+
+def test_the_search_turns_with_the_points() -> None:
+    rng = np.random.default_rng(4)
+    problem = planted(rng, rng.random((15, 3)) - 0.5, noise=0.3)
+    turns = random_rotations(3, 2, rng)
+    moved = Problem.from_user(problem.target @ turns[0].T, problem.source @ turns[1].T)
+    first, second = search(problem), search(moved)
+    assert second.energies[0] == pytest.approx(first.energies[0])
+    assert rotation_angles(turns[0] @ first.rotations[0] @ turns[1].T, second.rotations[0]) < 1e-6
+
+
+def test_both_chiralities_go_on_from_the_screening(rng: np.random.Generator) -> None:
+    points = rng.random((12, 3)) - 0.5
+    problem = Problem.from_user(points, points, group="O")
+    found = explore(problem)
+    mirrored = problem.pattern.mirrored(found.rotations)
+    assert mirrored is not None
+    assert mirrored.any()
+    assert not mirrored[0]
+    apart = explore(of_chirality(problem, reflected=True))
+    assert found.energies[mirrored][0] == pytest.approx(apart.energies[0])
+
+
+def test_distinct_goes_on_until_each_chirality_has_its_share() -> None:
+    turns = np.stack(
+        [np.eye(3), np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), -np.eye(3), np.diag([-1.0, 1.0, 1.0])]
+    )
+    mirrored = np.linalg.det(turns) < 0
+    np.testing.assert_array_equal(distinct(turns, 0.1, 2), [0, 1])
+    np.testing.assert_array_equal(distinct(turns, 0.1, 2, mirrored=mirrored), [0, 1])
+    np.testing.assert_array_equal(distinct(turns, 0.1, 3, mirrored=mirrored), [0, 1, 2, 3])

@@ -1,0 +1,111 @@
+"""The lifted rotation: its equations hold for every rotation with the pattern, and are as many as there should be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data_tools.errors import InputError
+from pairwise.pm_sdp.lifted_rotation import LiftedRotation
+from pairwise.problem.pattern import RotationPattern
+from pairwise.problem.support import assignment_support
+from tests.problems import random_rotation
+
+
+@pytest.mark.parametrize(
+    ("pattern", "dim", "group", "cross", "num_variables", "num_equations"),
+    [
+        (None, 3, "O", False, 9, 11),
+        (None, 3, "SO", True, 9, 20),
+        (0, 3, "O", False, 3, 3),
+        ([2, 1], 3, "O", False, 5, 6),
+        ([3, 3], 6, "O", False, 18, 22),
+        ([3, 4], 7, "SO", False, 25, 30),
+        (2, 17, "O", False, 79, 149),
+        (None, 2, "SO", False, 2, 1),
+        (None, 1, "SO", False, 0, 0),
+        (None, 1, "O", False, 1, 1),
+        ([1, 2], 3, "SO", False, 4, 5),
+    ],
+)
+def test_number_of_independent_equations(pattern, dim, group, cross, num_variables, num_equations) -> None:
+    lifted = LiftedRotation.build(RotationPattern.from_user(pattern, dim, group), cross_products=cross)
+    assert (lifted.num_variables, len(lifted.equations)) == (num_variables, num_equations)
+    assert len(lifted.labels) == num_equations
+
+
+@pytest.mark.parametrize("cross", [False, True])
+@pytest.mark.parametrize("sizes", [[2], [3], [3, 2], [2, 2], [1, 3], [4]])
+def test_equations_hold_for_rotations_and_not_for_others(rng: np.random.Generator, sizes, cross) -> None:
+    dim = sum(sizes)
+    lifted = LiftedRotation.build(RotationPattern.from_user(sizes, dim, "SO"), cross_products=cross)
+
+    def violation(first: np.ndarray) -> float:
+        matrix = np.zeros((dim, dim))
+        start = 0
+        for index, size in enumerate(sizes):
+            block = first if index == 0 else random_rotation(rng, size, reflected=True)
+            matrix[start : start + size, start : start + size] = block
+            start += size
+        entries = lifted.pattern.pack(matrix)
+        rho = np.linalg.lstsq(lifted.basis[:, 1:], entries - lifted.basis[:, 0], rcond=None)[0]
+        lifted_rho = np.append(1.0, rho)
+        off_basis = np.abs(lifted.basis @ lifted_rho - entries).max()
+        equations = np.einsum("mab,a,b->m", lifted.equations, lifted_rho, lifted_rho)
+        for _, slopes in lifted.quaternion_blocks:
+            moments = np.eye(4) / 4 + np.tensordot(rho, slopes, 1)
+            off_basis = max(off_basis, -float(np.linalg.eigvalsh(moments)[0]))
+        return max(off_basis, float(np.abs(equations).max(initial=0.0)))
+
+    assert violation(random_rotation(rng, sizes[0])) < 1e-12
+    assert violation(1.1 * random_rotation(rng, sizes[0])) > 1e-3
+    if sizes[0] < 4:
+        assert violation(random_rotation(rng, sizes[0], reflected=True)) > 1e-3
+
+
+@pytest.mark.parametrize(("pattern", "dim"), [(None, 3), (1, 5), ([3, 2], 5), (0, 4)])
+def test_interior_moments_satisfy_the_equations(pattern, dim) -> None:
+    lifted = LiftedRotation.build(RotationPattern.from_user(pattern, dim, "SO"), cross_products=True)
+    moments = np.eye(lifted.num_variables + 1)
+    moments[1:, 1:] = lifted.interior_moments
+    assert np.linalg.eigvalsh(moments)[0] > 0
+    assert np.abs(np.einsum("mab,ab->m", lifted.equations, moments)).max() < 1e-10
+
+
+def test_entries_outside_every_matching_vanish() -> None:
+    # Upper triangular and orthogonal: diagonal.
+    pattern = RotationPattern.from_user(np.triu(np.ones((3, 3), dtype=bool)), 3, "O")
+    assert LiftedRotation.build(pattern).num_variables == 3
+
+
+def brute_support(allowed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    from tests.oracles import injective_maps
+
+    maps = injective_maps(allowed)
+    used = np.zeros_like(allowed)
+    taken = np.zeros((len(maps), len(allowed)), dtype=bool)
+    for row, point_map in enumerate(maps):
+        used[point_map, np.arange(allowed.shape[1])] = True
+        taken[row, point_map] = True
+    return used, taken.all(axis=0)
+
+
+def test_support_agrees_with_brute_force(rng: np.random.Generator) -> None:
+    for _ in range(60):
+        n = int(rng.integers(1, 6))
+        k = int(rng.integers(1, n + 1))
+        allowed = rng.random((n, k)) < 0.5
+        allowed[rng.permutation(n)[:k], np.arange(k)] = True
+        support = assignment_support(allowed)
+        used, always_full = brute_support(allowed)
+        assert np.array_equal(support.allowed, used)
+        assert np.array_equal(support.always_full, always_full)
+
+
+def test_support_with_capacities() -> None:
+    allowed = np.array([[True, True, True], [True, False, False]])
+    support = assignment_support(allowed, np.array([2, 1]))
+    assert np.array_equal(support.allowed, [[False, True, True], [True, False, False]])
+    assert support.always_full.all()
+    with pytest.raises(InputError, match="no assignment"):
+        assignment_support(allowed, np.array([1, 1]))

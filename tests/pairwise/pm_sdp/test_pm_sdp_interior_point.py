@@ -1,0 +1,224 @@
+"""The dual solver against the CVXPY reference, brute force and theory."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+
+from data_tools.errors import InputError, OptionsError
+from pairwise import solve_relaxation, verify_certificate
+from pairwise.pm_sdp.step_length import longest_step
+from pairwise.problem.problem import Problem
+from pairwise.relaxations import solve_pm_sdp
+from pairwise.status import Status
+from tests.oracles import brute_force, check_relaxation
+from tests.problems import catalogue, planted, random_rotation
+from tests.relaxation_problems import Comparison, Variant, compare_with_reference, variants
+
+
+@settings(
+    max_examples=25,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    phases=[Phase.generate],
+    suppress_health_check=list(HealthCheck),
+)
+@given(variants(max_points=6))
+def test_agrees_with_the_reference(variant: Variant) -> None:
+    assert compare_with_reference(variant).faults(2e-5) == [], variant.description
+
+
+def test_comparison_rejects_wrong_values() -> None:
+    assert Comparison(1e-3, 1e-7, may_exceed=False).faults(1e-5)
+    assert Comparison(-1e-3, 1e-7, may_exceed=True).faults(1e-5)
+    assert Comparison(0.0, -1e-9, may_exceed=False).faults(1e-5)
+    assert Comparison(0.0, 1e-3, may_exceed=False).faults(1e-5)
+    assert not Comparison(1e-3, 1e-7, may_exceed=True).faults(1e-5)
+
+
+@pytest.mark.parametrize("known", catalogue(), ids=lambda known: known.name)
+def test_bound_is_below_the_optimum(known) -> None:
+    problem = known.problem
+    result = solve_pm_sdp(problem)
+    optimum = brute_force(problem).energy if np.isnan(known.optimum) else known.optimum
+    scale = 1e-9 + float((problem.weights * (problem.source**2).sum(axis=1)).sum())
+    assert result.lower_bound <= result.value + 1e-12 * scale
+    assert result.lower_bound <= optimum + 1e-12 * scale
+    assert result.value <= optimum + 1e-5 * scale
+    assert check_relaxation(problem, result, 1e-6) == []
+
+
+def test_variants_are_ordered(rng: np.random.Generator) -> None:
+    target, noise = rng.random((8, 3)), 0.2 * rng.standard_normal((6, 3))
+    source = target[:6] @ random_rotation(rng, 3) + noise
+    orthogonal = solve_relaxation(target, source, group="O")
+    hull = solve_relaxation(target, source, group="SO")
+    crossed = solve_relaxation(target, source, group="SO", cross_products=True)
+    assert orthogonal.lower_bound <= hull.value + 1e-9
+    assert hull.lower_bound <= crossed.value + 1e-9
+
+
+@pytest.mark.parametrize("num_target", [100, 140])
+def test_exact_recovery_without_noise(rng: np.random.Generator, num_target: int) -> None:
+    target = rng.random((num_target, 3))
+    rotation, matched = random_rotation(rng, 3), rng.permutation(num_target)[:100]
+    candidates = np.zeros((num_target, 100), dtype=bool)
+    candidates[rng.integers(0, num_target, (20, 100)), np.arange(100)] = True
+    candidates[matched, np.arange(100)] = True
+    allowed = None if num_target == 100 else candidates
+    result = solve_relaxation(target, target[matched] @ rotation, candidates=allowed)
+    assert np.array_equal(result.X.argmax(axis=0), matched)
+    assert np.abs(result.R - rotation).max() < 0.02
+    assert abs(result.value) < 1e-3
+    assert result.lower_bound <= 1e-9
+
+
+def test_exact_recovery_in_a_band(rng: np.random.Generator) -> None:
+    # A band matrix that is orthogonal: rotations of neighbouring coordinates, d = 17.
+    dim, num = 17, 20
+    rotation = np.eye(dim)
+    for start in range(0, dim - 1, 2):
+        angle = rng.uniform(-1.0, 1.0)
+        rotation[start : start + 2, start : start + 2] = [
+            [np.cos(angle), -np.sin(angle)],
+            [np.sin(angle), np.cos(angle)],
+        ]
+    target = rng.standard_normal((num, dim))
+    matched = rng.permutation(num)[:12]
+    candidates = rng.random((num, 12)) < 0.2
+    candidates[matched, np.arange(12)] = True
+    result = solve_relaxation(
+        target, target[matched] @ rotation, group="O", rotation_pattern=1, candidates=candidates, tol=1e-4
+    )
+    assert result.status is Status.CONVERGED
+    assert np.array_equal(result.X.argmax(axis=0), matched)
+    assert np.abs(result.R - rotation).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("target", "source"),
+    [
+        (np.zeros((4, 3)), np.zeros((3, 3))),
+        (np.ones((4, 3)), np.ones((3, 3))),
+        (np.eye(3)[[0, 1, 1, 0]], np.eye(3)[[0, 0, 1]]),
+        (np.arange(12.0).reshape(4, 3) * [1, 0, 0], np.arange(12.0).reshape(4, 3) * [1, 0, 0]),
+        (np.arange(1.0, 4.0)[:, None], np.array([[2.0]])),
+        (np.array([[1.0, 2.0, 3.0]]), np.array([[1.0, 2.0, 3.0]])),
+    ],
+    ids=["zeros", "equal", "repeated", "collinear", "line", "single"],
+)
+@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e6])
+def test_degenerate_points(target: np.ndarray, source: np.ndarray, scale: float) -> None:
+    for group in ("SO", "O"):
+        result = solve_relaxation(scale * target, scale * source, group=group)
+        optimum = brute_force(Problem.from_user(scale * target, scale * source, group=group)).energy
+        size = scale**2 * (1.0 + (source**2).sum()) if source.any() else 1.0  # zeros have no scale
+        assert result.lower_bound <= optimum + 1e-12 * size
+        assert abs(result.value - result.lower_bound) < 1e-5 * size
+
+
+def test_overflowing_points_are_refused() -> None:
+    with pytest.raises(InputError, match="overflow"):
+        solve_relaxation(1e200 * np.eye(3), 1e200 * np.eye(3))
+
+
+def test_one_candidate_per_point(rng: np.random.Generator) -> None:
+    problem = planted(rng, rng.random((6, 3)), noise=0.1, candidates=np.eye(6, dtype=bool))
+    result = solve_pm_sdp(problem)
+    assert result.lower_bound <= brute_force(problem).energy
+    assert np.allclose(result.X, np.eye(6))
+
+
+def test_impossible_candidates_are_pruned_and_proven(rng: np.random.Generator) -> None:
+    # Points 0 and 1 share targets 0 and 1, so point 2 can go to target 2 only.
+    candidates = np.array([[1, 1, 1], [1, 1, 1], [0, 0, 1]], dtype=bool)
+    target = rng.random((3, 3))
+    result = solve_relaxation(target, rng.random((3, 3)), candidates=candidates)
+    assert np.array_equal(result.X[:, 2], [0.0, 0.0, 1.0]) or abs(result.X[2, 2] - 1.0) < 1e-12
+    assert result.value - result.lower_bound < 1e-5
+
+
+def test_infeasible_candidates_are_refused(rng: np.random.Generator) -> None:
+    candidates = np.ones((4, 3), dtype=bool)
+    candidates[1:, :2] = False
+    with pytest.raises(InputError, match="no injective map"):
+        solve_relaxation(rng.random((4, 3)), rng.random((3, 3)), candidates=candidates)
+
+
+def test_unmatched_points(rng: np.random.Generator) -> None:
+    problem = planted(rng, rng.random((7, 3)), num_source=6)
+    free = solve_pm_sdp(problem, unmatched_costs=np.zeros(6), max_unmatched=6)
+    assert free.lower_bound <= 1e-9
+    dear = solve_pm_sdp(problem, unmatched_costs=np.full(6, 1e3), max_unmatched=6)
+    plain = solve_pm_sdp(problem)
+    assert dear.X.shape == (8, 6)
+    assert dear.lower_bound <= plain.value + 1e-9
+    assert verify_certificate(problem.target, problem.source, dear.certificate) == dear.lower_bound
+
+
+def test_limits_end_in_statuses_with_valid_bounds(rng: np.random.Generator) -> None:
+    target, source = rng.random((8, 3)), rng.random((8, 3))
+    best = solve_relaxation(target, source)
+    few = solve_relaxation(target, source, max_iterations=3)
+    none = solve_relaxation(target, source, time_limit_s=1e-9)
+    assert few.status is Status.ITERATION_LIMIT
+    assert none.status is Status.TIME_LIMIT
+    for result in (few, none):
+        assert result.lower_bound <= best.value + 1e-9
+        assert result.value >= best.lower_bound - 1e-6
+        assert verify_certificate(target, source, result.certificate) == result.lower_bound
+
+
+def test_same_bytes_every_time(rng: np.random.Generator) -> None:
+    target, source = rng.random((12, 3)), rng.random((9, 3))
+    first, second = (solve_relaxation(target, source) for _ in range(2))
+    for name in ("R", "X", "C", "B"):
+        assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
+    assert (first.value, first.lower_bound) == (second.value, second.lower_bound)
+    assert all(first.certificate.arrays[n].tobytes() == a.tobytes() for n, a in second.certificate.arrays.items())
+
+
+def test_scale_and_order_do_not_matter(rng: np.random.Generator) -> None:
+    target, source = rng.random((9, 3)), rng.random((7, 3))
+    order = rng.permutation(9)
+    base = solve_relaxation(target, source)
+    moved = solve_relaxation(1000.0 * target[order], 1000.0 * source @ random_rotation(rng, 3))
+    assert moved.value * 1e-6 == pytest.approx(base.value, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"relaxation": "loose"},
+        {"solver": "mosek"},
+        {"relaxation": "tight", "solver": "scs"},
+        {"tol": 0.0},
+        {"max_iterations": 0},
+        {"time_limit_s": -1.0},
+    ],
+)
+def test_impossible_options_are_refused(options) -> None:
+    with pytest.raises(OptionsError):
+        solve_relaxation(np.eye(3), np.eye(3), **options)
+
+
+def test_longest_step_stays_inside() -> None:
+    for slope in (0.1, 1.0, 7.0, 1e3):
+
+        def margin(size: float, slope: float = slope) -> float:
+            return 1.0 - slope * size - (slope * size) ** 2
+
+        size = longest_step(margin, -slope, 0.05)
+        assert margin(size) >= 0.05 - 1e-12
+        assert size == 1.0 or margin(1.2 * size) < 0.05
+
+
+def test_many_variables_converge_once_rough_operators_no_longer_do(rng: np.random.Generator) -> None:
+    target = rng.random((10, 7))
+    source = target[rng.permutation(10)] @ random_rotation(rng, 7) + 0.1 * rng.standard_normal((10, 7))
+    problem = Problem.from_user(target, source, group="O")
+    result = solve_pm_sdp(problem, tol=1e-5)
+    assert result.status is Status.CONVERGED
+    assert check_relaxation(problem, result, 1e-5) == []

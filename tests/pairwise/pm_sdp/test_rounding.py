@@ -1,0 +1,108 @@
+"""Rounding: the four starts of appendix A with the right signs, and draws that keep several poses apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pairwise.local.local_search import minimise
+from pairwise.local.rotation_sets import random_rotations, rotation_angles
+from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations, extreme_starts, nearest_map, rank_one_factors
+from pairwise.problem.problem import Problem
+from pairwise.relaxations import solve_pm_sdp
+from pairwise.results import RelaxationResult
+from pairwise.status import Status
+
+
+def mixture(problem: Problem, rotations: np.ndarray, maps: np.ndarray, sign: float = 1.0) -> RelaxationResult:
+    """The relaxation's variables of equally likely exact poses; ``sign`` is a fault to be seen."""
+    n, k, m = problem.num_target, problem.num_source, len(rotations)
+    packed = problem.pattern.pack(rotations)
+    x, b = np.zeros((n, k)), np.zeros((k, packed.shape[1], n))
+    for entries, point_map in zip(packed, maps, strict=True):
+        x[point_map, np.arange(k)] += 1 / m
+        b[np.arange(k), :, point_map] += sign * entries / m
+    return RelaxationResult(
+        value=0.0,
+        lower_bound=0.0,
+        R=problem.pattern.unpack(packed.mean(axis=0)),
+        X=x,
+        C=packed.T @ packed / m,
+        B=b,
+        status=Status.CONVERGED,
+        iterations=0,
+        residuals={},
+        times_s={},
+    )
+
+
+def planted_pose(rng: np.random.Generator, dim: int = 3, num: int = 10) -> tuple[Problem, np.ndarray, np.ndarray]:
+    points = rng.random((num, dim)) - 0.5
+    turn, point_map = random_rotations(dim, 1, rng)[0], rng.permutation(num)
+    return Problem.from_user(points, points[point_map] @ turn), turn, point_map
+
+
+@pytest.mark.parametrize("dim", [2, 3, 5])
+def test_all_four_starts_are_the_pose_where_the_relaxation_is_exact(rng: np.random.Generator, dim: int) -> None:
+    problem, turn, point_map = planted_pose(rng, dim)
+    exact = mixture(problem, turn[None], point_map[None])
+    starts = problem.pattern.project(appendix_starts(problem, exact))
+    np.testing.assert_allclose(starts, np.broadcast_to(turn, starts.shape), atol=1e-9)
+
+
+def test_the_sign_of_the_rank_one_factors_is_that_of_probabilities(rng: np.random.Generator) -> None:
+    problem, turn, point_map = planted_pose(rng)
+    entries, probabilities = rank_one_factors(mixture(problem, turn[None], point_map[None]))
+    assert probabilities.sum() > 0
+    np.testing.assert_array_equal(nearest_map(problem, probabilities), point_map)
+    np.testing.assert_allclose(problem.pattern.project(problem.pattern.unpack(entries)), turn, atol=1e-9)
+    flipped, _ = rank_one_factors(mixture(problem, turn[None], point_map[None], sign=-1.0))
+    assert entries @ flipped < 0
+
+
+def test_draws_find_both_poses_where_one_rounding_finds_none(rng: np.random.Generator) -> None:
+    half = rng.random((4, 3)) - 0.5
+    points = np.concatenate([half, half * [-1.0, -1.0, 1.0]])
+    problem = Problem.from_user(points, points)
+    turns = np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])])
+    maps = np.stack([np.arange(8), np.r_[4:8, 0:4]])
+    mixed = mixture(problem, turns, maps)
+    drawn = problem.pattern.project(draw_rotations(problem, mixed, 20, np.random.default_rng(0)))
+    assert drawn.shape == (20, 3, 3)
+    for turn in turns:
+        assert rotation_angles(drawn, turn).min() < 1e-6
+    found = minimise(problem, drawn)
+    np.testing.assert_allclose(found.energies[:2], 0.0, atol=1e-12)
+
+
+def test_draws_repeat_with_the_seed(rng: np.random.Generator) -> None:
+    problem, turn, point_map = planted_pose(rng)
+    turns = np.stack([turn, turn @ random_rotations(3, 1, rng)[0]])
+    mixed = mixture(problem, turns, np.stack([point_map, rng.permutation(10)]))
+    first, again, other = (draw_rotations(problem, mixed, 6, np.random.default_rng(s)) for s in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).max() > 0.01
+    assert draw_rotations(problem, mixed, 0, np.random.default_rng(0)).shape == (0, 3, 3)
+
+
+def test_the_nearest_map_keeps_to_the_candidates_and_may_leave_points_out() -> None:
+    allowed = np.array([[True, False], [True, True]])
+    masked = Problem.from_user(np.zeros((2, 3)), np.zeros((2, 3)), candidates=allowed)
+    np.testing.assert_array_equal(nearest_map(masked, np.array([[0.0, 9.0], [1.0, 0.0]])), [0, 1])
+    partial = Problem.from_user(np.zeros((2, 3)), np.zeros((2, 3)), unmatched_penalty=0.1)
+    np.testing.assert_array_equal(nearest_map(partial, np.array([[0.1, 0.6], [0.1, 0.1], [0.8, 0.3]])), [-1, 0])
+
+
+def test_extreme_points_are_single_poses_where_the_solution_mixes_them(rng: np.random.Generator) -> None:
+    half = rng.random((4, 3)) - 0.5
+    points = np.concatenate([half, half * [-1.0, -1.0, 1.0]])
+    problem = Problem.from_user(points, points)
+    turns = np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])])
+    relaxation = solve_pm_sdp(problem, tol=1e-3)
+    assert np.abs(relaxation.R[:2, :2]).max() < 0.1
+    starts = extreme_starts(problem, relaxation, 6, np.random.default_rng(0))
+    assert starts.shape == (24, 3, 3)
+    assert np.abs(starts[::4, None] - turns).max(axis=(2, 3)).min(axis=1).max() < 0.5
+    assert all(rotation_angles(problem.pattern.project(starts), turn).min() < 1e-6 for turn in turns)
+    np.testing.assert_array_equal(starts, extreme_starts(problem, relaxation, 6, np.random.default_rng(0)))
+    assert extreme_starts(problem, relaxation, 0, rng).shape == (0, 3, 3)

@@ -1,0 +1,106 @@
+"""Theorem 3: every symmetry of an exactly symmetric shape is found, as often as backtracking finds it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data_tools.errors import InputError, OptionsError
+from pairwise.pm_sdp.symmetries import exact_solutions
+from pairwise.status import Status
+from tests.oracles import check_pose, isometries
+from tests.problems import KnownProblem, catalogue, chair, planted, table
+
+EXACT = [
+    known
+    for known in catalogue()
+    if known.num_solutions > 0 and known.name not in ("weights", "blocks", "diagonal", "repeated")
+]
+
+
+def group_of(known: KnownProblem) -> str:
+    return "SO" if known.problem.pattern.special_blocks else "O"
+
+
+@pytest.mark.parametrize("known", EXACT, ids=lambda known: known.name)
+def test_all_exact_solutions_are_found(known: KnownProblem) -> None:
+    found = exact_solutions(known.problem.target, known.problem.source, group=group_of(known), patience=6)
+    assert found.status is Status.CONVERGED
+    assert len(found.solutions) == known.num_solutions
+    assert found.is_group
+    for pose in found.solutions:
+        assert check_pose(known.problem, pose.R_target_source, pose.map_target_source, pose.energy) == []
+        assert pose.energy < 1e-12
+
+
+@pytest.mark.parametrize(("group", "order"), [("SO", 12), ("O", 24)])
+def test_tetrahedron(group: str, order: int, rng: np.random.Generator) -> None:
+    corners = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+    problem = planted(rng, corners, group=group)
+    found = exact_solutions(corners, problem.source, group=group, patience=6)
+    assert len(found.solutions) == order
+    assert found.is_group
+    maps = {tuple(pose.map_target_source) for pose in found.solutions}
+    assert maps <= {tuple(m) for m in isometries(corners, problem.source)}
+    assert len(maps) == order
+
+
+def test_symmetries_permute_the_target(rng: np.random.Generator) -> None:
+    points = table(rng)
+    found = exact_solutions(points, planted(rng, points).source, group="O", patience=6)
+    assert len(found.symmetries) == 4
+    assert sorted(np.linalg.det(found.symmetries).round(9)) == [-1, -1, 1, 1]
+    for symmetry in found.symmetries:
+        gaps = np.linalg.norm(points @ symmetry.T - points[:, None], axis=2)
+        assert gaps.min(axis=0).max() < 1e-9
+
+
+def test_options_reach_the_problem(rng: np.random.Generator) -> None:
+    points = chair(rng)
+    source = planted(rng, points).source
+    colours = rng.random((6, 1))
+    best = exact_solutions(points, source, group="O", patience=4).solutions[0].map_target_source
+    marked = exact_solutions(points, source, group="O", invariants=(colours, colours[best]), patience=4)
+    assert [pose.map_target_source.tolist() for pose in marked.solutions] == [best.tolist()]
+    deep = rng.standard_normal((5, 4))
+    signs = np.array([1.0, -1.0, -1.0, 1.0])
+    diagonal = exact_solutions(deep, deep * signs, group="O", rotation_pattern=0, patience=4)
+    assert np.diag(diagonal.solutions[0].R_target_source) == pytest.approx(signs)
+
+
+def test_small_noise_is_within_the_tolerance_and_large_noise_is_not(rng: np.random.Generator) -> None:
+    points = chair(rng)
+    source = planted(rng, points, noise=1e-6).source
+    assert len(exact_solutions(points, source, group="O", tol=1e-4, patience=4).solutions) == 2
+    refused = exact_solutions(points, source, group="O", tol=1e-9, patience=4)
+    assert refused.solutions == ()
+    assert refused.status is Status.FAILED
+    assert not refused.is_group
+
+
+def test_equal_norms_do_not_fool_it(rng: np.random.Generator) -> None:
+    for norms, draws in (([1, 1, 1, 1, 1], 10), ([1, 1, 2, 2, 3], 1)):
+        sphere = rng.standard_normal((2, 5, 3))
+        target, source = sphere * (np.array(norms)[:, None] / np.linalg.norm(sphere, axis=2, keepdims=True))
+        result = exact_solutions(target, source, group="O")
+        assert result.solutions == ()
+        assert result.status is Status.FAILED
+        assert result.num_draws <= draws
+
+
+def test_same_seed_gives_the_same_answer(rng: np.random.Generator) -> None:
+    points = chair(rng)
+    source = planted(rng, points).source
+    runs = [exact_solutions(points, source, group="O", patience=3, seed=5) for _ in range(2)]
+    assert np.array_equal(runs[0].symmetries, runs[1].symmetries)
+
+
+def test_wrong_input_is_refused(rng: np.random.Generator) -> None:
+    line = rng.standard_normal((5, 3)) * [1.0, 0.0, 0.0]
+    with pytest.raises(InputError, match="continuous families"):
+        exact_solutions(line, line)
+    points = rng.standard_normal((4, 3))
+    with pytest.raises(InputError, match="weights"):
+        exact_solutions(points, points, weights=[1.0, 1.0, 1.0, 0.0])
+    with pytest.raises(OptionsError, match="patience"):
+        exact_solutions(points, points, patience=0)

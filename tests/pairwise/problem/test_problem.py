@@ -1,0 +1,110 @@
+"""The problem's energy, costs and Procrustes step agree with each other, and impossible problems are refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data_tools.errors import InputError, OptionsError
+from pairwise.problem.pattern import RotationPattern
+from pairwise.problem.problem import Problem
+
+
+def some_problem(rng: np.random.Generator, **options: object) -> Problem:
+    return Problem.from_user(rng.random((7, 3)), rng.random((5, 3)), **options)
+
+
+def test_costs_and_energy_agree(rng: np.random.Generator) -> None:
+    problem = some_problem(rng, weights=rng.random(5), invariants=(rng.random((7, 2)), rng.random((5, 2))))
+    point_map = rng.permutation(7)[:5]
+    rotation = problem.pattern.project(rng.standard_normal((3, 3)))
+    costs = problem.assignment_costs(rotation)
+    assert problem.energy(rotation, point_map) == pytest.approx(costs[point_map, np.arange(5)].sum())
+    assert not np.isclose(problem.energy(rotation, np.roll(point_map, 1)), problem.energy(rotation, point_map))
+
+
+def test_procrustes_beats_every_other_rotation(rng: np.random.Generator) -> None:
+    for group in ("SO", "O"):
+        problem = some_problem(rng, group=group, weights=rng.random(5))
+        point_map = rng.permutation(7)[:5]
+        best = problem.energy(problem.procrustes(point_map), point_map)
+        others = problem.pattern.project(rng.standard_normal((200, 3, 3)))
+        assert best <= min(problem.energy(r, point_map) for r in others)
+
+
+def test_projection_keeps_pattern_and_determinants(rng: np.random.Generator) -> None:
+    matrices = rng.standard_normal((50, 7, 7))
+    pattern = RotationPattern.from_user((3, 4), 7, "SO")
+    rotations = pattern.project(matrices)
+    assert np.allclose(rotations @ rotations.transpose(0, 2, 1), np.eye(7))
+    assert np.allclose(np.linalg.det(rotations[:, :3, :3]), 1)
+    assert {-1, 1} == set(np.sign(np.linalg.det(rotations[:, 3:, 3:])))
+    assert not rotations[:, :3, 3:].any()
+    diagonal = RotationPattern.from_user(0, 3, "SO").project(matrices[:, :3, :3])
+    assert np.allclose(np.prod(np.diagonal(diagonal, axis1=1, axis2=2), axis=1), 1)
+    assert np.allclose(np.abs(diagonal), np.eye(3))
+
+
+def test_special_projection_of_diagonals_is_nearest() -> None:
+    pattern = RotationPattern.from_user(0, 3, "SO")
+    given = np.diag([3.0, -0.1, 2.0])
+    assert np.allclose(pattern.project(given), np.eye(3))
+
+
+@pytest.mark.parametrize(("pattern", "dim"), [(None, 3), ((3, 2), 5), (0, 4)])
+def test_projection_mirrors_on_request_whatever_the_group(
+    rng: np.random.Generator, pattern: object, dim: int
+) -> None:
+    matrices = rng.standard_normal((20, dim, dim))
+    wanted = rng.random(20) < 0.5
+    special = RotationPattern.from_user(pattern, dim, "SO")
+    for group in ("SO", "O"):
+        found = RotationPattern.from_user(pattern, dim, group).project(matrices, wanted)
+        block = special.rotation_block
+        np.testing.assert_array_equal(np.linalg.det(found[:, :block, :block]) < 0, wanted)
+        np.testing.assert_allclose(found[~wanted], special.project(matrices[~wanted]), atol=1e-12)
+
+
+def test_pack_is_column_major_and_unpack_its_inverse(rng: np.random.Generator) -> None:
+    pattern = RotationPattern.from_user(1, 4, "O")
+    matrix = np.where(pattern.mask, rng.random((4, 4)), 0)
+    assert pattern.num_entries == 10
+    assert np.array_equal(pattern.unpack(pattern.pack(matrix)), matrix)
+    full = RotationPattern.from_user(None, 3, "O")
+    assert np.array_equal(full.pack(np.arange(9.0).reshape(3, 3)), np.arange(9.0).reshape(3, 3).ravel(order="F"))
+
+
+@pytest.mark.parametrize(
+    ("pattern", "error"),
+    [
+        (-1, OptionsError),
+        ((2, 2), OptionsError),
+        ((0, 3), OptionsError),
+        (np.zeros((3, 3)), InputError),
+        ([[1, 1, 1], [0, 0, 0], [1, 1, 1]], InputError),
+        (np.ones((2, 2)), InputError),
+    ],
+)
+def test_impossible_patterns_are_refused(pattern: object, error: type[Exception]) -> None:
+    with pytest.raises(error, match="rotation_pattern"):
+        RotationPattern.from_user(pattern, 3, "SO")
+
+
+def test_impossible_problems_are_refused(rng: np.random.Generator) -> None:
+    q, p = rng.random((4, 3)), rng.random((3, 3))
+    with pytest.raises(InputError, match="k <= n"):
+        Problem.from_user(p, q)
+    with pytest.raises(InputError, match="shape"):
+        Problem.from_user(q, p[:, :2])
+    with pytest.raises(OptionsError, match="group"):
+        Problem.from_user(q, p, group="U")
+    nothing = np.ones((4, 3), bool)
+    nothing[:, 1] = False
+    with pytest.raises(InputError, match="source point 1 has none"):
+        Problem.from_user(q, p, candidates=nothing)
+    crowded = np.zeros((4, 3), bool)
+    crowded[:2] = True
+    with pytest.raises(InputError, match="no injective map"):
+        Problem.from_user(q, p, candidates=crowded)
+    with pytest.raises(InputError, match="invariants of the source"):
+        Problem.from_user(q, p, invariants=(np.ones((4, 2)), np.ones((3, 1))))

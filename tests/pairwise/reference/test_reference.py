@@ -1,0 +1,115 @@
+"""PM-SDP in CVXPY against brute force, invariances, and refusals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from data_tools.errors import OptionsError
+from pairwise.problem.problem import Problem
+from pairwise.reference.pm_sdp import primal_residual, solve_reference
+from pairwise.status import Status
+from tests.oracles import brute_force, check_relaxation, in_rotation_hull
+from tests.problems import KnownProblem, catalogue, planted, random_rotation
+
+CATALOGUE = catalogue()
+SMALL = [known for known in CATALOGUE if known.problem.num_target <= 7]
+
+
+@pytest.mark.parametrize("known", CATALOGUE, ids=lambda known: known.name)
+def test_solution_is_feasible_and_bounds_the_optimum(known: KnownProblem) -> None:
+    result = solve_reference(known.problem, tol=1e-8)
+    assert result.status in (Status.CONVERGED, Status.STALLED)
+    assert check_relaxation(known.problem, result, 1e-5) == []
+    assert result.residuals["primal"] < 1e-5
+    assert math.isnan(result.lower_bound)
+    optimum = brute_force(known.problem).energy if math.isnan(known.optimum) else known.optimum
+    assert result.value <= optimum + 1e-5 * (1.0 + optimum)
+    if known.num_solutions != 0:
+        assert result.value == pytest.approx(0.0, abs=1e-5)
+
+
+def test_exact_recovery_without_noise(rng: np.random.Generator) -> None:
+    points = rng.standard_normal((7, 3))
+    for options in ({}, {"num_source": 5}, {"group": "O", "rotation": random_rotation(rng, 3, reflected=True)}):
+        problem = planted(rng, points, **options)
+        result = solve_reference(problem, tol=1e-8)
+        assert result.X.max(axis=0) == pytest.approx(np.ones(problem.num_source), abs=1e-3)
+        assert problem.energy(problem.pattern.project(result.R), result.X.argmax(axis=0)) < 1e-5
+        assert pytest.approx(problem.procrustes(result.X.argmax(axis=0)), abs=1e-3) == result.R
+
+
+def test_value_does_not_depend_on_pose_labels_or_solver(rng: np.random.Generator) -> None:
+    target, source, weights = rng.random((5, 3)), rng.random((4, 3)), rng.random(4) + 0.1
+    value = solve_reference(Problem.from_user(target, source, weights=weights), tol=1e-8).value
+    shuffle, order = rng.permutation(5), rng.permutation(4)
+    moved = Problem.from_user(
+        target[shuffle] @ random_rotation(rng, 3),
+        source[order] @ random_rotation(rng, 3),
+        weights=weights[order],
+    )
+    assert solve_reference(moved, tol=1e-8).value == pytest.approx(value, abs=1e-6)
+    assert solve_reference(moved, tol=1e-7, solver="scs").value == pytest.approx(value, abs=1e-5)
+    mirrored = replace(moved, source=moved.source * [-1.0, 1.0, 1.0])
+    assert abs(solve_reference(mirrored, tol=1e-8).value - value) > 1e-4
+
+
+def test_scaling_the_points_scales_the_value(rng: np.random.Generator) -> None:
+    target, source = rng.random((4, 3)), rng.random((4, 3))
+    value = solve_reference(Problem.from_user(target, source), tol=1e-8).value
+    for scale in (1e-4, 1e4):
+        scaled = solve_reference(Problem.from_user(scale * target, scale * source), tol=1e-8).value
+        assert scaled / scale**2 == pytest.approx(value, rel=1e-5)
+
+
+def test_more_constraints_never_lower_the_value(rng: np.random.Generator) -> None:
+    target, source = rng.random((5, 3)), rng.random((5, 3))
+    free = solve_reference(Problem.from_user(target, source, group="O"), tol=1e-8).value
+    problem = Problem.from_user(target, source)
+    hull = solve_reference(problem, tol=1e-8).value
+    crossed = solve_reference(problem, tol=1e-8, cross_products=True)
+    assert free <= hull + 1e-7
+    assert hull <= crossed.value + 1e-7
+    assert crossed.value <= brute_force(problem).energy + 1e-7
+    assert crossed.value > free + 1e-4
+
+
+def test_mean_rotation_stays_in_the_hull_of_rotations(rng: np.random.Generator) -> None:
+    points = rng.random((5, 3))
+    mirror = np.diag([-1.0, 1.0, 1.0])
+    for group, inside in (("SO", True), ("O", False)):
+        problem = planted(rng, points, rotation=mirror, group=group)
+        mean = solve_reference(problem, tol=1e-8).R
+        assert in_rotation_hull(mean, 1e-6) is inside
+
+
+def test_limits_are_statuses(rng: np.random.Generator) -> None:
+    problem = Problem.from_user(rng.random((6, 3)), rng.random((6, 3)))
+    assert solve_reference(problem, solver="scs", tol=1e-9, max_iterations=50).status is Status.ITERATION_LIMIT
+    stopped = solve_reference(problem, solver="clarabel", tol=1e-9, max_iterations=3)
+    assert stopped.status is Status.ITERATION_LIMIT
+    late = solve_reference(problem, solver="scs", tol=1e-10, time_limit_s=0.02)
+    assert late.status is Status.TIME_LIMIT
+
+
+def test_wrong_options_are_refused(rng: np.random.Generator) -> None:
+    problem = Problem.from_user(rng.random((3, 3)), rng.random((3, 3)))
+    for options in ({"solver": "mosek"}, {"tol": 0.0}, {"max_iterations": 0}, {"time_limit_s": -1.0}):
+        with pytest.raises(OptionsError, match=next(iter(options))):
+            solve_reference(problem, **options)
+    partial = Problem.from_user(rng.random((3, 3)), rng.random((3, 3)), num_matches=2)
+    with pytest.raises(OptionsError, match="num_matches"):
+        solve_reference(partial)
+
+
+def test_primal_residual_sees_violations(rng: np.random.Generator) -> None:
+    problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)))
+    result = solve_reference(problem, tol=1e-8)
+    entries = problem.pattern.pack(result.R)
+    assert primal_residual(problem, result.X, result.B, result.C, entries) < 1e-6
+    assert primal_residual(problem, 1.1 * result.X, result.B, result.C, entries) > 1e-2
+    assert primal_residual(problem, result.X, result.B, 1.1 * result.C, entries) > 1e-2
+    assert primal_residual(problem, result.X, result.B, result.C, -3.0 * entries) > 1e-2

@@ -1,0 +1,46 @@
+"""Candidates: ranking, the best of each chirality, and poses that are found later."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pairwise.candidates import rank, with_better
+from pairwise.options import MatchOptions
+from pairwise.problem.pattern import RotationPattern
+from pairwise.results import Candidate
+
+PATTERN = RotationPattern.from_user(None, 3, "O")
+
+
+def pose(angle_deg: float, energy: float, *, reflected: bool = False) -> Candidate:
+    cos, sin = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
+    rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, -1.0 if reflected else 1.0]])
+    return Candidate(
+        R_target_source=rotation, map_target_source=np.arange(3), energy=energy, reflected=reflected, origin="test"
+    )
+
+
+def energies(candidates: tuple[Candidate, ...]) -> list[float]:
+    return [c.energy for c in candidates]
+
+
+def test_far_worse_poses_are_dropped_but_the_best_of_each_chirality_stays() -> None:
+    poses = [pose(0, 3.0), pose(40, 1.0), pose(80, 1.9), pose(0, 9.0, reflected=True), pose(50, 10.0, reflected=True)]
+    ranked = rank(poses, MatchOptions(candidate_factor=2.0))
+    assert energies(ranked) == [1.0, 1.9, 9.0]
+    assert ranked[-1].reflected
+
+
+def test_a_better_pose_replaces_those_it_is_not_distinct_from() -> None:
+    ranked = rank([pose(0, 1.0), pose(60, 1.2), pose(0, 1.1, reflected=True)], MatchOptions())
+    better = with_better(ranked, pose(5, 0.9), PATTERN, MatchOptions())
+    assert energies(better) == [0.9, 1.1, 1.2]
+    elsewhere = with_better(ranked, pose(120, 0.9), PATTERN, MatchOptions())
+    assert energies(elsewhere) == [0.9, 1.0, 1.1, 1.2]
+
+
+@pytest.mark.parametrize("energy", [1.0, 1.5])
+def test_a_pose_that_is_no_better_changes_nothing(energy: float) -> None:
+    ranked = rank([pose(0, 1.0), pose(60, 1.2)], MatchOptions())
+    assert with_better(ranked, pose(30, energy), PATTERN, MatchOptions()) is ranked

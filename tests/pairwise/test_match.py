@@ -1,0 +1,255 @@
+"""The matcher: global optimum on the catalogue, alternatives, chirality, proof, invariances, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data_tools.errors import InputError, OptionsError
+from pairwise import MatchOptions, match
+from pairwise.local.local_search import minimise
+from pairwise.local.rotation_sets import random_rotations, rotation_angles
+from pairwise.match import match_problem
+from pairwise.portfolio import wants_relaxation
+from pairwise.problem.problem import Problem
+from pairwise.status import Status
+from tests.oracles import brute_force, check_pose
+from tests.problems import catalogue, planted
+
+
+@pytest.mark.parametrize("known", catalogue(), ids=lambda known: known.name)
+def test_the_best_pose_is_the_global_optimum(known) -> None:
+    result = match_problem(known.problem, MatchOptions())
+    best = brute_force(known.problem).energy
+    assert result.energy == pytest.approx(best, rel=1e-5, abs=1e-9)
+    for candidate in result.candidates:
+        pose = candidate.R_target_source, candidate.map_target_source
+        assert not check_pose(known.problem, *pose, candidate.energy)
+
+
+@pytest.mark.parametrize(
+    ("dim", "strategy"),
+    [(d, s) for d in (1, 2, 3) for s in ("search", "relaxation", "portfolio")]
+    + [(5, "relaxation"), (7, "portfolio")],
+)
+def test_every_strategy_recovers_exactly_without_noise(dim: int, strategy) -> None:
+    rng = np.random.default_rng(dim)
+    target = rng.random((9, dim)) - 0.5
+    turn, point_map = random_rotations(dim, 1, rng)[0], rng.permutation(9)[:7]
+    result = match(target, target[point_map] @ turn, strategy=strategy)
+    np.testing.assert_array_equal(result.map_target_source, point_map)
+    np.testing.assert_allclose(result.R_target_source, turn, atol=1e-7)
+    assert result.energy == pytest.approx(0.0, abs=1e-12)
+
+
+def test_candidates_are_distinct_ordered_and_near_the_best() -> None:
+    rng = np.random.default_rng(3)
+    problem = planted(rng, rng.random((20, 3)) - 0.5, noise=0.5)
+    options = MatchOptions(max_candidates=5, candidate_factor=1.2, candidate_angle_deg=20.0)
+    result = match_problem(problem, options)
+    energies = [c.energy for c in result.candidates]
+    assert 1 < len(energies) <= 5
+    assert energies == sorted(energies)
+    assert energies[-1] <= 1.2 * energies[0]
+    assert result.energy == energies[0]
+    np.testing.assert_array_equal(result.R_target_source, result.candidates[0].R_target_source)
+    turns = np.stack([c.R_target_source for c in result.candidates])
+    for i, turn in enumerate(turns):
+        assert (rotation_angles(turns[:i], turn) >= np.deg2rad(20.0)).all()
+
+
+def test_symmetric_shapes_keep_every_pose() -> None:
+    rng = np.random.default_rng(0)
+    quarter = rng.random((3, 3)) + np.array([0.2, 0.5, 0.0])
+    table = np.concatenate([quarter * [a, b, 1.0] for a in (1.0, -1.0) for b in (1.0, -1.0)])
+    both = match(table, table, group="O")
+    exact = [c for c in both.candidates if c.energy < 1e-12]
+    assert len(exact) == 4
+    assert sorted(c.reflected for c in exact) == [False, False, True, True]
+
+
+def test_extreme_points_are_drawn_on_request() -> None:
+    half = np.random.default_rng(5).random((4, 3)) - 0.5
+    points = np.concatenate([half, half * [-1.0, -1.0, 1.0]])
+    found = match(points, points, options=MatchOptions(strategy="relaxation", num_draws=0, num_extreme_draws=6))
+    assert sum(c.energy < 1e-12 for c in found.candidates) == 2
+
+
+def test_both_chiralities_are_reported_apart() -> None:
+    rng = np.random.default_rng(1)
+    points = rng.random((14, 3)) - 0.5
+    mirror = random_rotations(3, 1, rng)[0] @ np.diag([-1.0, 1.0, 1.0])
+    result = match(points, points @ mirror, group="O")
+    assert result.candidates[0].reflected
+    assert np.linalg.det(result.R_target_source) == pytest.approx(-1.0)
+    proper = [c for c in result.candidates if not c.reflected]
+    assert proper
+    alone = match(points, points @ mirror)
+    assert proper[0].energy == pytest.approx(alone.energy)
+    assert not any(c.reflected for c in alone.candidates)
+
+
+@pytest.mark.parametrize("group", ["SO", "O"])
+def test_a_proof_is_given_on_request(group: str) -> None:
+    rng = np.random.default_rng(5)
+    problem = planted(rng, rng.random((7, 3)), noise=0.1, group=group)
+    result = match_problem(problem, MatchOptions(certify=True))
+    assert result.status is Status.PROVEN_OPTIMAL
+    best = brute_force(problem).energy
+    assert result.energy == pytest.approx(best, rel=1e-6)
+    assert (1 - 2e-3) * best <= result.lower_bound <= best * (1 + 1e-9)
+    assert np.isnan(match_problem(problem, MatchOptions()).lower_bound)
+
+
+@pytest.mark.parametrize("pattern", [None, (3, 2), 0])
+def test_the_relaxation_bounds_the_energy(pattern) -> None:
+    rng = np.random.default_rng(6)
+    dim = 5 if pattern == (3, 2) else 4
+    turn = np.eye(dim) if pattern is not None else None
+    group = "O" if pattern == 0 else "SO"
+    problem = planted(rng, rng.random((6, dim)), noise=0.1, rotation=turn, rotation_pattern=pattern, group=group)
+    result = match_problem(problem, MatchOptions(strategy="relaxation"))
+    best = brute_force(problem).energy
+    assert 0.0 <= result.lower_bound <= best * (1 + 1e-9)
+    assert result.energy >= best * (1 - 1e-9)
+    assert result.certificate is not None
+
+
+def test_a_banded_pattern_has_no_bound() -> None:
+    rng = np.random.default_rng(7)
+    problem = planted(rng, rng.random((6, 4)), noise=0.1, rotation=np.eye(4), rotation_pattern=1)
+    assert np.isnan(match_problem(problem, MatchOptions(strategy="relaxation")).lower_bound)
+
+
+def test_exact_matches_are_proven_by_the_relaxation_alone() -> None:
+    rng = np.random.default_rng(8)
+    problem = planted(rng, rng.random((8, 4)))
+    assert match_problem(problem, MatchOptions()).status is Status.PROVEN_OPTIMAL
+
+
+def test_the_relaxation_is_solved_by_the_documented_rule() -> None:
+    rng = np.random.default_rng(0)
+    rigid, deep = planted(rng, rng.random((6, 3))), planted(rng, rng.random((6, 4)))
+    mixed = Problem.from_user(rng.random((6, 7)), rng.random((6, 7)), rotation_pattern=(3, 4))
+    portfolio = MatchOptions()
+    assert [wants_relaxation(p, portfolio) for p in (rigid, mixed, deep)] == [False, False, True]
+    assert wants_relaxation(rigid, MatchOptions(strategy="relaxation"))
+    assert not wants_relaxation(deep, MatchOptions(strategy="search"))
+    assert not wants_relaxation(rigid, MatchOptions(certify=True))
+    assert wants_relaxation(deep, MatchOptions(strategy="search", certify=True))
+    assert not wants_relaxation(deep, MatchOptions(estimate_scale=True))
+
+
+def test_the_same_input_gives_the_same_bytes() -> None:
+    rng = np.random.default_rng(9)
+    target, source = rng.random((16, 4)), rng.random((12, 4))
+    first, again = (match(target, source, seed=4) for _ in range(2))
+    assert len(first.candidates) == len(again.candidates)
+    for a, b in zip(first.candidates, again.candidates, strict=True):
+        assert a.R_target_source.tobytes() == b.R_target_source.tobytes()
+        assert a.map_target_source.tobytes() == b.map_target_source.tobytes()
+        assert a.energy == b.energy
+
+
+@pytest.mark.parametrize("num_source", [None, 11])
+def test_relabelling_and_turning_change_labels_and_turns_only(num_source: int | None) -> None:
+    rng = np.random.default_rng(10)
+    problem = planted(rng, rng.random((15, 3)) - 0.5, noise=0.2, num_source=num_source)
+    turns = random_rotations(3, 2, rng)
+    orders = rng.permutation(problem.num_target), rng.permutation(problem.num_source)
+    plain = match(problem.target, problem.source)
+    moved = match((problem.target @ turns[0].T)[orders[0]], (problem.source @ turns[1].T)[orders[1]])
+    assert moved.energy == pytest.approx(plain.energy)
+    np.testing.assert_array_equal(orders[0][moved.map_target_source], plain.map_target_source[orders[1]])
+    np.testing.assert_allclose(turns[0].T @ moved.R_target_source @ turns[1], plain.R_target_source, atol=1e-7)
+
+
+@pytest.mark.parametrize("unit", [1e-20, 1e20])
+def test_units_change_energies_only(unit: float) -> None:
+    rng = np.random.default_rng(10)
+    problem = planted(rng, rng.random((14, 3)) - 0.5, noise=0.2)
+    plain, scaled = match(problem.target, problem.source), match(unit * problem.target, unit * problem.source)
+    np.testing.assert_array_equal(scaled.map_target_source, plain.map_target_source)
+    assert scaled.energy == pytest.approx(plain.energy * unit**2)
+
+
+def test_given_starts_compete() -> None:
+    rng = np.random.default_rng(11)
+    problem = planted(rng, rng.random((12, 6)) - 0.5, noise=0.05)
+    best = minimise(problem, problem.procrustes(np.arange(12))[None])
+    result = match(problem.target, problem.source, starts=best.rotations, strategy="search")
+    assert result.energy <= best.energies[0] * (1 + 1e-9)
+
+
+def test_the_scale_is_estimated_on_request() -> None:
+    rng = np.random.default_rng(12)
+    points = rng.random((12, 3)) - 0.5
+    result = match(points, 1.25 * points, options=MatchOptions(estimate_scale=True))
+    assert result.scale == pytest.approx(0.8)
+    assert result.energy == pytest.approx(0.0, abs=1e-12)
+    assert match(points, 1.25 * points).scale == 1.0
+    assert result.translation is None
+
+
+def test_partial_overlap_is_matched_with_a_shift_on_request() -> None:
+    rng = np.random.default_rng(13)
+    shape, turn = rng.random((60, 3)) * [3.0, 1.0, 1.0], random_rotations(3, 1, rng)[0]
+    left, right = shape[shape[:, 0] < 2.0], shape[shape[:, 0] > 0.8]
+    target, source = sorted((left - left.mean(axis=0), right - right.mean(axis=0)), key=len, reverse=True)
+    overlap = int(((shape[:, 0] < 2.0) & (shape[:, 0] > 0.8)).sum())
+    options = MatchOptions(estimate_translation=True)
+    result = match(target, source @ turn, num_matches=overlap, options=options)
+    np.testing.assert_allclose(result.R_target_source, turn, atol=1e-6)
+    assert result.energy == pytest.approx(0.0, abs=1e-9)
+    assert result.translation is not None
+    moved = source @ turn @ result.R_target_source.T + result.translation
+    matched = result.map_target_source >= 0
+    np.testing.assert_allclose(moved[matched], target[result.map_target_source[matched]], atol=1e-6)
+    assert match(target, source @ turn, num_matches=overlap).energy > 0.1
+
+
+def test_results_are_read_only() -> None:
+    points = np.random.default_rng(0).random((6, 3))
+    result = match(points, points)
+    with pytest.raises(ValueError, match="read-only"):
+        result.R_target_source[0, 0] = 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"target": np.ones((3, 3)), "source": np.ones((4, 3))}, "k <= n"),
+        ({"target": np.ones((3, 3)), "source": np.ones((3, 2))}, "source"),
+        ({"target": np.full((3, 3), np.nan), "source": np.ones((3, 3))}, "target"),
+        ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "group": "SU"}, "group"),
+        ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "strategy": "luck"}, "strategy"),
+        ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "starts": np.ones((3, 3))}, "starts"),
+        ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "starts": -np.eye(3)}, "reflection"),
+        ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "time_limit_s": 0}, "time_limit_s"),
+        ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "seed": -1}, "seed"),
+    ],
+)
+def test_bad_input_is_refused_by_name(arguments, message: str) -> None:
+    with pytest.raises((InputError, OptionsError), match=message):
+        match(arguments.pop("target"), arguments.pop("source"), **arguments)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"candidate_factor": 0.9},
+        {"candidate_angle_deg": -1.0},
+        {"max_candidates": 0},
+        {"num_draws": -1},
+        {"num_extreme_draws": -1},
+        {"gap_tol": 0.0},
+        {"scale_range": (1.5, 2.0)},
+        {"scale_range": (0.5, np.inf)},
+        {"estimate_scale": True, "certify": True},
+        {"estimate_scale": True, "strategy": "relaxation"},
+        {"estimate_translation": True, "certify": True},
+    ],
+)
+def test_impossible_options_are_refused(fields) -> None:
+    with pytest.raises(OptionsError):
+        MatchOptions(**fields)
