@@ -34,8 +34,9 @@ def agree_in_parts(
     Parameters
     ----------
     samples, pairs, options, fixed, reference
-        As for :func:`collalign.stages.poses.agreement.agree`; ``options.clusters`` is the number of parts, 0 to find it.
-        The part of the reference and parts with fixed shapes stay; the others are turned as most pairs between parts ask.
+        As for :func:`collalign.stages.poses.agreement.agree`; ``options.clusters`` is the number of parts, 0 to find
+        it. The part of the reference and parts with fixed shapes stay; the others are turned as most pairs between
+        parts ask for.
 
     Returns
     -------
