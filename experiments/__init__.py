@@ -1,6 +1,6 @@
 """The experiments: one command each, ``python -m experiments NAME``, over public collections.
 
-They use the whole toolkit, so this sub-package alone in ``data_tools`` imports ``pairwise`` and ``collalign``.
+They use the whole toolkit and are not part of the installed packages.
 """
 
 from __future__ import annotations
@@ -10,27 +10,28 @@ import importlib
 from data_tools.errors import OptionsError
 from experiments.experiment import Experiment
 
-#: Experiments in the order of the page, each a module of this package with a constant ``EXPERIMENT``.
-NAMES: tuple[str, ...] = (
-    "figure3",
-    "figure5",
-    "scape",
-    "tosca",
-    "shrec07_maps",
-    "faust",
-    "theorem3",
-    "figure13",
-    "figure14",
-    "classification",
-    "collections",
-    "invariants",
-    "matching_table",
-    "matching_energies",
-    "partial_scans",
-    "peers",
-    "teeth_jobs",
-    "deformations",
-)
+#: Experiments in the order of the page, and the folder of the module that holds the constant ``EXPERIMENT`` of each.
+_FOLDERS = {
+    "figure3": "figures",
+    "figure5": "figures",
+    "scape": "maps",
+    "tosca": "maps",
+    "shrec07_maps": "maps",
+    "faust": "maps",
+    "theorem3": "figures",
+    "figure13": "figures",
+    "figure14": "figures",
+    "classification": "collections",
+    "collections": "collections",
+    "invariants": "pairs",
+    "matching_table": "pairs",
+    "matching_energies": "pairs",
+    "partial_scans": "pairs",
+    "peers": "peers",
+    "teeth_jobs": "collections",
+    "deformations": "collections",
+}
+NAMES: tuple[str, ...] = tuple(_FOLDERS)
 
 
 def load_experiment(name: str) -> Experiment:
@@ -43,5 +44,5 @@ def load_experiment(name: str) -> Experiment:
     """
     if name not in NAMES:
         raise OptionsError(f"no experiment is called {name!r}; there are {', '.join(NAMES)}")
-    experiment: Experiment = importlib.import_module(f"{__name__}.{name}").EXPERIMENT
+    experiment: Experiment = importlib.import_module(f"{__name__}.{_FOLDERS[name]}.{name}").EXPERIMENT
     return experiment
