@@ -27,10 +27,12 @@ from data_tools.embedding.embedding import Samples
 from data_tools.errors import InputError
 from data_tools.io.files import readable_name
 from data_tools.io.shapes import FolderListing, read_folder
+from data_tools.threads import one_blas_thread
 
 _LIBRARIES = ("collalign", "numpy", "scipy", "trimesh", "potpourri3d", "robust-laplacian", "joblib")
 
 
+@one_blas_thread()
 def align_collection(
     folder: str | Path,
     *,
@@ -80,6 +82,7 @@ def align_collection(
     return align_listing(read_folder(folder), options, run, fixed=fixed or {}, progress=progress)
 
 
+@one_blas_thread()
 def align_listing(
     listing: FolderListing,
     options: AlignOptions,

@@ -17,6 +17,7 @@ from collalign.stages.pairs.select import all_pairs
 from collalign.stages.shapes import prepare_shapes, shape_keys
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import FolderListing, read_folder
+from data_tools.threads import one_blas_thread
 
 #: Shapes of the trial from which a run is estimated.
 NUM_TRIAL_SHAPES = 3
@@ -74,6 +75,7 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
     return jobs
 
 
+@one_blas_thread()
 def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
     """Estimate what a job will take, from its store and a trial with a few of its shapes.
 

@@ -17,8 +17,10 @@ from collalign.output.write import ALIGNMENT_FILE
 from collalign.stages.pairs.choose import FormerPairs
 from data_tools.errors import InputError
 from data_tools.io.shapes import FolderListing, read_folder
+from data_tools.threads import one_blas_thread
 
 
+@one_blas_thread()
 def add_to_collection(
     result: str | Path,
     folder: str | Path,

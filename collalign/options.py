@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -137,7 +136,8 @@ class RunOptions:
     """
 
     jobs: int = -1
-    """Worker processes; -1 is one per core."""
+    """Worker processes; -1 is one per core, and more than one per core are not started: they would only wait for each
+    other, each with its own libraries to load."""
 
     store: Path | None = None
     """SQLite file that keeps every finished shape and pair, so that an interrupted run can go on."""
@@ -163,8 +163,11 @@ class RunOptions:
 
     @property
     def num_workers(self) -> int:
-        """Worker processes, at least one."""
-        return max(1, os.cpu_count() or 1) if self.jobs == -1 else self.jobs
+        """Worker processes: as many as asked for and as there are cores that this process may use."""
+        from joblib import cpu_count
+
+        num_cores = int(cpu_count())
+        return num_cores if self.jobs == -1 else min(self.jobs, num_cores)
 
     @property
     def memory_limit_bytes(self) -> int:

@@ -10,6 +10,7 @@ from cyclopts import App
 
 from collalign.engine.store.store import Store
 from data_tools.errors import CollalignError, InputError
+from data_tools.threads import one_blas_thread
 from experiments import NAMES, load_experiment
 from experiments.experiment import Bench
 from experiments.write import write_experiment, write_page
@@ -18,6 +19,7 @@ app = App(name="python -m experiments", help=__doc__, result_action="return_valu
 
 
 @app.default
+@one_blas_thread()
 def run(
     *names: str,
     data: Path = Path("../shared/data"),

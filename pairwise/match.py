@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, as_rotations
+from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import can_certify
 from pairwise.branch_and_bound.prove import certify as prove_by_branching
 from pairwise.candidates import with_better
@@ -30,6 +31,7 @@ from pairwise.status import Status
 _ROUNDING_SHARE = 1e-9
 
 
+@one_blas_thread()
 def match(
     target: ArrayLike,
     source: ArrayLike,
@@ -127,6 +129,7 @@ def match(
     return match_problem(problem, options, starts=poses, dense=clouds, dense_options=dense_options)
 
 
+@one_blas_thread()
 def match_problem(
     problem: Problem,
     options: MatchOptions,

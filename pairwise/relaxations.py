@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import OptionsError
+from data_tools.threads import one_blas_thread
 from pairwise.pm_sdp.certify import certify_dual, optimal_assignment
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import DualSolution, solve_dual
@@ -19,6 +20,7 @@ from pairwise.results import RelaxationResult
 from pairwise.status import Status
 
 
+@one_blas_thread()
 def solve_relaxation(
     target: ArrayLike,
     source: ArrayLike,
@@ -108,6 +110,7 @@ def _check_options(
         raise OptionsError(f"time_limit_s: expected a positive number of seconds, got {time_limit_s}")
 
 
+@one_blas_thread()
 def solve_pm_sdp(
     problem: Problem,
     *,

@@ -11,6 +11,7 @@ from scipy.spatial.distance import squareform
 
 from data_tools.arrays import FloatArray, IntArray, as_floats, read_only
 from data_tools.errors import InputError
+from data_tools.threads import one_blas_thread
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,6 +36,7 @@ class Tree:
     correlation: float
 
 
+@one_blas_thread()
 def classical_mds(distances: ArrayLike, *, num_dimensions: int = 2) -> tuple[FloatArray, FloatArray]:
     """Classical multidimensional scaling (principal coordinates) of a complete distance matrix.
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from data_tools.arrays import BoolArray, FloatArray, as_floats, read_only
 from data_tools.errors import InputError, OptionsError
+from data_tools.threads import one_blas_thread
 
 Distance = Literal["partial", "full", "riemannian"]
 #: Fewest common labels from which a pose in space is determined.
@@ -78,6 +79,7 @@ def common_labels(samples: ArrayLike) -> BoolArray:
     return np.asarray(~np.isnan(points).any(axis=(0, 2)))
 
 
+@one_blas_thread()
 def generalized_procrustes(
     samples: ArrayLike, *, scale: bool = True, tol: float = 1e-12, max_iterations: int = 200
 ) -> ProcrustesMean:
@@ -145,6 +147,7 @@ def best_rotations(targets: FloatArray, sources: FloatArray) -> FloatArray:
     return (U * signs[..., None, :]) @ Vt
 
 
+@one_blas_thread()
 def principal_components(aligned: ArrayLike, *, num_components: int | None = None) -> PrincipalComponents:
     """Principal components of superimposed shapes, shape (N, k, 3), at least two of them.
 
@@ -172,6 +175,7 @@ def principal_components(aligned: ArrayLike, *, num_components: int | None = Non
     )
 
 
+@one_blas_thread()
 def procrustes_distances(samples: ArrayLike, *, kind: Distance = "partial") -> FloatArray:
     """Procrustes distances of all pairs, each pair superimposed by itself on the labels that both have.
 

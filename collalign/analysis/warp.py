@@ -8,8 +8,10 @@ from scipy.interpolate import RBFInterpolator
 
 from data_tools.arrays import FloatArray, as_points
 from data_tools.errors import InputError
+from data_tools.threads import one_blas_thread
 
 
+@one_blas_thread()
 def thin_plate_warp(
     vertices: ArrayLike, source: ArrayLike, target: ArrayLike, *, smoothing: float = 0.0
 ) -> FloatArray:

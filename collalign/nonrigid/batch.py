@@ -12,6 +12,7 @@ from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.prepare import prepare_file
 from data_tools.errors import InputError
 from data_tools.io.files import existing_file
+from data_tools.threads import one_blas_thread
 
 #: Prepared shapes held in memory; the others are read from the cache.
 _NUM_HELD = 8
@@ -72,6 +73,7 @@ def read_pairs(path: Path | str, folder: Path | str | None = None) -> list[tuple
     return pairs
 
 
+@one_blas_thread()
 def match_pairs(
     pairs: Iterable[tuple[Path, Path]],
     out: Path | str,

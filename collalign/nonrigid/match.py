@@ -17,6 +17,7 @@ from collalign.nonrigid.result import NonrigidCandidate, NonrigidMatch
 from collalign.nonrigid.surface import SpectralShape
 from data_tools.arrays import IntArray, read_only
 from data_tools.errors import InputError, OptionsError
+from data_tools.threads import one_blas_thread
 
 #: Difference of scores at which the better candidate is taken to be right e times as often as the other.
 SCORE_SCALE = 0.2
@@ -28,6 +29,7 @@ ORIENTATION_MARGIN = 1.0
 ENERGY_DIM = 30
 
 
+@one_blas_thread()
 def match_shapes(
     target_file: Path | str,
     source_file: Path | str,
@@ -75,6 +77,7 @@ def match_shapes(
     return match_prepared(target, source, options, prepared_s=prepared)
 
 
+@one_blas_thread()
 def match_prepared(
     target: SpectralShape, source: SpectralShape, options: NonrigidOptions | None = None, *, prepared_s: float = 0.0
 ) -> NonrigidMatch:

@@ -15,6 +15,7 @@ from collalign.nonrigid.result import NonrigidCandidate, NonrigidMatch
 from data_tools.arrays import IntArray
 from data_tools.io.files import write_atomic
 from data_tools.surface.shape import Shape
+from data_tools.threads import one_blas_thread
 
 #: Runners-up that are drawn.
 MAX_DRAWN = 4
@@ -29,6 +30,7 @@ figure { margin: 1.5rem 0; } figcaption { font-size: .9rem; }
 """
 
 
+@one_blas_thread()
 def write_match_page(path: Path | str, match: NonrigidMatch, target: Shape, source: Shape) -> Path:
     """Write a self-contained page about a match: the chosen map, its runners-up, and what speaks for each.
 

@@ -14,6 +14,7 @@ from data_tools.io.files import existing_file
 from data_tools.io.shapes import read_shape
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
+from data_tools.threads import one_blas_thread
 
 #: Files are read as stored, so that vertex indices are those of the file.
 AS_STORED = CleaningOptions(merge_vertices=False, largest_component=False)
@@ -21,6 +22,7 @@ AS_STORED = CleaningOptions(merge_vertices=False, largest_component=False)
 CACHE_VERSION = 1
 
 
+@one_blas_thread()
 def prepare_shape(shape: Shape, options: SurfaceOptions | None = None) -> SpectralShape:
     """Prepare a shape for non-rigid matching, its symmetries included.
 
@@ -33,6 +35,7 @@ def prepare_shape(shape: Shape, options: SurfaceOptions | None = None) -> Spectr
     return replace(prepared, self_maps=self_maps(prepared))
 
 
+@one_blas_thread()
 def prepare_file(
     file: Path | str, options: SurfaceOptions | None = None, *, cache: Path | str | None = None
 ) -> SpectralShape:

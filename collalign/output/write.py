@@ -24,6 +24,7 @@ from data_tools.errors import InputError
 from data_tools.io.files import write_atomic
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.surface.shape import Shape
+from data_tools.threads import one_blas_thread
 
 ALIGNMENT_FILE = "alignment.json"
 CORRESPONDENCES_FILE = "correspondences.npz"
@@ -49,6 +50,7 @@ _PAIR_COLUMNS = (
 _MAX_TILES = 100
 
 
+@one_blas_thread()
 def save_collection(
     collection: AlignedCollection,
     folder: Path,

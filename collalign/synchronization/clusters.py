@@ -15,6 +15,7 @@ from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solve import synchronize
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import OptionsError
+from data_tools.threads import one_blas_thread
 from pairwise.problem.pattern import PatternLike
 
 #: Triangles that close within this squared distance (30 degrees) support their pairs.
@@ -54,6 +55,7 @@ class ClusteredSynchronization:
     affinity: FloatArray
 
 
+@one_blas_thread()
 def synchronize_clusters(
     edges: ArrayLike,
     rotations: ArrayLike,

@@ -8,6 +8,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray, as_points, as_rotations
 from data_tools.errors import InputError
+from data_tools.threads import one_blas_thread
 from pairwise.problem.pattern import RotationPattern
 
 #: Principal axes whose variances differ by less than this part, or whose skewness is below it, have no stable sign.
@@ -55,6 +56,7 @@ def fix_gauge(
     return gauged
 
 
+@one_blas_thread()
 def principal_axes_gauge(samples: Sequence[FloatArray], rotations: FloatArray) -> FloatArray:
     """Return ``R_common_i`` in the gauge of the principal axes of all posed samples together.
 

@@ -19,6 +19,7 @@ from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solve import synchronize
 from data_tools.arrays import BoolArray, FloatArray, as_rotations, read_only
 from data_tools.errors import InputError, OptionsError
+from data_tools.threads import one_blas_thread
 from pairwise.problem.pattern import PatternLike
 
 #: ``resolve(edge, R_start) -> (R, energy, map)``: local minimisation of a pair from a starting rotation.
@@ -55,6 +56,7 @@ class RefinedSynchronization:
     rounds: int
 
 
+@one_blas_thread()
 def refine_with_pairs(
     edges: ArrayLike,
     rotations: ArrayLike,

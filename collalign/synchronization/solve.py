@@ -22,6 +22,7 @@ from collalign.synchronization.solvers.blockwise import (
 from collalign.synchronization.solvers.spectral import spectral_frames
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.errors import InputError, OptionsError
+from data_tools.threads import one_blas_thread
 from pairwise.problem.pattern import PatternLike
 from pairwise.status import Status
 
@@ -31,6 +32,7 @@ METHODS = ("robust", "spectral")
 SPECTRAL_INLIER_RAD = np.deg2rad(30.0)
 
 
+@one_blas_thread()
 def synchronize(
     edges: ArrayLike,
     rotations: ArrayLike,

@@ -16,6 +16,7 @@ from data_tools.io.files import write_atomic
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
+from data_tools.threads import one_blas_thread
 
 #: Bumps of a deformed copy.
 NUM_BUMPS = 12
@@ -172,6 +173,7 @@ class PlantedCollection:
         return self.rotations[target].T @ self.rotations[source]
 
 
+@one_blas_thread()
 def planted_collection(
     members: Sequence[Shape],
     rng: np.random.Generator,
@@ -221,6 +223,7 @@ def planted_collection(
     )
 
 
+@one_blas_thread()
 def deformed_family(base: Shape, num: int, rng: np.random.Generator, *, rms: float = 0.05) -> tuple[Shape, ...]:
     """Return ``num`` bumped copies of one shape in one frame, named after it with a number."""
     width = len(str(num))
@@ -230,6 +233,7 @@ def deformed_family(base: Shape, num: int, rng: np.random.Generator, *, rms: flo
     )
 
 
+@one_blas_thread()
 def demo_collection(*, seed: int = 0, num: int = 10, resolution: int = 2) -> PlantedCollection:
     """Return the collection that the demonstration aligns: chairs of varied proportions, bumped, in random poses.
 

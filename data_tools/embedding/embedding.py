@@ -19,6 +19,7 @@ from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.normals import outward_normals
 from data_tools.surface.shape import Shape
 from data_tools.surface.working_surface import WorkingSurface
+from data_tools.threads import one_blas_thread
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,6 +71,7 @@ class Samples:
     notes: tuple[str, ...] = ()
 
 
+@one_blas_thread()
 def sample_shape(
     shape: Shape,
     sampling: SamplingOptions | None = None,

@@ -18,6 +18,7 @@ from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import face_areas, mesh_edges
+from data_tools.threads import one_blas_thread
 
 #: Neighbours of a point in clouds.
 NUM_NEIGHBOURS = 16
@@ -129,6 +130,7 @@ def vertex_areas(shape: Shape) -> FloatArray:
     return np.pi * distances[:, -1] ** 2 / num
 
 
+@one_blas_thread()
 def spectrum(operators: SurfaceOperators, num: int, *, name: str = "shape") -> Spectrum:
     """Return the ``num`` lowest non-constant eigenpairs of the surface scaled to unit area.
 
@@ -162,6 +164,7 @@ def spectrum(operators: SurfaceOperators, num: int, *, name: str = "shape") -> S
     )
 
 
+@one_blas_thread()
 def eigenfunctions(shape: Shape, num: int) -> Spectrum:
     """Return the ``num`` lowest non-constant Laplace-Beltrami eigenpairs of a shape, scaled to unit area.
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from data_tools.arrays import read_only
 from data_tools.errors import OptionsError
+from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.search import ChiralitySearch
 from pairwise.local.rotation_sets import rotation_set
 from pairwise.problem.problem import Problem
@@ -71,6 +72,7 @@ def can_certify(problem: Problem) -> bool:
     return True
 
 
+@one_blas_thread()
 def certify(
     problem: Problem,
     candidates: Sequence[Candidate] = (),
@@ -83,6 +85,7 @@ def certify(
     return proof.lower_bound, proof.candidate, proof.status
 
 
+@one_blas_thread()
 def prove(
     problem: Problem,
     candidates: Sequence[Candidate] = (),

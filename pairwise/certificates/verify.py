@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, as_points
 from data_tools.errors import InputError
+from data_tools.threads import one_blas_thread
 from pairwise.certificates.certificate import PROBLEM_ARRAYS, Certificate, hash_problem
 from pairwise.certificates.verify_pm_sdp import pm_sdp_bound
 
@@ -14,6 +15,7 @@ from pairwise.certificates.verify_pm_sdp import pm_sdp_bound
 _CLAIM_TOL = 1e-9
 
 
+@one_blas_thread()
 def verify_certificate(
     target: ArrayLike,
     source: ArrayLike,

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, as_floats, as_rotations, read_only
 from data_tools.errors import InputError, OptionsError
+from data_tools.threads import one_blas_thread
 from pairwise.dense.point_to_plane import point_to_plane
 from pairwise.dense.points import DenseMatcher, DensePoints, Similarity
 from pairwise.status import Status
@@ -54,6 +55,7 @@ class RefinedPose:
     status: Status
 
 
+@one_blas_thread()
 def refine_pose(
     target: DensePoints,
     source: DensePoints,

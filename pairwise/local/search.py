@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.threads import one_blas_thread
 from pairwise.local.local_search import RIGID, Freedom, LocalMinima, MatchingCosts, merge, minimise, similarities
 from pairwise.local.rotation_sets import principal_frame, rotation_set, sign_rotations, small_rotations
 from pairwise.local.screening import screen
@@ -81,6 +82,7 @@ def leading_problem(problem: Problem) -> Problem:
     )
 
 
+@one_blas_thread()
 def search(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
     """Return the local minima that an even set of rotations leads to: :func:`explore`, then :func:`look_around`.
 
@@ -99,6 +101,7 @@ def search(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: 
     return look_around(problem, minima, seed=seed, freedom=freedom)
 
 
+@one_blas_thread()
 def explore(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
     """Return local minima found from the principal axes and an even set of rotations; parameters as :func:`search`.
 
@@ -225,6 +228,7 @@ def _screen_shifted(
     )
 
 
+@one_blas_thread()
 def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
     """Return the minima and those found by turning the best distinct ones a little: many basins are small.
 

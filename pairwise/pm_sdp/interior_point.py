@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
-from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from data_tools.arrays import FloatArray
+from data_tools.threads import one_blas_thread
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.moment_basis import MomentBasis
 from pairwise.pm_sdp.newton import NewtonSystem
@@ -80,6 +79,7 @@ class DualSolution:
     times_s: dict[str, float]
 
 
+@one_blas_thread()
 def solve_dual(
     data: RelaxationData,
     *,
@@ -103,14 +103,7 @@ def solve_dual(
     DualSolution
         Whatever the status, both points are strictly inside their cones. Needs s >= 1 variables.
     """
-    with _thread_pools().limit(limits=1):
-        return _InteriorPoint(data, tol, max_iterations, time_limit_s).run()
-
-
-@cache
-def _thread_pools() -> ThreadpoolController:
-    """Look up the BLAS libraries once: that takes longer than solving a small problem."""
-    return ThreadpoolController()
+    return _InteriorPoint(data, tol, max_iterations, time_limit_s).run()
 
 
 class _InteriorPoint:

@@ -24,6 +24,7 @@ from scipy.optimize import linear_sum_assignment
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.errors import InputError, OptionsError
+from data_tools.threads import one_blas_thread
 from pairwise.problem.pattern import PatternLike
 from pairwise.problem.problem import Problem
 from pairwise.reference.cvxpy import cvxpy_module, solve_program
@@ -63,6 +64,7 @@ class ExactSolutions:
     status: Status
 
 
+@one_blas_thread()
 def exact_solutions(
     target: ArrayLike,
     source: ArrayLike,

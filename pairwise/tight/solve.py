@@ -19,6 +19,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import OptionsError
+from data_tools.threads import one_blas_thread
 from pairwise.problem.problem import Problem
 from pairwise.results import RelaxationResult
 from pairwise.status import Status
@@ -28,6 +29,7 @@ from pairwise.tight.problem import chiralities, mirror
 from pairwise.tight.run import TightRun
 
 
+@one_blas_thread()
 def solve_tight(
     problem: Problem,
     *,

@@ -12,6 +12,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import InputError
+from data_tools.threads import one_blas_thread
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import rotation_angles, rotation_set
 from pairwise.problem.problem import Problem
@@ -33,6 +34,7 @@ def moment_rank(moments: FloatArray, *, tol: float = 1e-3) -> int:
     return int((values > tol * values[-1]).sum())
 
 
+@one_blas_thread()
 def optimal_rotations(
     problem: Problem, moments: FloatArray, *, tol: float = 1e-6, rank_tol: float = 1e-3
 ) -> FloatArray:

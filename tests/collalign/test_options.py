@@ -1,7 +1,9 @@
 import dataclasses
 
+import joblib
 import pytest
 
+from collalign.options import RunOptions
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 
@@ -41,3 +43,8 @@ def test_kinds_say_what_they_need() -> None:
     needs = {kind: EmbeddingOptions(kind=kind) for kind in ("xyz", "xyz+lb", "xyz+invariants", "all")}  # type: ignore[arg-type]
     assert [o.has_eigenfunctions for o in needs.values()] == [False, True, False, True]
     assert [o.has_invariants for o in needs.values()] == [False, False, True, True]
+
+
+def test_there_are_as_many_workers_as_asked_for_but_no_more_than_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 4)
+    assert [RunOptions(jobs=jobs).num_workers for jobs in (-1, 1, 3, 16)] == [4, 1, 3, 4]

@@ -9,16 +9,15 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 from typing import Any
 
-from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
-
 from collalign.engine.jobs.table import SharedTable
 from data_tools.errors import CollalignError
+from data_tools.threads import one_blas_thread
 
 _MAX_FAILURE = 1000
 _ORPHAN_POLL_S = 1.0
@@ -113,7 +112,7 @@ def run_in_process(call: Call, task: Task) -> Outcome:
     value, failure = None, None
     arguments = (task.payload,) if call.table is None else (task.payload, call.table)
     try:
-        with _one_blas_thread():
+        with one_blas_thread():
             value = call.function(*arguments)
     except Exception as error:
         failure = describe(error)
@@ -211,19 +210,6 @@ def _mapped_bytes() -> int | None:
     except OSError:
         return None
     return pages * os.sysconf("SC_PAGE_SIZE")
-
-
-_CONTROLLERS: dict[int, ThreadpoolController] = {}
-
-
-def _one_blas_thread() -> AbstractContextManager[Any]:
-    """Limit BLAS and OpenMP to one thread; libraries are looked for again whenever modules have been imported."""
-    num_modules = len(sys.modules)
-    if num_modules not in _CONTROLLERS:
-        _CONTROLLERS.clear()
-        _CONTROLLERS[num_modules] = ThreadpoolController()
-    controller = _CONTROLLERS[num_modules]
-    return controller.limit(limits=1) if controller.lib_controllers else nullcontext()
 
 
 def end_with_parent(parent_pid: int) -> None:

@@ -15,6 +15,7 @@ from collalign.output.report.poses import angle_deg
 from collalign.products.evidence import CollectionView, Pair, PairPose, Pose
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.surface.shape import Shape
+from data_tools.threads import one_blas_thread
 from pairwise.status import Status
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ DISTINCT_PAIR_DEG = 20.0
 MOST_PAIR_POSES = 4
 
 
+@one_blas_thread()
 def view_collection(
     collection: AlignedCollection,
     read_shape: Callable[[Path], Shape],

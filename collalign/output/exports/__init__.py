@@ -10,6 +10,7 @@ from collalign.output.exports import fcsv, itk, meshes, morphologika, nts, shape
 from collalign.output.exports.request import ExportRequest, Space
 from collalign.products.evidence import CollectionView
 from data_tools.errors import InputError, OptionsError
+from data_tools.threads import one_blas_thread
 
 __all__ = ["FORMATS", "Space", "export"]
 
@@ -30,6 +31,7 @@ FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
 }
 
 
+@one_blas_thread()
 def export(
     collection: CollectionView | Path | str,
     format: str,

@@ -12,10 +12,12 @@ import numpy as np
 
 from collalign.output.report.content import build_content
 from collalign.products.evidence import CollectionView
+from data_tools.threads import one_blas_thread
 
 _MARKER = re.compile(r"\{\{(\w+)\}\}")
 
 
+@one_blas_thread()
 def write_report(view: CollectionView, path: Path | str, *, title: str = "Aligned collection") -> Path:
     """Write a self-contained ``report.html``.
 
@@ -40,6 +42,7 @@ def write_report(view: CollectionView, path: Path | str, *, title: str = "Aligne
     return target
 
 
+@one_blas_thread()
 def render_report(view: CollectionView, *, title: str = "Aligned collection") -> str:
     """Return the report as HTML text."""
     document, blobs = build_content(view)

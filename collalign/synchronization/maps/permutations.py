@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import breadth_first_order
 
 from data_tools.arrays import FloatArray, IntArray, as_indices, as_points, read_only
 from data_tools.errors import InputError, OptionsError
+from data_tools.threads import one_blas_thread
 
 #: Rounds of projected power iteration, at most.
 MAX_ROUNDS = 30
@@ -74,6 +75,7 @@ class UniverseLabels:
         return kept, np.ascontiguousarray(table[:, kept])
 
 
+@one_blas_thread()
 def synchronize_maps(
     maps: Mapping[tuple[int, int], ArrayLike],
     num_samples: Sequence[int],

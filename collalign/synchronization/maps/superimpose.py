@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, IntArray, as_indices, as_points, read_only
 from data_tools.errors import InputError
+from data_tools.threads import one_blas_thread
 from pairwise.problem.pattern import RotationPattern
 
 
@@ -40,6 +41,7 @@ class Superimposition:
     iterations: int
 
 
+@one_blas_thread()
 def superimpose(
     samples: Sequence[ArrayLike],
     labels: Sequence[ArrayLike],

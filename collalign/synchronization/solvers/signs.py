@@ -13,6 +13,7 @@ from collalign.synchronization.solvers.belief_propagation import conditional_mov
 from collalign.synchronization.solvers.spectral import leading_eigenvectors
 from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.errors import InputError
+from data_tools.threads import one_blas_thread
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,6 +40,7 @@ class ChiralityResult:
     optimal: bool
 
 
+@one_blas_thread()
 def synchronize_signs(
     edges: ArrayLike, signs: ArrayLike, *, weights: ArrayLike | None = None, num_shapes: int | None = None
 ) -> ChiralityResult:

@@ -17,6 +17,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from collalign.synchronization.problem.graph import PairGraph, block_matrix, degrees
 from data_tools.arrays import FloatArray, IntArray, as_points, as_rotations
 from data_tools.errors import InputError
+from data_tools.threads import one_blas_thread
 from pairwise.problem.pattern import RotationPattern
 
 #: Up to this many rows LAPACK finds the leading eigenvectors, beyond it Lanczos does.
@@ -95,6 +96,7 @@ def _without_mirrored_gauge(frames: FloatArray, pattern: RotationPattern) -> Flo
     return fixed
 
 
+@one_blas_thread()
 def alternate_assignments(
     samples: Sequence[FloatArray],
     rotations: FloatArray,

@@ -1,0 +1,164 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits  # type: ignore[import-untyped]
+
+import collalign
+import collalign.output.exports
+import collalign.output.report.page
+import collalign.output.write
+import collalign.synchronization
+import pairwise
+from collalign.engine.jobs.run import run_jobs
+from data_tools import threads
+from data_tools.arrays import as_points
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
+from data_tools.embedding.embedding import sample_shape
+from data_tools.threads import one_blas_thread
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Beside whatever the packages export.
+DOORS = {
+    "save": collalign.output.write.save_collection,
+    "export": collalign.output.exports.export,
+    "report": collalign.output.report.page.write_report,
+    "sample_shape": sample_shape,
+}
+PACKAGES = (collalign, collalign.synchronization, pairwise)
+
+
+def num_threads(*ignored: object) -> set[int]:
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+@pytest.fixture
+def three_threads() -> Iterator[None]:
+    """Let the caller have three threads, whatever the machine and its environment say."""
+    with threadpool_limits(3, user_api="blas"):
+        assert 3 in num_threads()
+        yield
+
+
+@pytest.mark.usefixtures("three_threads")
+def test_inside_there_is_one_thread_and_the_caller_gets_his_back() -> None:
+    before = num_threads()
+    with one_blas_thread():
+        assert num_threads() == {1}
+        with one_blas_thread():
+            assert num_threads() == {1}
+        assert num_threads() == {1}
+    assert num_threads() == before
+    assert one_blas_thread()(num_threads)() == {1}
+    with pytest.raises(ValueError, match="inside"), one_blas_thread():
+        raise ValueError("inside")
+    assert num_threads() == before
+
+
+@pytest.mark.usefixtures("three_threads")
+def test_a_thread_that_leaves_takes_nothing_from_one_that_is_still_inside() -> None:
+    before, inside, may_leave = num_threads(), threading.Event(), threading.Event()
+
+    def stay() -> None:
+        with one_blas_thread():
+            inside.set()
+            may_leave.wait(10)
+
+    other = threading.Thread(target=stay)
+    with one_blas_thread():
+        other.start()
+        assert inside.wait(10)
+    assert num_threads() == {1}
+    may_leave.set()
+    other.join()
+    assert num_threads() == before
+
+
+@pytest.mark.usefixtures("three_threads")
+def test_a_library_that_comes_later_is_limited_by_the_next_door(monkeypatch: pytest.MonkeyPatch) -> None:
+    with one_blas_thread():
+        threadpool_limits(2, user_api="blas")  # as a freshly loaded library would
+        monkeypatch.setitem(sys.modules, "a_new_module", threads)
+        with one_blas_thread():
+            assert num_threads() == {1}
+
+
+def is_door(function: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Whether calling a function goes through the door before anything else."""
+
+    class Entered(Exception):
+        pass
+
+    def entered() -> None:
+        raise Entered
+
+    with monkeypatch.context() as patched:
+        patched.setattr(threads._DOOR, "enter", entered)
+        try:
+            function()
+        except Entered:
+            return True
+        except TypeError:  # missing arguments
+            return False
+    return False
+
+
+def public_functions() -> dict[str, Callable[..., Any]]:
+    exported = {f"{p.__name__}.{name}": getattr(p, name) for p in PACKAGES for name in p.__all__}
+    return DOORS | {name: value for name, value in exported.items() if isinstance(value, FunctionType)}
+
+
+@pytest.mark.parametrize("name", public_functions())
+def test_every_public_function_is_a_door(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert is_door(public_functions()[name], monkeypatch)
+
+
+def test_the_check_sees_a_function_without_a_door(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not is_door(as_points, monkeypatch)
+    assert len(public_functions()) > 15
+
+
+@pytest.mark.usefixtures("three_threads")
+@pytest.mark.parametrize("num_jobs", [1, 2])
+def test_tasks_have_one_thread(num_jobs: int) -> None:
+    results = [result.value for result in run_jobs(num_threads, [("a", 0), ("b", 1)], num_jobs=num_jobs)]
+    assert results == [{1}, {1}]
+
+
+def outputs(folder: Path) -> dict[str, bytes]:
+    """Return what a run wrote, without its timings, which the evidence and the report repeat."""
+    meshes = {path.name: path.read_bytes() for path in (folder / "meshes").iterdir()}
+    files = ("alignment.json", "contact_sheet.png", "correspondences.npz", "pairs.csv")
+    found = meshes | {name: (folder / name).read_bytes() for name in files}
+    with np.load(folder / "evidence.npz") as arrays:
+        return found | {name: arrays[name].tobytes() for name in arrays.files if name != "text"}
+
+
+def test_the_environment_changes_no_byte(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    family = deformed_family(chair(rng, resolution=1), 3, rng, rms=0.02)
+    write_collection(tmp_path / "shapes", planted_collection(family, rng))
+    written = []
+    for threads_asked, jobs in (("1", "1"), ("8", "2")):
+        out = tmp_path / threads_asked
+        flags = ["--sampling.num-points", "24", "--sampling.num-dense-points", "150", "--jobs", jobs]
+        subprocess.run(
+            [sys.executable, "-m", "collalign", "align", str(tmp_path / "shapes"), "--out", str(out), *flags],
+            check=True,
+            cwd=ROOT,
+            capture_output=True,
+            env={**os.environ, "OMP_NUM_THREADS": threads_asked, "OPENBLAS_NUM_THREADS": threads_asked},
+        )
+        written.append(outputs(out))
+    assert len(written[0]) > 10
+    assert written[0] == written[1]
