@@ -222,6 +222,8 @@ class AlignedCollection:
     ) -> tuple[Path, ...]:
         """Write every output into ``folder``, all or nothing, and return the paths written.
 
+        A file there that no earlier run wrote is never overwritten or deleted.
+
         Parameters
         ----------
         folder : str or Path
@@ -233,8 +235,11 @@ class AlignedCollection:
         Raises
         ------
         InputError
-            If the folder cannot be written.
+            If the folder cannot be written, holds one of the shapes, lies inside of theirs, or holds somebody else's
+            file under the name of an output.
         """
-        from collalign.output.write import save_collection
+        from collalign.output.write import WRITER, inputs_of, save_collection
+        from data_tools.io.output_folder import OutputFolder
 
-        return save_collection(self, Path(folder), report=report, labels=labels)
+        with OutputFolder.open(folder, writer=WRITER, inputs=inputs_of(self.files)) as output:
+            return save_collection(self, output, report=report, labels=labels)

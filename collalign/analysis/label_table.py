@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from data_tools.errors import InputError
+from data_tools.io.csv_cells import plain_cell
 
 #: Values that mean "not known", compared without regard to case.
 UNKNOWN = frozenset({"", "na", "n/a", "nan", "none", "unknown", "?"})
@@ -73,7 +74,7 @@ def read_labels(path: Path | str) -> Labels:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{source}: cannot be read as text ({error}); save the table as CSV in UTF-8") from error
     dialect = _dialect(text)
-    rows = list(csv.reader(text.splitlines(), dialect))
+    rows = [[plain_cell(cell) for cell in row] for row in csv.reader(text.splitlines(), dialect)]
     if len(rows) < 2 or len(rows[0]) < 2:
         raise InputError(
             f"{source}: expected a heading and rows with a name and at least one label, separated by commas"

@@ -22,10 +22,12 @@ from collalign.engine.stage import ProgressFactory
 from collalign.extend import add_to_collection
 from collalign.options import AlignOptions, RunOptions
 from collalign.output.corrections import read_corrections
-from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE
+from collalign.output.evidence.file import load_view
+from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE, WRITER, output_names, save_collection
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
 from data_tools.errors import InputError, OptionsError
+from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import read_folder
 from data_tools.rotations import rotation_angle_deg
 
@@ -60,16 +62,16 @@ def align(
     report
         Write report.html.
     """
-    if folder.resolve() == out.resolve():
-        raise InputError(f"--out {out}: is the folder of the shapes; name another, or results are taken for shapes")
-    fixed = {}
-    if corrections is not None:
-        fixed = read_corrections(corrections).fixed(read_folder(folder).names)
+    refuse_overlap(out, [folder])
+    listing = read_folder(folder)
+    fixed = read_corrections(corrections).fixed(listing.names) if corrections is not None else {}
     table = read_labels(labels) if labels is not None else None
-    run = replace(run, store=run.store or _default_store(out))
-    collection = align_collection(folder, options=options, run=run, fixed=fixed, progress=_progress())
-    columns = table.columns_for(collection.names) if table is not None else None
-    return _finish(collection, collection.save(out, report=report, labels=columns))
+    run = replace(run, store=run.store or out / STORE_FILE)
+    with OutputFolder.open(out, writer=WRITER, inputs=[folder, *listing.files]) as output:
+        output.refuse_foreign(output_names(listing.names))
+        collection = align_collection(folder, options=options, run=run, fixed=fixed, progress=_progress())
+        columns = table.columns_for(collection.names) if table is not None else None
+        return _finish(collection, save_collection(collection, output, report=report, labels=columns))
 
 
 def add(
@@ -95,9 +97,11 @@ def add(
     """
     table = read_labels(labels) if labels is not None else None
     run = replace(run, store=run.store or result / STORE_FILE)
-    collection = add_to_collection(result, folder, run=run, progress=_progress())
-    columns = table.columns_for(collection.names) if table is not None else None
-    return _finish(collection, collection.save(result, report=report, labels=columns))
+    load_view(result)
+    with OutputFolder.open(result, writer=WRITER, inputs=[folder]) as output:
+        collection = add_to_collection(result, folder, run=run, progress=_progress())
+        columns = table.columns_for(collection.names) if table is not None else None
+        return _finish(collection, save_collection(collection, output, report=report, labels=columns))
 
 
 def demo(
@@ -123,8 +127,10 @@ def demo(
         f"This generates {num_shapes} chairs in random poses, aligns them consistently and compares with the truth."
     )
     planted = demo_collection(seed=options.seed, num=num_shapes)
-    files = write_collection(out / "shapes", planted)
-    if len(read_folder(out / "shapes").files) > len(files):
+    with OutputFolder.open(out / "shapes", writer="demo") as output:
+        write_collection(output.staging, planted)
+        files = output.publish(complete=True)
+    if not {path.absolute() for path in read_folder(out / "shapes").files} <= {path.absolute() for path in files}:
         raise InputError(f"{out / 'shapes'}: holds other shapes as well, from an earlier call; choose another --out")
     code = align(out / "shapes", out=out / "aligned", options=options, run=run)
     if code in (0, INCOMPLETE):
@@ -156,14 +162,6 @@ def _errors_deg(alignment: Path, planted: PlantedCollection) -> FloatArray:
 
 def _progress() -> ProgressFactory | None:
     return ProgressBar if sys.stderr.isatty() else None
-
-
-def _default_store(out: Path) -> Path:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be made ({error.strerror})") from None
-    return out / STORE_FILE
 
 
 def _doubtful(collection: AlignedCollection) -> list[str]:

@@ -13,19 +13,24 @@ from cyclopts import Parameter
 from collalign.nonrigid import NonrigidOptions, SurfaceOptions, match_shapes
 from collalign.nonrigid.page import vertices_map, write_match_page
 from collalign.nonrigid.pictures import draw_match
+from collalign.nonrigid.result import NonrigidMatch
 from collalign.options import AlignOptions
 from collalign.stages.pairs.match import pair_problem
 from collalign.stages.poses.refinement import dense_points
 from collalign.stages.shapes import sample_file, shape_task
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
-from data_tools.io.files import write_atomic
+from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
 from data_tools.options import CleaningOptions
 from pairwise.dense.refine import RefinedPose
 from pairwise.match import match_problem
 from pairwise.options import DenseOptions, MatchOptions
 from pairwise.results import Candidate, MatchResult
+
+#: The command whose files these are, in the manifest of an output folder.
+WRITER = "match"
+NONRIGID_FILES = ("map.npz", "map.txt", "map.png", "map.html")
 
 
 def match(
@@ -74,7 +79,10 @@ def match(
     text = json.dumps(_record(target, source, samples, result), indent=1)
     print(text)
     if out is not None:
-        print(write_atomic(out / "match.json", text.encode()))
+        with OutputFolder.open(out, writer=WRITER) as output:
+            output.stage("match.json").write_text(text, encoding="utf-8")
+            (path,) = output.publish()
+        print(path)
     return 0
 
 
@@ -88,13 +96,13 @@ def _matching(options: AlignOptions) -> MatchOptions:
 
 def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOptions, surface: SurfaceOptions) -> int:
     """Write the map of all vertices and its picture; say what is known about it."""
-    result = match_shapes(target, source, options=options, surface_options=surface)
-    written = [*result.save(out)]
-    as_stored = CleaningOptions(merge_vertices=False, largest_component=False)
-    left, right = (read_shape(file, as_stored) for file in (target, source))
-    point_map = vertices_map(result.point_map_target_source, left, right)
-    written.append(draw_match(out / "map.png", left, right, point_map))
-    written.append(write_match_page(out / "map.html", result, left, right))
+    with OutputFolder.open(out, writer=WRITER) as output:
+        output.refuse_foreign(NONRIGID_FILES)
+        result = match_shapes(target, source, options=options, surface_options=surface)
+        result.save_npz(output.stage("map.npz"))
+        result.save_text(output.stage("map.txt"))
+        _draw_nonrigid(result, target, source, output)
+        written = output.publish()
     best = result.candidates[0]
     print(f"{result.source_name} -> {result.target_name}: confidence {result.confidence:.2f}, {best.orientation}")
     print(f"{result.bijectivity:.0%} of the samples come back near themselves; {len(result.candidates)} candidates")
@@ -103,6 +111,15 @@ def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOpti
     for path in written:
         print(path)
     return 0
+
+
+def _draw_nonrigid(result: NonrigidMatch, target: Path, source: Path, output: OutputFolder) -> None:
+    """Stage the picture and the page of a map."""
+    as_stored = CleaningOptions(merge_vertices=False, largest_component=False)
+    left, right = (read_shape(file, as_stored) for file in (target, source))
+    point_map = vertices_map(result.point_map_target_source, left, right)
+    draw_match(output.stage("map.png"), left, right, point_map)
+    write_match_page(output.stage("map.html"), result, left, right)
 
 
 def _record(target: Path, source: Path, samples: list[Samples], result: MatchResult) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import numpy as np
 from collalign.nonrigid.evidence import MIXED_ORIENTATION, Evidence
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.files import write_atomic
+from data_tools.io.output_folder import OutputFolder
 from pairwise.status import Status
 
 
@@ -97,14 +98,22 @@ class NonrigidMatch:
         return self.candidates[0].evidence.bijectivity
 
     def save(self, folder: Path | str) -> tuple[Path, Path]:
-        """Write ``map.npz`` and ``map.txt``, each complete or not at all.
+        """Write ``map.npz`` and ``map.txt``, each complete or not at all; other files of these names stay.
 
         ``map.npz`` holds the arrays under the names of the attributes, and of the candidates ``candidate_maps``,
         ``candidate_energies``, ``candidate_scores``, ``candidate_orientations`` and ``candidate_origins``.
         ``map.txt`` has one line for each vertex of the source: the vertex of the target, counted from 0, or -1.
+
+        Raises
+        ------
+        InputError
+            If the folder cannot be written, or holds somebody else's file under one of the names.
         """
-        folder = Path(folder)
-        return self.save_npz(folder / "map.npz"), self.save_text(folder / "map.txt")
+        with OutputFolder.open(folder, writer="match") as output:
+            self.save_npz(output.stage("map.npz"))
+            self.save_text(output.stage("map.txt"))
+            npz, text = output.publish()
+        return npz, text
 
     def save_npz(self, path: Path | str) -> Path:
         """Write the arrays of the match."""

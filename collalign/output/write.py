@@ -1,14 +1,9 @@
-"""Writes an aligned collection: everything into a temporary folder first, then into place, the summary last."""
+"""Writes an aligned collection: everything is staged first, then moved into place, the summary last."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-import os
-import shutil
-import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -17,15 +12,19 @@ import numpy as np
 
 from collalign.collection import AlignedCollection
 from collalign.output.contact_sheet import Tile, draw_contact_sheet, tile_of
-from collalign.output.evidence.file import save_view
+from collalign.output.evidence.file import EVIDENCE_FILE, save_view
 from collalign.output.evidence.gather import view_collection
 from collalign.output.report.page import write_report
 from data_tools.errors import InputError
+from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
+from data_tools.io.output_folder import OutputFolder, file_stems, refuse_overlap
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
+#: The command whose files these are, in the manifest of an output folder.
+WRITER = "align"
 ALIGNMENT_FILE = "alignment.json"
 CORRESPONDENCES_FILE = "correspondences.npz"
 PAIRS_FILE = "pairs.csv"
@@ -33,6 +32,8 @@ RUN_FILE = "run.json"
 CONTACT_SHEET_FILE = "contact_sheet.png"
 REPORT_FILE = "report.html"
 MESH_FOLDER = "meshes"
+#: Written by every run; the report can be left out.
+_TABLES = (ALIGNMENT_FILE, CORRESPONDENCES_FILE, PAIRS_FILE, RUN_FILE, CONTACT_SHEET_FILE, EVIDENCE_FILE)
 
 _PAIR_COLUMNS = (
     "target",
@@ -53,21 +54,21 @@ _MAX_TILES = 100
 @one_blas_thread()
 def save_collection(
     collection: AlignedCollection,
-    folder: Path,
+    output: OutputFolder,
     *,
     report: bool = True,
     labels: Mapping[str, tuple[str, ...]] | None = None,
 ) -> tuple[Path, ...]:
-    """Write every output of a collection into ``folder``.
+    """Write every output of a collection.
 
-    Everything is written beside it first, and then moved into place. ``alignment.json`` goes first and comes back
-    last: an interruption leaves the former outputs, or a folder without a summary, and never a half-written file.
+    Everything is staged first, and then moved into place. ``alignment.json`` goes first and comes back last: an
+    interruption leaves the former outputs, or a folder without a summary, and never a half-written file. What an
+    earlier run wrote and this one does not write is removed; files of anybody else's stay.
 
     Parameters
     ----------
     collection : AlignedCollection
-    folder : Path
-        Made if it does not exist; other files in it are left alone.
+    output : OutputFolder
     report : bool
         Write ``report.html`` as well.
     labels : mapping of str to tuple of str, optional
@@ -81,21 +82,29 @@ def save_collection(
     Raises
     ------
     InputError
-        If the folder cannot be written, or a shape's file has vanished meanwhile.
+        If the folder cannot be written, holds one of the shapes or somebody else's file under the name of an output,
+        or a shape's file has vanished meanwhile.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=".collalign-", dir=folder))
+        refuse_overlap(output.folder, inputs_of(collection.files))
+        output.refuse_foreign(output_names(collection.names))
+        _write_tables(collection, output)
+        _write_shapes(collection, output, report=report, labels=labels)
+        written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
-    try:
-        _write_tables(collection, staging)
-        _write_shapes(collection, staging, report=report, labels=labels)
-        return _move_into_place(staging, folder)
-    except OSError as error:
-        raise InputError(f"{folder}: the results cannot be written ({error.strerror or error})") from error
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        raise InputError(f"{output.folder}: the results cannot be written ({error.strerror or error})") from error
+    meshes = output.folder / MESH_FOLDER
+    return (*(path for path in written if path.parent != meshes), meshes)
+
+
+def inputs_of(files: Iterable[Path]) -> set[Path]:
+    """Return files and their folders, in none of which results may lie, nor they in the results' folder."""
+    return {path for file in files for path in (file, file.parent)}
+
+
+def output_names(names: Sequence[str]) -> list[str]:
+    """Return the paths, relative to the folder, that the results of shapes of these names take."""
+    return [*_TABLES, REPORT_FILE, *(f"{MESH_FOLDER}/{stem}.ply" for stem in file_stems(names))]
 
 
 def alignment_record(collection: AlignedCollection) -> dict[str, Any]:
@@ -146,12 +155,12 @@ def aligned_shape(shape: Shape, transform: np.ndarray) -> Shape:
     return replace(shape, vertices=vertices, faces=np.ascontiguousarray(faces))
 
 
-def _write_tables(collection: AlignedCollection, staging: Path) -> None:
-    _write_text(staging / ALIGNMENT_FILE, json.dumps(alignment_record(collection), indent=1))
-    _write_text(staging / RUN_FILE, json.dumps(_run_record(collection), indent=1))
-    _write_text(staging / PAIRS_FILE, _pairs_table(collection))
+def _write_tables(collection: AlignedCollection, output: OutputFolder) -> None:
+    _write_text(output.stage(ALIGNMENT_FILE), json.dumps(alignment_record(collection), indent=1))
+    _write_text(output.stage(RUN_FILE), json.dumps(_run_record(collection), indent=1))
+    _write_text(output.stage(PAIRS_FILE), _pairs_table(collection))
     np.savez_compressed(
-        staging / CORRESPONDENCES_FILE,
+        output.stage(CORRESPONDENCES_FILE),
         names=np.array(collection.names),
         vertex_indices=np.stack(collection.samples),
         labels=collection.maps.labels,
@@ -161,28 +170,33 @@ def _write_tables(collection: AlignedCollection, staging: Path) -> None:
 
 
 def _write_shapes(
-    collection: AlignedCollection, staging: Path, *, report: bool, labels: Mapping[str, tuple[str, ...]] | None
+    collection: AlignedCollection,
+    output: OutputFolder,
+    *,
+    report: bool,
+    labels: Mapping[str, tuple[str, ...]] | None,
 ) -> None:
     """Write what needs the shapes themselves, which are read once each, one in memory at a time."""
     num = len(collection.names)
     drawn = set(np.linspace(0, num - 1, min(num, _MAX_TILES)).round().astype(int).tolist())
     tiles: list[Tile] = []
     order = iter(range(num))
+    stems = file_stems(collection.names)
 
     def read_next(file: Path) -> Shape:
         """Read a shape, write its aligned copy and draw it, in the order of the collection."""
         i = next(order)
         shape = read_shape(file, collection.options.cleaning, name=collection.names[i])
-        write_mesh(staging / MESH_FOLDER / f"{shape.name}.ply", aligned_shape(shape, collection.transforms[i]))
+        write_mesh(output.stage(MESH_FOLDER, f"{stems[i]}.ply"), aligned_shape(shape, collection.transforms[i]))
         if i in drawn:
             tiles.append(tile_of(shape, collection.transforms[i], float(collection.confidence[i])))
         return shape
 
     view = view_collection(collection, read_next, labels=labels)
-    save_view(view, staging)
-    draw_contact_sheet(tiles, staging / CONTACT_SHEET_FILE)
+    save_view(view, output.staging)
+    draw_contact_sheet(tiles, output.stage(CONTACT_SHEET_FILE))
     if report:
-        write_report(view, staging / REPORT_FILE, title=f"Aligned collection {collection.files[0].parent.name}")
+        write_report(view, output.stage(REPORT_FILE), title=f"Aligned collection {collection.files[0].parent.name}")
 
 
 def _run_record(collection: AlignedCollection) -> dict[str, Any]:
@@ -190,39 +204,22 @@ def _run_record(collection: AlignedCollection) -> dict[str, Any]:
 
 
 def _pairs_table(collection: AlignedCollection) -> str:
-    table = io.StringIO()
-    writer = csv.writer(table, lineterminator="\n")
-    writer.writerow(_PAIR_COLUMNS)
-    for pair in collection.pairs:
-        writer.writerow(
-            [
-                collection.names[pair.target],
-                collection.names[pair.source],
-                repr(pair.energy),
-                repr(pair.lower_bound),
-                pair.status,
-                int(pair.chirality_proven),
-                len(pair.energies),
-                pair.choice,
-                int(pair.inlier),
-                f"{pair.disagreement_deg:.3f}",
-            ]
-        )
-    return table.getvalue()
-
-
-def _move_into_place(staging: Path, folder: Path) -> tuple[Path, ...]:
-    names = sorted(p.name for p in staging.iterdir() if p.name != ALIGNMENT_FILE)
-    (folder / ALIGNMENT_FILE).unlink(missing_ok=True)
-    if REPORT_FILE not in names:
-        (folder / REPORT_FILE).unlink(missing_ok=True)
-    for name in names:
-        place = folder / name
-        if place.is_dir():
-            os.replace(place, staging / f"{name}.old")
-        os.replace(staging / name, place)
-    os.replace(staging / ALIGNMENT_FILE, folder / ALIGNMENT_FILE)
-    return tuple(folder / name for name in [ALIGNMENT_FILE, *names])
+    rows = (
+        [
+            collection.names[pair.target],
+            collection.names[pair.source],
+            repr(pair.energy),
+            repr(pair.lower_bound),
+            pair.status,
+            int(pair.chirality_proven),
+            len(pair.energies),
+            pair.choice,
+            int(pair.inlier),
+            f"{pair.disagreement_deg:.3f}",
+        ]
+        for pair in collection.pairs
+    )
+    return csv_text([_PAIR_COLUMNS, *rows])
 
 
 def _write_text(path: Path, text: str) -> None:

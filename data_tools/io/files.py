@@ -26,7 +26,7 @@ def write_atomic(path: Path, content: bytes) -> Path:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}")
+    temporary = path.with_name(f".{os.getpid()}-{secrets.token_hex(8)}")  # a long name has no room for more
     try:
         with temporary.open("xb") as stream:
             stream.write(content)

@@ -188,7 +188,7 @@ def test_one_bad_file_is_left_out_and_named(
         (["align", ".", "--out", "out", "--group", "U"], "group"),
         (["align", ".", "--out", "out", "--unknown", "1"], "--unknown"),
         (["align", ".", "--out", "out", "--jobs", "0"], "jobs"),
-        (["align", ".", "--out", "."], "name another"),
+        (["align", ".", "--out", "."], "name a folder apart"),
         (["demo", "--num-shapes", "1"], "num-shapes"),
         (["align", "nowhere", "--out", "out", "-v"], "nowhere"),
         (["status", "nothing.sqlite"], "nothing.sqlite"),

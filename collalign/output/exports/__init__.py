@@ -10,6 +10,7 @@ from collalign.output.exports import fcsv, itk, meshes, morphologika, nts, shape
 from collalign.output.exports.request import ExportRequest, Space
 from collalign.products.evidence import CollectionView
 from data_tools.errors import InputError, OptionsError
+from data_tools.io.output_folder import OutputFolder
 from data_tools.threads import one_blas_thread
 
 __all__ = ["FORMATS", "Space", "export"]
@@ -49,7 +50,7 @@ def export(
     format : str
         A key of :data:`FORMATS`.
     to : path
-        Folder for the files, made if it does not exist; files of the same names are replaced.
+        Folder for the files, made if it does not exist; files of an earlier export are replaced, others are not.
     space : {"aligned", "unscaled", "raw", "procrustes"}
         Coordinates of landmarks and meshes; see :class:`~collalign.output.exports.request.ExportRequest`. A
         ShapeWorks project always holds raw and aligned coordinates.
@@ -66,15 +67,20 @@ def export(
     OptionsError
         If the format or the space is unknown, or the format cannot have the space.
     InputError
-        If the folder holds no result, cannot be written, or an original file is missing.
+        If the folder holds no result, an original file is missing, or ``to`` cannot be written or holds a file of
+        somebody else's under a name that is to be written.
     """
     if format not in FORMATS:
         raise OptionsError(f"format: expected one of {', '.join(FORMATS)}, got {format!r}")
     view = collection if isinstance(collection, CollectionView) else load_view(collection)
     folder = Path(to)
-    request = ExportRequest(view=view, folder=folder, space=space, sources=Path(sources) if sources else None)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        return FORMATS[format](request)
+        with OutputFolder.open(folder, writer=f"export {format}") as output:
+            request = ExportRequest(
+                view=view, folder=output.staging, space=space, sources=Path(sources) if sources else None
+            )
+            staged = FORMATS[format](request)
+            output.publish()
+            return tuple(output.published(path) for path in staged)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error

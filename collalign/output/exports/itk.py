@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.output.exports.request import ExportRequest, file_stems, words
+from collalign.output.exports.request import ExportRequest, words
+from data_tools.io.output_folder import file_stems
 
 
 def write(request: ExportRequest) -> tuple[Path, ...]:

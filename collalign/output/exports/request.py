@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from collalign.analysis.procrustes import MIN_LABELS, common_labels, generalized
 from collalign.products.evidence import CollectionView
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.errors import InputError, OptionsError
+from data_tools.io.output_folder import output_path
 from data_tools.io.shapes import read_shape
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
@@ -29,7 +29,7 @@ class ExportRequest:
     ----------
     view : CollectionView
     folder : Path
-        Where files go; exists.
+        Where files go for now; exists.
     space : {"aligned", "unscaled", "raw", "procrustes"}
         Coordinates of landmarks and meshes: the common frame; the common frame with every shape in its file's unit;
         the file's own; superimposed on the generalised Procrustes mean (landmarks only).
@@ -108,11 +108,16 @@ class ExportRequest:
             )
         return read_shape(path, CleaningOptions(largest_component=False), name=self.view.names[at])
 
+    def path(self, name: str) -> Path:
+        """Return the path of one file, whose folder exists then; names that would lead elsewhere are refused."""
+        path = output_path(self.folder, *name.split("/"))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
     def write(self, name: str, text: str) -> Path:
         """Write one text file with Unix line ends and return its path."""
-        path = self.folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8", newline="\n")
+        path = self.path(name)
+        path.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
         return path
 
 
@@ -137,25 +142,6 @@ def label_columns(view: CollectionView, taken: Iterable[str]) -> dict[str, list[
     """Label columns for a table that has the columns ``taken`` already, which get ``label_`` before their name."""
     fixed = set(taken)
     return {f"label_{name}" if name in fixed else name: list(values) for name, values in view.labels.items()}
-
-
-def file_stem(name: str) -> str:
-    """Name of a shape as a file name: nothing in it can leave the folder or be refused by a file system."""
-    stem = re.sub(r'[\x00-\x1f<>:"/\\|?*]', "_", name).strip(" .")
-    return stem or "shape"
-
-
-def file_stems(names: Iterable[str]) -> list[str]:
-    """File stems of several shapes, made distinct (also where case does not count) by a number at the end."""
-    taken: set[str] = set()
-    stems = []
-    for name in names:
-        stem, number = file_stem(name), 2
-        while stem.casefold() in taken:
-            stem, number = f"{file_stem(name)}-{number}", number + 1
-        taken.add(stem.casefold())
-        stems.append(stem)
-    return stems
 
 
 def words(values: Iterable[float], *, missing: str = "NaN") -> str:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.output.exports.request import ExportRequest, complete_labels, file_stems, words
+from collalign.output.exports.request import ExportRequest, complete_labels, words
 from data_tools.arrays import FloatArray
+from data_tools.io.output_folder import file_stems
 from data_tools.io.shapes import write_mesh
 
 
@@ -29,7 +30,7 @@ def write(request: ExportRequest) -> tuple[Path, ...]:
             "local": f"particles/{stem}_local.particles",
             "world": f"particles/{stem}_world.particles",
         }
-        paths.append(write_mesh(request.folder / files["mesh"], request.source_shape(at)))
+        paths.append(write_mesh(request.path(files["mesh"]), request.source_shape(at)))
         paths.append(request.write(files["local"], _particles(local[at])))
         paths.append(request.write(files["world"], _particles(world[at])))
         entries.append(

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from collalign.output.exports.request import ExportRequest, file_stems
+from collalign.output.exports.request import ExportRequest
 from data_tools.arrays import FloatArray
+from data_tools.io.output_folder import file_stems
 
 SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from collalign.output.exports.request import ExportRequest, label_columns
+from data_tools.io.csv_cells import csv_text
 
 #: Section names of morphologika files. Readers search for them anywhere in a line, so no specimen may contain one.
 _SECTIONS = (
@@ -64,8 +63,4 @@ def specimen_table(request: ExportRequest, written: list[str]) -> Path:
         "group": view.groups.tolist(),
     }
     columns |= label_columns(view, columns)
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(columns)
-    rows.writerows(zip(*columns.values(), strict=True))
-    return request.write("specimens.csv", text.getvalue())
+    return request.write("specimens.csv", csv_text([columns, *zip(*columns.values(), strict=True)]))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -15,6 +13,7 @@ from collalign.analysis.ordination import cophenetic_tree, newick
 from collalign.analysis.procrustes import generalized_procrustes, principal_components, procrustes_distances
 from collalign.output.exports.request import ExportRequest, complete_labels, label_columns
 from data_tools.errors import InputError
+from data_tools.io.csv_cells import csv_text
 
 #: Column name to values.
 Table = Mapping[str, Sequence[Any]]
@@ -22,7 +21,10 @@ Table = Mapping[str, Sequence[Any]]
 
 def write_csv(request: ExportRequest) -> tuple[Path, ...]:
     """Write every table as ``NAME.csv`` and the cophenetic tree as ``tree.nwk``."""
-    paths = [request.write(f"{name}.csv", _csv(table)) for name, table in result_tables(request).items()]
+    paths = [
+        request.write(f"{name}.csv", csv_text([table, *zip(*table.values(), strict=True)]))
+        for name, table in result_tables(request).items()
+    ]
     return (*paths, *_tree(request))
 
 
@@ -40,7 +42,7 @@ def write_parquet(request: ExportRequest) -> tuple[Path, ...]:
         raise InputError("parquet needs pyarrow: `pip install pyarrow`, or export csv") from error
     paths = []
     for name, table in result_tables(request).items():
-        path = request.folder / f"{name}.parquet"
+        path = request.path(f"{name}.parquet")
         parquet.write_table(pyarrow.table({column: list(values) for column, values in table.items()}), path)
         paths.append(path)
     return (*paths, *_tree(request))
@@ -143,12 +145,3 @@ def _tree(request: ExportRequest) -> tuple[Path, ...]:
     if len(distances) < 2 or np.isnan(distances).any():
         return ()
     return (request.write("tree.nwk", newick(cophenetic_tree(distances), request.view.names) + "\n"),)
-
-
-def _csv(table: Table) -> str:
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(table)
-    for row in zip(*table.values(), strict=True):
-        rows.writerow(["" if isinstance(cell, float) and np.isnan(cell) else cell for cell in row])
-    return text.getvalue()

@@ -15,7 +15,6 @@ import trimesh
 
 from collalign.output.evidence.file import save_view
 from collalign.output.exports import FORMATS, export
-from collalign.output.exports.request import file_stem, file_stems
 from collalign.products.evidence import CollectionView
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.landmarks import read_landmarks
@@ -254,5 +253,3 @@ def test_names_cannot_leave_the_folder(view: CollectionView, tmp_path: Path) -> 
     paths = export(dataclasses.replace(view, names=names), "itk", tmp_path / "out")
     assert all(path.parent == tmp_path / "out" for path in paths)
     assert len({path.name.casefold() for path in paths}) == 6
-    assert file_stem("..") == "shape"
-    assert file_stems(["a", "A", "a-2"]) == ["a", "A-2", "a-2-2"]

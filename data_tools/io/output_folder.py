@@ -1,0 +1,299 @@
+"""Folders into which results are written and in which nothing of anybody else's is overwritten or deleted.
+
+A manifest inside the folder says which files were written here, by which command and with which content. Only these
+are ever replaced or removed; whatever else lies there, or was changed since, is somebody else's.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from data_tools.errors import InputError
+from data_tools.io.files import write_atomic
+
+#: Folder, inside of an output folder, that holds the manifest, the lock and what is not finished yet.
+BOOKS = ".collalign"
+MANIFEST_FILE = "manifest.json"
+_MANIFEST_VERSION = 1
+#: Longest name that common file systems take, in bytes, and longest stem that leaves room for every ending.
+_MAX_NAME_BYTES = 255
+_MAX_STEM_BYTES = 200
+_NUM_HASH_DIGITS = 12
+
+#: Path, relative and with slashes, to ``{"writer": command, "digests": [SHA-256 of what may lie there]}``.
+Entries = dict[str, dict[str, Any]]
+
+
+def output_path(folder: Path, *parts: str) -> Path:
+    """Return the path of an output: every path that is written to is made here.
+
+    Parameters
+    ----------
+    folder : Path
+    *parts : str
+        Names of folders and, at the end, of the file.
+
+    Raises
+    ------
+    InputError
+        If a part is not one plain name, or the path leads out of the folder, for instance through a link.
+    """
+    for part in parts:
+        if not part or part in (".", "..") or re.search(r"[/\\\x00]", part):
+            raise InputError(f"{folder}: {part!r} cannot be the name of an output, it is not one plain name")
+        if len(os.fsencode(part)) > _MAX_NAME_BYTES:
+            raise InputError(f"{folder}: {part[:60]!r}... cannot be the name of an output, it is too long")
+    path = folder.joinpath(*parts)
+    if not path.parent.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{path}: leads out of {folder}, through a link; nothing is written there")
+    return path
+
+
+def file_stem(name: str) -> str:
+    """Name of a shape as a file name: nothing in it can leave the folder or be refused by a file system."""
+    readable = name.encode("utf-8", "backslashreplace").decode("utf-8")
+    stem = re.sub(r'[\x00-\x1f<>:"/\\|?*]', "_", readable).strip(" .") or "shape"
+    if len(stem.encode()) <= _MAX_STEM_BYTES:
+        return stem
+    digest = hashlib.sha256(stem.encode()).hexdigest()[:_NUM_HASH_DIGITS]
+    return stem.encode()[: _MAX_STEM_BYTES - len(digest) - 1].decode("utf-8", "ignore") + "-" + digest
+
+
+def file_stems(names: Iterable[str]) -> list[str]:
+    """File stems of several shapes, made distinct (also where case does not count) by a number at the end."""
+    taken: set[str] = set()
+    stems = []
+    for name in names:
+        stem, number = file_stem(name), 2
+        while stem.casefold() in taken:
+            stem, number = f"{file_stem(name)}-{number}", number + 1
+        taken.add(stem.casefold())
+        stems.append(stem)
+    return stems
+
+
+def refuse_overlap(folder: Path, inputs: Iterable[Path]) -> None:
+    """Refuse an output folder that holds an input or lies inside of one.
+
+    Raises
+    ------
+    InputError
+        Naming both.
+    """
+    out = folder.resolve()
+    for given in inputs:
+        source = given.resolve()
+        place = "is" if source == out else "contains" if source.is_relative_to(out) else "lies inside of"
+        if source.is_relative_to(out) or out.is_relative_to(source):
+            raise InputError(
+                f"{folder}: {place} {given}, the input; name a folder apart from it for the results, or results "
+                "and originals get mixed up"
+            )
+
+
+class OutputFolder:
+    """One folder of results while one run writes to it; get it with :meth:`open`.
+
+    Attributes
+    ----------
+    folder : Path
+    staging : Path
+        Where outputs are written first; :meth:`publish` moves them into place.
+    """
+
+    def __init__(self, folder: Path, writer: str) -> None:
+        self.folder = folder
+        self.staging = folder / BOOKS / "staging"
+        self._writer = writer
+        self._manifest = folder / BOOKS / MANIFEST_FILE
+
+    @classmethod
+    @contextmanager
+    def open(cls, folder: Path | str, *, writer: str, inputs: Iterable[Path] = ()) -> Iterator[OutputFolder]:
+        """Hold a folder for one run; it is made if it does not exist.
+
+        Parameters
+        ----------
+        folder : path
+        writer : str
+            The command that writes, for instance ``align``.
+        inputs : iterable of Path
+            Files and folders that are read: none may lie in the folder or around it.
+
+        Raises
+        ------
+        InputError
+            If another run holds it, it cannot be written, or an input lies in it or around it.
+        """
+        folder = Path(folder)
+        refuse_overlap(folder, inputs)
+        output = cls(folder, writer)
+        lock = _lock(folder)
+        try:
+            shutil.rmtree(output.staging, ignore_errors=True)  # of a run that was killed: nobody else has the lock
+            output._make_staging()
+            yield output
+        finally:
+            shutil.rmtree(output.staging, ignore_errors=True)
+            os.close(lock)
+
+    def stage(self, *parts: str) -> Path:
+        """Return where to write an output for now; its folder exists."""
+        path = output_path(self.staging, *parts)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def published(self, staged: Path) -> Path:
+        """Return where a staged output ends up."""
+        return self.folder / staged.relative_to(self.staging)
+
+    def refuse_foreign(self, names: Iterable[str]) -> None:
+        """Refuse to go on where a name of an output, relative to the folder, is taken by somebody else's file.
+
+        Raises
+        ------
+        InputError
+            Naming the file.
+        """
+        entries = self._entries()
+        for name in names:
+            path = output_path(self.folder, *PurePosixPath(name).parts)
+            if os.path.lexists(path) and not self._is_ours(name, entries):
+                raise InputError(
+                    f"{path}: lies where a result belongs, and was not written by this program or was changed "
+                    "since; move it away, or name another folder for the results"
+                )
+
+    def publish(self, *, last: str | None = None, complete: bool = False) -> tuple[Path, ...]:
+        """Move everything staged into place.
+
+        Whenever this is interrupted, the manifest knows every file of ours by its former or its new content.
+
+        Parameters
+        ----------
+        last : str, optional
+            The output that says that the others are complete: it goes first and comes back last.
+        complete : bool
+            Remove what the same command wrote earlier and does not write any more.
+
+        Returns
+        -------
+        tuple of Path
+            What was written, ``last`` first, the others by name.
+
+        Raises
+        ------
+        InputError
+            If a file that is not ours is in the way; nothing has been changed then.
+        """
+        staged = sorted(p.relative_to(self.staging).as_posix() for p in self.staging.rglob("*") if not p.is_dir())
+        self.refuse_foreign(staged)
+        entries = self._entries()
+        fresh: Entries = {
+            name: {"writer": self._writer, "digests": [_digest(self.staging / name)]} for name in staged
+        }
+        stale = [n for n, e in entries.items() if complete and e["writer"] == self._writer and n not in fresh]
+        self._write_manifest(_either(entries, fresh))
+        order = [name for name in staged if name != last] + [name for name in staged if name == last]
+        if last in fresh:
+            (self.folder / last).unlink(missing_ok=True)
+        for name in stale:
+            self._remove(name, entries)
+        for name in order:
+            path = output_path(self.folder, *PurePosixPath(name).parts)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(self.staging / name, path)
+        kept = {name: entry for name, entry in entries.items() if name not in stale}
+        self._write_manifest(kept | fresh)
+        return tuple(self.folder / name for name in sorted(order, key=lambda name: (name != last, name)))
+
+    def _make_staging(self) -> None:
+        try:
+            self.staging.mkdir()
+        except OSError as error:
+            raise InputError(f"{self.folder}: cannot be written ({error.strerror})") from None
+
+    def _remove(self, name: str, entries: Entries) -> None:
+        """Remove a file of ours, and its folder where that is empty then; one that was changed since stays."""
+        if self._is_ours(name, entries):
+            path = self.folder / name
+            path.unlink()
+            with suppress(OSError):
+                if path.parent != self.folder:
+                    path.parent.rmdir()
+
+    def _is_ours(self, name: str, entries: Entries) -> bool:
+        """Whether a regular file lies there with a content that was written here."""
+        path = output_path(self.folder, *PurePosixPath(name).parts)
+        if name not in entries or path.is_symlink() or not path.is_file():
+            return False
+        return _digest(path) in entries[name]["digests"]
+
+    def _entries(self) -> Entries:
+        """Return what the manifest lists; nothing in it is trusted to be well-formed or to stay in the folder."""
+        try:
+            content = json.loads(self._manifest.read_text("utf-8"))
+        except FileNotFoundError:
+            return {}
+        except (OSError, ValueError, RecursionError) as error:
+            raise InputError(f"{self._manifest}: cannot be read ({error}); {_ADVICE}") from None
+        files = content.get("files") if isinstance(content, dict) else None
+        if not isinstance(files, dict) or content.get("version") != _MANIFEST_VERSION:
+            raise InputError(f"{self._manifest}: not a manifest of this version; {_ADVICE}")
+        for name, entry in files.items():
+            output_path(self.folder, *PurePosixPath(name).parts)
+            digests = entry.get("digests") if isinstance(entry, dict) else None
+            if not isinstance(digests, list) or not isinstance(entry.get("writer"), str):
+                raise InputError(f"{self._manifest}: {name!r} is malformed; {_ADVICE}")
+        return files
+
+    def _write_manifest(self, entries: Mapping[str, Any]) -> None:
+        content = {"version": _MANIFEST_VERSION, "files": dict(sorted(entries.items()))}
+        write_atomic(self._manifest, json.dumps(content, indent=1).encode())
+
+
+_ADVICE = "name another folder for the results"
+
+
+def _either(entries: Entries, fresh: Entries) -> Entries:
+    """Return entries under which former and new contents both are ours."""
+    former = {name: entry["digests"] for name, entry in entries.items()}
+    both = {
+        name: {"writer": entry["writer"], "digests": [*former.get(name, []), *entry["digests"]]}
+        for name, entry in fresh.items()
+    }
+    return entries | both
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _lock(folder: Path) -> int:
+    """Make the folder and hold its lock, which the system frees however the run ends."""
+    books = folder / BOOKS
+    try:
+        books.mkdir(parents=True, exist_ok=True)
+        if books.is_symlink():
+            raise InputError(f"{books}: is a link; {_ADVICE}")
+        descriptor = os.open(books / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(descriptor)
+        if isinstance(error, BlockingIOError):
+            raise InputError(f"{folder}: another run is writing to it; wait for it, or {_ADVICE}") from None
+        raise InputError(f"{folder}: cannot be locked ({error.strerror})") from None
+    return descriptor

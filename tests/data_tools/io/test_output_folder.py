@@ -1,0 +1,183 @@
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from data_tools.errors import InputError
+from data_tools.io.output_folder import BOOKS, MANIFEST_FILE, OutputFolder, file_stem, file_stems, output_path
+
+
+def write(folder: Path, files: dict[str, str], *, writer: str = "test") -> tuple[Path, ...]:
+    with OutputFolder.open(folder, writer=writer) as output:
+        for name, text in files.items():
+            output.stage(*name.split("/")).write_text(text)
+        return output.publish(last="summary", complete=True)
+
+
+def contents(folder: Path) -> dict[str, str]:
+    files = (p for p in folder.rglob("*") if p.is_file() and BOOKS not in p.parts)
+    return {p.relative_to(folder).as_posix(): p.read_text() for p in files}
+
+
+def test_a_second_run_replaces_what_the_first_wrote_and_nothing_else(tmp_path: Path) -> None:
+    assert write(tmp_path, {"summary": "1", "meshes/a": "1", "meshes/b": "1"})[0] == tmp_path / "summary"
+    (tmp_path / "meshes" / "mine.txt").write_text("mine")
+    write(tmp_path, {"other": "1"}, writer="another command")
+    write(tmp_path, {"summary": "2", "meshes/a": "2"})
+    assert contents(tmp_path) == {"summary": "2", "meshes/a": "2", "meshes/mine.txt": "mine", "other": "1"}
+    write(tmp_path, {"summary": "3"})
+    assert contents(tmp_path) == {"summary": "3", "meshes/mine.txt": "mine", "other": "1"}
+
+
+@pytest.mark.parametrize("kind", ["file", "changed", "link", "folder"])
+def test_a_file_of_somebody_else_is_refused_and_stays(tmp_path: Path, kind: str) -> None:
+    out, place = tmp_path / "out", tmp_path / "out" / "report"
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.write_text("mine")
+    write(out, {"summary": "1"} | ({"report": "1"} if kind == "changed" else {}))
+    if kind in ("file", "changed"):
+        place.write_text("mine")
+    elif kind == "link":
+        place.symlink_to(elsewhere)
+    else:
+        (place / "deep").mkdir(parents=True)
+    before = contents(out)
+    with pytest.raises(InputError, match="move it away"):
+        write(out, {"summary": "2", "report": "2"})
+    assert contents(out) == before
+    assert elsewhere.read_text() == "mine"
+    assert place.is_symlink() == (kind == "link")
+
+
+def test_a_changed_file_that_is_not_written_any_more_stays(tmp_path: Path) -> None:
+    write(tmp_path, {"summary": "1", "report": "1"})
+    (tmp_path / "report").write_text("with my notes")
+    write(tmp_path, {"summary": "2"})
+    assert contents(tmp_path) == {"summary": "2", "report": "with my notes"}
+
+
+@pytest.mark.parametrize("out", ["in", ".", "in/deep", "link", "in/../in"])
+def test_inputs_in_the_folder_or_around_it_are_refused_before_anything_is_made(tmp_path: Path, out: str) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "in")
+    with (
+        pytest.raises(InputError, match="name a folder apart"),
+        OutputFolder.open(tmp_path / out, writer="t", inputs=[tmp_path / "in"]),
+    ):
+        pytest.fail("was opened")
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["in", "link"]
+
+
+def test_folders_side_by_side_are_fine(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    with OutputFolder.open(tmp_path / "in2", writer="t", inputs=[tmp_path / "in"]) as output:
+        assert output.staging.is_dir()
+
+
+@pytest.mark.parametrize("part", ["..", "", ".", "a/b", "/etc", "a\x00", "a\\b", "x" * 300])
+def test_paths_that_leave_the_folder_are_refused(tmp_path: Path, part: str) -> None:
+    with pytest.raises(InputError, match="name of an output"):
+        output_path(tmp_path, "meshes", part)
+
+
+def test_links_do_not_lead_out_of_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "originals").mkdir()
+    (tmp_path / "out" / "meshes").symlink_to(tmp_path / "originals")
+    with pytest.raises(InputError, match="leads out of"):
+        write(tmp_path / "out", {"meshes/a": "1"})
+    assert not list((tmp_path / "originals").iterdir())
+
+
+def test_what_a_killed_run_left_goes_with_the_next(tmp_path: Path) -> None:
+    script = (
+        "import os, sys; from data_tools.io.output_folder import OutputFolder\n"
+        "with OutputFolder.open(sys.argv[1], writer='t') as output:\n"
+        "    output.stage('a').write_text('half'); os._exit(9)"
+    )
+    subprocess.run([sys.executable, "-c", script, str(tmp_path)], check=False)
+    assert (tmp_path / BOOKS / "staging" / "a").exists()
+    write(tmp_path, {"summary": "1"})
+    assert sorted(p.name for p in (tmp_path / BOOKS).iterdir()) == ["lock", MANIFEST_FILE]
+
+
+@pytest.mark.parametrize("after", range(5))
+def test_a_run_that_ends_between_two_moves_loses_nothing_and_can_be_repeated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int
+) -> None:
+    write(tmp_path, {"summary": "1", "a": "1", "b": "1"})
+    (tmp_path / "mine").write_text("mine")
+    moves, original = iter(range(100)), os.replace
+
+    def replace(source: str, target: str) -> None:
+        if next(moves) >= after:
+            raise KeyboardInterrupt
+        original(source, target)
+
+    monkeypatch.setattr("data_tools.io.output_folder.os.replace", replace)
+    monkeypatch.setattr("data_tools.io.files.os.replace", replace)
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path, {"summary": "2", "a": "2", "c": "2"})
+    found = contents(tmp_path)
+    assert found["mine"] == "mine"
+    assert found.get("summary") != "2" or found["a"] == found["c"] == "2"  # it comes last
+    monkeypatch.undo()
+    write(tmp_path, {"summary": "3", "a": "3"})
+    assert contents(tmp_path) == {"summary": "3", "a": "3", "mine": "mine"}
+
+
+def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
+    with (
+        OutputFolder.open(tmp_path, writer="t"),
+        pytest.raises(InputError, match="another run"),
+        OutputFolder.open(tmp_path, writer="t"),
+    ):
+        pytest.fail("was opened")
+    write(tmp_path, {"summary": "1"})
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "[",
+        "[]",
+        '{"version": 2, "files": {}}',
+        '{"version": 1, "files": {"../x": {"writer": "test", "digests": []}}}',
+        '{"version": 1, "files": {"/x": {"writer": "test", "digests": []}}}',
+        '{"version": 1, "files": {"x": []}}',
+    ],
+)
+def test_a_manifest_is_not_believed(tmp_path: Path, content: str) -> None:
+    write(tmp_path / "out", {"summary": "1"})
+    (tmp_path / "x").write_text("mine")
+    (tmp_path / "out" / BOOKS / MANIFEST_FILE).write_text(content)
+    with pytest.raises(InputError, match=r"manifest|name of an output"):
+        write(tmp_path / "out", {"summary": "2"})
+    assert contents(tmp_path) == {"out/summary": "1", "x": "mine"}
+
+
+def test_the_manifest_names_the_writer_and_the_content(tmp_path: Path) -> None:
+    write(tmp_path, {"summary": "1"})
+    files = json.loads((tmp_path / BOOKS / MANIFEST_FILE).read_text())["files"]
+    assert files["summary"]["writer"] == "test"
+    assert [len(digest) for digest in files["summary"]["digests"]] == [64]
+
+
+def test_stems_are_names_of_files() -> None:
+    assert file_stem("..") == "shape"
+    assert file_stems(["a", "A", "a-2"]) == ["a", "A-2", "a-2-2"]
+    assert file_stem("../../x") == "_.._x"
+    assert file_stem("\udcff e").isascii()
+
+
+def test_long_stems_are_cut_and_stay_distinct() -> None:
+    names = ["é" * 150 + "a", "é" * 150 + "b", "x" * 200]
+    stems = file_stems(names)
+    assert len(set(stems)) == 3
+    assert max(len(stem.encode()) for stem in stems) <= 200
+    assert stems[2] == names[2]

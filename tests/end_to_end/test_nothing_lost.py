@@ -1,0 +1,180 @@
+"""No command deletes or overwrites a file that no command wrote, or writes outside of the folder that it is given."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from collalign import RunOptions, align_collection
+from collalign.cli import align, main
+from collalign.collection import AlignedCollection
+from collalign.output.evidence.file import load_view, save_view
+from collalign.output.exports import FORMATS, export
+from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
+from data_tools.errors import InputError
+from data_tools.io.shapes import read_shape, write_mesh
+from tests.end_to_end.test_align import FLAGS, OPTIONS
+
+
+@pytest.fixture(scope="module")
+def planted() -> PlantedCollection:
+    import numpy as np
+
+    rng = np.random.default_rng(5)
+    return planted_collection(deformed_family(chair(rng, resolution=1), 3, rng, rms=0.02), rng)
+
+
+@pytest.fixture(scope="module")
+def finished(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, AlignedCollection]:
+    """A folder with a result in ``out``, made from ``shapes``."""
+    folder = tmp_path_factory.mktemp("finished")
+    write_collection(folder / "shapes", planted)
+    collection = align_collection(folder / "shapes", options=OPTIONS, run=RunOptions(jobs=1))
+    collection.save(folder / "out")
+    return folder, collection
+
+
+@pytest.fixture
+def project(finished: tuple[Path, AlignedCollection], tmp_path: Path) -> Path:
+    """A copy of the shapes in ``meshes``."""
+    shutil.copytree(finished[0] / "shapes", tmp_path / "project" / "meshes")
+    return tmp_path / "project"
+
+
+def snapshot(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.mark.parametrize("out", [".", "meshes", "meshes/out", "meshes/.."])
+def test_an_output_folder_that_overlaps_the_input_is_refused(
+    project: Path, out: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = snapshot(project)
+    assert main(["align", str(project / "meshes"), "--out", str(project / out), *FLAGS]) == 2
+    assert "name a folder apart" in capsys.readouterr().err
+    assert snapshot(project) == before
+
+
+def test_save_refuses_the_folder_of_the_input_and_the_one_above(
+    finished: tuple[Path, AlignedCollection],
+) -> None:
+    folder, collection = finished
+    before = snapshot(folder)
+    for out in (folder, folder / "shapes", folder / "shapes" / "out"):
+        with pytest.raises(InputError, match="name a folder apart"):
+            collection.save(out)
+    assert snapshot(folder) == before
+
+
+def test_what_was_aligned_again_is_not_replaced_by_its_own_result(
+    finished: tuple[Path, AlignedCollection], tmp_path: Path
+) -> None:
+    folder, _ = finished
+    again = align_collection(folder / "out" / "meshes", options=OPTIONS, run=RunOptions(jobs=1))
+    before = snapshot(folder / "out")
+    with pytest.raises(InputError, match="contains"):
+        again.save(folder / "out")
+    assert snapshot(folder / "out") == before
+    links = tmp_path / "links"
+    links.mkdir()
+    for file in (folder / "out" / "meshes").iterdir():
+        (links / file.name).symlink_to(file)
+    assert main(["align", str(links), "--out", str(folder / "out"), *FLAGS]) == 2
+    assert snapshot(folder / "out") == before
+
+
+@pytest.mark.parametrize("name", ["report.html", "pairs.csv", "meshes/chair1.ply", "alignment.json"])
+def test_foreign_files_under_our_names_are_refused_before_the_work(
+    project: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(align.__globals__, "align_collection", lambda *_, **__: pytest.fail("was run"))
+    foreign = tmp_path / "out" / name
+    foreign.parent.mkdir(parents=True)
+    foreign.write_text("mine")
+    assert main(["align", str(project / "meshes"), "--out", str(tmp_path / "out"), "--no-report", *FLAGS]) == 2
+    assert "move it away" in capsys.readouterr().err
+    assert foreign.read_text() == "mine"
+
+
+def test_other_files_stay_and_former_results_go(project: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = ["align", str(project / "meshes"), "--out", str(out), *FLAGS]
+    assert main(command) == 0
+    (out / "meshes" / "mine.txt").write_text("mine")
+    (project / "meshes" / "chair3.ply").unlink()
+    assert main([*command, "--no-report"]) == 0
+    assert sorted(p.name for p in (out / "meshes").iterdir()) == ["chair1.ply", "chair2.ply", "mine.txt"]
+    assert not (out / "report.html").exists()
+    assert sorted(p.name for p in (out / ".collalign").iterdir()) == ["lock", "manifest.json"]
+
+
+def test_exports_do_not_overwrite_originals(finished: tuple[Path, AlignedCollection], tmp_path: Path) -> None:
+    folder, _ = finished
+    before = snapshot(folder)
+    with pytest.raises(InputError, match="move it away"):
+        export(folder / "out", "ply", folder / "shapes")
+    assert {name: data for name, data in snapshot(folder).items() if ".collalign/" not in name} == {
+        name: data for name, data in before.items() if ".collalign/" not in name
+    }
+    export(folder / "out", "ply", tmp_path)
+    export(folder / "out", "tps", tmp_path)
+    assert len(export(folder / "out", "ply", tmp_path)) == 3
+    assert (tmp_path / "landmarks.tps").exists()
+
+
+def test_demo_does_not_overwrite_shapes_of_the_same_names(tmp_path: Path) -> None:
+    mine = tmp_path / "shapes" / "chair1.ply"
+    mine.parent.mkdir()
+    mine.write_text("mine")
+    assert main(["demo", "--num-shapes", "2", "--out", str(tmp_path), *FLAGS]) == 2
+    assert mine.read_text() == "mine"
+
+
+def test_a_match_does_not_overwrite_a_file_of_its_name(project: Path, tmp_path: Path) -> None:
+    (tmp_path / "match.json").write_text("mine")
+    pair = [str(project / "meshes" / f"chair{i}.ply") for i in (1, 2)]
+    assert main(["match", *pair, "--out", str(tmp_path), "--no-refine", *FLAGS[:4]]) == 2
+    assert (tmp_path / "match.json").read_text() == "mine"
+    assert main(["match", *pair, "--out", str(tmp_path / "new"), "--no-refine", *FLAGS[:4]]) == 0
+    assert (tmp_path / "new" / "match.json").exists()
+
+
+def test_names_in_forged_evidence_lead_nowhere(finished: tuple[Path, AlignedCollection], tmp_path: Path) -> None:
+    folder, _ = finished
+    result, new, out = tmp_path / "a" / "b" / "result", tmp_path / "new", tmp_path / "a" / "b" / "to"
+    shutil.copytree(folder / "out", result)
+    names = ("../../../escaped", str(tmp_path / "absolute"), "..")
+    save_view(dataclasses.replace(load_view(result), names=names), result)
+    new.mkdir()
+    shutil.copy(folder / "shapes" / "chair1.ply", new / "chair9.ply")
+    main(["add", str(result), str(new), "--jobs", "1"])
+    for format in FORMATS:
+        if format != "parquet":
+            export(result, format, out)
+    allowed = {tmp_path / "a", new}
+    assert [p for p in tmp_path.iterdir() if p not in allowed] == []
+    assert sorted(p.name for p in (tmp_path / "a" / "b").iterdir()) == ["result", "to"]
+
+
+def test_names_that_are_long_or_no_text_go_through_every_output(planted: PlantedCollection, tmp_path: Path) -> None:
+    shapes = tmp_path / "shapes"
+    shapes.mkdir()
+    for shape, name in zip(planted.shapes, (b"x" * 251, b"\xff" * 251, b"=cmd|' C calc'!A0"), strict=True):
+        path = write_mesh(tmp_path / "a.ply", shape)
+        os.rename(path, os.fsencode(shapes) + b"/" + name + b".ply")
+    out = tmp_path / "out"
+    assert main(["align", str(shapes), "--out", str(out), *FLAGS]) == 0
+    assert len([read_shape(path) for path in (out / "meshes").iterdir()]) == 3
+    for format in FORMATS:
+        for path in export(out, format, tmp_path / format) if format != "parquet" else ():
+            assert path.stat().st_size > 0
+    tables = [out / "pairs.csv", *(tmp_path / "csv").glob("*.csv"), tmp_path / "tps" / "specimens.csv"]
+    for table in tables:
+        cells = table.read_text("utf-8").replace("\n", ",").split(",")
+        assert not [cell for cell in cells if cell.strip('"').startswith(("=", "@", "+", "-cmd"))], table
+    assert "'=cmd" in tables[0].read_text("utf-8")
