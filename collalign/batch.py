@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from collalign.stages.pairs.match import match_pairs, pair_key
 from collalign.stages.pairs.select import all_pairs
 from collalign.stages.shapes import prepare_shapes, shape_keys
 from data_tools.errors import InputError, OptionsError
+from data_tools.io.files import read_toml
 from data_tools.io.shapes import FolderListing, read_folder
 from data_tools.threads import one_blas_thread
 
@@ -53,12 +53,7 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
         If an option is unknown or impossible.
     """
     path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not TOML ({error})") from None
+    content = read_toml(path)
     unknown = sorted(content.keys() - {"options", "jobs"})
     if unknown:
         raise InputError(f"{path}: unknown entry {unknown[0]!r}; expected [options] and [[jobs]]")

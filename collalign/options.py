@@ -12,6 +12,11 @@ from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 from pairwise.options import MatchOptions
 
+#: Seeds are below this: stores and keys hold 64-bit numbers.
+_SEED_LIMIT = 2**63
+#: Largest time limit (thirty years) and memory limit (an exbibyte): what clocks and systems can count.
+_MAX_LIMIT_S = 1e9
+_MAX_LIMIT_GIB = 2.0**30
 #: Rotations only, mirror images as well, or whichever of the two the shapes ask for.
 Group = Literal["SO", "O", "auto"]
 #: Which pairs of shapes are matched.
@@ -121,8 +126,10 @@ class AlignOptions:
             raise OptionsError("certify: no proofs with eigenfunctions; choose embedding kind xyz+invariants")
         if isinstance(self.landmarks, bool) or not isinstance(self.landmarks, int) or self.landmarks < 0:
             raise OptionsError(f"landmarks: expected an integer of at least 0, got {self.landmarks!r}")
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
-            raise OptionsError(f"seed: expected an integer of at least 0, got {self.seed!r}")
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < _SEED_LIMIT:
+            raise OptionsError(f"seed: expected an integer from 0 to 2^63 - 1, got {self.seed!r}")
+        if self.matching.seed != 0:
+            raise OptionsError("matching.seed: a collection has one seed for everything; set 'seed' instead")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,9 +164,15 @@ class RunOptions:
     def __post_init__(self) -> None:
         if not isinstance(self.jobs, int) or self.jobs == 0 or self.jobs < -1:
             raise OptionsError(f"jobs: expected -1 or a positive number of processes, got {self.jobs!r}")
-        for name in ("shape_time_limit_s", "pair_time_limit_s", "memory_limit_gib"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise OptionsError(f"{name}: expected a number more than 0, got {getattr(self, name)!r}")
+        for name, largest in (
+            ("shape_time_limit_s", _MAX_LIMIT_S),
+            ("pair_time_limit_s", _MAX_LIMIT_S),
+            ("memory_limit_gib", _MAX_LIMIT_GIB),
+        ):
+            if not 0 < getattr(self, name) <= largest:
+                raise OptionsError(
+                    f"{name}: expected a number more than 0 and at most {largest:g}, got {getattr(self, name)!r}"
+                )
 
     @property
     def num_workers(self) -> int:
@@ -194,8 +207,10 @@ def options_from_record(record: Mapping[str, Any]) -> AlignOptions:
     values: dict[str, Any] = {name: value for name, value in record.items() if name not in groups}
     try:
         for name, kind in groups.items():
-            table = {key: tuple(v) if isinstance(v, list) else v for key, v in record.get(name, {}).items()}
-            values[name] = kind(**table)
+            entries = record.get(name, {})
+            if not isinstance(entries, Mapping):
+                raise OptionsError(f"{name}: expected a table of options, got {entries!r}")
+            values[name] = kind(**{key: tuple(v) if isinstance(v, list) else v for key, v in entries.items()})
         return AlignOptions(**values)
     except (TypeError, AttributeError) as error:
         raise OptionsError(f"options: {error}") from None

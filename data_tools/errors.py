@@ -49,6 +49,12 @@ class SolveFailed(CollalignError, RuntimeError):
         self.result = result
 
 
+class RunLost(CollalignError):
+    """The processes or machines that did the work are gone; what was finished before is in the store."""
+
+    exit_code = 4
+
+
 class CollectionError(CollalignError):
     """A collection cannot be aligned as a whole, for instance because fewer than two shapes could be read."""
 

@@ -72,8 +72,9 @@ class MatchOptions:
             ("max_candidates", 1),
             ("seed", 0),
         ):
-            if not getattr(self, name) >= least:
-                raise OptionsError(f"{name}: expected at least {least}, got {getattr(self, name)}")
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+                raise OptionsError(f"{name}: expected an integer of at least {least}, got {value!r}")
         if not self.candidate_factor >= 1:
             raise OptionsError(f"candidate_factor: expected at least 1, got {self.candidate_factor}")
         if not 0 <= self.candidate_angle_deg <= 180:

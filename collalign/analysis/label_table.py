@@ -73,8 +73,10 @@ def read_labels(path: Path | str) -> Labels:
         text = source.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{source}: cannot be read as text ({error}); save the table as CSV in UTF-8") from error
-    dialect = _dialect(text)
-    rows = [[plain_cell(cell) for cell in row] for row in csv.reader(text.splitlines(), dialect)]
+    try:
+        rows = [[plain_cell(cell) for cell in row] for row in csv.reader(text.splitlines(), _dialect(text))]
+    except csv.Error as error:
+        raise InputError(f"{source}: cannot be read as a table ({error})") from None
     if len(rows) < 2 or len(rows[0]) < 2:
         raise InputError(
             f"{source}: expected a heading and rows with a name and at least one label, separated by commas"

@@ -1,40 +1,52 @@
 """The command line: parses, calls the library, prints, and turns errors into advice and an exit code.
 
-Exit codes: 0 all went well, 1 unexpected error, 2 bad input or options, 3 finished with something left out,
-130 interrupted.
+Exit codes: 0 all went well, 1 unexpected error, 2 bad input or options, 3 finished with something left out, 4 the
+workers were lost, 130 interrupted, 141 nobody reads the output any more.
 """
 
 from __future__ import annotations
 
+import io
 import logging
+import os
 import sys
-import tomllib
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import App, CycloptsError, Parameter
-from cyclopts.config import Toml
 
 from collalign import __version__
-from collalign.cli.align import add, align, demo
-from collalign.cli.batch import batch
-from collalign.cli.match import match
-from collalign.cli.results import classify, export, view
-from collalign.cli.status import status
-from data_tools.errors import CollalignError, InputError
+from collalign.cli.config import ConfigFile, refuse_rounding
+from collalign.cli.interruption import INTERRUPTED, orderly_interrupts, was_interrupted
+from data_tools.errors import CollalignError
 
-INTERRUPTED = 130
+#: Exit code after the reader of the output has gone: 128 and the number of SIGPIPE.
+READER_GONE = 141
 
 app = App(
     name="collalign",
     help="Align a collection of 3D shapes consistently, and say how far each pose can be trusted.",
     version=__version__,
     result_action="return_value",
+    suppress_keyboard_interrupt=False,
 )
-for command in (align, match, demo, add, batch, status, export, classify, view):
-    app.command(command)
+app.meta.suppress_keyboard_interrupt = False
+#: Each command's function and its line in the help; a function is imported when its command is called.
+_COMMANDS = {
+    "align": ("collalign.cli.align:align", "Align all shapes of a folder."),
+    "match": ("collalign.cli.match:match", "Match two shapes: the best pose and its alternatives, or a map."),
+    "demo": ("collalign.cli.align:demo", "Generate a small collection, align it, and compare with the truth."),
+    "add": ("collalign.cli.align:add", "Align new shapes to a finished result without moving the old ones."),
+    "batch": ("collalign.cli.batch:batch", "Align many folders; a folder that fails does not stop the others."),
+    "status": ("collalign.cli.status:status", "Say how much of a run is done, failed and left."),
+    "export": ("collalign.cli.results:export", "Write a result in a format of the field."),
+    "classify": ("collalign.cli.results:classify", "Classify every shape by its nearest neighbour."),
+    "view": ("collalign.cli.results:view", "Open a window with the aligned shapes."),
+}
+for _name, (_function, _help) in _COMMANDS.items():
+    app.command(_function, name=_name, help=_help)
 
 
 @app.meta.default
@@ -53,18 +65,8 @@ def _launch(
         Say what is being done, and show the whole traceback of an error.
     """
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s", stream=sys.stderr)
-    app.config = () if config is None else (_checked_toml(config),)
+    app.config = (refuse_rounding,) if config is None else (ConfigFile(config, _COMMANDS), refuse_rounding)
     return app(tokens, exit_on_error=False)
-
-
-def _checked_toml(path: Path) -> Toml:
-    try:
-        tomllib.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise InputError(f"--config {path}: cannot be read ({error.strerror})") from None
-    except ValueError as error:
-        raise InputError(f"--config {path}: not TOML ({error})") from None
-    return Toml(path, must_exist=True, search_parents=False, use_commands_as_keys=False)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -75,20 +77,40 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments : sequence of str, optional
         ``sys.argv[1:]`` by default.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # names need not fit the terminal's encoding
+    try:
+        with orderly_interrupts(until_exit=arguments is None):
+            code = _run(list(sys.argv[1:] if arguments is None else arguments))
+        print(end="", flush=True)
+        return code
+    except BrokenPipeError:  # as in "collalign ... | head -1"; what Python still holds for the reader goes nowhere
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return READER_GONE
+
+
+def _run(words: list[str]) -> int:
+    """Run a command; every way to end has its message and its exit code."""
     app.config = ()  # an earlier call may have set one
     try:
-        code = app.meta(words, exit_on_error=False)
+        return int(app.meta(words, exit_on_error=False) or 0)
     except CycloptsError:
         return 2
-    except CollalignError as error:
+    except BrokenPipeError:
+        raise
+    except KeyboardInterrupt as interrupt:
+        return _say(str(interrupt) or "interrupted; no file is left half-written", INTERRUPTED)
+    except Exception as error:
         if "-v" in words or "--verbose" in words:
             traceback.print_exc()
-        print(f"collalign: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print(
-            "collalign: interrupted; what is finished is kept, the same command goes on from there", file=sys.stderr
-        )
-        return INTERRUPTED
-    return int(code or 0)
+        if was_interrupted():  # an import that SIGINT met makes another error of it
+            return _say("interrupted before anything began", INTERRUPTED)
+        if not isinstance(error, CollalignError | OSError):
+            raise
+        return _say(str(error), error.exit_code if isinstance(error, CollalignError) else 1)
+
+
+def _say(message: str, code: int) -> int:
+    print(f"collalign: {message}", file=sys.stderr)
+    return code

@@ -14,12 +14,12 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from collalign.align import align_collection
+import collalign
 from collalign.analysis.label_table import read_labels
+from collalign.cli.interruption import resumable
 from collalign.collection import DOUBT, AlignedCollection
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.stage import ProgressFactory
-from collalign.extend import add_to_collection
 from collalign.options import AlignOptions, RunOptions
 from collalign.output.corrections import read_corrections
 from collalign.output.evidence.file import load_view
@@ -66,12 +66,14 @@ def align(
     listing = read_folder(folder)
     fixed = read_corrections(corrections).fixed(listing.names) if corrections is not None else {}
     table = read_labels(labels) if labels is not None else None
-    run = replace(run, store=run.store or out / STORE_FILE)
-    with OutputFolder.open(out, writer=WRITER, inputs=[folder, *listing.files]) as output:
+    store = run.store or out / STORE_FILE
+    run = replace(run, store=store)
+    with resumable(store), OutputFolder.open(out, writer=WRITER, inputs=[folder, *listing.files]) as output:
         output.refuse_foreign(output_names(listing.names))
-        collection = align_collection(folder, options=options, run=run, fixed=fixed, progress=_progress())
+        collection = collalign.align_collection(folder, options=options, run=run, fixed=fixed, progress=_progress())
         columns = table.columns_for(collection.names) if table is not None else None
-        return _finish(collection, save_collection(collection, output, report=report, labels=columns))
+        written = save_collection(collection, output, report=report, labels=columns)
+    return _finish(collection, written)
 
 
 def add(
@@ -96,12 +98,14 @@ def add(
         Write report.html.
     """
     table = read_labels(labels) if labels is not None else None
-    run = replace(run, store=run.store or result / STORE_FILE)
+    store = run.store or result / STORE_FILE
+    run = replace(run, store=store)
     load_view(result)
-    with OutputFolder.open(result, writer=WRITER, inputs=[folder]) as output:
-        collection = add_to_collection(result, folder, run=run, progress=_progress())
+    with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=[folder]) as output:
+        collection = collalign.add_to_collection(result, folder, run=run, progress=_progress())
         columns = table.columns_for(collection.names) if table is not None else None
-        return _finish(collection, save_collection(collection, output, report=report, labels=columns))
+        written = save_collection(collection, output, report=report, labels=columns)
+    return _finish(collection, written)
 
 
 def demo(

@@ -37,7 +37,9 @@ def batch(
                 print(f"  {estimate_job(job, run)}")
             else:
                 failed |= align(job.folder, out=job.out, options=job.options, run=run) != 0
-        except CollalignError as error:
+        except BrokenPipeError:
+            raise
+        except (CollalignError, OSError) as error:
             print(f"collalign: {error}", file=sys.stderr)
             failed = True
     return INCOMPLETE if failed else 0

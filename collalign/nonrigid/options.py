@@ -102,6 +102,7 @@ class NonrigidOptions:
         _check_count("num_source", self.num_source, 4)
         _check_count("num_candidates", self.num_candidates, 1)
         _check_count("bandwidth", self.bandwidth, 0)
+        _check_count("seed", self.seed, 0)
         if self.mask_share is not None and not 0 < self.mask_share <= 1:
             raise OptionsError(f"mask_share: expected a number in (0, 1], got {self.mask_share}")
         if self.mask_threshold is not None and not self.mask_threshold > 0:

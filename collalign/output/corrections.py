@@ -128,7 +128,7 @@ def _decision(entry: Any, where: str) -> Decision:
 def _rotation(matrix: Any, where: str) -> FloatArray:
     try:
         array = np.asarray(matrix, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{where}: expected a 3 x 3 matrix of numbers") from None
     if array.shape != (3, 3):
         raise InputError(f"{where}: expected a 3 x 3 matrix, got shape {array.shape}")

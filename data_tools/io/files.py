@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import tomllib
 from pathlib import Path
+from typing import Any
 
 from data_tools.errors import InputError
 
@@ -37,6 +39,25 @@ def write_atomic(path: Path, content: bytes) -> Path:
         temporary.unlink(missing_ok=True)
         raise
     return path
+
+
+def read_toml(path: Path | str) -> dict[str, Any]:
+    """Return the content of a TOML file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is not TOML, or is nested more deeply than any configuration.
+    """
+    path = Path(path)
+    try:
+        return tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not TOML ({error})") from None
+    except RecursionError:
+        raise InputError(f"{path}: not a configuration, its lists or tables are nested too deeply") from None
 
 
 def natural_key(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:

@@ -59,7 +59,8 @@ def _part(path: Path, geometry: Any, transform: FloatArray) -> tuple[FloatArray,
     faces = np.asarray(getattr(geometry, "faces", []))
     faces = faces.reshape(-1, 3) if faces.size else np.empty((0, 3), dtype=np.int64)
     if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
-        raise InputError(f"{path}: a face names vertex {faces.max()}, there are {len(vertices)}")
+        wrong = faces.min() if faces.min() < 0 else faces.max()
+        raise InputError(f"{path}: a face names vertex {wrong}, there are {len(vertices)}, counted from 0")
     if not np.allclose(transform, np.eye(4), rtol=0, atol=0):
         vertices = vertices @ transform[:3, :3].T + transform[:3, 3]
         if np.linalg.det(transform[:3, :3]) < 0:

@@ -36,9 +36,8 @@ def read_obj(path: Path) -> tuple[FloatArray, IntArray]:
     if not points:
         raise InputError(f"{path}: not an OBJ file, it has no vertex lines 'v x y z'")
     faces = _triangles(path, polygons, num_before)
-    if faces.size and (faces.min() < 0 or faces.max() >= len(points)):
-        wrong = int(faces.max()) if faces.max() >= len(points) else int(faces.min())
-        raise InputError(f"{path}: a face names vertex {wrong + 1}, there are {len(points)}")
+    if faces.size and faces.max() >= len(points):
+        raise InputError(f"{path}: a face names vertex {faces.max() + 1}, there are {len(points)}")
     return _vertices(path, points), faces
 
 
@@ -74,4 +73,6 @@ def _corner(path: Path, position: int, word: str, num_before: int) -> int:
     digits = word.split("/", 1)[0]
     if not digits.removeprefix("-").isdecimal() or int(digits) == 0:
         raise InputError(f"{path}: face {position}: {word[:60]!r} is no corner")
+    if num_before + int(digits) < 0:
+        raise InputError(f"{path}: face {position} names vertex {digits}, there are {num_before} before it")
     return int(digits) - 1 if int(digits) > 0 else num_before + int(digits)

@@ -96,13 +96,20 @@ def read_folder(folder: Path | str) -> FolderListing:
     Raises
     ------
     InputError
-        If it is no folder, or holds no shape file.
+        If it is no folder, cannot be read, or holds no shape file.
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder")
-    entries = sorted((p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name))
-    files = tuple(p for p in entries if p.is_file() and p.suffix.lower() in READERS)
+    try:
+        if not folder.exists():
+            raise InputError(f"{folder}: no such folder")
+        if not folder.is_dir():
+            raise InputError(f"{folder}: is a file, not a folder; give the folder that holds the shapes")
+        entries = sorted(
+            (p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name)
+        )
+        files = tuple(p for p in entries if p.is_file() and p.suffix.lower() in READERS)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read ({error.strerror or error})") from None
     if not files:
         raise InputError(f"{folder}: holds no shape file; readable are {', '.join(sorted(READERS))}")
     return FolderListing(files=files, names=_names(files), skipped=tuple(p for p in entries if p not in files))

@@ -101,17 +101,12 @@ def surface_operators(shape: Shape) -> SurfaceOperators:
     InputError
         If a point cloud has too few points, or the operator is not finite.
     """
-    vertices = shape.vertices
-    if not shape.is_mesh:
-        if len(vertices) <= NUM_NEIGHBOURS:
-            raise InputError(f"{shape.name}: {len(vertices)} points are too few for a surface")
-        stiffness, mass = robust_laplacian.point_cloud_laplacian(vertices, n_neighbors=NUM_NEIGHBOURS)
-        operators = SurfaceOperators(csc_array(stiffness), np.array(mass.diagonal()), "point cloud")
-    elif _is_good(vertices, shape.faces):
-        operators = cotangent_laplacian(vertices, shape.faces)
+    if not shape.is_mesh and len(shape.vertices) <= NUM_NEIGHBOURS:
+        raise InputError(f"{shape.name}: {len(shape.vertices)} points are too few for a surface")
+    if shape.is_mesh and _is_good(shape.vertices, shape.faces):
+        operators = cotangent_laplacian(shape.vertices, shape.faces)
     else:
-        stiffness, mass = robust_laplacian.mesh_laplacian(vertices, shape.faces)
-        operators = SurfaceOperators(csc_array(stiffness), np.array(mass.diagonal()), "tufted")
+        operators = _tufted_operators(shape)
     if not (np.isfinite(operators.stiffness.data).all() and (operators.mass > 0).all()):
         raise InputError(f"{shape.name}: its {operators.kind} Laplacian is not finite, the surface is too poor")
     return operators
@@ -185,6 +180,22 @@ def _cotangents(vertices: FloatArray, faces: IntArray) -> FloatArray:
 def _lumped_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     thirds = np.repeat(face_areas(vertices, faces) / 3.0, 3)
     return np.bincount(faces.ravel(), weights=thirds, minlength=len(vertices)).astype(np.float64)
+
+
+def _tufted_operators(shape: Shape) -> SurfaceOperators:
+    """Return the tufted Laplacian of a mesh, or its point cloud form."""
+    kind = "tufted" if shape.is_mesh else "point cloud"
+    try:
+        if shape.is_mesh:
+            stiffness, mass = robust_laplacian.mesh_laplacian(shape.vertices, shape.faces)
+        else:
+            stiffness, mass = robust_laplacian.point_cloud_laplacian(shape.vertices, n_neighbors=NUM_NEIGHBOURS)
+    except RuntimeError:  # its message names lines of C++, not what is wrong with the shape
+        raise InputError(
+            f"{shape.name}: no {kind} Laplacian can be built, its points do not lie on a surface "
+            "(all on a line, or around a single triangle)"
+        ) from None
+    return SurfaceOperators(csc_array(stiffness), np.array(mass.diagonal()), kind)
 
 
 def _is_good(vertices: FloatArray, faces: IntArray) -> bool:

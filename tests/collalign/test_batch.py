@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +78,8 @@ def test_jobs_share_options_and_override_them(folder: Path) -> None:
             "certify_budget_s",
         ),
         ("not toml", InputError, "TOML"),
+        ("a = " + "[" * 5000 + "]" * 5000, InputError, "nested too deeply"),
+        ("[options]\nsampling = 5\n[[jobs]]\nfolder = 'x'\nout = 'y'", OptionsError, "sampling: expected a table"),
     ],
 )
 def test_bad_files_are_refused_by_name(text: str, error: type[Exception], word: str, tmp_path: Path) -> None:
@@ -100,3 +105,28 @@ def test_one_bad_folder_does_not_stop_the_others(folder: Path) -> None:
     assert (folder / "b" / "alignment.json").exists()
     estimate = estimate_job(read_batch(folder / "batch.toml")[1], RunOptions(jobs=1))
     assert (estimate.num_shapes, estimate.num_pairs) == (0, 0)
+
+
+@pytest.mark.parametrize("flags", [[], ["--dry-run"]])
+def test_an_unreadable_folder_does_not_stop_the_others(
+    flags: list[str], folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    refuse_to_list(folder / "secret", monkeypatch)
+    text = GOOD.replace('folder = "chairs"\nout = "a"', 'folder = "secret"\nout = "a"')
+    assert main(["batch", str(batch_file(folder, text)), "--jobs", "1", *flags]) == 3
+    said = capsys.readouterr()
+    assert "secret: cannot be read (Permission denied)" in said.err
+    assert "3 shapes" in said.out
+
+
+def refuse_to_list(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make a folder whose entries the system hides, as it does from anybody but root."""
+    folder.mkdir()
+    listing = Path.iterdir
+
+    def iterdir(path: Path) -> Iterator[Path]:
+        if path == folder:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return listing(path)
+
+    monkeypatch.setattr(Path, "iterdir", iterdir)

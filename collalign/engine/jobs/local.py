@@ -5,15 +5,18 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import chain
+from multiprocessing import resource_tracker
 from typing import Any
 
 from joblib import Parallel, delayed
+from joblib.externals.loky.backend import resource_tracker as loky_tracker
 
 from collalign.engine.jobs.scratch import scratch_directory
 from collalign.engine.jobs.worker import Call, Guard, Outcome, Task, end_with_parent, run_guarded
@@ -155,7 +158,8 @@ class _LocalRun:
             **limited,
         )
         run: Callable[..., Outcome] = delayed(run_guarded)
-        return pool(run(self._call, task, self._guard) for task in tasks)
+        with _uninterrupted():
+            return pool(run(self._call, task, self._guard) for task in tasks)
 
     def _started_and_not_ended(self) -> dict[int, int]:
         """Return the worker's process id by token of the tasks that a death interrupted."""
@@ -177,6 +181,24 @@ class _LocalRun:
         if trace.is_file() and trace.stat().st_size:
             return f"ran past the time limit of {self._call.limits.time_limit_s:g} s"
         return _cause(error)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Block SIGINT in this thread: processes and threads that it starts inherit that, and Ctrl-C is for us alone.
+
+    A terminal sends SIGINT to workers as well; each would print a traceback of its own.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    for tracker in (loky_tracker, resource_tracker):  # started within, the second would unblock SIGINT behind it
+        tracker.ensure_running()
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, former)
 
 
 @contextmanager

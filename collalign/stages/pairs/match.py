@@ -234,7 +234,7 @@ def pair_key(target_key: str, source_key: str, options: AlignOptions) -> str:
 
 
 def _task(shapes: PreparedShapes, i: int, j: int, options: AlignOptions) -> PairTask:
-    seed = pair_seed(options.seed + options.matching.seed, shapes.keys[i], shapes.keys[j])
+    seed = pair_seed(options.seed, shapes.keys[i], shapes.keys[j])
     return PairTask(
         target_key=shapes.keys[i],
         source_key=shapes.keys[j],

@@ -42,6 +42,7 @@ def test_names_lose_folder_and_mesh_ending_only() -> None:
         ("name\na\nb\n", "a heading and rows"),
         ("name,taxon\na,X,Y\n", "line 2: 3 cells under 2 headings"),
         ("name,taxon\na,X\na,Y\n", "listed twice with different labels"),
+        ("name,taxon\na," + "X" * 131_073 + "\n", "cannot be read as a table"),
     ],
 )
 def test_tables_that_cannot_be_meant_are_refused(tmp_path: Path, text: str, message: str) -> None:

@@ -74,6 +74,8 @@ def test_decisions_about_shapes_that_are_not_there_are_refused(tmp_path: Path) -
         (record(decisions=[{"shape": "b"}]), "decision 1: expected 'shape'"),
         (record(decisions=[{"shape": "b", "decision": "pose", "rotation": "x"}]), "decision 1"),
         (record(decisions=[{"shape": "b", "decision": "pose", "rotation": [[1, 0], [0, 1]]}]), "3 x 3"),
+        (record(decisions=[{"shape": "b", "decision": "pose", "rotation": [[10**400] * 3] * 3}]), "decision 1"),
+        (record(frame={"a": [[10**400] * 3] * 3}), "frame of 'a'"),
         (
             record(decisions=[{"shape": "b", "decision": "pose", "rotation": np.ones((3, 3)).tolist()}]),
             "not orthogonal",

@@ -1,0 +1,84 @@
+"""Ctrl-C: the run ends in order and says how to go on; pressing it again while that lasts breaks nothing."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+from data_tools.errors import RunLost
+
+#: Exit code of a run that was interrupted.
+INTERRUPTED = 130
+
+
+@contextmanager
+def orderly_interrupts(*, until_exit: bool) -> Iterator[None]:
+    """Turn the first SIGINT into KeyboardInterrupt, answer the second with patience, end the process at the third.
+
+    Everything finished is in the store at any time, and worker processes end with their parent.
+
+    Parameters
+    ----------
+    until_exit : bool
+        The process ends after this: go on after an interruption, so that no late SIGINT meets Python's own handler.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may set handlers, and only it is interrupted
+        return
+    former = signal.signal(signal.SIGINT, _first)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN if until_exit and was_interrupted() else former)
+
+
+def was_interrupted() -> bool:
+    """Whether a SIGINT has come since handlers were set."""
+    return signal.getsignal(signal.SIGINT) in (_second, _third)
+
+
+@contextmanager
+def resumable(store: Path) -> Iterator[None]:
+    """Add to an interruption, by a person or by the loss of a cluster, what is kept and how to go on.
+
+    Parameters
+    ----------
+    store : Path
+        The file with everything finished.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        With the sentence as its argument.
+    RunLost
+        Likewise.
+    """
+    kept = f"everything finished is kept in {store}; run the same command to go on"
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"interrupted; {kept}") from None
+    except RunLost as error:
+        raise RunLost(f"{error}; {kept}") from error
+
+
+def _first(number: int, frame: FrameType | None) -> None:
+    signal.signal(signal.SIGINT, _second)
+    warnings.filterwarnings("ignore", module="joblib")  # it advises to wait for all results
+    raise KeyboardInterrupt
+
+
+def _second(number: int, frame: FrameType | None) -> None:
+    signal.signal(signal.SIGINT, _third)
+    print("collalign: ending in order; once more ends it at once", file=sys.stderr, flush=True)
+
+
+def _third(number: int, frame: FrameType | None) -> None:
+    os._exit(INTERRUPTED)

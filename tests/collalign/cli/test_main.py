@@ -1,0 +1,109 @@
+"""The command as a process: its streams, its messages and its exit codes, whatever the other end does."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign.cli import main
+from collalign.engine.store.store import Store
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
+from tests.faults import worker_processes
+
+COLLALIGN = [sys.executable, "-m", "collalign"]
+FLAGS = ["--sampling.num-points", "16", "--sampling.num-dense-points", "0", "--jobs", "2"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    rng = np.random.default_rng(5)
+    path = tmp_path_factory.mktemp("run") / "chairs"
+    write_collection(path, planted_collection(deformed_family(chair(rng, resolution=1), 4, rng, rms=0.02), rng))
+    return path
+
+
+def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:
+    Store.open(tmp_path / "store.sqlite").close()
+    command = [*COLLALIGN, "status", str(tmp_path / "store.sqlite")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.close()
+    with process:
+        errors = process.stderr.read() if process.stderr else b""
+    assert (process.returncode, errors) == (141, b"")
+
+
+def test_names_need_not_fit_the_encoding_of_the_terminal(tmp_path: Path) -> None:
+    (tmp_path / "Schädel").mkdir()
+    command = [*COLLALIGN, "align", str(tmp_path / "Schädel"), "--out", str(tmp_path / "out")]
+    done = subprocess.run(
+        command, capture_output=True, check=False, env={**os.environ, "PYTHONIOENCODING": "ascii"}, timeout=60
+    )
+    assert done.returncode == 2
+    assert b"Sch\\xe4del: holds no shape file" in done.stderr
+
+
+@pytest.mark.parametrize("presses", [1, 2])
+def test_ctrl_c_says_what_is_kept_and_how_to_go_on(presses: int, folder: Path, tmp_path: Path) -> None:
+    command = [*COLLALIGN, "align", str(folder), "--out", str(tmp_path), *FLAGS]
+    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    while not worker_processes(process.pid):
+        assert process.poll() is None, "ended before its workers were seen"
+        time.sleep(0.01)
+    for _ in range(presses):  # a terminal sends it to all processes in the foreground
+        os.killpg(process.pid, signal.SIGINT)
+        time.sleep(0.02)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    assert "Warning" not in errors
+    assert errors.splitlines()[-1] == (
+        f"collalign: interrupted; everything finished is kept in {tmp_path / 'store.sqlite'}; "
+        "run the same command to go on"
+    )
+    assert not (tmp_path / "alignment.json").exists()
+    assert main(["status", str(tmp_path / "store.sqlite")]) == 0
+
+
+def test_ctrl_c_before_anything_began_has_a_message_too() -> None:
+    """An import that is interrupted makes an ImportError of it."""
+    process = subprocess.Popen(
+        [*COLLALIGN, "align", "--help"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    while "scipy" not in Path(f"/proc/{process.pid}/maps").read_text():
+        assert process.poll() is None
+        time.sleep(0.005)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors.startswith("collalign: interrupted")
+    assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["demo", "--out", "FILE"], ["align", "FOLDER", "--out", "FILE"], ["align", "FILE", "--out", "o"]],
+)
+def test_a_file_in_the_place_of_a_folder_is_called_so(
+    arguments: list[str], folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = {"FILE": tmp_path / "file", "FOLDER": folder, "o": tmp_path / "o"}
+    places["FILE"].touch()
+    assert main([str(places.get(word, word)) for word in arguments]) == 2
+    assert "is a file" in capsys.readouterr().err
+
+
+def test_help_is_quick_and_imports_nothing_heavy() -> None:
+    code = "import sys; from collalign.cli import main; main(['--help']); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert "cyclopts" in loaded
+    assert not loaded & {"numpy", "scipy", "trimesh", "matplotlib", "joblib", "potpourri3d", "networkx"}
