@@ -98,7 +98,9 @@ def test_a_file_in_the_place_of_a_folder_is_called_so(
     places = {"FILE": tmp_path / "file", "FOLDER": folder, "o": tmp_path / "o"}
     places["FILE"].touch()
     assert main([str(places.get(word, word)) for word in arguments]) == 2
-    assert "is a file" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert str(places["FILE"]) in said
+    assert "is a file, not a folder" in said or "Not a directory" in said
 
 
 def test_help_is_quick_and_imports_nothing_heavy() -> None:
