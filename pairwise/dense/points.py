@@ -127,13 +127,17 @@ class DenseMatcher:
         has_normals = target.normals is not None and source.normals is not None
         self._normal_weight = normal_weight if has_normals else 0.0
         self._target_features = np.hstack([target.points, *self._fixed_features(target)])
-        self._target_squares = (self._target_features**2).sum(axis=1)
+        ones = np.ones((len(target.points), 1))
+        self._target_factor = np.hstack(
+            [self._target_features, (self._target_features**2).sum(axis=1)[:, None], ones]
+        )
 
     def pair_up(self, pose: Similarity) -> DensePairs:
         """Return the matched points at a pose."""
         features = self._moved_features(pose)
         if self.one_to_one:
-            of_target, of_source = linear_sum_assignment(np.minimum(self._costs(features), self.penalty))
+            costs = self._target_factor @ _cost_factor(features).T
+            of_target, of_source = linear_sum_assignment(np.minimum(costs, self.penalty))
         else:
             of_target, of_source = self._nearest(features)
         costs = ((self._target_features[of_target] - features[of_source]) ** 2).sum(axis=1)
@@ -164,25 +168,26 @@ class DenseMatcher:
     def _moved_features(self, pose: Similarity) -> FloatArray:
         return np.hstack([pose.apply(self.source.points), *self._fixed_features(self.source, pose.rotation)])
 
-    def _costs(self, features: FloatArray) -> FloatArray:
-        """Return the costs of all matches, shape (target, source)."""
-        costs = self._target_features @ (-2.0 * features.T)
-        costs += self._target_squares[:, None]
-        costs += (features**2).sum(axis=1)
-        return costs
-
     def _nearest(self, features: FloatArray) -> tuple[IntArray, IntArray]:
         """Return nearest neighbours both ways, in slabs of source points."""
-        num_target, num_source = len(self._target_features), len(features)
+        num_target, num_source = len(self._target_factor), len(features)
+        factor = _cost_factor(features)
         slab = max(1, _CHUNK_ENTRIES // num_target)
         least = np.full(num_target, np.inf)
         back = np.zeros(num_target, dtype=np.int64)
         there = np.empty(num_source, dtype=np.int64)
         for first in range(0, num_source, slab):
-            costs = self._costs(features[first : first + slab])
-            there[first : first + slab] = costs.argmin(axis=0)
+            part = factor[first : first + slab]
+            # A second product, since minima along rows are many times faster than along columns.
+            there[first : first + slab] = (part @ self._target_factor.T).argmin(axis=1)
+            costs = self._target_factor @ part.T
             nearest = costs.argmin(axis=1)
             values = costs[np.arange(num_target), nearest]
             better = values < least
             least[better], back[better] = values[better], nearest[better] + first
         return np.concatenate([there, np.arange(num_target)]), np.concatenate([np.arange(num_source), back])
+
+
+def _cost_factor(features: FloatArray) -> FloatArray:
+    """Return the rows whose products with (t, |t|^2, 1) are the squared distances |t - f|^2."""
+    return np.hstack([-2.0 * features, np.ones((len(features), 1)), (features**2).sum(axis=1)[:, None]])

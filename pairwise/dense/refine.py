@@ -219,11 +219,12 @@ def _procrustes(to: FloatArray, of: FloatArray, chirality: float, scale: float |
     The scale is the symmetric one, the ratio of the sizes, so that refining either way gives inverse results.
     """
     mean_to, mean_of = to.mean(axis=0), of.mean(axis=0)
-    u, _, vt = np.linalg.svd((to - mean_to).T @ (of - mean_of))
+    centred_to, centred_of = to - mean_to, of - mean_of
+    u, _, vt = np.linalg.svd(centred_to.T @ centred_of)
     signs = np.ones(len(u))
     signs[-1] = np.sign(np.linalg.det(u @ vt)) * chirality
     rotation = (u * signs) @ vt
     if scale is None:
-        sizes = [float(((points - points.mean(axis=0)) ** 2).sum()) for points in (to, of)]
+        sizes = [float((points**2).sum()) for points in (centred_to, centred_of)]
         scale = float(np.sqrt(sizes[0] / sizes[1])) if min(sizes) > 0 else 1.0
     return Similarity(rotation=rotation, scale=scale, shift=mean_to - scale * rotation @ mean_of)
