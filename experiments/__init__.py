@@ -30,6 +30,7 @@ _FOLDERS = {
     "peers": "peers",
     "teeth_jobs": "collections",
     "deformations": "collections",
+    "confidence": "confidence",
 }
 NAMES: tuple[str, ...] = tuple(_FOLDERS)
 

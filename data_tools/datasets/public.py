@@ -220,6 +220,20 @@ def read_range_scans(folder: Path | str) -> Dataset:
     )
 
 
+def read_landmarked_folder(folder: Path | str) -> Dataset:
+    """Read meshes in ``meshes/`` with landmarks in ``landmarks/NAME.csv`` (the skulls of 62 strains of mice)."""
+    folder = Path(folder)
+    listing = read_folder(folder / "meshes")
+    landmarks = [read_landmarks(folder / "landmarks" / f"{name}.csv").points for name in listing.names]
+    if len({len(points) for points in landmarks}) != 1:
+        raise InputError(f"{folder}: its landmark files have different numbers of points")
+    return Dataset(
+        names=listing.names,
+        loaders=tuple(partial(read_shape, file) for file in listing.files),
+        landmarks=read_only(np.stack(landmarks)),
+    )
+
+
 def read_landmark_archive(path: Path | str) -> Dataset:
     """Read landmarks alone from an ``.npz`` of ``landmarks`` (N, l, 3) and ``names``: the shapes are point clouds."""
     path = Path(path)

@@ -1,18 +1,41 @@
-"""The landmarked collections that most experiments share: the teeth and four classes of SHREC07."""
+"""The collections that experiments share, with their ground truth."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
-from data_tools.datasets.public import Dataset, read_shrec07_class, read_teeth
+from data_tools.datasets.public import (
+    Dataset,
+    read_landmark_archive,
+    read_landmarked_folder,
+    read_registered_archive,
+    read_registered_folder,
+    read_shrec07_class,
+    read_teeth,
+)
 
 #: Folders of the data that they lie in.
 TEETH_FOLDER, CLASSES_FOLDER = "teeth_pnas116", "shrec07_dev"
 CLASSES = ("glasses", "ant", "chair", "teddy")
+#: Classes whose members bend, or were added later.
+MORE_CLASSES = ("human", "fish", "armadillo")
 #: A pose within this angle of the true one is right.
 RIGHT_DEG = 20.0
 
+#: Readers of the collections that are no class of SHREC07.
+_READERS: dict[str, Callable[[Path], Dataset]] = {
+    "teeth": lambda data: read_teeth(data / TEETH_FOLDER),
+    "mouse skulls": lambda data: read_landmarked_folder(data / "mouse_skulls62"),
+    "mouse landmarks": lambda data: read_landmark_archive(data / "mouse_skull_landmarks126" / "mouse_landmarks.npz"),
+    "scape": lambda data: read_registered_archive(data / "scape71"),
+    "centaur": lambda data: read_registered_folder(data / "tosca_centaur6"),
+}
+#: Every real collection whose true rotations are known.
+COLLECTIONS = (*_READERS, *CLASSES, *MORE_CLASSES)
+
 
 def read_dataset(name: str, data: Path) -> Dataset:
-    """Return the teeth (``"teeth"``), or a class of SHREC07 by its name."""
-    return read_teeth(data / TEETH_FOLDER) if name == "teeth" else read_shrec07_class(data / CLASSES_FOLDER / name)
+    """Return a collection of :data:`COLLECTIONS`."""
+    reader = _READERS.get(name)
+    return reader(data) if reader else read_shrec07_class(data / CLASSES_FOLDER / name)

@@ -1,0 +1,1 @@
+"""How far stated confidences can be believed: random sub-collections of everything at hand."""
