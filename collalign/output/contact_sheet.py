@@ -17,7 +17,12 @@ from data_tools.surface.shape import Shape
 _LIGHT = np.array([0.3, 0.5, 0.81])
 _VIEW = np.array([[0.9, 0.0, -0.44], [-0.2, 0.89, -0.41], [0.39, 0.46, 0.8]])
 _MAX_FACES = 1500
+_COLOUR = np.array([0.85, 0.8, 0.68])
 _CELL_INCHES = 1.5
+#: In cells: of a row with its line of text, and of the space left free around a shape.
+_ROW_HEIGHT, _MARGIN = 1.2, 0.03
+#: From the cell of a shape before alignment to the one after.
+_RIGHT = np.array([1.0, 0.0])
 _MAX_COLUMNS = 10
 
 
@@ -61,46 +66,74 @@ def draw_contact_sheet(tiles: Iterable[Tile], path: Path) -> None:
     tiles = list(tiles)
     columns = min(_MAX_COLUMNS, max(2, int(np.ceil(np.sqrt(len(tiles))))))
     rows = -(-len(tiles) // columns)
-    figure = Figure(figsize=(columns * 2 * _CELL_INCHES, rows * _CELL_INCHES * 1.2), dpi=100, layout="constrained")
+    size = (2.0 * columns, rows * _ROW_HEIGHT)
+    figure = Figure(figsize=(size[0] * _CELL_INCHES, size[1] * _CELL_INCHES), dpi=100)
     FigureCanvasAgg(figure)
-    grid = figure.subplots(rows, columns * 2, squeeze=False)
-    for axes in grid.ravel():
-        axes.set_axis_off()
-        axes.set_aspect("equal")
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, size[0]), ylim=(0.0, size[1]))
+    axes.set_axis_off()
+    panels = []
     for position, tile in enumerate(tiles):
         row, column = divmod(position, columns)
-        before, after = grid[row, 2 * column], grid[row, 2 * column + 1]
-        _draw(before, tile.vertices, tile.faces, flipped=False)
-        moved = tile.vertices @ tile.transform[:3, :3].T
-        _draw(after, moved, tile.faces, flipped=bool(np.linalg.det(tile.transform[:3, :3]) < 0))
-        before.set_title(tile.name, fontsize=7, loc="left", parse_math=False)
+        corner = np.array([2.0 * column, size[1] - (row + 1) * _ROW_HEIGHT])
+        linear = tile.transform[:3, :3]
+        panels.append(_panel(tile.vertices, tile.faces, corner, flipped=False))
+        moved = tile.vertices @ linear.T
+        panels.append(_panel(moved, tile.faces, corner + _RIGHT, flipped=bool(np.linalg.det(linear) < 0)))
+        words: dict[str, Any] = {"fontsize": 7, "va": "bottom", "parse_math": False}
+        axes.text(corner[0] + _MARGIN, corner[1] + 1.0, tile.name, **words)
         if not np.isnan(tile.confidence):
-            after.set_title(f"{tile.confidence:.2f}", fontsize=7, loc="right", color=_colour(tile.confidence))
+            right = corner[0] + 2.0 - _MARGIN
+            axes.text(
+                right, corner[1] + 1.0, f"{tile.confidence:.2f}", ha="right", color=_colour(tile.confidence), **words
+            )
+    _draw(axes, [panel for panel in panels if panel.faces])
+    for panel in panels:
+        if not panel.faces:
+            axes.scatter(panel.corners[:, 0], panel.corners[:, 1], s=1, c=panel.shades, cmap="bone", linewidths=0)
     figure.savefig(path, format="png", metadata={"Software": None})
 
 
-def _draw(axes: Any, vertices: FloatArray, faces: IntArray, *, flipped: bool) -> None:
-    """Draw one shaded mesh (or point cloud), centred and scaled to the cell: painter's algorithm, Lambert shading."""
-    from matplotlib.collections import PolyCollection
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Panel:
+    """A shape seen from the viewpoint, the farthest first: corners of triangles or points, and a shade of each."""
 
+    faces: bool
+    corners: FloatArray
+    shades: FloatArray
+
+
+def _panel(vertices: FloatArray, faces: IntArray, corner: FloatArray, *, flipped: bool) -> _Panel:
+    """Project one mesh (or point cloud) into the cell of unit size at ``corner``, with Lambert shading."""
     points = (vertices - vertices.mean(axis=0)) @ _VIEW.T
     points /= np.abs(points).max() or 1.0
-    axes.set_xlim(-1.05, 1.05)
-    axes.set_ylim(-1.05, 1.05)
+    flat = corner + 0.5 + (0.5 - _MARGIN) * points[:, :2]
     if not len(faces):
         order = np.argsort(points[:, 2])
-        axes.scatter(points[order, 0], points[order, 1], s=1, c=points[order, 2], cmap="bone", linewidths=0)
-        return
+        return _Panel(faces=False, corners=flat[order], shades=points[order, 2])
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     facing = normals @ _LIGHT * (-1.0 if flipped else 1.0)
-    shade = np.clip(0.25 + 0.7 * np.abs(facing), 0.0, 1.0)[:, None]
     order = np.argsort(corners[:, :, 2].mean(axis=1))
-    colours = np.clip(shade * np.array([0.85, 0.8, 0.68]), 0, 1)[order]
-    axes.add_collection(
-        PolyCollection(corners[order][:, :, :2], facecolors=colours, edgecolors=colours, linewidths=0.2)
+    return _Panel(
+        faces=True, corners=flat[faces][order], shades=np.clip(0.25 + 0.7 * np.abs(facing), 0.0, 1.0)[order]
     )
+
+
+def _draw(axes: Any, panels: list[_Panel]) -> None:
+    """Draw the triangles of all panels at once, in order (the painter's algorithm)."""
+    from matplotlib.collections import TriMesh
+    from matplotlib.tri import Triangulation
+
+    if not panels:
+        return
+    corners = np.concatenate([panel.corners for panel in panels]).reshape(-1, 2)
+    shades = np.concatenate([panel.shades for panel in panels])
+    triangles = np.arange(len(corners)).reshape(-1, 3)
+    colours: Any = np.repeat(np.clip(shades[:, None] * _COLOUR, 0.0, 1.0), 3, axis=0)
+    mesh = TriMesh(Triangulation(corners[:, 0], corners[:, 1], triangles))
+    mesh.set_facecolor(colours)
+    axes.add_collection(mesh, autolim=False)
 
 
 def _colour(confidence: float) -> str:
