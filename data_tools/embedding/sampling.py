@@ -70,7 +70,13 @@ def central_extreme(points: FloatArray) -> int:
 
 
 def _euclidean(points: FloatArray) -> Callable[[int], FloatArray]:
-    return lambda index: np.sqrt(((points - points[index]) ** 2).sum(axis=1))
+    coordinates = np.ascontiguousarray(points.T)  # sums over long rows are several times as fast as over short ones
+
+    def distance_from(index: int) -> FloatArray:
+        gaps = coordinates - coordinates[:, index, None]
+        return np.sqrt(np.square(gaps, out=gaps).sum(axis=0))
+
+    return distance_from
 
 
 def _choose(distance_from: Callable[[int], FloatArray], seeds: IntArray, num: int, shape: Shape) -> IntArray:
@@ -81,6 +87,6 @@ def _choose(distance_from: Callable[[int], FloatArray], seeds: IntArray, num: in
         if nearest[index] <= 0:
             raise InputError(f"{shape.file or shape.name}: only {step} distinct points, {num} samples were asked for")
         chosen[step] = index
-        nearest = np.minimum(nearest, distance_from(index))
+        np.minimum(nearest, distance_from(index), out=nearest)
         nearest[index] = 0.0
     return chosen

@@ -46,3 +46,15 @@ def test_a_hole_does_not_open_a_closed_surface_but_a_rim_does() -> None:
     shape = crown()
     assert is_open_surface(shape.vertices, shape.faces)
     assert not is_open_surface(vertices, np.empty((0, 3), dtype=np.int64))
+
+
+def test_edges_of_any_triangles_are_those_of_a_count_by_hand() -> None:
+    faces = np.random.default_rng(0).permuted(np.tile(np.arange(9), (40, 1)), axis=1)[:, :3]
+    forward: dict[tuple[int, int], list[bool]] = {}
+    for a, b in [(int(f[i]), int(f[(i + 1) % 3])) for f in faces for i in range(3)]:
+        forward.setdefault((min(a, b), max(a, b)), []).append(a < b)
+    edges = mesh_edges(faces)
+    assert edges.vertices.tolist() == [list(edge) for edge in sorted(forward)]
+    assert edges.num_faces.tolist() == [len(forward[edge]) for edge in sorted(forward)]
+    assert edges.consistent.tolist() == [2 * sum(forward[e]) == len(forward[e]) for e in sorted(forward)]
+    assert len(mesh_edges(np.empty((0, 3), dtype=np.int64)).vertices) == 0
