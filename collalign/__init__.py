@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collalign.align import align_collection
     from collalign.collection import AlignedCollection
+    from collalign.engine.options import RunOptions
     from collalign.extend import add_to_collection
     from collalign.nonrigid import match_shapes
-    from collalign.options import AlignOptions, RunOptions
+    from collalign.options import AlignOptions
     from collalign.synchronization import synchronize
 
 __version__ = version("collalign")
@@ -33,7 +34,7 @@ __all__ = [
 _HOMES = {
     "AlignOptions": "collalign.options",
     "AlignedCollection": "collalign.collection",
-    "RunOptions": "collalign.options",
+    "RunOptions": "collalign.engine.options",
     "add_to_collection": "collalign.extend",
     "align_collection": "collalign.align",
     "match_shapes": "collalign.nonrigid",

@@ -13,17 +13,25 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.collection import AlignedCollection, Alternative, ConsistentMaps, RunRecord
-from collalign.engine.stage import ProgressFactory
-from collalign.engine.store.store import Store
-from collalign.options import AlignOptions, RunOptions
-from collalign.stages.pairs.choose import FormerPairs, MatchedPairs, choose_and_match
-from collalign.stages.pairs.match import synchronize_pairs
-from collalign.stages.poses.consistency import Consistency, make_consistent
+from collalign.collection import AlignedCollection
+from collalign.engine.options import RunOptions
+from collalign.engine.session import ProgressFactory, Session
+from collalign.options import AlignOptions, AlignSession
+from collalign.products.collection import ConsistentMaps, RunRecord
+from collalign.products.pair import FormerPairs
+from collalign.products.shapes import Constraints, Shapes
+from collalign.stages.chirality.pilot import decide_group
+from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs
+from collalign.stages.pairs.match import match_pairs, num_reused_pairs
+from collalign.stages.poses.agreement import resolve_pairs, with_common_match
+from collalign.stages.poses.frame import fix_frame
+from collalign.stages.poses.parts import join_parts, split_shapes
+from collalign.stages.poses.placement import common_labels, common_positions, in_label_order, place_and_scale
+from collalign.stages.poses.refinement import refine_poses
+from collalign.stages.poses.synchronize import synchronize_shapes
 from collalign.stages.proofs import certify_pairs
-from collalign.stages.shapes import PreparedShapes, prepare_shapes, stored_samples
+from collalign.stages.shapes import prepare_shapes
 from data_tools.arrays import FloatArray, as_rotations, read_only
-from data_tools.embedding.embedding import Samples
 from data_tools.errors import InputError
 from data_tools.io.files import readable_name
 from data_tools.io.shapes import FolderListing, read_folder
@@ -77,120 +85,87 @@ def align_collection(
     >>> collection = align_collection("teeth")  # doctest: +SKIP
     >>> collection.maps["tooth1", "tooth2"]     # doctest: +SKIP
     """
-    options = options or AlignOptions()
-    run = run or RunOptions()
-    return align_listing(read_folder(folder), options, run, fixed=fixed or {}, progress=progress)
+    listing = read_folder(folder)
+    with Session.open(options or AlignOptions(), run or RunOptions(), progress) as session:
+        return align_listing(session, listing, fixed=fixed or {})
 
 
 @one_blas_thread()
 def align_listing(
+    session: AlignSession,
     listing: FolderListing,
-    options: AlignOptions,
-    run: RunOptions,
     *,
     fixed: Mapping[str, ArrayLike],
     placed: Mapping[str, FloatArray] | None = None,
     former: FormerPairs | None = None,
-    progress: ProgressFactory | None = None,
 ) -> AlignedCollection:
     """Align listed files; :func:`align_collection` and :func:`collalign.extend.add_to_collection` both end here.
 
     Parameters
     ----------
+    session : Session
     listing : FolderListing
-    options : AlignOptions
-    run : RunOptions
     fixed : mapping of name to array_like (3, 3)
         Rotations that stay.
     placed : mapping of name to ndarray (4, 4), optional
-        Whole transforms that stay.
+        Whole transforms that stay, of shapes whose rotation is fixed as well.
     former : FormerPairs, optional
         Pairs of an earlier run.
-    progress : callable, optional
     """
-    with Store.open(run.store) if run.store else Store.memory() as store:
-        return _align(listing, options, run, store, fixed, placed, former, progress)
-
-
-def _align(
-    listing: FolderListing,
-    options: AlignOptions,
-    run: RunOptions,
-    store: Store,
-    fixed: Mapping[str, ArrayLike],
-    placed: Mapping[str, FloatArray] | None,
-    former: FormerPairs | None,
-    progress: ProgressFactory | None,
-) -> AlignedCollection:
-    times_s: dict[str, float] = {}
+    asked, times_s = session.options, dict[str, float]()
     with _timed(times_s, "shapes"):
-        shapes = prepare_shapes(listing, options, run, store, progress=progress)
-        _check_names(shapes, options, fixed)
-        samples = stored_samples(store, shapes)
+        shapes = prepare_shapes(session, listing)
+        constraints = _constraints(shapes, asked, fixed, placed or {})
     with _timed(times_s, "pairs"):
-        matched = choose_and_match(
-            shapes,
-            samples,
-            options,
-            run,
-            store,
-            former=former,
-            any_mirrored=_any_mirrored(fixed),
-            progress=progress,
+        descriptors = describe_shapes(shapes)
+        edges = choose_pairs(session, shapes, descriptors, former)
+        choice = decide_group(
+            session, shapes, descriptors, edges, former=former, any_mirrored=constraints.any_mirrored
         )
-    pairs, choice = matched.pairs, matched.choice
-    decided = replace(options, group=choice.group)
-    notes: tuple[str, ...] = (choice.note,) if choice.note else ()
-    if options.certify:
+        session, notes = session.with_options(replace(asked, group=choice.group)), [choice.note]
+        pairs, failed = match_pairs(session, shapes, edges)
+        pairs, failed, solution = grow_pairs(session, shapes, descriptors, edges, pairs, failed)
+    if asked.certify:
         with _timed(times_s, "proofs"):
-            solution = synchronize_pairs(pairs, len(samples), decided)
-            pairs, report = certify_pairs(shapes, pairs, solution, decided, run, store, progress=progress)
-            notes += (str(report),)
+            pairs, solution, report = certify_pairs(session, shapes, pairs, solution)
+            notes.append(str(report))
+    options, samples = session.options, shapes.samples
     with _timed(times_s, "synchronization"):
-        consistent = make_consistent(samples, pairs, decided, fixed=fixed, placed=placed)
+        parts, linked = split_shapes(options, samples, pairs)
+        solution = synchronize_shapes(options, samples, linked, constraints, known=solution if not parts else None)
+        linked, solution = resolve_pairs(options, samples, linked, solution, constraints)
+        pairs, solution = join_parts(options, parts, pairs, linked, solution, constraints)
+        rotations = refine_poses(options, samples, pairs, solution, constraints)
+        rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
+        pairs = with_common_match(samples, pairs, solution, rotations)
+        labels = common_labels(samples, pairs, rotations)
+        transforms = place_and_scale(samples, rotations, labels, options.scaling, placed=constraints.placed)
     record = RunRecord(
         times_s=times_s,
         versions={"python": platform.python_version()} | {name: version(name) for name in _LIBRARIES},
-        num_reused=shapes.num_reused + matched.num_reused,
+        num_reused=session.num_reused("shapes", shapes.keys) + num_reused_pairs(session, shapes, pairs),
     )
-    return _collect(listing, shapes, samples, matched, consistent, notes, options, record)
-
-
-def _collect(
-    listing: FolderListing,
-    shapes: PreparedShapes,
-    samples: list[Samples],
-    matched: MatchedPairs,
-    consistent: Consistency,
-    notes: tuple[str, ...],
-    options: AlignOptions,
-    record: RunRecord,
-) -> AlignedCollection:
-    """Put the stages' results together; arrays become read-only."""
-    solution = consistent.synchronization
+    positions = common_positions(samples, transforms)
     return AlignedCollection(
         names=shapes.names,
         files=shapes.files,
-        transforms=read_only(consistent.transforms),
-        rotations=read_only(consistent.rotations),
-        reflected=read_only(np.linalg.det(consistent.rotations) < 0),
+        transforms=read_only(transforms),
+        rotations=read_only(rotations),
+        reflected=read_only(np.linalg.det(rotations) < 0),
         confidence=solution.confidence,
         samples=tuple(item.vertex_indices for item in samples),
-        positions=read_only(consistent.positions),
-        maps=ConsistentMaps(names=shapes.names, labels=read_only(consistent.labels)),
-        consensus=read_only(consistent.consensus),
-        pairs=consistent.pairs,
-        alternatives=tuple(
-            tuple(Alternative(rotation=pose.rotation[:3, :3], log_odds=pose.log_odds) for pose in poses)
-            for poses in solution.alternatives
-        ),
+        positions=read_only(positions),
+        maps=ConsistentMaps(names=shapes.names, labels=read_only(labels)),
+        consensus=read_only(in_label_order(positions, labels).mean(axis=0)),
+        pairs=tuple(pairs),
+        alternatives=solution.alternatives,
         groups=solution.groups,
-        excluded=(*shapes.excluded, *matched.failed),
+        excluded=(*shapes.excluded, *failed),
         skipped=tuple(readable_name(path) for path in listing.skipped),
-        notes=(*solution.warnings, *notes, *_unknown_confidence(solution.confidence)),
+        notes=(*solution.warnings, *filter(None, notes), *_unknown_confidence(solution.confidence)),
         shape_notes=tuple(item.notes for item in samples),
-        options=options,
-        group=matched.choice.group,
+        options=asked,
+        group=choice.group,
         run=record,
     )
 
@@ -202,20 +177,22 @@ def _unknown_confidence(confidence: FloatArray) -> tuple[str, ...]:
     return ("No confidence is known for any pose: the spectral synchronization does not estimate it.",)
 
 
-def _any_mirrored(fixed: Mapping[str, ArrayLike]) -> bool:
-    """Whether a pose set by hand mirrors its shape."""
-    poses = [as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in fixed.items()]
-    return any(bool(np.linalg.det(pose) < 0) for pose in poses)
-
-
-def _check_names(shapes: PreparedShapes, options: AlignOptions, fixed: Mapping[str, ArrayLike]) -> None:
-    wanted = {"fixed": set(fixed), "reference": {options.reference} - {""}}
-    for argument, names in wanted.items():
+def _constraints(
+    shapes: Shapes, options: AlignOptions, fixed: Mapping[str, ArrayLike], placed: Mapping[str, FloatArray]
+) -> Constraints:
+    """Return what stays, by position instead of name, checked."""
+    for argument, names in (("fixed", {*fixed, *placed}), ("reference", {options.reference} - {""})):
         unknown = sorted(names - set(shapes.names))
         if unknown:
             raise InputError(
                 f"{argument}: no aligned shape is called {unknown[0]!r}; names are the files' names without suffix"
             )
+    at = shapes.names.index
+    return Constraints(
+        fixed={at(name): as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in fixed.items()},
+        placed={at(name): transform for name, transform in placed.items()},
+        reference=at(options.reference) if options.reference else 0,
+    )
 
 
 @contextmanager

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.estimate import RunEstimate, estimate_run
+from collalign.engine.options import RunOptions
+from collalign.engine.session import Session
 from collalign.engine.store.store import Store
-from collalign.options import AlignOptions, RunOptions, options_from_record
+from collalign.options import AlignOptions, options_from_record
 from collalign.stages.pairs.choose import planned_edges
 from collalign.stages.pairs.match import match_pairs, pair_key
 from collalign.stages.pairs.select import all_pairs
@@ -85,10 +87,10 @@ def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
         job = replace(job, options=replace(job.options, group="SO"))
     listing = read_folder(job.folder)
     few = replace(listing, files=listing.files[:NUM_TRIAL_SHAPES], names=listing.names[:NUM_TRIAL_SHAPES])
-    with Store.memory() as trial:
-        shapes = prepare_shapes(few, job.options, run, trial)
-        match_pairs(shapes, all_pairs(len(shapes.names)), job.options, run, trial)
-        costs = trial.costs("shapes"), trial.costs("pairs")
+    with Session.open(job.options, replace(run, store=None)) as trial:
+        shapes = prepare_shapes(trial, few)
+        match_pairs(trial, shapes, all_pairs(len(shapes.names)))
+        costs = trial.store.costs("shapes"), trial.store.costs("pairs")
     missing_shapes, missing_pairs = _missing(listing, job, run)
     return estimate_run(
         num_shapes=missing_shapes,

@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from collalign.align import align_listing
-from collalign.collection import AlignedCollection, Excluded
-from collalign.engine.stage import ProgressFactory
-from collalign.options import RunOptions, options_from_record
+from collalign.collection import AlignedCollection
+from collalign.engine.options import RunOptions
+from collalign.engine.session import ProgressFactory, Session
+from collalign.options import options_from_record
 from collalign.output.evidence.file import load_view
 from collalign.output.write import ALIGNMENT_FILE
-from collalign.stages.pairs.choose import FormerPairs
+from collalign.products.pair import FormerPairs
+from collalign.products.shapes import Excluded
 from data_tools.errors import InputError
 from data_tools.io.shapes import FolderListing, read_folder
 from data_tools.threads import one_blas_thread
@@ -72,15 +74,14 @@ def add_to_collection(
         raise InputError(f"{folder}: the collection has a shape called {taken[0]!r} already; rename the new file")
     listing = FolderListing(files=files + new.files, names=view.names + new.names, skipped=new.skipped)
     edges = np.array([sorted((pair.i, pair.j)) for pair in view.pairs], dtype=np.int64).reshape(-1, 2)
-    aligned = align_listing(
-        listing,
-        options,
-        run or RunOptions(),
-        fixed=dict(zip(view.names, view.rotations, strict=True)),
-        placed=dict(zip(view.names, view.transforms, strict=True)),
-        former=FormerPairs(num_shapes=len(files), edges=edges, group=group),
-        progress=progress,
-    )
+    with Session.open(options, run or RunOptions(), progress) as session:
+        aligned = align_listing(
+            session,
+            listing,
+            fixed=dict(zip(view.names, view.rotations, strict=True)),
+            placed=dict(zip(view.names, view.transforms, strict=True)),
+            former=FormerPairs(num_shapes=len(files), edges=edges, group=group),
+        )
     again = {file.name for file in new.files}
     left_out = tuple(Excluded(file=file, reason=reason) for file, reason in view.excluded if file not in again)
     return replace(aligned, excluded=(*left_out, *aligned.excluded))

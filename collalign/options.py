@@ -5,18 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
+from collalign.engine.session import Session
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 from pairwise.options import MatchOptions
 
 #: Seeds are below this: stores and keys hold 64-bit numbers.
 _SEED_LIMIT = 2**63
-#: Largest time limit (thirty years) and memory limit (an exbibyte): what clocks and systems can count.
-_MAX_LIMIT_S = 1e9
-_MAX_LIMIT_GIB = 2.0**30
 #: Rotations only, mirror images as well, or whichever of the two the shapes ask for.
 Group = Literal["SO", "O", "auto"]
 #: Which pairs of shapes are matched.
@@ -132,60 +129,8 @@ class AlignOptions:
             raise OptionsError("matching.seed: a collection has one seed for everything; set 'seed' instead")
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunOptions:
-    """How the work is done; nothing here changes the result of what finishes.
-
-    Raises
-    ------
-    OptionsError
-        If a value is impossible.
-    """
-
-    jobs: int = -1
-    """Worker processes; -1 is one per core, and more than one per core are not started: they would only wait for each
-    other, each with its own libraries to load."""
-
-    store: Path | None = None
-    """SQLite file that keeps every finished shape and pair, so that an interrupted run can go on."""
-
-    scheduler: str | None = None
-    """Address of a Dask scheduler (tcp://...) that takes the jobs instead of this machine's processes."""
-
-    shape_time_limit_s: float = 300.0
-    """Seconds for preparing one shape before it is given up."""
-
-    pair_time_limit_s: float = 300.0
-    """Seconds for matching one pair before it is given up."""
-
-    memory_limit_gib: float = 8.0
-    """Memory of one worker before its task is given up."""
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.jobs, int) or self.jobs == 0 or self.jobs < -1:
-            raise OptionsError(f"jobs: expected -1 or a positive number of processes, got {self.jobs!r}")
-        for name, largest in (
-            ("shape_time_limit_s", _MAX_LIMIT_S),
-            ("pair_time_limit_s", _MAX_LIMIT_S),
-            ("memory_limit_gib", _MAX_LIMIT_GIB),
-        ):
-            if not 0 < getattr(self, name) <= largest:
-                raise OptionsError(
-                    f"{name}: expected a number more than 0 and at most {largest:g}, got {getattr(self, name)!r}"
-                )
-
-    @property
-    def num_workers(self) -> int:
-        """Worker processes: as many as asked for and as there are cores that this process may use."""
-        from joblib import cpu_count
-
-        num_cores = int(cpu_count())
-        return num_cores if self.jobs == -1 else min(self.jobs, num_cores)
-
-    @property
-    def memory_limit_bytes(self) -> int:
-        """Memory of one worker in bytes."""
-        return int(self.memory_limit_gib * 2**30)
+#: The session of an alignment.
+AlignSession: TypeAlias = Session[AlignOptions]
 
 
 def options_from_record(record: Mapping[str, Any]) -> AlignOptions:

@@ -17,13 +17,15 @@ from cyclopts import Parameter
 import collalign
 from collalign.analysis.label_table import read_labels
 from collalign.cli.interruption import resumable
-from collalign.collection import DOUBT, AlignedCollection
+from collalign.collection import AlignedCollection
 from collalign.engine.jobs.progress import ProgressBar
-from collalign.engine.stage import ProgressFactory
-from collalign.options import AlignOptions, RunOptions
+from collalign.engine.options import RunOptions
+from collalign.engine.session import ProgressFactory
+from collalign.options import AlignOptions
 from collalign.output.corrections import read_corrections
 from collalign.output.evidence.file import load_view
 from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE, WRITER, output_names, save_collection
+from collalign.products.collection import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
 from data_tools.errors import InputError, OptionsError

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from collalign.batch import estimate_job, read_batch
 from collalign.cli.align import INCOMPLETE, align
-from collalign.options import RunOptions
+from collalign.engine.options import RunOptions
 from data_tools.errors import CollalignError
 
 

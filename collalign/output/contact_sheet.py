@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from collalign.collection import DOUBT
 from collalign.output.evidence.display_mesh import display_mesh
+from collalign.products.collection import DOUBT
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.surface.shape import Shape
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from collalign.collection import AlignedCollection
 from collalign.output.contact_sheet import Tile, draw_contact_sheet, tile_of
 from collalign.output.evidence.file import EVIDENCE_FILE, save_view
 from collalign.output.evidence.gather import view_collection
 from collalign.output.report.page import write_report
+from collalign.products.collection import Collection
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
@@ -53,7 +53,7 @@ _MAX_TILES = 100
 
 @one_blas_thread()
 def save_collection(
-    collection: AlignedCollection,
+    collection: Collection,
     output: OutputFolder,
     *,
     report: bool = True,
@@ -67,7 +67,7 @@ def save_collection(
 
     Parameters
     ----------
-    collection : AlignedCollection
+    collection : Collection
     output : OutputFolder
     report : bool
         Write ``report.html`` as well.
@@ -107,7 +107,7 @@ def output_names(names: Sequence[str]) -> list[str]:
     return [*_TABLES, REPORT_FILE, *(f"{MESH_FOLDER}/{stem}.ply" for stem in file_stems(names))]
 
 
-def alignment_record(collection: AlignedCollection) -> dict[str, Any]:
+def alignment_record(collection: Collection) -> dict[str, Any]:
     """Return the contents of ``alignment.json``: what the result is, without anything that differs between runs."""
     from collalign import __version__
 
@@ -155,7 +155,7 @@ def aligned_shape(shape: Shape, transform: np.ndarray) -> Shape:
     return replace(shape, vertices=vertices, faces=np.ascontiguousarray(faces))
 
 
-def _write_tables(collection: AlignedCollection, output: OutputFolder) -> None:
+def _write_tables(collection: Collection, output: OutputFolder) -> None:
     _write_text(output.stage(ALIGNMENT_FILE), json.dumps(alignment_record(collection), indent=1))
     _write_text(output.stage(RUN_FILE), json.dumps(_run_record(collection), indent=1))
     _write_text(output.stage(PAIRS_FILE), _pairs_table(collection))
@@ -170,7 +170,7 @@ def _write_tables(collection: AlignedCollection, output: OutputFolder) -> None:
 
 
 def _write_shapes(
-    collection: AlignedCollection,
+    collection: Collection,
     output: OutputFolder,
     *,
     report: bool,
@@ -199,11 +199,11 @@ def _write_shapes(
         write_report(view, output.stage(REPORT_FILE), title=f"Aligned collection {collection.files[0].parent.name}")
 
 
-def _run_record(collection: AlignedCollection) -> dict[str, Any]:
+def _run_record(collection: Collection) -> dict[str, Any]:
     return {**asdict(collection.run), "skipped": list(collection.skipped)}
 
 
-def _pairs_table(collection: AlignedCollection) -> str:
+def _pairs_table(collection: Collection) -> str:
     rows = (
         [
             collection.names[pair.target],

@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.engine.jobs.run import SharedTable
-from collalign.engine.stage import ProgressFactory, run_stage
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
-from collalign.engine.store.store import Store
-from collalign.options import AlignOptions, RunOptions
-from collalign.stages.pairs.match import MatchedPair, pair_key, pair_problem
-from collalign.stages.shapes import PreparedShapes
+from collalign.options import AlignOptions, AlignSession
+from collalign.products.pair import Pair
+from collalign.products.shapes import Shapes
+from collalign.stages.pairs.match import pair_key, pair_problem
+from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.stages.stored_types import proof_from_record, proof_to_record, samples_from_record
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import BoolArray, FloatArray
@@ -97,21 +97,24 @@ def prove_pair(task: ProofTask, shared: SharedTable) -> Record:
 
 
 def certify_pairs(
-    shapes: PreparedShapes,
-    pairs: Sequence[MatchedPair],
-    solution: SynchronizationResult,
-    options: AlignOptions,
-    run: RunOptions,
-    store: Store,
-    *,
-    progress: ProgressFactory | None = None,
-) -> tuple[list[MatchedPair], CertificationReport]:
+    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], solution: SynchronizationResult | None
+) -> tuple[list[Pair], SynchronizationResult | None, CertificationReport]:
     """Prove the pairs that matter, the least settled first, within ``options.certify_budget_s``.
+
+    Parameters
+    ----------
+    session : Session
+    shapes : Shapes
+    pairs : sequence of Pair
+    solution : SynchronizationResult or None
+        Of these pairs, which says which of them are trusted; None to synchronize them.
 
     Returns
     -------
-    pairs : list of MatchedPair
+    pairs : list of Pair
         With bounds and, where the proof found a better pose, with that pose first.
+    solution : SynchronizationResult or None
+        Of the returned pairs; None where a better pose changed them.
     report : CertificationReport
 
     Raises
@@ -119,29 +122,26 @@ def certify_pairs(
     InputError
         With ``options.strict``, at the first proof that fails.
     """
+    options = session.options
+    solution = solution or synchronize_pairs(options, len(shapes.names), pairs)
     wanted = worth_proving(pairs, solution.edge_inlier)
-    affordable = max(1, int(options.certify_budget_s * run.num_workers / options.certify_pair_s))
+    affordable = max(1, int(options.certify_budget_s * session.run.num_workers / options.certify_pair_s))
     keys = {e: _proof_key(shapes, pairs[e], options) for e in wanted[:affordable]}
-    tasks = {key: (_names(shapes, pairs[e]), _task(shapes, pairs[e], options)) for e, key in keys.items()}
-    needed = {shapes.keys[end] for e in keys for end in (pairs[e].target, pairs[e].source)}
-    with SharedTable.create((key, store.require("shapes", key)) for key in sorted(needed)) as table:
-        run_stage(
+    with session.shared_table(
+        "shapes", (shapes.keys[end] for e in keys for end in (pairs[e].target, pairs[e].source))
+    ) as table:
+        failures = session.compute(
             "proofs",
             prove_pair,
-            tasks,
-            store,
-            run,
+            {key: (_label(shapes, pairs[e]), _task(shapes, pairs[e], options)) for e, key in keys.items()},
             time_limit_s=10 * options.certify_pair_s,
             strict=options.strict,
             shared=table,
-            progress=progress,
         )
-    proven, tried = list(pairs), []
-    for e, key in keys.items():
-        record = store.get("proofs", key)
-        if record is not None:
-            proven[e] = with_proof(pairs[e], proof_from_record(record, _names(shapes, pairs[e])))
-            tried.append(e)
+    proven, tried = list(pairs), [e for e, key in keys.items() if key not in failures]
+    for e in tried:
+        record = session.store.require("proofs", keys[e])
+        proven[e] = with_proof(pairs[e], proof_from_record(record, _label(shapes, pairs[e])))
     report = CertificationReport(
         num_wanted=len(wanted),
         num_tried=len(tried),
@@ -149,15 +149,15 @@ def certify_pairs(
         num_chiralities=sum(proven[e].chirality_proven for e in tried),
         num_improved=sum(len(proven[e].energies) > len(pairs[e].energies) for e in tried),
     )
-    return proven, report
+    return proven, None if report.num_improved else solution, report
 
 
-def worth_proving(pairs: Sequence[MatchedPair], inlier: BoolArray) -> list[int]:
+def worth_proving(pairs: Sequence[Pair], inlier: BoolArray) -> list[int]:
     """Return the pairs that are worth a proof: rejected ones first, then by how close the second pose comes.
 
     Parameters
     ----------
-    pairs : sequence of MatchedPair
+    pairs : sequence of Pair
     inlier : ndarray of bool, shape (E,)
         Whether synchronization trusts each pair.
     """
@@ -169,7 +169,7 @@ def worth_proving(pairs: Sequence[MatchedPair], inlier: BoolArray) -> list[int]:
     return [int(e) for e in order if not inlier[e] or rivals[e] <= RIVAL_FACTOR]
 
 
-def with_proof(pair: MatchedPair, proof: Record) -> MatchedPair:
+def with_proof(pair: Pair, proof: Record) -> Pair:
     """Return the pair with the proof's bound, status and, where it is better, pose."""
     pair = replace(
         pair,
@@ -187,17 +187,17 @@ def with_proof(pair: MatchedPair, proof: Record) -> MatchedPair:
     )
 
 
-def _names(shapes: PreparedShapes, pair: MatchedPair) -> str:
-    return f"{shapes.names[pair.target]} - {shapes.names[pair.source]}"
+def _label(shapes: Shapes, pair: Pair) -> str:
+    return shapes.label(pair.target, pair.source)
 
 
-def _proof_key(shapes: PreparedShapes, pair: MatchedPair, options: AlignOptions) -> str:
+def _proof_key(shapes: Shapes, pair: Pair, options: AlignOptions) -> str:
     settings = {"tol": options.matching.gap_tol, "time_limit_s": options.certify_pair_s}
     key = pair_key(shapes.keys[pair.target], shapes.keys[pair.source], options)
     return fingerprint(PROOF_VERSION, settings, key)
 
 
-def _task(shapes: PreparedShapes, pair: MatchedPair, options: AlignOptions) -> ProofTask:
+def _task(shapes: Shapes, pair: Pair, options: AlignOptions) -> ProofTask:
     return ProofTask(
         target_key=shapes.keys[pair.target],
         source_key=shapes.keys[pair.source],

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from collalign.collection import Excluded
-from collalign.engine.stage import ProgressFactory, run_stage
 from collalign.engine.store.keys import fingerprint, hash_file
 from collalign.engine.store.records import Record
-from collalign.engine.store.store import Store
-from collalign.options import AlignOptions, RunOptions
+from collalign.options import AlignOptions, AlignSession
+from collalign.products.shapes import Excluded, Shapes
 from collalign.stages.stored_types import samples_from_record, samples_to_record
 from data_tools.arrays import read_only
 from data_tools.embedding.embedding import Samples, sample_shape
@@ -33,28 +31,6 @@ class ShapeTask:
     embedding: EmbeddingOptions
 
 
-@dataclass(frozen=True, kw_only=True)
-class PreparedShapes:
-    """The shapes that could be prepared, in the order of the folder, and those that could not.
-
-    Attributes
-    ----------
-    names : tuple of str
-    files : tuple of Path
-    keys : tuple of str
-        Keys of the shapes' records in the store.
-    excluded : tuple of Excluded
-    num_reused : int
-        Shapes that the store already had.
-    """
-
-    names: tuple[str, ...]
-    files: tuple[Path, ...]
-    keys: tuple[str, ...]
-    excluded: tuple[Excluded, ...]
-    num_reused: int
-
-
 def prepare_shape(task: ShapeTask) -> Record:
     """Read, clean, sample and embed one shape; runs inside a worker.
 
@@ -75,37 +51,13 @@ def sample_file(task: ShapeTask) -> Samples:
     return replace(samples, vertex_indices=read_only(shape.source_indices[samples.vertex_indices]))
 
 
-def stored_samples(store: Store, shapes: PreparedShapes) -> list[Samples]:
-    """Return every shape's samples from the store, in the order of the collection.
-
-    Raises
-    ------
-    StoreError
-        If a record is damaged or missing.
-    """
-    named = zip(shapes.keys, shapes.names, strict=True)
-    return [samples_from_record(store.require("shapes", key), name) for key, name in named]
-
-
-def prepare_shapes(
-    listing: FolderListing,
-    options: AlignOptions,
-    run: RunOptions,
-    store: Store,
-    *,
-    progress: ProgressFactory | None = None,
-) -> PreparedShapes:
-    """Prepare every file whose result the store does not hold yet.
+def prepare_shapes(session: AlignSession, listing: FolderListing) -> Shapes:
+    """Read, clean, sample and embed every file whose result the store does not hold yet.
 
     Parameters
     ----------
+    session : Session
     listing : FolderListing
-    options : AlignOptions
-    run : RunOptions
-    store : Store
-        Gets every result as soon as it is there.
-    progress : callable, optional
-        Makes the progress display.
 
     Raises
     ------
@@ -113,32 +65,29 @@ def prepare_shapes(
         With ``options.strict``, for the first file that cannot be prepared.
     CollectionError
         If fewer than two shapes remain.
+    StoreError
+        If a record is damaged.
     """
+    options = session.options
     keyed, excluded = shape_keys(listing, options)
-    tasks = {key: (file.name, shape_task(file, name, options)) for name, (key, file) in keyed.items()}
-    reused = store.keys("shapes") & tasks.keys()
-    run_stage(
+    failures = session.compute(
         "shapes",
         prepare_shape,
-        tasks,
-        store,
-        run,
-        time_limit_s=run.shape_time_limit_s,
+        {key: (file.name, shape_task(file, name, options)) for name, (key, file) in keyed.items()},
+        time_limit_s=session.run.shape_time_limit_s,
         strict=options.strict,
-        progress=progress,
     )
-    failures, done = store.failures("shapes"), store.keys("shapes")
-    good = [name for name, (key, _) in keyed.items() if key in done]
-    excluded += [_excluded(file, failures[key].reason) for key, file in keyed.values() if key not in done]
+    good = {name: key for name, (key, _) in keyed.items() if key not in failures}
+    excluded += [_excluded(file, failures[key].reason) for key, file in keyed.values() if key in failures]
     if len(good) < 2:
         reasons = "".join(f"\n  {item.file}: {item.reason}" for item in excluded)
         raise CollectionError(f"{len(good)} readable shapes, at least two are needed to align a collection{reasons}")
-    return PreparedShapes(
+    return Shapes(
         names=tuple(good),
         files=tuple(keyed[name][1].absolute() for name in good),
-        keys=tuple(keyed[name][0] for name in good),
+        keys=tuple(good.values()),
+        samples=tuple(samples_from_record(session.store.require("shapes", key), name) for name, key in good.items()),
         excluded=tuple(excluded),
-        num_reused=len(reused),
     )
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from collalign.engine.store.records import Record
+from collalign.products.pair import Pair
 from data_tools.arrays import (
     FloatArray,
     IntArray,
@@ -118,8 +119,8 @@ def poses_to_record(result: MatchResult) -> Record:
     }
 
 
-def poses_from_record(record: Record, name: str) -> Record:
-    """Check a record of a pair's poses and return its fields.
+def pair_from_record(record: Record, name: str, target: int = 0, source: int = 1) -> Pair:
+    """Check a record of a pair's poses and return the pair.
 
     Parameters
     ----------
@@ -127,12 +128,8 @@ def poses_from_record(record: Record, name: str) -> Record:
         From :func:`poses_to_record`, or anything else.
     name : str
         Names the pair in the message.
-
-    Returns
-    -------
-    dict
-        ``rotations`` (m, d, d), ``maps`` (m, k) of int64 with -1 where unmatched, ``energies`` (m,), ``lower_bound``
-        (NaN where nothing is proven), ``status``; m >= 1.
+    target, source : int
+        Positions of the shapes in the collection; by default one of two shapes.
 
     Raises
     ------
@@ -146,13 +143,15 @@ def poses_from_record(record: Record, name: str) -> Record:
         maps = as_indices(record["maps"], "maps", lower=-1, upper=_MAX_INDEX, shape=(num_poses, None))
         if num_poses == 0:
             raise InputError("holds no pose")
-        return {
-            "rotations": read_only(rotations),
-            "maps": read_only(maps),
-            "energies": energies,
-            "lower_bound": _number(record["lower_bound"], "lower_bound", allow_nan=True),
-            "status": _status(record["status"]).name,
-        }
+        return Pair(
+            target=target,
+            source=source,
+            rotations=read_only(rotations),
+            maps=read_only(maps),
+            energies=energies,
+            lower_bound=_number(record["lower_bound"], "lower_bound", allow_nan=True),
+            status=_status(record["status"]).name,
+        )
 
 
 def proof_to_record(proof: Proof) -> Record:

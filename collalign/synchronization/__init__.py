@@ -5,17 +5,16 @@ from collalign.synchronization.doubt.certificate import SynchronizationCertifica
 from collalign.synchronization.gauge import principal_axes_gauge
 from collalign.synchronization.maps.permutations import UniverseLabels, synchronize_maps
 from collalign.synchronization.maps.superimpose import Superimposition, superimpose
-from collalign.synchronization.resolve import RefinedSynchronization, refine_with_pairs
-from collalign.synchronization.result import PoseAlternative, SynchronizationResult, WeakCut
-from collalign.synchronization.solve import synchronize
+from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization.result import SynchronizationResult, WeakCut
+from collalign.synchronization.solve import synchronize, synchronize_graph
 from collalign.synchronization.solvers.signs import ChiralityResult, synchronize_signs
 from collalign.synchronization.solvers.spectral import alternate_assignments
 
 __all__ = [
     "ChiralityResult",
     "ClusteredSynchronization",
-    "PoseAlternative",
-    "RefinedSynchronization",
+    "PairGraph",
     "Superimposition",
     "SynchronizationCertificate",
     "SynchronizationResult",
@@ -23,10 +22,10 @@ __all__ = [
     "WeakCut",
     "alternate_assignments",
     "principal_axes_gauge",
-    "refine_with_pairs",
     "superimpose",
     "synchronize",
     "synchronize_clusters",
+    "synchronize_graph",
     "synchronize_maps",
     "synchronize_signs",
 ]

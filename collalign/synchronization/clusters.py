@@ -5,18 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.cluster.vq import kmeans2
 from scipy.linalg import eigh
 
 from collalign.synchronization.problem.geometry import transposed
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.result import SynchronizationResult
-from collalign.synchronization.solve import synchronize
+from collalign.synchronization.solve import synchronize_graph
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import OptionsError
 from data_tools.threads import one_blas_thread
-from pairwise.problem.pattern import PatternLike
 
 #: Triangles that close within this squared distance (30 degrees) support their pairs.
 CLOSED = 8.0 * np.sin(np.deg2rad(15.0)) ** 2
@@ -57,16 +55,7 @@ class ClusteredSynchronization:
 
 @one_blas_thread()
 def synchronize_clusters(
-    edges: ArrayLike,
-    rotations: ArrayLike,
-    *,
-    energies: ArrayLike | None = None,
-    weights: ArrayLike | None = None,
-    group: str = "SO",
-    num_shapes: int | None = None,
-    rotation_pattern: PatternLike = None,
-    num_clusters: int | None = None,
-    max_clusters: int = 12,
+    graph: PairGraph, *, num_clusters: int | None = None, max_clusters: int = 12
 ) -> ClusteredSynchronization:
     """Split the shapes into parts whose pairs are consistent, synchronize each, and align the parts to each other.
 
@@ -75,8 +64,7 @@ def synchronize_clusters(
 
     Parameters
     ----------
-    edges, rotations, energies, weights, group, num_shapes, rotation_pattern
-        As for :func:`synchronize`.
+    graph : PairGraph
     num_clusters : int, optional
         Number of parts; found by the eigenvalues by default.
     max_clusters : int
@@ -84,24 +72,15 @@ def synchronize_clusters(
 
     Raises
     ------
-    InputError, OptionsError
-        As :func:`synchronize`; also if a number of parts is impossible.
+    OptionsError
+        If a number of parts is impossible.
     """
-    graph = PairGraph.from_user(
-        edges,
-        rotations,
-        energies=energies,
-        weights=weights,
-        group=group,
-        num_shapes=num_shapes,
-        rotation_pattern=rotation_pattern,
-    )
     if num_clusters is not None and not 1 <= num_clusters <= graph.num_shapes:
         raise OptionsError(f"num_clusters: expected 1 to {graph.num_shapes}, got {num_clusters}")
     affinity = pair_affinity(graph)
     labels = spectral_clusters(affinity, num_clusters, max_clusters)
     parts = tuple(np.flatnonzero(labels == part) for part in range(labels.max() + 1))
-    results = tuple(_synchronized(graph, part, group, rotation_pattern) for part in parts)
+    results = tuple(synchronize_graph(graph.subgraph(part)[0]) for part in parts)
     poses, agreement = _aligned_parts(graph, parts, results)
     return ClusteredSynchronization(
         labels=read_only(labels),
@@ -186,21 +165,6 @@ def _spread_rows(rows: FloatArray, count: int) -> FloatArray:
     while len(chosen) < count:
         chosen.append(int(np.argmin(np.abs(rows @ rows[chosen].T).max(axis=1))))
     return rows[chosen].copy()
-
-
-def _synchronized(
-    graph: PairGraph, members: IntArray, group: str, rotation_pattern: PatternLike
-) -> SynchronizationResult:
-    part, _ = graph.subgraph(members)
-    return synchronize(
-        part.edges,
-        part.candidates,
-        energies=None if part.energies is None else np.where(part.present, part.energies, np.inf),
-        weights=part.weights if len(part.weights) else None,
-        group=group,
-        num_shapes=part.num_shapes,
-        rotation_pattern=rotation_pattern,
-    )
 
 
 def _aligned_parts(

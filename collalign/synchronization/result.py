@@ -4,26 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from collalign.products.pair import Alternative
 from collalign.synchronization.doubt.certificate import SynchronizationCertificate
 from collalign.synchronization.solvers.signs import ChiralityResult
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from pairwise.status import Status
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PoseAlternative:
-    """Another pose that the pairs of one shape, or of a block of shapes, nearly support as well.
-
-    Attributes
-    ----------
-    rotation : ndarray, shape (d, d)
-        ``R_common_i`` of the alternative (for a block: of its first member; the block moves as one).
-    log_odds : float
-        Log of how much more probable the reported pose is than this one.
-    """
-
-    rotation: FloatArray
-    log_odds: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +62,7 @@ class SynchronizationResult:
         Connected parts of the graph of pairs.
     weak_cuts : tuple of WeakCut
         The weakest blocks of each connected part under each common turn; those that are doubted come first.
-    alternatives : tuple of tuple of PoseAlternative
+    alternatives : tuple of tuple of Alternative
         For each shape its best other poses, most probable first.
     reflected : ndarray of bool, shape (N,)
         Whether ``det R_common_i < 0`` for the rotation block.
@@ -103,7 +88,7 @@ class SynchronizationResult:
     groups: tuple[IntArray, ...]
     components: tuple[IntArray, ...]
     weak_cuts: tuple[WeakCut, ...]
-    alternatives: tuple[tuple[PoseAlternative, ...], ...]
+    alternatives: tuple[tuple[Alternative, ...], ...]
     reflected: BoolArray
     chirality: ChiralityResult | None
     symmetries: tuple[FloatArray, ...]

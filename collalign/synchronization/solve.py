@@ -98,13 +98,32 @@ def synchronize(
     )
     if not 0 <= reference < graph.num_shapes:
         raise InputError(f"reference: shape {reference} of {graph.num_shapes}")
-    anchors = _checked_fixed(fixed, graph)
+    return synchronize_graph(graph, method=method, fixed=_checked_fixed(fixed, graph), reference=reference)
+
+
+@one_blas_thread()
+def synchronize_graph(
+    graph: PairGraph,
+    *,
+    method: str = "robust",
+    fixed: Mapping[int, FloatArray] | None = None,
+    reference: int = 0,
+) -> SynchronizationResult:
+    """Synchronize as :func:`synchronize` does, from a checked graph and checked fixed poses.
+
+    Parameters
+    ----------
+    graph : PairGraph
+    method : {"robust", "spectral"}
+    fixed : mapping of int to ndarray (d, d), optional
+    reference : int
+    """
     if method == "spectral":
-        return _spectral(graph, anchors, reference)
-    return robust_synchronization(graph, anchors, reference)
+        return _spectral(graph, fixed or {}, reference)
+    return robust_synchronization(graph, fixed or {}, reference)
 
 
-def _spectral(graph: PairGraph, fixed: dict[int, FloatArray], reference: int) -> SynchronizationResult:
+def _spectral(graph: PairGraph, fixed: Mapping[int, FloatArray], reference: int) -> SynchronizationResult:
     """Return the baseline: eigenprojection of the best candidates, group by group."""
     frames = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
     components = graph.connected_groups()

@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 
 from collalign.align import align_collection
 from collalign.analysis.procrustes import best_rotations, procrustes_distances
+from collalign.engine.options import RunOptions
 from collalign.engine.store.records import Record
-from collalign.options import RunOptions
 from data_tools.arrays import FloatArray
 from data_tools.datasets.public import Dataset, read_teeth
 from data_tools.embedding.embedding import Samples, sample_shape

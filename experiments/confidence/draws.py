@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.collection import DOUBT, AlignedCollection
+from collalign.collection import AlignedCollection
 from collalign.engine.store.records import Record
+from collalign.products.collection import DOUBT
 from data_tools.io.shapes import write_mesh
 from experiments.collections.landmarked import COLLECTIONS, RIGHT_DEG, read_dataset
 from experiments.collections.posed import PosedCollection, pose_collection

@@ -16,8 +16,7 @@ from time import process_time
 
 import numpy as np
 
-from collalign.synchronization import synchronize, synchronize_clusters, synchronize_maps
-from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization import PairGraph, synchronize, synchronize_clusters, synchronize_maps
 from collalign.synchronization.solvers.spectral import spectral_frames
 from tests.synchronization_problems import (
     Planted,
@@ -161,7 +160,9 @@ def clusters(seeds: int) -> None:
         exact, right = [], []
         for seed in range(seeds):
             problem, labels = mixed_collection(np.random.default_rng(seed), sizes, wrong=0.3)
-            found = synchronize_clusters(problem.edges, problem.rotations, energies=problem.energies)
+            found = synchronize_clusters(
+                PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies)
+            )
             exact.append(len(found.parts) == len(sizes))
             for part, result in zip(found.parts, found.results, strict=True):
                 kind = np.argmax(np.bincount(labels[part]))

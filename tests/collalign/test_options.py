@@ -3,7 +3,7 @@ import dataclasses
 import joblib
 import pytest
 
-from collalign.options import RunOptions
+from collalign.engine.options import RunOptions
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 

@@ -14,8 +14,9 @@ import pytest
 
 from collalign import RunOptions, align_collection
 from collalign.cli import main
-from collalign.collection import Excluded
-from collalign.stages.pairs.match import MatchedPair, match_pairs
+from collalign.products.pair import Pair
+from collalign.products.shapes import Excluded
+from collalign.stages.pairs.match import match_pairs
 from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.io.shapes import write_mesh
@@ -79,11 +80,11 @@ def test_samples_are_vertices_of_the_file_whatever_cleaning_drops(planted: Plant
 def test_a_shape_without_any_pair_is_named_first(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def match_all_but_the_last(*args: Any, **options: Any) -> tuple[list[MatchedPair], list[Excluded]]:
+    def match_all_but_the_last(*args: Any, **options: Any) -> tuple[list[Pair], list[Excluded]]:
         pairs, failed = match_pairs(*args, **options)
         return [pair for pair in pairs if 4 not in (pair.target, pair.source)], failed
 
-    monkeypatch.setattr("collalign.stages.pairs.choose.match_pairs", match_all_but_the_last)
+    monkeypatch.setattr("collalign.align.match_pairs", match_all_but_the_last)
     assert main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS]) == 0
     printed = capsys.readouterr().out
     assert "look at them first: chair5 (unknown)" in printed

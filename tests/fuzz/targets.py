@@ -10,7 +10,7 @@ from pathlib import Path
 from collalign.cli import main
 from collalign.engine.store.records import decode
 from collalign.engine.store.store import Store
-from collalign.stages.stored_types import poses_from_record, samples_from_record
+from collalign.stages.stored_types import pair_from_record, samples_from_record
 from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
@@ -36,7 +36,7 @@ def read_store(payload: tuple[str, bytes]) -> int:
         with Store.open(path, read_only=True) as store:
             store.status()
             store.get_meta("options")
-            for kind, check in (("shapes", samples_from_record), ("pairs", poses_from_record)):
+            for kind, check in (("shapes", samples_from_record), ("pairs", pair_from_record)):
                 store.failures(kind)
                 store.costs(kind)
                 for key in sorted(store.keys(kind)):
@@ -49,7 +49,7 @@ def read_store(payload: tuple[str, bytes]) -> int:
 def read_record(payload: tuple[str, bytes]) -> int:
     """Decode a record whose digest would fit, as a forger could arrange, and check its fields."""
     name, data = payload
-    check = samples_from_record if name == "shape.record" else poses_from_record
+    check = samples_from_record if name == "shape.record" else pair_from_record
     check(decode(data, name), name)
     return len(data)
 

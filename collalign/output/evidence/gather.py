@@ -1,25 +1,22 @@
-"""Makes the plain record that report, exports and viewer read out of an ``AlignedCollection``."""
+"""Makes the plain record that report, exports and viewer read out of an ``Collection``."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from collalign.collection import DOUBT
 from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.output.report.poses import angle_deg
+from collalign.products import pair as products
+from collalign.products.collection import DOUBT, Collection
 from collalign.products.evidence import CollectionView, Pair, PairPose, Pose
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 from pairwise.status import Status
-
-if TYPE_CHECKING:
-    from collalign.collection import AlignedCollection, PairEvidence
 
 #: Cycles of three pairs looked at, spread evenly over all of them.
 MOST_CYCLES = 20_000
@@ -31,7 +28,7 @@ MOST_PAIR_POSES = 4
 
 @one_blas_thread()
 def view_collection(
-    collection: AlignedCollection,
+    collection: Collection,
     read_shape: Callable[[Path], Shape],
     *,
     labels: Mapping[str, tuple[str, ...]] | None = None,
@@ -41,7 +38,7 @@ def view_collection(
 
     Parameters
     ----------
-    collection : AlignedCollection
+    collection : Collection
     read_shape : callable
         Reads one of ``collection.files``, cleaned exactly as it was for the alignment.
     labels : mapping of str to tuple of str, optional
@@ -106,7 +103,7 @@ def by_label(positions: FloatArray, labels: IntArray) -> FloatArray:
     return ordered
 
 
-def cycle_errors_deg(pairs: tuple[PairEvidence, ...], num_shapes: int) -> FloatArray:
+def cycle_errors_deg(pairs: tuple[products.Pair, ...], num_shapes: int) -> FloatArray:
     """Angles left by R_ij R_jk R_ki, each pair giving its own pose of lowest energy; 180 where a cycle mirrors.
 
     At most :data:`MOST_CYCLES` cycles are looked at, evenly spaced in a fixed order.
@@ -140,7 +137,7 @@ def _some_triangles(later: BoolArray) -> list[tuple[int, int, int]]:
     return triangles
 
 
-def _pair(pair: PairEvidence, rotations: FloatArray, labels: IntArray) -> Pair:
+def _pair(pair: products.Pair, rotations: FloatArray, labels: IntArray) -> Pair:
     """One pair in terms of labels; its disagreement is that of its own best pose, chosen or not."""
     i, j = pair.target, pair.source
     angle, mirrored = float("nan"), False

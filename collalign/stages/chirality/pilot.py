@@ -8,18 +8,16 @@ shapes prefer mirror images at random. If the run goes on with mirror images, th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from collalign.engine.stage import ProgressFactory
-from collalign.engine.store.store import Store
-from collalign.options import AlignOptions, RunOptions
+from collalign.options import AlignSession
+from collalign.products.pair import FormerPairs, Pair
+from collalign.products.shapes import Shapes
 from collalign.stages.chirality.sides import MIN_SHAPES, Sides, find_sides
-from collalign.stages.pairs.match import MatchedPair, match_pairs
-from collalign.stages.shapes import PreparedShapes
+from collalign.stages.pairs.match import match_pairs
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from pairwise.dense.points import DensePoints
@@ -31,6 +29,11 @@ NUM_PARTNERS = (2, 6)
 _WORTH_A_WORD = 0.15
 #: Steps by which poses are refined on dense samples before they are compared.
 _DENSE_STEPS = 4
+#: Said of specimens of the other side that are added to a collection without mirror images.
+KEPT_UNMIRRORED = (
+    "Added shapes look like mirror images, but the collection was aligned without mirror images and keeps that; to "
+    "mirror them, align all shapes again."
+)
 #: Names in a note.
 _MOST_NAMES = 5
 
@@ -43,44 +46,62 @@ class GroupChoice:
     ----------
     group : {"SO", "O"}
     note : str
-        For the user, one sentence or two.
+        For the user, one sentence or two; empty where the user decided.
     """
 
     group: Literal["SO", "O"]
-    note: str
+    note: str = ""
 
 
-def choose_group(
-    shapes: PreparedShapes,
-    samples: Sequence[Samples],
-    edges: IntArray,
+def decide_group(
+    session: AlignSession,
+    shapes: Shapes,
     descriptors: FloatArray,
-    options: AlignOptions,
-    run: RunOptions,
-    store: Store,
+    edges: IntArray,
     *,
-    progress: ProgressFactory | None = None,
+    former: FormerPairs | None = None,
+    any_mirrored: bool = False,
 ) -> GroupChoice:
+    """Return the group asked for, or with "auto" that of the earlier run, of the fixed poses, or of the shapes.
+
+    Parameters
+    ----------
+    session : Session
+    shapes : Shapes
+    descriptors : ndarray, shape (N, m)
+        Similar shapes have similar ones; mirror images have the same.
+    edges : ndarray of int, shape (E, 2)
+        The pairs that the run will match.
+    former : FormerPairs, optional
+        What an earlier run matched; its group stays.
+    any_mirrored : bool
+        Whether a pose set by hand mirrors its shape.
+    """
+    if session.options.group != "auto":
+        return GroupChoice(group=session.options.group)
+    if former is not None and former.group == "O":
+        return GroupChoice(group="O", note="Shapes may be mirrored, as in the collection that shapes were added to.")
+    if any_mirrored:
+        return GroupChoice(group="O", note="Shapes may be mirrored, because a pose set by hand is.")
+    choice = group_of_shapes(session, shapes, descriptors, edges)
+    if former is None or choice.group == "SO":
+        return choice
+    return GroupChoice(group="SO", note=f"{KEPT_UNMIRRORED} The evidence: {choice.note}")
+
+
+def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArray, edges: IntArray) -> GroupChoice:
     """Decide whether shapes may be mirrored, from some pairs matched with mirror images.
 
     Parameters
     ----------
-    shapes : PreparedShapes
-    samples : sequence of Samples
-        Of these shapes.
-    edges : ndarray of int, shape (E, 2)
-        The pairs that the run will match.
-    descriptors : ndarray, shape (N, m)
-        Similar shapes have similar ones; mirror images have the same.
-    options, run, store, progress
-        As for :func:`collalign.stages.pairs.match.match_pairs`.
+    session, shapes, descriptors, edges
+        As for :func:`decide_group`.
     """
-    num = len(shapes.names)
-    both_kinds = replace(options, group="O")
+    num, samples = len(shapes.names), shapes.samples
+    both_kinds = session.with_options(replace(session.options, group="O"))
     compared: dict[tuple[int, int], tuple[float, float]] = {}
     for num_partners in NUM_PARTNERS:
-        chosen = nearest_pairs(edges, descriptors, num_partners)
-        pairs, _ = match_pairs(shapes, chosen, both_kinds, run, store, progress=progress)
+        pairs, _ = match_pairs(both_kinds, shapes, nearest_pairs(edges, descriptors, num_partners))
         for pair in pairs:
             if (pair.target, pair.source) not in compared:
                 compared[pair.target, pair.source] = chirality_energies(
@@ -115,7 +136,7 @@ def nearest_pairs(edges: IntArray, descriptors: FloatArray, num_partners: int) -
     return edges[kept]
 
 
-def chirality_energies(pair: MatchedPair, target: Samples, source: Samples) -> tuple[float, float]:
+def chirality_energies(pair: Pair, target: Samples, source: Samples) -> tuple[float, float]:
     """Return the least energy of a pair's poses of determinant +1, and of -1; NaN where there is none.
 
     Where the shapes have dense samples, the best pose of either kind is refined and measured on these: the energies
@@ -123,7 +144,7 @@ def chirality_energies(pair: MatchedPair, target: Samples, source: Samples) -> t
 
     Parameters
     ----------
-    pair : MatchedPair
+    pair : Pair
     target, source : Samples
         The pair's shapes.
     """

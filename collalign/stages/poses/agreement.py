@@ -1,8 +1,8 @@
-"""How pairs and collection come to agree: the paper's alternation as published, and one that resists wrong pairs."""
+"""How pairs and collection come to agree: pairs are solved again from the common poses, where they disagree."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,135 +10,114 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from collalign.options import AlignOptions
-from collalign.stages.pairs.match import MatchedPair, candidate_arrays, pair_problem, synchronize_pairs
-from collalign.synchronization import SynchronizationResult, alternate_assignments, refine_with_pairs, synchronize
+from collalign.products.pair import Pair
+from collalign.products.shapes import Constraints
+from collalign.stages.pairs.match import pair_problem
+from collalign.stages.poses.synchronize import pair_graph
+from collalign.synchronization import SynchronizationResult, synchronize_graph
+from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
+from data_tools.rotations import rotation_angle_deg
 from pairwise.local.local_search import LocalMinima, minimise
-from pairwise.problem.pattern import RotationPattern
+
+#: How often disagreeing pairs are solved again.
+MAX_ROUNDS = 5
 
 
-def synchronize_as_published(
-    samples: Sequence[Samples],
-    pairs: Sequence[MatchedPair],
+def resolve_pairs(
     options: AlignOptions,
-    *,
-    fixed: Mapping[int, FloatArray],
-    reference: int,
-) -> SynchronizationResult:
-    """Synchronize exactly as appendix B of Maron et al. (2016) does, the baseline.
-
-    The eigenprojection of the pairs' best rotations, block by block in mixed embeddings, then exact assignments of
-    all pairs and rotations in closed form, in turn until nothing changes. Shapes set by hand stay where they are.
-
-    Returns
-    -------
-    SynchronizationResult
-        With rotations of space, shape (N, 3, 3).
-    """
-    blocks = samples[0].block_sizes
-    pattern = RotationPattern.from_user(blocks if len(blocks) > 1 else None, sum(blocks), options.group)
-    edges, rotations, energies = candidate_arrays(pairs)
-    solution = synchronize(
-        edges,
-        rotations,
-        energies=energies,
-        group=options.group,
-        method="spectral",
-        num_shapes=len(samples),
-        rotation_pattern=pattern,
-        reference=reference,
-    )
-    frames, _, _ = alternate_assignments([item.coordinates for item in samples], solution.rotations, pattern=pattern)
-    poses = np.ascontiguousarray(frames[:, :3, :3])
-    anchor = next(iter(fixed.items()), (reference, np.eye(3)))
-    poses = anchor[1] @ poses[anchor[0]].T @ poses
-    for shape, pose in fixed.items():
-        poses[shape] = pose
-    return replace(solution, rotations=read_only(poses), reflected=read_only(np.linalg.det(poses) < 0))
-
-
-def agree(
     samples: Sequence[Samples],
-    pairs: Sequence[MatchedPair],
-    options: AlignOptions,
-    *,
-    fixed: Mapping[int, FloatArray],
-    reference: int,
-) -> tuple[list[MatchedPair], SynchronizationResult]:
-    """Synchronize, solve pairs again from the common poses where they disagree, until nothing changes.
+    pairs: Sequence[Pair],
+    solution: SynchronizationResult,
+    constraints: Constraints,
+) -> tuple[list[Pair], SynchronizationResult]:
+    """Solve pairs again from the common poses where they disagree, and synchronize, until nothing changes.
 
     The paper's steps 2 to 4 (section 6.3 of Maron et al. 2016); a pair's energy may veto a pose.
 
+    Parameters
+    ----------
+    options : AlignOptions
+        With a decided group; with the paper's own synchronization nothing is solved again.
+    samples : sequence of Samples
+    pairs : sequence of Pair
+    solution : SynchronizationResult
+        Of these pairs.
+    constraints : Constraints
+
     Returns
     -------
-    pairs : list of MatchedPair
+    pairs : list of Pair
         Re-solved poses are appended to their candidates.
     solution : SynchronizationResult
         Its ``edge_choice`` counts the candidates of the returned pairs.
     """
-    solution = synchronize_pairs(pairs, len(samples), options, fixed=fixed, reference=reference)
-    edges, rotations, energies = candidate_arrays(pairs)
-    found: dict[int, MatchedPair] = {}
-
-    def resolve(edge: int, start: FloatArray) -> tuple[FloatArray, float, IntArray]:
-        pose = _pose_from(samples, pairs[edge], start, options.group)
-        found[edge] = replace(
-            pairs[edge],
-            rotations=np.concatenate([pairs[edge].rotations, pose.rotations]),
-            maps=np.concatenate([pairs[edge].maps, pose.maps]),
-            energies=np.concatenate([pairs[edge].energies, pose.energies]),
+    agreed = list(pairs)
+    if options.synchronization != "robust":
+        return agreed, solution
+    graph = with_room(pair_graph(pairs, len(samples), options.group))
+    for _ in range(MAX_ROUNDS):
+        edges, asked = disagreeing_pairs(graph, solution.rotations)
+        poses = [_pose_from(samples, pairs[e], start, options.group) for e, start in zip(edges, asked, strict=True)]
+        graph, accepted = with_resolved(
+            graph,
+            edges,
+            [np.ascontiguousarray(pose.rotations[0, :3, :3]) for pose in poses],
+            [float(pose.energies[0]) for pose in poses],
         )
-        return np.ascontiguousarray(pose.rotations[0, :3, :3]), float(pose.energies[0]), pose.maps[0]
-
-    refined = refine_with_pairs(
-        edges,
-        np.ascontiguousarray(rotations[..., :3, :3]),
-        energies,
-        resolve,
-        group=options.group,
-        num_shapes=len(samples),
-        fixed=fixed,
-        reference=reference,
-        start=solution,
-    )
-    accepted = np.isfinite(refined.energies[:, -1])
-    agreed = [found[e] if accepted[e] else pair for e, pair in enumerate(pairs)]
+        if not accepted.any():
+            break
+        for n in np.flatnonzero(accepted):
+            agreed[edges[n]] = _with_pose(pairs[edges[n]], poses[n])
+        solution = synchronize_graph(graph, fixed=constraints.fixed, reference=constraints.reference)
     last = np.array([len(pair.energies) - 1 for pair in agreed])
-    resolved = refined.result.edge_choice == refined.energies.shape[1] - 1
-    choice = read_only(np.where(resolved, last, refined.result.edge_choice))
-    return agreed, replace(refined.result, edge_choice=choice)
+    is_resolved = solution.edge_choice == graph.present.shape[1] - 1
+    return agreed, replace(solution, edge_choice=read_only(np.where(is_resolved, last, solution.edge_choice)))
 
 
-def turned(solution: SynchronizationResult, turns: FloatArray) -> SynchronizationResult:
-    """Return the solution with the pose of each shape, and its alternatives, turned in the common frame.
+def _with_pose(pair: Pair, pose: LocalMinima) -> Pair:
+    return replace(
+        pair,
+        rotations=np.concatenate([pair.rotations, pose.rotations]),
+        maps=np.concatenate([pair.maps, pose.maps]),
+        energies=np.concatenate([pair.energies, pose.energies]),
+    )
+
+
+def with_common_match(
+    samples: Sequence[Samples], pairs: Sequence[Pair], solution: SynchronizationResult, rotations: FloatArray
+) -> list[Pair]:
+    """Return the pairs with what synchronization says of them, and with their best match at the common poses.
 
     Parameters
     ----------
+    samples : sequence of Samples
+    pairs : sequence of Pair
     solution : SynchronizationResult
-        Of rotations of space.
-    turns : ndarray, shape (N, 3, 3)
-        The same for all shapes of a connected part.
+        Of these pairs.
+    rotations : ndarray, shape (N, 3, 3)
+        ``R_common_shape``, refined and in the final gauge.
     """
-    cuts = tuple(
-        replace(cut, rotation=read_only(turns[cut.members[0]] @ cut.rotation @ turns[cut.members[0]].T))
-        for cut in solution.weak_cuts
-    )
-    alternatives = tuple(
-        tuple(replace(pose, rotation=read_only(turn @ pose.rotation)) for pose in poses)
-        for turn, poses in zip(turns, solution.alternatives, strict=True)
-    )
-    symmetries = tuple(read_only(turns[0] @ symmetry @ turns[0].T) for symmetry in solution.symmetries)
-    return replace(
-        solution,
-        rotations=read_only(turns @ solution.rotations),
-        weak_cuts=cuts,
-        alternatives=alternatives,
-        symmetries=symmetries,
-    )
+    matched = []
+    for e, pair in enumerate(pairs):
+        point_map, energy = match_at(samples, pair, rotations)
+        choice = int(solution.edge_choice[e])
+        common = rotations[pair.target].T @ rotations[pair.source]
+        matched.append(
+            replace(
+                pair,
+                map_target_source=read_only(point_map),
+                energy=energy,
+                choice=choice,
+                inlier=bool(solution.edge_inlier[e]),
+                disagreement_deg=float(rotation_angle_deg(pair.rotations[choice, :3, :3], common)),
+            )
+        )
+    return matched
 
 
-def match_at(samples: Sequence[Samples], pair: MatchedPair, rotations: FloatArray) -> tuple[IntArray, float]:
+def match_at(samples: Sequence[Samples], pair: Pair, rotations: FloatArray) -> tuple[IntArray, float]:
     """Return the best map of a pair at the common poses, and its energy."""
     target, source = samples[pair.target], samples[pair.source]
     rotation = rotations[pair.target].T @ rotations[pair.source]
@@ -148,7 +127,7 @@ def match_at(samples: Sequence[Samples], pair: MatchedPair, rotations: FloatArra
     return columns.astype(np.int64), float(costs[rows, columns].sum())
 
 
-def _pose_from(samples: Sequence[Samples], pair: MatchedPair, start: FloatArray, group: str) -> LocalMinima:
+def _pose_from(samples: Sequence[Samples], pair: Pair, start: FloatArray, group: str) -> LocalMinima:
     """Return the local minimum of a pair's energy next to a rotation of space."""
     target, source = samples[pair.target], samples[pair.source]
     problem = pair_problem(target, source, group)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from collalign.options import AlignOptions
-from collalign.stages.pairs.match import MatchedPair, candidate_arrays
-from collalign.stages.poses.agreement import agree, turned
+from collalign.products.pair import Pair
+from collalign.products.shapes import Constraints
+from collalign.stages.poses.frame import turned
+from collalign.stages.poses.synchronize import pair_graph
 from collalign.synchronization import ClusteredSynchronization, SynchronizationResult, synchronize_clusters
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
@@ -21,53 +23,79 @@ from pairwise.problem.pattern import RotationPattern
 AGREEMENT_DEG = 30.0
 
 
-def agree_in_parts(
-    samples: Sequence[Samples],
-    pairs: Sequence[MatchedPair],
-    options: AlignOptions,
-    *,
-    fixed: Mapping[int, FloatArray],
-    reference: int,
-) -> tuple[list[MatchedPair], SynchronizationResult]:
-    """Split the shapes, let the pairs of each part agree, and turn the parts.
-
-    Parameters
-    ----------
-    samples, pairs, options, fixed, reference
-        As for :func:`collalign.stages.poses.agreement.agree`; ``options.clusters`` is the number of parts, 0 to find
-        it. The part of the reference and parts with fixed shapes stay; the others are turned as most pairs between
-        parts ask for.
+def split_shapes(
+    options: AlignOptions, samples: Sequence[Samples], pairs: Sequence[Pair]
+) -> tuple[ClusteredSynchronization | None, list[Pair]]:
+    """Split the shapes into parts whose pairs agree; ``options.clusters`` is their number, 0 to find it.
 
     Returns
     -------
-    pairs : list of MatchedPair
-        In the order given.
-    solution : SynchronizationResult
-        Of all shapes and pairs; its ``groups`` are the parts, or smaller.
+    split : ClusteredSynchronization or None
+        None where all shapes are aligned together.
+    linked : list of Pair
+        The pairs within a part.
 
     Raises
     ------
     CollectionError
         If no pair is left within a part.
     """
-    edges, rotations, energies = candidate_arrays(pairs)
-    split = synchronize_clusters(
-        edges,
-        np.ascontiguousarray(rotations[..., :3, :3]),
-        energies=energies,
-        group=options.group,
-        num_shapes=len(samples),
-        num_clusters=options.clusters or None,
-    )
-    within = np.flatnonzero(split.labels[edges[:, 0]] == split.labels[edges[:, 1]])
-    if not len(within):
+    if options.clusters == 1:
+        return None, list(pairs)
+    graph = pair_graph(pairs, len(samples), options.group)
+    split = synchronize_clusters(graph, num_clusters=options.clusters or None)
+    linked = [pairs[e] for e in _within(split, pairs)]
+    if not linked:
         raise CollectionError(f"clusters: {len(split.parts)} parts leave every shape alone; ask for fewer")
-    agreed, solution = agree(samples, [pairs[e] for e in within.tolist()], options, fixed=fixed, reference=reference)
-    solution = turned(solution, _turns(split, solution.rotations, options.group, {reference, *fixed}))
-    merged = list(pairs)
-    for e, pair in zip(within.tolist(), agreed, strict=True):
+    return split, linked
+
+
+def join_parts(
+    options: AlignOptions,
+    split: ClusteredSynchronization | None,
+    pairs: Sequence[Pair],
+    linked: Sequence[Pair],
+    solution: SynchronizationResult,
+    constraints: Constraints,
+) -> tuple[list[Pair], SynchronizationResult]:
+    """Turn the parts to each other as most pairs between them ask for.
+
+    The part of the reference and parts with fixed shapes stay.
+
+    Parameters
+    ----------
+    options : AlignOptions
+        With a decided group.
+    split : ClusteredSynchronization or None
+        From :func:`split_shapes`.
+    pairs : sequence of Pair
+        All pairs.
+    linked : sequence of Pair
+        Those within parts, as synchronized.
+    solution : SynchronizationResult
+        Of ``linked``.
+    constraints : Constraints
+
+    Returns
+    -------
+    pairs : list of Pair
+        All pairs, in the order given.
+    solution : SynchronizationResult
+        Of all shapes and pairs; its ``groups`` are the parts, or smaller.
+    """
+    if split is None:
+        return list(linked), solution
+    within, merged = _within(split, pairs), list(pairs)
+    for e, pair in zip(within, linked, strict=True):
         merged[e] = pair
-    return merged, _with_all_pairs(solution, merged, within, split)
+    still = {constraints.reference, *constraints.fixed}
+    solution = turned(solution, _turns(split, solution.rotations, options.group, still))
+    return merged, _with_all_pairs(solution, merged, np.array(within), split)
+
+
+def _within(split: ClusteredSynchronization, pairs: Sequence[Pair]) -> list[int]:
+    """Return the pairs within a part."""
+    return [e for e, pair in enumerate(pairs) if split.labels[pair.target] == split.labels[pair.source]]
 
 
 def _turns(split: ClusteredSynchronization, rotations: FloatArray, group: str, still: set[int]) -> FloatArray:
@@ -85,7 +113,7 @@ def _turns(split: ClusteredSynchronization, rotations: FloatArray, group: str, s
 
 def _with_all_pairs(
     solution: SynchronizationResult,
-    pairs: Sequence[MatchedPair],
+    pairs: Sequence[Pair],
     within: IntArray,
     split: ClusteredSynchronization,
 ) -> SynchronizationResult:

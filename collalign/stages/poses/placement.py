@@ -6,19 +6,19 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from collalign.collection import PairEvidence
+from collalign.products.pair import Pair
 from collalign.synchronization import superimpose, synchronize_maps
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 
 
-def common_labels(samples: Sequence[Samples], pairs: Sequence[PairEvidence], rotations: FloatArray) -> IntArray:
+def common_labels(samples: Sequence[Samples], pairs: Sequence[Pair], rotations: FloatArray) -> IntArray:
     """Label the samples of all shapes consistently, from the pairs' maps and the common poses.
 
     Parameters
     ----------
     samples : sequence of Samples
-    pairs : sequence of PairEvidence
+    pairs : sequence of Pair
         With their maps at the common poses.
     rotations : ndarray, shape (N, 3, 3)
         ``R_common_shape``.
@@ -100,3 +100,13 @@ def _fit_to_placed(
     mean = np.mean(still, axis=0)
     centre = mean.mean(axis=0)
     return ((posed * (mean - centre)).sum(axis=(1, 2)) / (posed**2).sum(axis=(1, 2))), centre
+
+
+def common_positions(samples: Sequence[Samples], transforms: FloatArray) -> FloatArray:
+    """Return the samples in the common frame, shape (N, k, 3)."""
+    return np.stack(
+        [
+            (item.positions * item.scale + item.offset) @ transform[:3, :3].T + transform[:3, 3]
+            for item, transform in zip(samples, transforms, strict=True)
+        ]
+    )

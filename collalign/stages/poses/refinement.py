@@ -8,22 +8,70 @@ on hundreds of points each and synchronized with weights that fall with the squa
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import networkx as nx
 import numpy as np
 
-from collalign.synchronization import synchronize
-from data_tools.arrays import FloatArray, IntArray
+from collalign.options import AlignOptions
+from collalign.products.pair import Pair
+from collalign.products.shapes import Constraints
+from collalign.stages.poses.agreement import match_at
+from collalign.synchronization import PairGraph, SynchronizationResult, synchronize_graph
+from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from pairwise.dense.points import DensePoints
 from pairwise.dense.refine import refine_pose
+from pairwise.problem.pattern import RotationPattern
 
 #: Pairs that each shape is refined with, beside a spanning tree.
 NUM_NEIGHBOURS = 8
 #: How often pairs are refined from the poses of the round before.
 NUM_ROUNDS = 2
-#: Weight of a pair is (energy / median energy) to the power of minus this.
-LOCALITY = 2.0
+#: Weight of a pair is (energy / median energy), within a range, to the power of minus this.
+LOCALITY, ENERGY_RANGE = 2.0, (0.1, 1e3)
+
+
+def refine_poses(
+    options: AlignOptions,
+    samples: Sequence[Samples],
+    pairs: Sequence[Pair],
+    solution: SynchronizationResult,
+    constraints: Constraints,
+) -> FloatArray:
+    """Return ``R_common_shape`` refined by the pairs within connected parts, each part held where it is.
+
+    Parameters
+    ----------
+    options : AlignOptions
+        With a decided group; without ``refine``, with the paper's own synchronization, or where a shape has no dense
+        samples, nothing is refined.
+    samples : sequence of Samples
+    pairs : sequence of Pair
+    solution : SynchronizationResult
+        Of these pairs.
+    constraints : Constraints
+    """
+    rotations = solution.rotations
+    wanted = options.refine and options.synchronization == "robust"
+    if not wanted or not all(len(item.dense_indices) > 1 for item in samples):
+        return rotations
+    part = np.empty(len(samples), dtype=np.int64)
+    kept = dict(constraints.fixed)
+    for number, members in enumerate(solution.components):
+        part[members] = number
+        if not set(members.tolist()) & constraints.fixed.keys():
+            first = constraints.reference if constraints.reference in members else int(members[0])
+            kept[first] = rotations[first]
+    within = [pair for pair in pairs if part[pair.target] == part[pair.source]]
+    return refine_rotations(
+        samples,
+        rotations,
+        np.array([(pair.target, pair.source) for pair in within]),
+        np.array([match_at(samples, pair, rotations)[1] for pair in within]),
+        group=options.group,
+        fixed=kept,
+    )
 
 
 def refine_rotations(
@@ -53,20 +101,19 @@ def refine_rotations(
     """
     local = local_pairs(len(samples), edges, energies)
     points = [dense_points(item, invariants=False) for item in samples]
+    pattern = RotationPattern.from_user(None, 3, group)
     for _ in range(NUM_ROUNDS):
         poses = [refine_pose(points[i], points[j], rotations[i].T @ rotations[j]) for i, j in local.tolist()]
         found = np.array([pose.energy / points[i].radius ** 2 for pose, i in zip(poses, local[:, 0], strict=True)])
         floor = max(float(np.median(found)), np.finfo(float).tiny)
-        solution = synchronize(
+        graph = PairGraph.of_candidates(
             local,
-            np.stack([pose.R_target_source for pose in poses]),
-            energies=found,
-            weights=np.clip(found / floor, 0.1, 1e3) ** -LOCALITY,
-            group=group,
+            [(pose.R_target_source[None], energy[None]) for pose, energy in zip(poses, found, strict=True)],
             num_shapes=len(samples),
-            fixed=fixed,
+            pattern=pattern,
         )
-        rotations = solution.rotations
+        weights = np.clip(found / floor, *ENERGY_RANGE) ** -LOCALITY
+        rotations = synchronize_graph(replace(graph, weights=read_only(weights)), fixed=fixed).rotations
     return rotations
 
 

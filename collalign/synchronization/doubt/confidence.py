@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.synchronization.result import PoseAlternative
+from collalign.products.pair import Alternative
 from collalign.synchronization.solvers.blocks import Cut, symmetric_turns
 from collalign.synchronization.solvers.search import State
 from collalign.synchronization.solvers.turns import SAME_TURN
@@ -36,7 +36,7 @@ class Doubts:
     Attributes
     ----------
     confidence : ndarray, shape (N,)
-    alternatives : list of tuple of PoseAlternative
+    alternatives : list of tuple of Alternative
         Per shape.
     cuts : list of Cut
         Weak blocks, doubted ones first.
@@ -49,7 +49,7 @@ class Doubts:
     """
 
     confidence: FloatArray
-    alternatives: list[tuple[PoseAlternative, ...]]
+    alternatives: list[tuple[Alternative, ...]]
     cuts: list[Cut]
     groups: list[IntArray]
     symmetries: list[FloatArray]
@@ -156,7 +156,7 @@ def agreement(frames: FloatArray, others: FloatArray) -> BoolArray:
     return close[np.argmax(close.sum(axis=1))]
 
 
-def pose_alternatives(state: State, frames: FloatArray) -> list[tuple[PoseAlternative, ...]]:
+def pose_alternatives(state: State, frames: FloatArray) -> list[tuple[Alternative, ...]]:
     """Return for each shape its most probable other poses with their log-odds.
 
     Parameters
@@ -171,7 +171,7 @@ def pose_alternatives(state: State, frames: FloatArray) -> list[tuple[PoseAltern
         turns = state.alternatives.turns[shape]
         found.append(
             tuple(
-                PoseAlternative(
+                Alternative(
                     rotation=(frames[shape] @ turns[a]).T,
                     log_odds=float(np.log(max(beliefs[0], 1e-300)) - np.log(max(beliefs[a], 1e-300))),
                 )

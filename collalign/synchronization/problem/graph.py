@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -109,6 +109,43 @@ class PairGraph:
             weights=read_only(as_weights(weights, "weights", num=len(pairs))) if len(pairs) else np.ones(0),
             pattern=pattern,
             held=read_only(np.zeros(len(pairs), dtype=bool)),
+        )
+
+    @classmethod
+    def of_candidates(
+        cls,
+        edges: IntArray,
+        candidates: Sequence[tuple[FloatArray, FloatArray]],
+        *,
+        num_shapes: int,
+        pattern: RotationPattern,
+    ) -> PairGraph:
+        """Build the graph of pairs that are known to be right: each with as many candidates as it has.
+
+        Parameters
+        ----------
+        edges : ndarray of int, shape (E, 2)
+        candidates : sequence of (rotations, energies)
+            Of each pair, shapes (m_e, d, d) and (m_e,), at least one.
+        num_shapes : int
+        pattern : RotationPattern
+        """
+        most = max((len(energies) for _, energies in candidates), default=1)
+        dim = pattern.mask.shape[0]
+        stack = np.tile(np.eye(dim), (len(edges), most, 1, 1))
+        costs = np.full((len(edges), most), np.inf)
+        for e, (rotations, energies) in enumerate(candidates):
+            stack[e, : len(energies)] = rotations
+            costs[e, : len(energies)] = energies
+        return cls(
+            num_shapes=num_shapes,
+            edges=read_only(edges.reshape(-1, 2)),
+            candidates=read_only(stack),
+            present=read_only(np.isfinite(costs)),
+            energies=read_only(costs),
+            weights=read_only(np.ones(len(edges))),
+            pattern=pattern,
+            held=read_only(np.zeros(len(edges), dtype=bool)),
         )
 
     @property

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from collalign.products.pair import Alternative
 from collalign.synchronization.doubt.certificate import (
     SynchronizationCertificate,
     certify_frames,
@@ -17,7 +18,7 @@ from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.geometry import angles_rad, relative, transposed
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.problem.model import EdgeModel, best_candidates, squared_distances
-from collalign.synchronization.result import PoseAlternative, SynchronizationResult, WeakCut
+from collalign.synchronization.result import SynchronizationResult, WeakCut
 from collalign.synchronization.solvers.blocks import Cut
 from collalign.synchronization.solvers.least_squares import polish
 from collalign.synchronization.solvers.search import State, find_poses
@@ -154,7 +155,7 @@ class _Draft:
     weights: FloatArray
     inlier: BoolArray
     confidence: FloatArray
-    alternatives: list[tuple[PoseAlternative, ...]]
+    alternatives: list[tuple[Alternative, ...]]
     groups: list[IntArray] = field(default_factory=list)
     cuts: list[WeakCut] = field(default_factory=list)
     symmetries: list[tuple[int, FloatArray]] = field(default_factory=list)
@@ -253,11 +254,11 @@ def _result(
 
 def _posed_alternatives(
     draft: _Draft, poses: FloatArray, gauge: FloatArray, index: IntArray
-) -> tuple[tuple[PoseAlternative, ...], ...]:
+) -> tuple[tuple[Alternative, ...], ...]:
     """Return the alternatives as full poses in the reported gauge."""
     return tuple(
         tuple(
-            PoseAlternative(rotation=_embedded(turn @ other.rotation, pose, index), log_odds=other.log_odds)
+            Alternative(rotation=_embedded(turn @ other.rotation, pose, index), log_odds=other.log_odds)
             for other in others
         )
         for others, pose, turn in zip(draft.alternatives, poses, gauge, strict=True)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.collection import AlignedCollection, Alternative, ConsistentMaps, Excluded, PairEvidence, RunRecord
+from collalign.collection import AlignedCollection
 from collalign.options import AlignOptions
 from collalign.output.evidence.gather import (
     MOST_PAIR_POSES,
@@ -13,6 +13,9 @@ from collalign.output.evidence.gather import (
     distinct_poses,
     view_collection,
 )
+from collalign.products.collection import ConsistentMaps, RunRecord
+from collalign.products.pair import Alternative, Pair
+from collalign.products.shapes import Excluded
 from data_tools.arrays import FloatArray
 from data_tools.surface.shape import Shape
 from pairwise.status import Status
@@ -23,11 +26,12 @@ HALF_TURN = np.diag([1.0, -1.0, -1.0])
 MIRROR = np.diag([1.0, 1.0, -1.0])
 
 
-def evidence(i: int, j: int, rotations: list[FloatArray], map_i_j: np.ndarray, **changes: object) -> PairEvidence:
+def evidence(i: int, j: int, rotations: list[FloatArray], map_i_j: np.ndarray, **changes: object) -> Pair:
     values: dict[str, object] = {
         "target": i,
         "source": j,
         "rotations": np.array(rotations).reshape(-1, 3, 3),
+        "maps": np.zeros((len(rotations), 0), dtype=np.int64),
         "energies": 0.5 + np.arange(len(rotations)),
         "map_target_source": map_i_j,
         "energy": 0.5,
@@ -38,7 +42,7 @@ def evidence(i: int, j: int, rotations: list[FloatArray], map_i_j: np.ndarray, *
         "inlier": True,
         "disagreement_deg": 0.0,
     }
-    return PairEvidence(**(values | changes))  # type: ignore[arg-type]
+    return Pair(**(values | changes))  # type: ignore[arg-type]
 
 
 @pytest.fixture

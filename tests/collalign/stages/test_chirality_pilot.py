@@ -14,9 +14,8 @@ from collalign import AlignedCollection, AlignOptions, RunOptions, align_collect
 from collalign.cli import main
 from collalign.extend import add_to_collection
 from collalign.output.write import alignment_record
-from collalign.stages.chirality.pilot import chirality_energies, nearest_pairs
-from collalign.stages.pairs.choose import KEPT_UNMIRRORED
-from collalign.stages.pairs.match import MatchedPair
+from collalign.products.pair import Pair
+from collalign.stages.chirality.pilot import KEPT_UNMIRRORED, chirality_energies, nearest_pairs
 from collalign.stages.pairs.select import all_pairs
 from data_tools.arrays import FloatArray
 from data_tools.datasets.public import Dataset, read_shrec07_class, read_teeth
@@ -121,8 +120,8 @@ def test_bilateral_shapes_are_not_mirrored(tmp_path: Path) -> None:
     assert not found.reflected.any()
 
 
-def pair_of(rotations: list[FloatArray], energies: list[float]) -> MatchedPair:
-    return MatchedPair(
+def pair_of(rotations: list[FloatArray], energies: list[float]) -> Pair:
+    return Pair(
         target=0,
         source=1,
         rotations=np.array(rotations),

@@ -6,16 +6,20 @@ import numpy as np
 import pytest
 
 from collalign.options import AlignOptions
-from collalign.stages.pairs.match import MatchedPair, candidate_arrays
-from collalign.stages.poses.agreement import turned
-from collalign.stages.poses.parts import agree_in_parts
-from collalign.synchronization import SynchronizationResult, synchronize
+from collalign.products.pair import Pair
+from collalign.products.shapes import Constraints
+from collalign.stages.poses.agreement import resolve_pairs
+from collalign.stages.poses.frame import turned
+from collalign.stages.poses.parts import join_parts, split_shapes
+from collalign.stages.poses.synchronize import synchronize_pairs, synchronize_shapes
+from collalign.synchronization import SynchronizationResult
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError, OptionsError
 from data_tools.rotations import random_rotation
 from tests.synchronization_problems import mixed_collection, pose_errors_deg
 
 SIZES = (9, 7)
+NONE = Constraints()
 
 
 @pytest.fixture
@@ -25,11 +29,11 @@ def labels_and_truth() -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.fixture
-def pairs() -> list[MatchedPair]:
+def pairs() -> list[Pair]:
     problem, _ = mixed_collection(np.random.default_rng(4), SIZES, wrong=0.1)
     assert problem.energies is not None
     return [
-        MatchedPair(
+        Pair(
             target=int(i), source=int(j), rotations=rotations, maps=np.arange(6)[None], energies=1e-6 * energies,
             lower_bound=float("nan"), status="LOCAL_OPTIMUM",
         )
@@ -53,16 +57,21 @@ def samples(rng: np.random.Generator) -> list[Samples]:
     ]  # fmt: skip
 
 
-def solve(samples: list[Samples], pairs: list[MatchedPair], clusters: int, **held: object) -> SynchronizationResult:
-    arguments = {"fixed": {}, "reference": 0} | held
-    merged, solution = agree_in_parts(samples, pairs, AlignOptions(group="SO", clusters=clusters), **arguments)  # type: ignore[arg-type]
+def solve(
+    samples: list[Samples], pairs: list[Pair], clusters: int, constraints: Constraints = NONE
+) -> SynchronizationResult:
+    options = AlignOptions(group="SO", clusters=clusters)
+    split, linked = split_shapes(options, samples, pairs)
+    solution = synchronize_shapes(options, samples, linked, constraints)
+    linked, solution = resolve_pairs(options, samples, linked, solution, constraints)
+    merged, solution = join_parts(options, split, pairs, linked, solution, constraints)
     assert [(pair.target, pair.source) for pair in merged] == [(pair.target, pair.source) for pair in pairs]
     return solution
 
 
 @pytest.mark.parametrize("clusters", [0, 2])
 def test_a_mixed_folder_is_split_and_each_part_is_right(
-    clusters: int, samples: list[Samples], pairs: list[MatchedPair], labels_and_truth: tuple[np.ndarray, np.ndarray]
+    clusters: int, samples: list[Samples], pairs: list[Pair], labels_and_truth: tuple[np.ndarray, np.ndarray]
 ) -> None:
     labels, truth = labels_and_truth
     solution = solve(samples, pairs, clusters)
@@ -75,13 +84,13 @@ def test_a_mixed_folder_is_split_and_each_part_is_right(
     assert not any("unconnected" in line for line in solution.warnings)
 
 
-def test_poses_set_by_hand_stay(samples: list[Samples], pairs: list[MatchedPair], rng: np.random.Generator) -> None:
-    fixed = {3: random_rotation(rng)}
-    solution = solve(samples, pairs, 2, fixed=fixed)
-    assert np.allclose(solution.rotations[3], fixed[3])
+def test_poses_set_by_hand_stay(samples: list[Samples], pairs: list[Pair], rng: np.random.Generator) -> None:
+    fixed = random_rotation(rng)
+    solution = solve(samples, pairs, 2, Constraints(fixed={3: fixed}))
+    assert np.allclose(solution.rotations[3], fixed)
 
 
-def test_parts_of_one_shape_each_are_refused(samples: list[Samples], pairs: list[MatchedPair]) -> None:
+def test_parts_of_one_shape_each_are_refused(samples: list[Samples], pairs: list[Pair]) -> None:
     with pytest.raises(CollectionError, match="ask for fewer"):
         solve(samples, pairs, sum(SIZES))
     with pytest.raises(OptionsError, match="clusters"):
@@ -90,11 +99,8 @@ def test_parts_of_one_shape_each_are_refused(samples: list[Samples], pairs: list
         AlignOptions(gauge="axes", reference="a")
 
 
-def test_a_turn_moves_poses_alternatives_and_cuts_together(
-    pairs: list[MatchedPair], rng: np.random.Generator
-) -> None:
-    edges, rotations, energies = candidate_arrays(pairs)
-    before = synchronize(edges, rotations, energies=energies)
+def test_a_turn_moves_poses_alternatives_and_cuts_together(pairs: list[Pair], rng: np.random.Generator) -> None:
+    before = synchronize_pairs(AlignOptions(group="SO"), sum(SIZES), pairs)
     turn = random_rotation(rng)
     after = turned(before, np.tile(turn, (sum(SIZES), 1, 1)))
     assert np.allclose(after.rotations, turn @ before.rotations)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from collalign.stages.pairs.match import MatchedPair
+from collalign.products.pair import Pair
 from collalign.stages.proofs import CertificationReport, with_proof, worth_proving
 
 
-def pair(*energies: float) -> MatchedPair:
+def pair(*energies: float) -> Pair:
     num = len(energies)
-    return MatchedPair(
+    return Pair(
         target=0,
         source=1,
         rotations=np.tile(np.eye(3), (num, 1, 1)),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from collalign.engine.store.records import Record, decode, encode
-from collalign.stages.stored_types import poses_from_record, poses_to_record, samples_from_record, samples_to_record
+from collalign.stages.stored_types import pair_from_record, poses_to_record, samples_from_record, samples_to_record
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import SolveFailed, StoreError
 from pairwise import match
@@ -68,16 +68,16 @@ def test_samples_come_back(rng: np.random.Generator, num_functions: int, num_inv
 
 
 def test_poses_come_back(result: MatchResult) -> None:
-    back = poses_from_record(through_bytes(poses_to_record(result)), "a ~ b")
-    assert len(result.candidates) == len(back["energies"]) > 1
+    back = pair_from_record(through_bytes(poses_to_record(result)), "a ~ b")
+    assert len(result.candidates) == len(back.energies) > 1
     for i, pose in enumerate(result.candidates):
-        assert (pose.R_target_source == back["rotations"][i]).all()
-        assert (pose.map_target_source == back["maps"][i]).all()
-        assert pose.energy == back["energies"][i]
-    assert back["maps"].dtype == np.int64
-    assert not back["rotations"].flags.writeable
-    assert back["status"] == result.status.name
-    assert np.isnan(back["lower_bound"])
+        assert (pose.R_target_source == back.rotations[i]).all()
+        assert (pose.map_target_source == back.maps[i]).all()
+        assert pose.energy == back.energies[i]
+    assert back.maps.dtype == np.int64
+    assert not back.rotations.flags.writeable
+    assert back.status == result.status.name
+    assert np.isnan(back.lower_bound)
 
 
 def test_a_match_without_a_pose_is_a_failure_and_no_record(result: MatchResult) -> None:
@@ -107,9 +107,9 @@ def test_a_match_without_a_pose_is_a_failure_and_no_record(result: MatchResult) 
 def test_impossible_poses_are_refused(result: MatchResult, change: dict[str, Any]) -> None:
     record = poses_to_record(result)
     record |= {name: record[name][:1] for name in ("rotations", "maps", "energies")}
-    poses_from_record(record, "a ~ b")
+    pair_from_record(record, "a ~ b")
     with pytest.raises(StoreError, match="a ~ b"):
-        poses_from_record(record | change, "a ~ b")
+        pair_from_record(record | change, "a ~ b")
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_impossible_samples_are_refused(rng: np.random.Generator, change: dict[s
 def test_missing_fields_are_named(rng: np.random.Generator, result: MatchResult) -> None:
     for record, read in (
         (samples_to_record(make_samples(rng)), samples_from_record),
-        (poses_to_record(result), poses_from_record),
+        (poses_to_record(result), pair_from_record),
     ):
         for field in record:
             with pytest.raises(StoreError, match=f"'{field}' is missing"):

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from collalign.synchronization import principal_axes_gauge, refine_with_pairs, synchronize
+from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
 from collalign.synchronization.problem.geometry import angles_rad
+from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
 from data_tools.errors import InputError, OptionsError
 from tests.synchronization_problems import (
     D2_FLIPS,
@@ -231,28 +232,29 @@ def test_weights_zero_cut_edges() -> None:
     assert len(found.components) == 2
 
 
-def test_pairs_are_solved_again_until_they_agree() -> None:
+def test_pairs_that_disagree_are_found_and_take_what_their_energy_allows() -> None:
     rng = np.random.default_rng(15)
     truth = random_rotations(rng, 12)
     edges = complete_edges(12)
     exact = exact_pairs(truth, edges)
-    rotations = exact @ small_rotations(rng, (len(edges),), 4.0)
-    wrong = rng.choice(len(edges), 15, replace=False)
+    rotations = exact @ small_rotations(rng, (len(edges),), 0.2)
+    wrong = np.sort(rng.choice(len(edges), 15, replace=False))
     rotations[wrong] = random_rotations(rng, 15)
-    energies = np.ones(len(edges))
-    stubborn = int(wrong[0])
-
-    def resolve(edge: int, start: np.ndarray) -> tuple[np.ndarray, float, None]:
-        near = np.rad2deg(angles_rad(exact[edge].T @ start)) < 30.0
-        cost = 10.0 if edge == stubborn else 0.5
-        return (exact[edge], cost, None) if near else (rotations[edge], 1.0, None)
-
-    found = refine_with_pairs(edges, rotations, energies, resolve)
-    assert pose_errors_deg(found.result.rotations, truth).max() < 0.5
-    assert found.vetoed[stubborn]
-    assert found.vetoed.sum() == 1
-    assert np.isinf(found.energies[stubborn, 1])
-    assert found.rounds <= 5
+    graph = with_room(PairGraph.from_user(edges, rotations, energies=np.ones(len(edges))))
+    found, asked = disagreeing_pairs(graph, truth)
+    assert np.array_equal(found, wrong)
+    assert np.allclose(asked, exact[wrong])
+    stubborn, known = 3, 5
+    energies = np.where(np.arange(15) == stubborn, 10.0, 0.5)
+    poses = [*asked]
+    poses[known] = rotations[wrong[known]]
+    agreed, accepted = with_resolved(graph, found, poses, energies.tolist())
+    assert np.flatnonzero(~accepted).tolist() == [stubborn, known]
+    assert np.array_equal(agreed.present[:, -1], np.isin(np.arange(len(edges)), wrong[accepted]))
+    assert np.array_equal(disagreeing_pairs(agreed, truth)[0], wrong[~accepted])
+    again, accepted = with_resolved(agreed, found, poses, energies.tolist())
+    assert not accepted.any()
+    assert np.array_equal(again.candidates, agreed.candidates)
 
 
 def test_bad_input_is_refused() -> None:

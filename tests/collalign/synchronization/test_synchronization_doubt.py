@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from collalign.synchronization import synchronize, synchronize_clusters, synchronize_signs
+from collalign.synchronization import PairGraph, synchronize, synchronize_clusters, synchronize_signs
 from collalign.synchronization.clusters import spectral_clusters
 from collalign.synchronization.doubt.confidence import agreement
-from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.problem.model import EdgeModel, group_volume
 from collalign.synchronization.solvers.blocks import turn_differences, weak_cuts
 from data_tools.errors import InputError, OptionsError
@@ -172,7 +171,7 @@ def test_signs_alone_and_their_certificate() -> None:
 @pytest.mark.parametrize(("sizes", "seed"), [((20, 20, 20), 0), ((10, 14, 8, 12), 1)])
 def test_mixed_folders_are_split(sizes: tuple[int, ...], seed: int) -> None:
     problem, labels = mixed_collection(np.random.default_rng(seed), sizes, wrong=0.2)
-    found = synchronize_clusters(problem.edges, problem.rotations, energies=problem.energies)
+    found = synchronize_clusters(PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies))
     assert len(found.parts) == len(sizes)
     assert all(len(np.unique(labels[part])) == 1 for part in found.parts)
     for part, result in zip(found.parts, found.results, strict=True):
@@ -181,11 +180,12 @@ def test_mixed_folders_are_split(sizes: tuple[int, ...], seed: int) -> None:
 
 def test_one_kind_of_shapes_is_not_split() -> None:
     problem = flipped_pairs(np.random.default_rng(8), complete_edges(20), 20, wrong=0.2)
-    found = synchronize_clusters(problem.edges, problem.rotations)
+    graph = PairGraph.from_user(problem.edges, problem.rotations)
+    found = synchronize_clusters(graph)
     assert len(found.parts) == 1
     assert pose_errors_deg(found.rotations, problem.truth).max() < 20.0
     with pytest.raises(OptionsError, match="num_clusters"):
-        synchronize_clusters(problem.edges, problem.rotations, num_clusters=21)
+        synchronize_clusters(graph, num_clusters=21)
 
 
 def test_spectral_clusters_find_blocks() -> None:
@@ -198,7 +198,7 @@ def test_spectral_clusters_find_blocks() -> None:
 def test_parts_are_turned_to_each_other() -> None:
     truth = random_rotations(np.random.default_rng(9), 12)
     edges = complete_edges(12)
-    found = synchronize_clusters(edges, exact_pairs(truth, edges), num_clusters=2)
+    found = synchronize_clusters(PairGraph.from_user(edges, exact_pairs(truth, edges)), num_clusters=2)
     assert pose_errors_deg(found.rotations, truth).max() < 1e-5
     assert found.between_agreement[1] == 1.0
 

@@ -1,0 +1,147 @@
+"""A run's session: what every stage shares, and the one way to compute, keep and report the jobs of a stage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from typing import Any, Generic, Literal, TypeAlias, TypeVar
+
+from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
+from collalign.engine.options import RunOptions
+from collalign.engine.store.layout import KINDS, Failure
+from collalign.engine.store.store import Store
+from data_tools.errors import InputError
+
+#: Makes a progress display from (description, total, done): :class:`collalign.engine.jobs.progress.ProgressBar`.
+ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[[JobResult], None]]]
+
+OptionsT = TypeVar("OptionsT")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Session(Generic[OptionsT]):
+    """What the stages of one run share. Open it with :meth:`open`, or make one around an open store.
+
+    Attributes
+    ----------
+    options : object
+        What decides the result; the stages read it, the engine does not.
+    run : RunOptions
+        How the work is done.
+    store : Store
+        Keeps every result as soon as it is there.
+    progress : callable or None
+        Makes a progress display per stage.
+    stored : mapping of kind to set of keys
+        What the store held before this run.
+    """
+
+    options: OptionsT
+    run: RunOptions
+    store: Store
+    progress: ProgressFactory | None
+    stored: Mapping[str, frozenset[str]]
+
+    @classmethod
+    def around(
+        cls, store: Store, options: OptionsT, run: RunOptions, progress: ProgressFactory | None = None
+    ) -> Session[OptionsT]:
+        """Return a session on an open store."""
+        stored = {kind: store.keys(kind) for kind in KINDS}
+        return cls(options=options, run=run, store=store, progress=progress, stored=stored)
+
+    @classmethod
+    @contextmanager
+    def open(
+        cls, options: OptionsT, run: RunOptions, progress: ProgressFactory | None = None
+    ) -> Iterator[Session[OptionsT]]:
+        """Open the store that ``run`` names, one in memory without, for the length of a ``with`` block.
+
+        Raises
+        ------
+        StoreError
+            If the store is damaged or in use.
+        """
+        with Store.open(run.store) if run.store else Store.memory() as store:
+            yield cls.around(store, options, run, progress)
+
+    def with_options(self, options: OptionsT) -> Session[OptionsT]:
+        """Return the same session with other options."""
+        return replace(self, options=options)
+
+    def num_reused(self, kind: str, keys: Iterable[str]) -> int:
+        """Return for how many of the keys the store held a result before this run."""
+        return sum(key in self.stored[kind] for key in keys)
+
+    def shared_table(self, kind: str, keys: Iterable[str]) -> SharedTable:
+        """Return a table of the records of some keys, for the tasks of another stage; use it in a ``with`` block."""
+        return SharedTable.create((key, self.store.require(kind, key)) for key in sorted(set(keys)))
+
+    def compute(
+        self,
+        kind: str,
+        function: Callable[..., Any],
+        tasks: Mapping[str, tuple[str, Any]],
+        *,
+        time_limit_s: float | None,
+        shared: SharedTable | None = None,
+        retry: Literal["crashed", "all"] = "crashed",
+        strict: bool = False,
+    ) -> dict[str, Failure]:
+        """Compute what the store lacks, put every result into it, and return the failures by key.
+
+        Parameters
+        ----------
+        kind : str
+            One of :data:`collalign.engine.store.layout.KINDS`.
+        function : callable
+            Of a module; see :func:`collalign.engine.jobs.run.run_jobs`.
+        tasks : mapping of key to (label, payload)
+            All that the run wants.
+        time_limit_s : float or None
+            Per task; None for neither this limit nor that of the memory, and so inside this process with one worker.
+        shared : SharedTable, optional
+        retry : {"crashed", "all"}
+            Which failures of earlier runs are tried again; all with ``strict``.
+        strict : bool
+            Raise at the first failure; what is finished stays in the store.
+
+        Raises
+        ------
+        InputError
+            With ``strict``, at the first failure.
+        """
+        self.store.plan(kind, {key: label for key, (label, _) in tasks.items()})
+        missing = self.store.missing(kind, tasks, retry="all" if strict else retry)
+        with self._display(kind, len(tasks), len(missing)) as report:
+            jobs = run_jobs(
+                function,
+                ((key, tasks[key][1]) for key in missing),
+                num_jobs=self.run.num_workers,
+                time_limit_s=time_limit_s,
+                memory_limit_bytes=None if time_limit_s is None else self.run.memory_limit_bytes,
+                scheduler=self.run.scheduler,
+                shared=shared,
+                progress=report,
+            )
+            for job in jobs:
+                self._keep(kind, tasks[job.key][0], job)
+                if strict and job.failure is not None:
+                    jobs.close()
+                    raise InputError(f"{tasks[job.key][0]}: {job.failure}")
+        done, failures = self.store.keys(kind), self.store.failures(kind)
+        return {key: failures[key] for key in tasks if key not in done}
+
+    def _display(
+        self, kind: str, total: int, missing: int
+    ) -> AbstractContextManager[Callable[[JobResult], None] | None]:
+        if self.progress is None or not missing:
+            return nullcontext()
+        return self.progress(kind, total, done=total - missing)
+
+    def _keep(self, kind: str, label: str, job: JobResult) -> None:
+        if job.failure is None:
+            self.store.put(kind, job.key, job.value, label=label, seconds=job.seconds)
+        else:
+            self.store.put_failure(kind, job.key, job.failure, label=label, crashed=job.crashed)

@@ -1,0 +1,143 @@
+"""The aligned collection: one transform per shape, consistent maps between all of them, and the evidence for both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from collalign.options import AlignOptions
+from collalign.products.pair import Alternative, Pair
+from collalign.products.shapes import Excluded
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.errors import InputError
+
+#: Poses below this confidence are called doubtful, on the command line, in the contact sheet and in the report.
+DOUBT = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class ConsistentMaps:
+    """Correspondences of samples between any two shapes, consistent around every cycle by construction.
+
+    Every sample carries the label of a point of the common *universe*; ``maps[a, b]`` sends the samples of b to those
+    of a with the same labels, so that ``maps[a, b][maps[b, c]] == maps[a, c]``.
+
+    Attributes
+    ----------
+    names : tuple of str
+    labels : ndarray of int, shape (N, k)
+        Universe label of each sample; -1 for a sample that corresponds to nothing.
+    """
+
+    names: tuple[str, ...]
+    labels: IntArray
+
+    def __getitem__(self, pair: tuple[str | int, str | int]) -> IntArray:
+        """Return ``map_a_b``, shape (k,): the sample on a of each sample of b, -1 where there is none."""
+        a, b = (self._position(shape) for shape in pair)
+        inverse = np.full(int(self.labels.max(initial=-1)) + 2, -1)
+        inverse[self.labels[a]] = np.arange(self.labels.shape[1])
+        inverse[-1] = -1
+        return inverse[self.labels[b]]
+
+    def _position(self, shape: str | int) -> int:
+        if isinstance(shape, str):
+            if shape not in self.names:
+                raise InputError(f"no shape is called {shape!r}; the collection has {', '.join(self.names[:5])}, ...")
+            return self.names.index(shape)
+        if not -len(self.names) <= shape < len(self.names):
+            raise InputError(f"shape {shape} does not exist: the collection has {len(self.names)} shapes")
+        return range(len(self.names))[shape]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """How a run went: what may differ between two runs with the same result.
+
+    Attributes
+    ----------
+    times_s : dict of str to float
+        Wall-clock seconds per stage.
+    versions : dict of str to str
+        Of Python and of the libraries that the numbers depend on.
+    num_reused : int
+        Shapes and pairs that came out of the store.
+    """
+
+    times_s: dict[str, float] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+    num_reused: int = 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Collection:
+    """An aligned collection; arrays are read-only, shapes in natural order of their names.
+
+    Attributes
+    ----------
+    names : tuple of str, length N
+    files : tuple of Path
+        Where each shape was read from.
+    transforms : ndarray, shape (N, 4, 4)
+        Each shape's file coordinates to the common frame, scale included.
+    rotations : ndarray, shape (N, 3, 3)
+        ``R_common_shape``, the orthogonal part of each transform.
+    reflected : ndarray of bool, shape (N,)
+        Whether the shape is mirrored.
+    confidence : ndarray, shape (N,)
+        Probability that the pose is the right one of those considered; NaN where it was not estimated.
+    samples : tuple of ndarray of int, each (k,)
+        Vertex indices of each shape's samples, as its file counts them.
+    positions : ndarray, shape (N, k, 3)
+        The samples in the common frame.
+    maps : ConsistentMaps
+    consensus : ndarray, shape (num_labels, 3)
+        Mean position of every universe label in the common frame.
+    pairs : tuple of Pair
+    alternatives : tuple of tuple of Alternative
+        Other poses of each shape, the likeliest first.
+    groups : tuple of ndarray of int
+        Shapes that are aligned with each other; more than one group means that the poses between groups are unknown
+        or ambiguous.
+    excluded : tuple of Excluded
+        Files and pairs that were left out.
+    skipped : tuple of str
+        Files of the folder that are no shapes.
+    notes : tuple of str
+        What a user must know before trusting the whole, one sentence each.
+    shape_notes : tuple of tuple of str
+        What was repaired or simplified in each shape before it was matched.
+    options : AlignOptions
+        As asked for.
+    group : str
+        "SO" or "O": whether shapes could be mirrored, as asked for or, with ``options.group`` "auto", as decided.
+    run : RunRecord
+    """
+
+    names: tuple[str, ...]
+    files: tuple[Path, ...]
+    transforms: FloatArray
+    rotations: FloatArray
+    reflected: BoolArray
+    confidence: FloatArray
+    samples: tuple[IntArray, ...]
+    positions: FloatArray
+    maps: ConsistentMaps
+    consensus: FloatArray
+    pairs: tuple[Pair, ...]
+    alternatives: tuple[tuple[Alternative, ...], ...]
+    groups: tuple[IntArray, ...]
+    excluded: tuple[Excluded, ...]
+    skipped: tuple[str, ...]
+    notes: tuple[str, ...]
+    shape_notes: tuple[tuple[str, ...], ...]
+    options: AlignOptions
+    group: str
+    run: RunRecord
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing was left out."""
+        return not self.excluded

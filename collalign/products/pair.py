@@ -1,0 +1,89 @@
+"""A pair of shapes, as every stage of a run fills it in, and another pose of one shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray, read_only
+
+
+def _no_map() -> IntArray:
+    return read_only(np.zeros(0, dtype=np.int64))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pair:
+    """What is known about one pair of shapes. Each stage fills its own fields, with :func:`dataclasses.replace`.
+
+    Attributes
+    ----------
+    target, source : int
+        Positions of the two shapes in the collection.
+    rotations : ndarray, shape (m, d, d)
+        ``R_target_source`` of each candidate pose in the embedding, whose first three coordinates are those of
+        space; the lowest energy first, poses that the collection asked for last.
+    maps : ndarray of int, shape (m, k)
+        The samples matched at each candidate; -1 where unmatched.
+    energies : ndarray, shape (m,)
+        Sum of squared distances of the normalised samples, invariants included.
+    lower_bound : float
+        No pose of this pair has a smaller energy; NaN where nothing was certified.
+    status : str
+        Name of the :class:`pairwise.status.Status` that the pair ended with.
+    chirality_proven : bool
+        Whether every pose of the other chirality is proven to be worse than the best one.
+    choice : int
+        The candidate that synchronization chose, -1 for none.
+    inlier : bool
+        Whether synchronization trusts the pair.
+    disagreement_deg : float
+        Angle between the chosen candidate and the synchronized rotation; NaN before synchronization.
+    map_target_source : ndarray of int, shape (k,)
+        The samples matched at the synchronized rotations; empty before.
+    energy : float
+        The energy of that match; NaN before.
+    """
+
+    target: int
+    source: int
+    rotations: FloatArray
+    maps: IntArray
+    energies: FloatArray
+    lower_bound: float = float("nan")
+    status: str = ""
+    chirality_proven: bool = False
+    choice: int = -1
+    inlier: bool = False
+    disagreement_deg: float = float("nan")
+    map_target_source: IntArray = field(default_factory=_no_map)
+    energy: float = float("nan")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Alternative:
+    """Another pose of a shape, or of a block of shapes, that the pairs also support.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (d, d)
+        ``R_common_shape`` of that pose (for a block: of its first member; the block moves as one).
+    log_odds : float
+        Log of how much more probable the reported pose is than this one (0 is a tie); NaN where unknown.
+    origin : str
+        What proposed it: ``"candidates"`` of the pairs, ``"half turn"``, ...
+    """
+
+    rotation: FloatArray
+    log_odds: float = float("nan")
+    origin: str = "candidates"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FormerPairs:
+    """The pairs that an earlier run matched among the first ``num_shapes`` shapes, and with which group."""
+
+    num_shapes: int
+    edges: IntArray
+    group: str

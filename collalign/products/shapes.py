@@ -1,0 +1,77 @@
+"""The shapes of a run, sampled and embedded, what was left out, and what a person has decided."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from data_tools.arrays import FloatArray
+from data_tools.embedding.embedding import Samples
+
+
+@dataclass(frozen=True, kw_only=True)
+class Excluded:
+    """A file or a pair that was left out, and why.
+
+    Attributes
+    ----------
+    file : str
+        The file's name, or the two names of a pair.
+    reason : str
+        One sentence that says what is wrong.
+    """
+
+    file: str
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shapes:
+    """The shapes that could be prepared, in the order of the folder, and the files that could not.
+
+    Attributes
+    ----------
+    names : tuple of str
+    files : tuple of Path
+    keys : tuple of str
+        Keys of the shapes' records in the store.
+    samples : tuple of Samples
+    excluded : tuple of Excluded
+    """
+
+    names: tuple[str, ...]
+    files: tuple[Path, ...]
+    keys: tuple[str, ...]
+    samples: tuple[Samples, ...]
+    excluded: tuple[Excluded, ...]
+
+    def label(self, i: int, j: int) -> str:
+        """Return what a pair of shapes is called in messages."""
+        return f"{self.names[i]} - {self.names[j]}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Constraints:
+    """What a person has decided about the poses, by position of the shape.
+
+    Attributes
+    ----------
+    fixed : mapping of int to ndarray (3, 3)
+        ``R_common_shape`` that stay.
+    placed : mapping of int to ndarray (4, 4)
+        Whole transforms that stay, of shapes whose rotation is fixed as well.
+    reference : int
+        Shape whose orientation is the common frame's where no shape is fixed.
+    """
+
+    fixed: Mapping[int, FloatArray] = field(default_factory=dict)
+    placed: Mapping[int, FloatArray] = field(default_factory=dict)
+    reference: int = 0
+
+    @property
+    def any_mirrored(self) -> bool:
+        """Whether a fixed pose mirrors its shape."""
+        return any(bool(np.linalg.det(pose) < 0) for pose in self.fixed.values())

@@ -1,0 +1,70 @@
+"""The common frame: a solution turned as a whole, and the gauge of the principal axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from collalign.options import AlignOptions
+from collalign.products.shapes import Constraints
+from collalign.synchronization import SynchronizationResult, principal_axes_gauge
+from data_tools.arrays import FloatArray, read_only
+from data_tools.embedding.embedding import Samples
+
+
+def fix_frame(
+    options: AlignOptions,
+    samples: Sequence[Samples],
+    rotations: FloatArray,
+    solution: SynchronizationResult,
+    constraints: Constraints,
+) -> tuple[FloatArray, SynchronizationResult]:
+    """Return poses and solution in the gauge that ``options.gauge`` asks for; fixed poses go before.
+
+    They come in the gauge of the reference; "axes" is that of the principal axes of all posed samples together.
+
+    Parameters
+    ----------
+    options : AlignOptions
+    samples : sequence of Samples
+    rotations : ndarray, shape (N, 3, 3)
+        ``R_common_shape``.
+    solution : SynchronizationResult
+        In the same frame.
+    constraints : Constraints
+    """
+    if options.gauge != "axes" or constraints.fixed:
+        return rotations, solution
+    posed = principal_axes_gauge([item.positions for item in samples], rotations)
+    turn = posed[0] @ rotations[0].T
+    return posed, turned(solution, np.tile(turn, (len(samples), 1, 1)))
+
+
+def turned(solution: SynchronizationResult, turns: FloatArray) -> SynchronizationResult:
+    """Return the solution with the pose of each shape, and its alternatives, turned in the common frame.
+
+    Parameters
+    ----------
+    solution : SynchronizationResult
+        Of rotations of space.
+    turns : ndarray, shape (N, 3, 3)
+        The same for all shapes of a connected part.
+    """
+    cuts = tuple(
+        replace(cut, rotation=read_only(turns[cut.members[0]] @ cut.rotation @ turns[cut.members[0]].T))
+        for cut in solution.weak_cuts
+    )
+    alternatives = tuple(
+        tuple(replace(pose, rotation=read_only(turn @ pose.rotation)) for pose in poses)
+        for turn, poses in zip(turns, solution.alternatives, strict=True)
+    )
+    symmetries = tuple(read_only(turns[0] @ symmetry @ turns[0].T) for symmetry in solution.symmetries)
+    return replace(
+        solution,
+        rotations=read_only(turns @ solution.rotations),
+        weak_cuts=cuts,
+        alternatives=alternatives,
+        symmetries=symmetries,
+    )
