@@ -37,14 +37,7 @@ def wants_relaxation(problem: Problem, options: MatchOptions) -> bool:
 
 def relax(problem: Problem, options: MatchOptions) -> RelaxationResult:
     """Solve PM-SDP of the problem, with its unmatched points, to the gap that counts as proven."""
-    unmatched = np.full(problem.num_source, problem.unmatched_cost) if problem.max_unmatched else None
-    return solve_pm_sdp(
-        problem,
-        tol=options.gap_tol,
-        time_limit_s=options.time_limit_s,
-        unmatched_costs=unmatched,
-        max_unmatched=problem.max_unmatched,
-    )
+    return solve_pm_sdp(problem, tol=options.gap_tol, time_limit_s=options.time_limit_s)
 
 
 def find_poses(

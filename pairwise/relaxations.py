@@ -6,7 +6,7 @@ import time
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import OptionsError
@@ -118,36 +118,23 @@ def solve_pm_sdp(
     tol: float = 1e-6,
     max_iterations: int = 100,
     time_limit_s: float | None = None,
-    unmatched_costs: FloatArray | None = None,
-    max_unmatched: int = 0,
 ) -> RelaxationResult:
     """Solve PM-SDP of a checked problem by the interior-point method.
 
     Parameters
     ----------
     problem : Problem
+        Where source points may stay unmatched, X and B have one more row, the last.
     cross_products, tol, max_iterations, time_limit_s
         See :func:`solve_relaxation`.
-    unmatched_costs : ndarray, shape (k,), optional
-        Let up to ``max_unmatched`` source points stay unmatched, at these costs; X and B then have one more row,
-        the last. The energy of an unmatched point is its cost instead of its squared distance.
-    max_unmatched : int
     """
     started = time.perf_counter()
-    data = RelaxationData.from_problem(
-        problem, cross_products=cross_products, unmatched_costs=unmatched_costs, max_unmatched=max_unmatched
-    )
-    unmatched: dict[str, NDArray[Any]] | None = None
-    if unmatched_costs is not None:
-        unmatched = {
-            "unmatched_costs": np.array(unmatched_costs, dtype=np.float64),
-            "max_unmatched": np.array(max_unmatched, dtype=np.int64),
-        }
+    data = RelaxationData.from_problem(problem, cross_products=cross_products)
     if data.lifted.num_variables == 0:
-        return _fixed_rotation(problem, data, unmatched, started)
+        return _fixed_rotation(problem, data, started)
     read = time.perf_counter()
     solution = solve_dual(data, tol=tol, max_iterations=max_iterations, time_limit_s=time_limit_s)
-    certificate = certify_dual(problem, data, solution, unmatched)
+    certificate = certify_dual(problem, data, solution)
     times = {"setup": solution.times_s["setup"] + read - started, "solve": solution.times_s["solve"]}
     times["certify"] = time.perf_counter() - read - sum(solution.times_s.values())
     x, B, R, C = full_variables(data, solution)
@@ -180,11 +167,9 @@ def full_variables(data: RelaxationData, solution: DualSolution) -> tuple[FloatA
     return read_only(x), read_only(B), read_only(lifted.pattern.unpack(entries)), read_only(C)
 
 
-def _fixed_rotation(
-    problem: Problem, data: RelaxationData, unmatched: dict[str, NDArray[Any]] | None, started: float
-) -> RelaxationResult:
+def _fixed_rotation(problem: Problem, data: RelaxationData, started: float) -> RelaxationResult:
     """Answer for a pattern that leaves one rotation (d = 1): the relaxation is the assignment problem itself."""
-    certificate = certify_dual(problem, data, None, unmatched)
+    certificate = certify_dual(problem, data, None)
     costs = np.where(data.scatter(data.valid.astype(np.float64)) > 0.0, data.scatter(data.cost), np.inf)
     rows, _ = optimal_assignment(costs, data.capacity)
     columns = np.arange(problem.num_source)

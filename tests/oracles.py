@@ -7,7 +7,8 @@ definitions. ``tests/test_oracles.py`` shows that each oracle rejects a wrong an
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,12 @@ def injective_maps(candidates: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def brute_force(problem: Problem) -> Optimum:
-    """The global optimum over all maps; R in closed form for each. For patterns made of blocks, n <= 7."""
+    """The global optimum over all maps; R in closed form for each. For patterns made of blocks, n <= 7.
+
+    In partial matching also over which source points stay unmatched, -1 in the map.
+    """
+    if problem.max_unmatched:
+        return min(_with_left_out(problem), key=lambda optimum: optimum.energy)
     maps = injective_maps(problem.candidates)
     images = problem.target[maps]
     correlations = np.einsum("mka,k,kb->mab", images, problem.weights, problem.source)
@@ -46,6 +52,27 @@ def brute_force(problem: Problem) -> Optimum:
     energies = (problem.weights * (residuals**2).sum(axis=2)).sum(axis=1) + constants
     best = int(np.argmin(energies))
     return Optimum(float(energies[best]), rotations[best], maps[best])
+
+
+def _with_left_out(problem: Problem) -> Iterator[Optimum]:
+    """The optimum for every set of source points that may stay unmatched, if it leaves a map."""
+    everybody = np.arange(problem.num_source)
+    for number in range(problem.max_unmatched + 1):
+        for left_out in itertools.combinations(range(problem.num_source), number):
+            kept = np.delete(everybody, left_out)
+            part = replace(
+                problem,
+                source=problem.source[kept],
+                candidates=problem.candidates[:, kept],
+                weights=problem.weights[kept],
+                constant_cost=problem.constant_cost[:, kept],
+                max_unmatched=0,
+            )
+            if not len(injective_maps(part.candidates)):
+                continue
+            best, point_map = brute_force(part), np.full(problem.num_source, -1, dtype=np.int64)
+            point_map[kept] = best.point_map
+            yield Optimum(best.energy + number * problem.unmatched_cost, best.rotation, point_map)
 
 
 def check_pose(

@@ -2,11 +2,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from data_tools.errors import InputError
+from pairwise.certificates import verify_tight
+from pairwise.certificates.arrays import CertificateArrays
+from pairwise.certificates.verify import VERIFIERS
 from tests.fuzz import seeds, targets
 from tests.fuzz.harness import damaged, fuzz
+from tests.fuzz.hostile import attack, honest, judge
 from tests.fuzz.mutations import CHANGES
 from tests.job_functions import end_as_told
 
@@ -46,6 +51,31 @@ def test_damaged_stores_records_certificates_and_configurations_end_in_a_clear_e
         report = fuzz(target, files, num, seed=7)  # type: ignore[arg-type]
         assert report.bad == {}
         assert report.counts.keys() <= GOOD_ENDINGS
+
+
+def test_forged_certificates_prove_nothing_false() -> None:
+    report = attack(600, seed=7)
+    assert report.bad == {}
+    assert min(report.counts["true"], report.counts["refused"]) > 50
+    assert {kind for _, certificate in honest() for kind in [certificate.kind]} == VERIFIERS.keys()
+
+
+def test_the_honest_certificates_are_true() -> None:
+    assert {judge(problem, certificate, True) for problem, certificate in honest()} == {"true"}
+
+
+def test_the_attack_finds_verifiers_that_trust_types_or_forget_rounding(monkeypatch: pytest.MonkeyPatch) -> None:
+    def as_given(self, name, shape):
+        values = np.array(self._take(name, shape, "f"))
+        return values if self._exponent is None else np.ldexp(values, -self._exponent).astype(values.dtype)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(CertificateArrays, "floats", as_given)
+        endings = {ending.split(":")[0] for ending in attack(600).bad.values()}
+        assert endings == {"false", "unclear error"}
+    monkeypatch.setattr(verify_tight, "_SAFETY", 0.0)
+    monkeypatch.setattr(verify_tight, "_EPS", 0.0)
+    assert any(ending.startswith("false") for ending in attack(600).bad.values())
 
 
 def test_damage_is_damage_and_repeats_with_its_seed(shape_files: dict[str, bytes]) -> None:

@@ -174,8 +174,7 @@ class BallBounds:
         furthest += self._fixed
         values, maps = _assign(furthest)
         chosen = problem.target[maps] - reference
-        norms = np.maximum(np.linalg.norm(chosen, axis=2, keepdims=True), np.finfo(np.float64).tiny)
-        towards = chosen * (self._lengths[:, None] / norms)
+        towards = _directions(chosen) * self._lengths[:, None]
         return values, _onto_caps(towards, moved, radii)
 
 
@@ -184,8 +183,14 @@ def _onto_caps(towards: FloatArray, centres: FloatArray, radii: FloatArray) -> F
     squares = np.maximum((centres**2).sum(axis=2, keepdims=True), np.finfo(np.float64).tiny)
     cosine = (towards * centres).sum(axis=2, keepdims=True) / squares
     aside = towards - cosine * centres
-    aside *= np.sqrt(squares) / np.maximum(np.linalg.norm(aside, axis=2, keepdims=True), np.finfo(np.float64).tiny)
+    aside = _directions(aside) * np.sqrt(squares)
     return np.where(cosine >= np.cos(radii), towards, np.cos(radii) * centres + np.sin(radii) * aside)
+
+
+def _directions(vectors: FloatArray) -> FloatArray:
+    """Return unit vectors (m, k, d), zero where a vector vanishes."""
+    lengths = np.linalg.norm(vectors, axis=2, keepdims=True)
+    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)
 
 
 def _assign(costs: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -17,13 +17,14 @@ from pairwise.problem.problem import Problem
 #: Written into every file; a file of another version is refused.
 FORMAT = "collalign certificate 1"
 
-KINDS = ("pm-sdp", "quaternion", "tight")
-
 #: The problem's arrays within ``Certificate.arrays``, in the order in which they are hashed.
 PROBLEM_ARRAYS = ("candidates", "weights", "constant_cost", "pattern", "special_blocks")
 
 #: The same, present only where source points may stay unmatched: what that costs (k,), and how many may (scalar).
 PARTIAL_ARRAYS = ("unmatched_costs", "max_unmatched")
+
+#: Bytes of all arrays of a file together; more is refused before it is read.
+MAX_BYTES = 2**28
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,8 +33,8 @@ class Certificate:
 
     Attributes
     ----------
-    kind : {"pm-sdp", "quaternion", "tight"}
-        Which relaxation's dual the arrays belong to.
+    kind : str
+        What kind of proof the arrays are: the name of a verifier of :mod:`pairwise.certificates.verify`.
     arrays : dict of str to ndarray
         The dual variables, and the pattern, group, weights, candidates and constant costs they are for.
     problem_hash : str
@@ -75,6 +76,8 @@ class Certificate:
         """
         try:
             with np.load(path, allow_pickle=False) as archive:
+                if sum(entry.file_size for entry in archive.zip.infolist()) > MAX_BYTES:
+                    raise InputError(f"more than {MAX_BYTES} bytes")
                 content = {name: archive[name] for name in archive.files}
         except Exception as error:  # damaged archives fail in every way there is
             raise InputError(f"{path}: cannot be read as a certificate ({error})") from error
@@ -96,20 +99,23 @@ class Certificate:
 
 def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
     """Return the part of a problem that travels in its certificates: all but the points."""
-    return {
+    arrays: dict[str, NDArray[Any]] = {
         "candidates": problem.candidates,
         "weights": problem.weights,
         "constant_cost": problem.constant_cost,
         "pattern": problem.pattern.mask,
         "special_blocks": np.array(problem.pattern.special_blocks, dtype=np.int64).reshape(-1, 2),
     }
+    if problem.max_unmatched:
+        arrays["unmatched_costs"] = np.full(problem.num_source, problem.unmatched_cost)
+        arrays["max_unmatched"] = np.array(problem.max_unmatched, dtype=np.int64)
+    return arrays
 
 
-def hash_problem(target: NDArray[np.float64], source: NDArray[np.float64], arrays: dict[str, NDArray[Any]]) -> str:
-    """Return the SHA-256 of the points and of the problem's arrays, with shapes and types."""
+def hash_problem(problem: Problem) -> str:
+    """Return the SHA-256 of a problem's points and other arrays, with shapes and types."""
     digest = hashlib.sha256()
-    names = [*PROBLEM_ARRAYS, *(name for name in PARTIAL_ARRAYS if name in arrays)]
-    named = {"target": target, "source": source, **{name: arrays[name] for name in names}}
+    named = {"target": problem.target, "source": problem.source, **problem_arrays(problem)}
     for name, values in named.items():
         little_endian = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
         digest.update(f"{name} {values.dtype.kind}{values.dtype.itemsize} {values.shape};".encode())

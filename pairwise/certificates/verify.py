@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_tools.arrays import FloatArray, as_points
+from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
-from pairwise.certificates.certificate import PROBLEM_ARRAYS, Certificate, hash_problem
+from pairwise.certificates.arrays import CertificateArrays, in_unit
+from pairwise.certificates.certificate import PARTIAL_ARRAYS, PROBLEM_ARRAYS, Certificate
+from pairwise.certificates.statement import cost_deviation, read_problem
 from pairwise.certificates.verify_pm_sdp import pm_sdp_bound
+from pairwise.certificates.verify_tight import tight_bound
+from pairwise.problem.problem import Problem
 
 #: A recomputed bound may fall short of the claimed one by this much of the problem's scale (other BLAS, other order).
 _CLAIM_TOL = 1e-9
 
+#: In the problem's own unit, more than all that underflow can have added to a bound: verifiers refuse numbers, and
+#: quotients, beyond 1e200, and underflow loses 1e-323 of a factor.
+_UNDERFLOW = 1e-100
+
+#: For every kind of certificate, what bounds a problem by its arrays. Both are in a unit in which the points have
+#: about size 1; the arrays must all be read. A kind is added here and nowhere else.
+VERIFIERS: dict[str, Callable[[Problem, CertificateArrays], float]] = {
+    "pm-sdp": pm_sdp_bound,
+    "quaternion": tight_bound,
+    "tight": tight_bound,
+}
+
 
 @one_blas_thread()
 def verify_certificate(
-    target: ArrayLike,
-    source: ArrayLike,
-    certificate: Certificate,
-    *,
-    invariants: tuple[ArrayLike, ArrayLike] | None = None,
+    target: ArrayLike, source: ArrayLike, certificate: Certificate, *, problem: Problem | None = None
 ) -> float:
     """Check a certificate and return the lower bound of the Procrustes matching energy that it proves.
 
@@ -30,9 +46,11 @@ def verify_certificate(
     target, source : array_like, shapes (n, d) and (k, d)
         The points that the certificate is for.
     certificate : Certificate
-        Brings the rest of the problem: candidates, weights, constant costs, pattern and group.
-    invariants : pair of array_like, optional
-        Where given, the certificate's constant costs must be the weighted squared differences of these.
+    problem : Problem, optional
+        The problem that you want to know a bound of, for these points: a certificate of another one is refused.
+        **Without it only the points are yours**, and the bound is one of the problem that the certificate itself
+        states, with its candidates, weights, constant costs, group and unmatched costs, whatever these are:
+        :func:`pairwise.certificates.statement.read_problem` returns it.
 
     Returns
     -------
@@ -42,41 +60,80 @@ def verify_certificate(
     Raises
     ------
     InputError
-        If the certificate is for another problem, has been changed, or does not prove what it claims.
-    """
-    q = as_points(target, "target")
-    p = as_points(source, "source", dim=q.shape[1])
-    _check_problem(q, p, certificate, invariants)
-    if certificate.kind in ("quaternion", "tight"):
-        from pairwise.certificates.verify_tight import tight_bound
+        If the certificate is malformed, for another problem, or does not prove what it claims.
 
-        bound = tight_bound(q, p, certificate)
-    elif certificate.kind == "pm-sdp":
-        bound = pm_sdp_bound(q, p, certificate.arrays)
-    else:
-        raise InputError(f"certificate: unknown kind {certificate.kind!r}")
-    scale = float((q**2).sum() + (p**2).sum() + np.abs(certificate.arrays["constant_cost"]).max(initial=0.0))
-    if not bound >= certificate.bound - _CLAIM_TOL * (scale + abs(certificate.bound)):
-        raise InputError(f"certificate: claims the bound {certificate.bound:.12g} but proves {bound:.12g}")
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pairwise
+    >>> rng = np.random.default_rng(0)
+    >>> target, source = rng.random((6, 3)), rng.random((5, 3))
+    >>> certificate = pairwise.solve_relaxation(target, source, group="O").certificate
+    >>> mine = pairwise.Problem.from_user(target, source, group="O")
+    >>> pairwise.verify_certificate(target, source, certificate, problem=mine) <= pairwise.match(
+    ...     target, source, group="O"
+    ... ).energy
+    True
+    """
+    stated = read_problem(target, source, certificate)
+    deviation = 0.0 if problem is None else cost_deviation(problem, stated)
+    bound = proven_bound(stated, certificate.kind, certificate.arrays)
+    claim = certificate.bound
+    if not isinstance(claim, float | int | np.floating) or not np.isfinite(claim):
+        raise InputError(f"certificate: claims {claim!r}, which is no bound")
+    with np.errstate(over="ignore"):
+        squares = (stated.target**2).sum() + (stated.weights * (stated.source**2).sum(axis=1)).sum()
+        scale = min(float(squares) + _largest(stated.constant_cost), np.finfo(np.float64).max)
+    if not bound >= claim - _CLAIM_TOL * (scale + abs(claim)):
+        raise InputError(f"certificate: claims the bound {claim:.12g} but proves {bound:.12g}")
+    return bound - deviation
+
+
+def proven_bound(problem: Problem, kind: str, arrays: Mapping[str, Any]) -> float:
+    """Return the lower bound of a problem's energy that a certificate's arrays prove, whatever they claim.
+
+    Raises
+    ------
+    InputError
+        If the kind is unknown, an array is malformed or of another kind, or together they prove nothing.
+    """
+    verify = VERIFIERS.get(kind) if isinstance(kind, str) else None
+    if verify is None:
+        raise InputError(f"certificate: unknown kind {kind!r}")
+    length, energy = _units(problem)
+    given = CertificateArrays(
+        arrays, energy, known=(*PROBLEM_ARRAYS, *(PARTIAL_ARRAYS if problem.max_unmatched else ()))
+    )
+    try:
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            scaled = _in_units(problem, length, energy)
+            bound = float(np.ldexp(verify(scaled, given) - _UNDERFLOW, energy))
+    except (FloatingPointError, np.linalg.LinAlgError, OverflowError) as error:
+        raise InputError(f"certificate: proves nothing, its numbers are out of range ({error})") from error
+    given.refuse_rest(kind)
+    if not np.isfinite(bound):
+        raise InputError(f"certificate: proves nothing, its bound is {bound}")
     return bound
 
 
-def _check_problem(
-    q: FloatArray, p: FloatArray, certificate: Certificate, invariants: tuple[ArrayLike, ArrayLike] | None
-) -> None:
-    """Refuse arrays of wrong shape, and certificates of other problems."""
-    n, k, d = len(q), len(p), q.shape[1]
-    arrays = certificate.arrays
-    shapes = {"candidates": (n, k), "weights": (k,), "constant_cost": (n, k), "pattern": (d, d)}
-    for name in PROBLEM_ARRAYS:
-        if name not in arrays or arrays[name].shape != shapes.get(name, (len(arrays[name]), 2)):
-            raise InputError(f"certificate: {name} is missing or does not fit {n} target and {k} source points")
-    if any(values.dtype.kind == "f" and not np.isfinite(values).all() for values in arrays.values()):
-        raise InputError("certificate: contains values that are not finite")
-    if hash_problem(q, p, arrays) != certificate.problem_hash:
-        raise InputError("certificate: is for another problem (the hash of points and options differs)")
-    if invariants is not None:
-        h, g = (as_points(values, "invariants") for values in invariants)
-        cost = ((h[:, None, :] - g[None, :, :]) ** 2).sum(axis=2) * arrays["weights"]
-        if cost.shape != (n, k) or not np.allclose(cost, arrays["constant_cost"], rtol=1e-12, atol=1e-300):
-            raise InputError("certificate: is for other invariants")
+def _units(problem: Problem) -> tuple[int, int]:
+    """Return exponents (a, e): over ``2 ** a`` coordinates are at most 1, over ``2 ** e`` energies are about 1."""
+    length = max(_largest(problem.target), _largest(problem.source))
+    a = int(np.frexp(length)[1]) if length else 0
+    return a, 2 * a + int(np.frexp(_largest(problem.weights))[1])
+
+
+def _in_units(problem: Problem, length: int, energy: int) -> Problem:
+    """Return the problem with coordinates in ``2 ** length`` and energies in ``2 ** energy``."""
+    return replace(
+        problem,
+        target=in_unit(problem.target, length, "target"),
+        source=in_unit(problem.source, length, "source"),
+        weights=in_unit(problem.weights, energy - 2 * length, "weights"),
+        constant_cost=in_unit(problem.constant_cost, energy, "certificate: constant_cost"),
+        unmatched_cost=float(in_unit(np.array(problem.unmatched_cost), energy, "certificate: unmatched_costs")),
+    )
+
+
+def _largest(values: FloatArray) -> float:
+    return float(np.abs(values).max(initial=0.0))

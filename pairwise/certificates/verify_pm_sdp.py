@@ -15,8 +15,6 @@ lambda is a proven lower bound of the smallest eigenvalue of F (Rump, Verificati
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
@@ -24,60 +22,53 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.errors import InputError
+from pairwise.certificates.arrays import CertificateArrays
+from pairwise.problem.problem import Problem
 
 #: Twice the unit roundoff: the extra factor covers the second-order terms of every bound below.
 _EPS = float(np.finfo(np.float64).eps)
 
 
-def pm_sdp_bound(q: FloatArray, p: FloatArray, arrays: dict[str, NDArray[Any]]) -> float:
-    """Return the lower bound that the dual variables of PM-SDP prove, for points of shape (n, d) and (k, d).
+#: Smallest eigenvalue that an F_j may be proven to have, in the problem's unit: quotients stay within range.
+_SMALLEST = 1e-100
+
+
+def pm_sdp_bound(problem: Problem, given: CertificateArrays) -> float:
+    """Return the lower bound that the dual variables of PM-SDP prove.
 
     Raises
     ------
     InputError
         If an array is missing or of wrong shape, an F_j is not positive definite, or a beta is positive.
     """
-    (n, k), d = arrays["candidates"].shape, q.shape[1]
-    partial = "unmatched_costs" in arrays
-    basis = _rotation_basis(arrays["pattern"], arrays["special_blocks"])
+    n, k, d, partial = problem.num_target, problem.num_source, problem.dim, int(problem.max_unmatched > 0)
+    special = problem.pattern.special_blocks
+    basis = _rotation_basis(problem.pattern.mask, special)
     size = basis.shape[1] - 1
-    blocks = arrays["special_blocks"][np.diff(arrays["special_blocks"], axis=1)[:, 0] == 3, 0]
-    F, u, beta, columns, rows, Z, Y4 = (
-        _array(arrays, name, shape)
-        for name, shape in (
-            ("F", (k, size, size)),
-            ("u", (k, size)),
-            ("beta", (n + partial,)),
-            ("column_multipliers", (d, d)),
-            ("row_multipliers", (d, d)),
-            ("cross_multipliers", (d, d)),
-            ("quaternion_multipliers", (len(blocks), 4, 4)),
-        )
-    )
+    blocks = [start for start, stop in special if stop - start == 3]
+    F, u = given.floats("F", (k, size, size)), given.floats("u", (k, size))
+    beta = given.floats("beta", (n + partial,))
+    columns, rows, Z = (given.floats(f"{name}_multipliers", (d, d)) for name in ("column", "row", "cross"))
+    Y4 = given.floats("quaternion_multipliers", (len(blocks), 4, 4))
     if (beta > 0).any():
         raise InputError("certificate: beta must not be positive")
     if not all(np.array_equal(m, np.swapaxes(m, -1, -2)) for m in (F, columns, rows, Y4)):
         raise InputError("certificate: F, the multipliers of R^T R and R R^T and Y4 must be symmetric")
-    rotation_part = _rotation_maximum(arrays["pattern"], basis, blocks, F, u, (columns, rows, Z, Y4))
-    lows = np.where(_possible_matches(arrays), _cost_lower_bounds(q, p, arrays, basis, F, u), np.inf)
-    constant = arrays["weights"] * (p**2).sum(axis=1)
+    possible = _possible_matches(problem, given)
+    rotation_part = _rotation_maximum(problem.pattern.mask, basis, blocks, F, u, (columns, rows, Z, Y4))
+    lows = np.where(possible, _cost_lower_bounds(problem, basis, F, u), np.inf)
+    constant = problem.weights * (problem.source**2).sum(axis=1)
     capacity = np.ones(n + partial)
     if partial:
-        lows = np.vstack([lows, _unmatched_lower_bounds(p, arrays, F, u)])
-        capacity[n] = float(arrays["max_unmatched"])
+        lows = np.vstack([lows, _unmatched_lower_bounds(problem, F, u)])
+        capacity[n] = problem.max_unmatched
     alpha = (lows - beta[:, None]).min(axis=0)
     terms = np.concatenate([alpha, beta * capacity, constant, [-rotation_part]])
     error = (len(terms) + d + 8) * _EPS * float(np.abs(terms).sum() + k * np.abs(beta).max(initial=0.0))
     return float(terms.sum()) - error
 
 
-def _array(arrays: dict[str, NDArray[Any]], name: str, shape: tuple[int, ...]) -> FloatArray:
-    if name not in arrays or arrays[name].shape != shape or arrays[name].dtype != np.float64:
-        raise InputError(f"certificate: {name} is missing or is not a float64 array of shape {shape}")
-    return arrays[name]
-
-
-def _rotation_basis(mask: BoolArray, special_blocks: NDArray[np.int64]) -> FloatArray:
+def _rotation_basis(mask: BoolArray, special_blocks: tuple[tuple[int, int], ...]) -> FloatArray:
     """Return (r, s+1) with ``[R] = basis @ (1, rho)``: entries in column-major order, variables numbered in order.
 
     Entries in no perfect matching of the mask vanish in every orthogonal matrix; SO(1) is 1, SO(2) is
@@ -88,9 +79,9 @@ def _rotation_basis(mask: BoolArray, special_blocks: NDArray[np.int64]) -> Float
     free = {e for e in entries if _in_perfect_matching(mask, *e)}
     images: dict[tuple[int, int], tuple[int, float]] = {}
     count = 0
-    single = {(int(a), int(a)) for a, b in special_blocks if b - a == 1}
+    single = {(a, a) for a, b in special_blocks if b - a == 1}
     partner: dict[tuple[int, int], tuple[tuple[int, int], float]] = {}
-    for a in (int(a) for a, b in special_blocks if b - a == 2):
+    for a in (a for a, b in special_blocks if b - a == 2):
         partner |= {(a + 1, a + 1): ((a, a), 1.0), (a, a + 1): ((a + 1, a), -1.0)}
     for entry in entries:
         if entry in single:
@@ -116,7 +107,7 @@ def _in_perfect_matching(mask: BoolArray, row: int, col: int) -> bool:
 def _rotation_maximum(
     mask: BoolArray,
     basis: FloatArray,
-    blocks: NDArray[np.int64],
+    blocks: list[int],
     F: FloatArray,
     u: FloatArray,
     multipliers: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
@@ -132,8 +123,8 @@ def _rotation_maximum(
     surplus = 0.0
     for index, b in enumerate(blocks):
         for i, j in np.ndindex(3, 3):
-            _add_cofactor(form, position, int(b), i, j, 0.5 * Z[b + i, b + j])
-        form[0, 1:] -= 0.5 * _quaternion_slope(s, t, int(b), Y4[index])
+            _add_cofactor(form, position, b, i, j, 0.5 * Z[b + i, b + j])
+        form[0, 1:] -= 0.5 * _quaternion_slope(s, t, b, Y4[index])
         lowest = _eigenvalue_floor(Y4[index]) if Y4[index].any() else 0.0
         surplus += 0.25 * float(np.trace(Y4[index])) + max(0.0, -lowest) + 8 * _EPS * float(np.abs(Y4[index]).sum())
     form[1:, 0] = form[0, 1:]
@@ -201,39 +192,38 @@ def _eigenvalue_floor(matrix: FloatArray) -> float:
     return -np.inf
 
 
-def _possible_matches(arrays: dict[str, NDArray[Any]]) -> BoolArray:
+def _possible_matches(problem: Problem, given: CertificateArrays) -> BoolArray:
     """Return the candidates without those listed as impossible, once it is checked that no assignment uses these."""
-    candidates = arrays["candidates"]
-    impossible = arrays.get("impossible", np.zeros((0, 2), dtype=np.int64))
+    candidates, shape = problem.candidates, problem.candidates.shape
+    impossible = np.zeros((0, 2), dtype=np.int64)
+    if "impossible" in given:
+        impossible = np.unique(given.indices("impossible", (None, 2), upper=shape), axis=0)
     possible = candidates.copy()
     for i, j in impossible:
         rest = np.delete(np.delete(candidates, i, axis=0), j, axis=1)
-        if "unmatched_costs" in arrays:
-            spare = np.ones((int(arrays["max_unmatched"]), rest.shape[1]), dtype=bool)
-            rest = np.vstack([rest, spare])
+        rest = np.vstack([rest, np.ones((problem.max_unmatched, rest.shape[1]), dtype=bool)])
         if (maximum_bipartite_matching(csr_array(rest), perm_type="row") >= 0).all():
             raise InputError(f"certificate: lists the possible match of source point {j} to {i} as impossible")
         possible[i, j] = False
     return possible
 
 
-def _cost_lower_bounds(
-    q: FloatArray, p: FloatArray, arrays: dict[str, NDArray[Any]], basis: FloatArray, F: FloatArray, u: FloatArray
-) -> FloatArray:
+def _cost_lower_bounds(problem: Problem, basis: FloatArray, F: FloatArray, u: FloatArray) -> FloatArray:
     """Return lower bounds (n, k) of ``w_j |q_i|^2 + c_ij - 2 v_ij0 - (v_ij - u_j)^T F_j^-1 (v_ij - u_j)``."""
-    cols, rows = np.nonzero(arrays["pattern"].T)
-    squares, weights = (q**2).sum(axis=1), arrays["weights"]
+    q, p, weights, constant_cost = problem.target, problem.source, problem.weights, problem.constant_cost
+    cols, rows = np.nonzero(problem.pattern.mask.T)
+    squares = (q**2).sum(axis=1)
     d, size = q.shape[1], basis.shape[1] - 1
     lows = np.empty((len(q), len(p)))
     for j in range(len(p)):
         v = (weights[j] * q[:, rows] * p[j, cols]) @ basis
         v_size = np.abs(weights[j] * q[:, rows] * p[j, cols]) @ np.abs(basis)
-        linear = weights[j] * squares + arrays["constant_cost"][:, j] - 2.0 * v[:, 0]
-        error = (d + 8) * _EPS * (weights[j] * squares + np.abs(arrays["constant_cost"][:, j]) + 2.0 * v_size[:, 0])
+        linear = weights[j] * squares + constant_cost[:, j] - 2.0 * v[:, 0]
+        error = (d + 8) * _EPS * (weights[j] * squares + np.abs(constant_cost[:, j]) + 2.0 * v_size[:, 0])
         quad = np.zeros(len(q))
         if size:
             floor = _eigenvalue_floor(F[j])
-            if not floor > 0.0:
+            if not floor >= _SMALLEST:
                 raise InputError(f"certificate: F of source point {j} is not positive definite")
             w_error = 8.0 * _EPS * (v_size[:, 1:] + np.abs(u[j]))
             quad = _quadratic_upper_bounds(F[j], v[:, 1:] - u[j], w_error, floor)
@@ -241,21 +231,16 @@ def _cost_lower_bounds(
     return lows
 
 
-def _unmatched_lower_bounds(
-    p: FloatArray, arrays: dict[str, NDArray[Any]], F: FloatArray, u: FloatArray
-) -> FloatArray:
+def _unmatched_lower_bounds(problem: Problem, F: FloatArray, u: FloatArray) -> FloatArray:
     """Return lower bounds (k,) of what leaving a point unmatched costs: the same with v = 0."""
-    saved = arrays["weights"] * (p**2).sum(axis=1)
-    linear = _array(arrays, "unmatched_costs", (len(p),)) - saved
-    if F.shape[1] == 0:
-        return linear - 8.0 * _EPS * (np.abs(linear) + saved)
-    quad = np.array(
-        [
-            _quadratic_upper_bounds(F[j], -u[j : j + 1], 0.0 * u[j : j + 1], _eigenvalue_floor(F[j]))[0]
-            for j in range(len(p))
-        ]
-    )
-    return linear - quad - (p.shape[1] + 8) * _EPS * (np.abs(linear) + saved + np.abs(quad))
+    saved = problem.weights * (problem.source**2).sum(axis=1)
+    linear = problem.unmatched_cost - saved
+    quad = np.zeros(len(F))
+    if F.shape[1]:
+        rows = zip(F, u[:, None, :], strict=True)
+        quad = np.array([_quadratic_upper_bounds(f, -v, 0.0 * v, _eigenvalue_floor(f))[0] for f, v in rows])
+    error = (problem.dim + 8) * _EPS * (np.abs(linear) + saved + np.abs(quad))
+    return np.asarray(linear - quad - error)
 
 
 def _quadratic_upper_bounds(F: FloatArray, w: FloatArray, w_error: FloatArray, floor: float) -> FloatArray:
@@ -266,5 +251,5 @@ def _quadratic_upper_bounds(F: FloatArray, w: FloatArray, w_error: FloatArray, f
     rest_error = gamma * (np.abs(w) + np.abs(z) @ np.abs(F)) + w_error
     main = (z * w).sum(axis=1) + (z * rest).sum(axis=1)
     main_error = (np.abs(z) * (w_error + rest_error + gamma * (np.abs(w) + np.abs(rest)))).sum(axis=1)
-    tail = ((np.abs(rest) + rest_error) ** 2).sum(axis=1) / floor
+    tail = (((np.abs(rest) + rest_error) / np.sqrt(floor)) ** 2).sum(axis=1)
     return main + 1.0001 * (main_error + tail)

@@ -12,92 +12,91 @@ symmetric eigensolver and by the rounding of S itself (Weyl), assignments by tha
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.errors import InputError
-from pairwise.certificates.certificate import Certificate
+from pairwise.certificates.arrays import CertificateArrays
+from pairwise.problem.problem import Problem
 
 _EPS = float(np.finfo(np.float64).eps)
 #: Allowances are multiples of eps, the size of the matrix and the norms of what was added up.
 _SAFETY = 16.0
 
 
-def tight_bound(target: FloatArray, source: FloatArray, certificate: Certificate) -> float:
-    """Return the lower bound that a certificate of kind "tight" or "quaternion" proves.
-
-    Parameters
-    ----------
-    target, source : ndarray, shapes (n, d) and (k, d)
-    certificate : Certificate
-        Its problem arrays have been checked against the points.
+def tight_bound(problem: Problem, given: CertificateArrays) -> float:
+    """Return the lower bound that the stages of a certificate of kind "tight" or "quaternion" prove.
 
     Raises
     ------
     InputError
-        If stages are missing, malformed, or speak about fewer matches than those before them leave.
+        If stages are missing, malformed, or speak about other matches than those before them leave.
     """
-    arrays, dim = certificate.arrays, source.shape[1]
-    blocks = arrays["special_blocks"].tolist()
-    if dim not in (2, 3) or not arrays["pattern"].all() or blocks not in ([], [[0, dim]]):
+    dim, blocks = problem.dim, problem.pattern.special_blocks
+    if dim not in (2, 3) or not problem.pattern.mask.all() or blocks not in ((), ((0, dim),)):
         raise InputError("certificate: this kind is for full rotations in dimension 2 and 3")
-    if (arrays["weights"] < 0).any():
-        raise InputError("certificate: weights must not be negative")
-    flipped = -source if dim == 3 else source * np.array([1.0, -1.0])
-    bound = _chirality_bound(target, source, arrays, "proper")
+    if problem.max_unmatched:
+        raise InputError("certificate: this kind is not for partial matching")
+    bound = _chirality_bound(problem, given, "proper")
     if not blocks:
-        bound = min(bound, _chirality_bound(target, flipped, arrays, "reflected"))
-    return max(bound, 0.0) if (arrays["constant_cost"] >= 0).all() else bound
+        mirror = -np.ones(3) if dim == 3 else np.array([1.0, -1.0])
+        bound = min(bound, _chirality_bound(replace(problem, source=problem.source * mirror), given, "reflected"))
+    return max(bound, 0.0) if (problem.constant_cost >= 0).all() else bound
 
 
-def _chirality_bound(q: FloatArray, p: FloatArray, arrays: dict[str, NDArray[Any]], chirality: str) -> float:
+def _chirality_bound(problem: Problem, given: CertificateArrays, chirality: str) -> float:
     """Follow the stages: each proves what the matches dropped after it cost at least, the last bounds the rest."""
-    remaining = arrays["candidates"].astype(bool)
+    remaining = problem.candidates
     costs, base = np.zeros(remaining.shape), 0.0
     number, floor, bound = 0, np.inf, -np.inf
-    while f"{chirality}_{number}_allowed" in arrays:
-        allowed = _array(arrays, f"{chirality}_{number}_allowed", remaining.shape).astype(bool)
+    while f"{chirality}_{number}_allowed" in given:
+        allowed = given.bools(f"{chirality}_{number}_allowed", remaining.shape)
         if (allowed & ~remaining).any() or not allowed.any(axis=0).all():
             raise InputError(f"certificate: stage {number} ({chirality}) speaks about other matches than those left")
+        if (number == 0) != np.array_equal(allowed, remaining):
+            raise InputError(f"certificate: stage {number} ({chirality}) must drop matches, the first stage none")
         if number:
-            floor = min(floor, _forced_floor(costs, remaining & ~allowed) + base)
-        elif (allowed != remaining).any():
-            raise InputError(f"certificate: the first stage ({chirality}) leaves out candidates")
+            floor = min(floor, _forced_floor(costs, base, remaining & ~allowed))
         remaining = allowed
-        costs, base = _stage_costs(q, p, arrays, f"{chirality}_{number}_", allowed)
-        bound = _assignment_floor(costs) + base
+        costs, base = _stage_costs(problem, given, f"{chirality}_{number}_", allowed)
+        assignment = _assignment_floor(costs)
+        bound = _sum_floor(assignment, base) if np.isfinite(assignment) else np.inf
         number += 1
     if not number:
         raise InputError(f"certificate: has no proof for the {chirality} rotations")
     return min(bound, floor)
 
 
+def _sum_floor(*terms: float) -> float:
+    """Return a number that is at most the exact sum of finite terms."""
+    return float(np.sum(terms) - 2.0 * len(terms) * _EPS * np.abs(terms).sum())
+
+
 def _stage_costs(
-    q: FloatArray, p: FloatArray, arrays: dict[str, NDArray[Any]], prefix: str, allowed: BoolArray
+    problem: Problem, given: CertificateArrays, prefix: str, allowed: BoolArray
 ) -> tuple[FloatArray, float]:
     """Return costs (n, k), ``inf`` where not allowed, and a constant: E is at least their assignment plus it."""
-    (n, k), dim = allowed.shape, q.shape[1]
-    size = arrays.get(prefix + "target_multipliers", np.zeros(0)).shape[-1]
+    (n, k), dim, q, p = allowed.shape, problem.dim, problem.target, problem.source
+    B = given.floats(prefix + "target_multipliers", (n, None, None))
+    size = B.shape[1]
     if size not in ((10, 4) if dim == 3 else (3, 2)):
-        raise InputError(f"certificate: {prefix}target_multipliers is missing or of unknown size {size}")
+        raise InputError(f"certificate: {prefix}target_multipliers has the unknown size {size}")
+    if B.shape[2] != size:
+        raise InputError(f"certificate: {prefix}target_multipliers is not made of square matrices")
     entries, identities, trace = _lift(dim, size)
-    B = _array(arrays, prefix + "target_multipliers", (n, size, size))
-    A = _array(arrays, prefix + "source_multipliers", (k, size, size))
+    A = given.floats(prefix + "source_multipliers", (k, size, size))
     rows, cols = np.nonzero(allowed)
     num_free = n if k < n else 0
-    nu = _array(arrays, prefix + "identity_multipliers", (len(rows) + num_free, len(identities)))
+    nu = given.floats(prefix + "identity_multipliers", (len(rows) + num_free, len(identities)))
 
-    weights = arrays["weights"][cols]
-    constant = (
-        weights * ((q[rows] ** 2).sum(axis=1) + (p[cols] ** 2).sum(axis=1)) + arrays["constant_cost"][rows, cols]
-    )
+    weights, fixed = problem.weights[cols], problem.constant_cost[rows, cols]
+    squares = weights * ((q[rows] ** 2).sum(axis=1) + (p[cols] ** 2).sum(axis=1))
     slopes = (q[rows][:, :, None] * (-2.0 * weights[:, None] * p[cols])[:, None, :]).reshape(len(rows), -1)
     functionals = _without(np.concatenate([entries, np.eye(size)[None] / trace]), identities)
-    W = np.tensordot(np.column_stack([slopes, constant]), functionals, axes=1)
+    W = np.tensordot(np.column_stack([slopes, squares + fixed]), functionals, axes=1)
     zero = np.zeros((num_free, size, size))
     parts = (
         np.concatenate([W, zero]),
@@ -107,16 +106,17 @@ def _stage_costs(
     )
     slack = parts[0] + parts[1] + parts[2] + parts[3]
     norms = np.linalg.norm(np.stack(parts), axis=(2, 3)).sum(axis=0) + 3.0 * np.abs(nu).sum(axis=1)
-    norms[: len(rows)] += np.abs(constant) + np.abs(slopes).sum(axis=1)
+    norms[: len(rows)] += squares + np.abs(fixed) + np.abs(slopes).sum(axis=1)
     lowest = np.linalg.eigvalsh(0.5 * (slack + np.swapaxes(slack, 1, 2)))[:, 0]
     smallest = trace * (lowest - _SAFETY * size * _EPS * norms)
     costs = np.full((n, k), np.inf)
     costs[rows, cols] = smallest[: len(rows)]
     if num_free:
         costs -= smallest[len(rows) :, None]
-    terms = smallest[len(rows) :]
-    base = float(terms.sum()) - _SAFETY * n * _EPS * float(np.abs(terms).sum())
-    return costs, base + _sum_floor(A, B, identities, trace)
+    base = _sum_floor(*smallest[len(rows) :], _constant_floor(A, B, identities, trace))
+    if not (np.isfinite(smallest).all() and np.isfinite(base)):
+        raise InputError(f"certificate: {prefix} proves nothing, its numbers are out of range")
+    return costs, base
 
 
 def _without(matrices: FloatArray, identities: FloatArray) -> FloatArray:
@@ -125,7 +125,7 @@ def _without(matrices: FloatArray, identities: FloatArray) -> FloatArray:
     return (flat - flat @ np.linalg.pinv(known) @ known).reshape(matrices.shape)
 
 
-def _sum_floor(A: FloatArray, B: FloatArray, identities: FloatArray, trace: float) -> float:
+def _constant_floor(A: FloatArray, B: FloatArray, identities: FloatArray, trace: float) -> float:
     """Bound ``<sum A + sum B, Z>`` from below: a multiple of the constant, identities, and a small rest."""
     size = A.shape[1]
     total = A.sum(axis=0) + B.sum(axis=0)
@@ -138,33 +138,39 @@ def _sum_floor(A: FloatArray, B: FloatArray, identities: FloatArray, trace: floa
 
 
 def _assignment_floor(costs: FloatArray) -> float:
-    """Return the cheapest assignment's cost less what rounding can have changed in it."""
-    rows, cols = linear_sum_assignment(costs)
-    largest = float(np.abs(costs[np.isfinite(costs)]).max())
-    return float(costs[rows, cols].sum()) - _SAFETY * _EPS * costs.shape[0] ** 2 * largest
+    """Return a lower bound of all assignments of the columns to rows, ``inf`` where there is none.
+
+    The assignment found is not trusted: whatever the row potentials beta <= 0 are, every assignment costs at least
+    ``sum_j min_i (c_ij - beta_i) + sum_i beta_i``, and this is it for the ones that belong to the assignment found.
+    """
+    if not costs.size:
+        return 0.0
+    try:
+        rows, cols = linear_sum_assignment(costs)
+    except ValueError:  # infeasible: the costs are finite or inf
+        return np.inf
+    row_of = np.empty(costs.shape[1], dtype=np.int64)
+    row_of[cols] = rows
+    extra = costs - costs[row_of, np.arange(costs.shape[1])]
+    beta = np.zeros(len(costs))
+    for _ in range(len(costs)):
+        shorter = np.minimum(beta, (extra + beta[row_of]).min(axis=1))
+        if np.array_equal(shorter, beta):
+            break
+        beta = shorter
+    alpha = (costs - beta[:, None]).min(axis=0)
+    terms = np.concatenate([alpha, beta])
+    return float(terms.sum()) - (len(terms) + 2) * _EPS * float(np.abs(terms).sum())
 
 
-def _forced_floor(costs: FloatArray, dropped: BoolArray) -> float:
-    """Return a lower bound of all assignments that use at least one of the dropped matches."""
+def _forced_floor(costs: FloatArray, base: float, dropped: BoolArray) -> float:
+    """Return a lower bound of base plus any assignment that uses at least one of the dropped matches."""
     floor = np.inf
     for row, col in np.argwhere(dropped):
-        reduced = np.delete(np.delete(costs, row, axis=0), col, axis=1)
-        if not reduced.size:
-            floor = min(floor, float(costs[row, col]))
-            continue
-        try:
-            rows, cols = linear_sum_assignment(reduced)
-        except ValueError:
-            continue
-        floor = min(floor, float(costs[row, col] + reduced[rows, cols].sum()))
-    largest = float(np.abs(costs[np.isfinite(costs)]).max())
-    return floor - _SAFETY * _EPS * costs.shape[0] ** 2 * largest
-
-
-def _array(arrays: dict[str, NDArray[Any]], name: str, shape: tuple[int, ...]) -> NDArray[Any]:
-    if name not in arrays or arrays[name].shape != shape or arrays[name].dtype.kind not in "bf":
-        raise InputError(f"certificate: {name} is missing or is not an array of shape {shape}")
-    return arrays[name]
+        rest = _assignment_floor(np.delete(np.delete(costs, row, axis=0), col, axis=1))
+        if np.isfinite(rest):
+            floor = min(floor, _sum_floor(base, float(costs[row, col]), rest))
+    return floor
 
 
 def _lift(dim: int, size: int) -> tuple[FloatArray, FloatArray, float]:

@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.errors import InputError
 from pairwise.certificates.certificate import Certificate, hash_problem, problem_arrays
-from pairwise.certificates.verify_pm_sdp import pm_sdp_bound
+from pairwise.certificates.verify import proven_bound
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import DualSolution
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation
@@ -25,7 +25,6 @@ def certify_dual(
     problem: Problem,
     data: RelaxationData,
     solution: DualSolution | None,
-    unmatched: dict[str, NDArray[Any]] | None = None,
 ) -> Certificate:
     """Turn a dual point into a certificate whose bound the verifier confirms.
 
@@ -39,8 +38,6 @@ def certify_dual(
         Of this problem.
     solution : DualSolution or None
         None where R has no free variable.
-    unmatched : dict, optional
-        The arrays ``"unmatched_costs"`` and ``"max_unmatched"`` of a partial matching.
     """
     lifted = data.lifted
     k, size = problem.num_source, lifted.num_variables
@@ -51,14 +48,13 @@ def certify_dual(
         F, u, y = solution.dual.F, solution.dual.u, solution.equation_multipliers
         quaternions = np.array(solution.dual.Y).reshape(-1, 4, 4)
     F, u = _close_constraints(lifted, _symmetrised(F), u, y, _symmetrised(quaternions))
-    arrays = {**problem_arrays(problem), **(unmatched or {})}
+    arrays = problem_arrays(problem)
     arrays |= _multiplier_arrays(lifted, y, _symmetrised(quaternions))
     arrays["u"] = u
     arrays["impossible"] = np.argwhere(problem.candidates & ~_support(problem, data))
     arrays, bound = _with_safe_bound(problem, data, arrays, F)
-    digest = hash_problem(problem.target, problem.source, arrays)
     frozen = {name: read_only(np.array(values)) for name, values in arrays.items()}
-    return Certificate(kind="pm-sdp", arrays=frozen, problem_hash=digest, bound=bound)
+    return Certificate(kind="pm-sdp", arrays=frozen, problem_hash=hash_problem(problem), bound=bound)
 
 
 def _symmetrised(matrices: FloatArray) -> FloatArray:
@@ -113,7 +109,7 @@ def _with_safe_bound(
         arrays["column_multipliers"] = columns + k * shift * np.eye(len(columns))
         try:
             arrays["beta"] = _potentials(problem, data, arrays, size)
-            return arrays, pm_sdp_bound(problem.target, problem.source, arrays)
+            return arrays, proven_bound(problem, "pm-sdp", arrays)
         except (InputError, np.linalg.LinAlgError):
             shift = scale * 10.0 ** (attempt - 14)
     raise ArithmeticError("the dual point cannot be made positive definite")
@@ -130,8 +126,8 @@ def _potentials(problem: Problem, data: RelaxationData, arrays: dict[str, NDArra
         w = vectors[..., 1:] - arrays["u"][:, None, :]
         costs -= ((w @ np.swapaxes(inverse_factor, 1, 2)) ** 2).sum(axis=2)
     costs = np.where(_support(problem, data), costs.T + problem.constant_cost, np.inf)
-    if "unmatched_costs" in arrays:
-        unmatched = arrays["unmatched_costs"] - problem.weights * (problem.source**2).sum(axis=1)
+    if problem.max_unmatched:
+        unmatched = problem.unmatched_cost - problem.weights * (problem.source**2).sum(axis=1)
         if size:
             whitened = (inverse_factor @ arrays["u"][:, :, None])[..., 0]
             unmatched = unmatched - (whitened**2).sum(axis=1)

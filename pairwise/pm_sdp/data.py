@@ -123,20 +123,15 @@ class RelaxationData:
         problem: Problem,
         *,
         cross_products: bool = False,
-        unmatched_costs: FloatArray | None = None,
-        max_unmatched: int = 0,
     ) -> RelaxationData:
         """Set up the relaxation of a problem.
 
         Parameters
         ----------
         problem : Problem
+            Where source points may stay unmatched, there is one more row for them, the last, with v = 0.
         cross_products : bool
             See :meth:`LiftedRotation.build`.
-        unmatched_costs : ndarray, shape (k,), optional
-            Allow source points to stay unmatched at these costs: one more row, the last, with v = 0.
-        max_unmatched : int
-            Capacity of that row.
 
         Raises
         ------
@@ -145,15 +140,13 @@ class RelaxationData:
         """
         lifted = LiftedRotation.build(problem.pattern, cross_products=cross_products)
         allowed, capacity = problem.candidates, np.ones(problem.num_target, dtype=np.int64)
-        if unmatched_costs is not None:
-            if max_unmatched < 1:
-                raise InputError(f"max_unmatched: expected at least 1, got {max_unmatched}")
+        if problem.max_unmatched:
             allowed = np.vstack([allowed, np.ones((1, problem.num_source), dtype=bool)])
-            capacity = np.append(capacity, max_unmatched)
+            capacity = np.append(capacity, problem.max_unmatched)
         support = assignment_support(allowed, capacity)
         index, valid = _match_lists(support.allowed)
         with np.errstate(over="ignore", invalid="ignore"):
-            cost, vectors = _match_costs(problem, lifted, unmatched_costs)
+            cost, vectors = _match_costs(problem, lifted)
             constant = float((problem.weights * (problem.source**2).sum(axis=1)).sum())
         if not (np.isfinite(constant) and np.isfinite(cost).all() and np.isfinite(vectors).all()):
             raise InputError("points: their squared coordinates overflow; divide both shapes by one length")
@@ -179,9 +172,7 @@ def _match_lists(allowed: BoolArray) -> tuple[IntArray, BoolArray]:
     return index, valid
 
 
-def _match_costs(
-    problem: Problem, lifted: LiftedRotation, unmatched_costs: FloatArray | None
-) -> tuple[FloatArray, FloatArray]:
+def _match_costs(problem: Problem, lifted: LiftedRotation) -> tuple[FloatArray, FloatArray]:
     """Return the linear costs (n, k) and the vectors v (n, k, s), with the unmatched row appended where asked."""
     rows, cols = problem.pattern.entries
     weighted = problem.weights[:, None] * problem.source
@@ -189,8 +180,8 @@ def _match_costs(
     squares = (problem.target**2).sum(axis=1)
     cost = problem.weights * squares[:, None] + problem.constant_cost - 2.0 * lifted_vectors[..., 0]
     vectors = lifted_vectors[..., 1:]
-    if unmatched_costs is not None:
+    if problem.max_unmatched:
         saved = problem.weights * (problem.source**2).sum(axis=1)
-        cost = np.vstack([cost, unmatched_costs - saved])
+        cost = np.vstack([cost, problem.unmatched_cost - saved])
         vectors = np.concatenate([vectors, np.zeros((1, *vectors.shape[1:]))])
     return cost, vectors

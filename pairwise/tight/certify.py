@@ -45,7 +45,6 @@ def make_certificate(
         What they prove together.
     """
     arrays: dict[str, NDArray[Any]] = problem_arrays(problem)
-    problem_hash = hash_problem(problem.target, problem.source, arrays)
     for reflected, stages in proofs:
         chirality = "reflected" if reflected else "proper"
         for number, stage in enumerate(stages):
@@ -54,4 +53,4 @@ def make_certificate(
             arrays[prefix + "target_multipliers"] = np.tensordot(stage.target_multipliers, basis, axes=1)
             arrays[prefix + "source_multipliers"] = np.tensordot(stage.source_multipliers, basis, axes=1)
             arrays[prefix + "identity_multipliers"] = stage.identity_multipliers
-    return Certificate(kind=form, arrays=arrays, problem_hash=problem_hash, bound=bound)
+    return Certificate(kind=form, arrays=arrays, problem_hash=hash_problem(problem), bound=bound)

@@ -157,21 +157,26 @@ class Splitting:
     def __post_init__(self) -> None:
         self._project_sums = SumProjection(self.blocks, self.lift.one)
         self._costs = self.blocks.costs / self.rho
+        self._project()
 
     def run(self, steps: int) -> None:
-        """Iterate ``steps`` times and set the attributes that describe the point reached.
+        """Iterate ``steps`` times; the attributes that describe a point are those of the last one projected."""
+        for _ in range(steps):
+            self.v = self.v + RELAXATION * self._project()
+
+    def _project(self) -> FloatArray:
+        """Project on the cones and on the sums, set what describes this point, return how far they are apart.
 
         ``x`` (b, m) and ``mean`` (m,) satisfy the sums, ``psd`` (b, s, s) the cones, and at a solution they agree
         up to ``residual``, relative; ``multipliers`` and ``dual`` (b, s, s), both to be multiplied by ``rho``, are
         the dual variables of the sums and of the cones.
         """
         basis = self.lift.flat_basis
-        for _ in range(steps):
-            self.psd = project_psd(self.v)
-            reflected = 2.0 * self.psd - self.v
-            y = reflected.reshape(len(self.v), -1) @ basis - self._costs
-            self.x, self.multipliers, self.mean = self._project_sums(y)
-            difference = (self.x @ basis.T).reshape(self.v.shape) - self.psd
-            self.dual = self.psd - self.v
-            self.v = self.v + RELAXATION * difference
+        self.psd = project_psd(self.v)
+        reflected = 2.0 * self.psd - self.v
+        y = reflected.reshape(len(self.v), -1) @ basis - self._costs
+        self.x, self.multipliers, self.mean = self._project_sums(y)
+        difference = (self.x @ basis.T).reshape(self.v.shape) - self.psd
+        self.dual = self.psd - self.v
         self.residual = float(np.linalg.norm(difference)) / max(float(np.linalg.norm(self.psd)), self.lift.trace)
+        return difference

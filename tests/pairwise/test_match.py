@@ -253,3 +253,18 @@ def test_bad_input_is_refused_by_name(arguments, message: str) -> None:
 def test_impossible_options_are_refused(fields) -> None:
     with pytest.raises(OptionsError):
         MatchOptions(**fields)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3, 1e6])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_points_at_the_origin_behind_a_mask_are_proven_in_every_unit(unit: float, dim: int) -> None:
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        target, source = unit * rng.random((5, dim)), unit * rng.random((5, dim))
+        target[:2], source[:1] = 0.0, 0.0
+        candidates = (rng.random((5, 5)) < 0.5) | np.eye(5, dtype=bool)
+        result = match(target, source, candidates=candidates, certify=True)
+        assert result.status is Status.PROVEN_OPTIMAL
+        optimum = brute_force(Problem.from_user(target, source, candidates=candidates)).energy
+        assert result.energy == pytest.approx(optimum, rel=1e-9)
+        assert optimum * (1 - 2e-3) <= result.lower_bound <= optimum * (1 + 1e-12)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from pairwise import Certificate, solve_relaxation, verify_certificate
-from pairwise.certificates.verify_pm_sdp import pm_sdp_bound
+from pairwise import Certificate, Problem, solve_relaxation, verify_certificate
+from pairwise.certificates.statement import read_problem
+from pairwise.certificates.verify import proven_bound
 from pairwise.relaxations import solve_pm_sdp
 from tests.oracles import brute_force
 from tests.problems import planted
@@ -67,17 +68,57 @@ def test_other_points_are_refused(solved) -> None:
     problem, result = solved
     with pytest.raises(InputError, match="another problem"):
         verify_certificate(problem.target + 1e-12, problem.source, result.certificate)
-    with pytest.raises(InputError, match="does not fit"):
+    with pytest.raises(InputError, match=r"expected \(5, 5\)"):
         verify_certificate(problem.target[:-1], problem.source, result.certificate)
 
 
-def test_invariants_are_compared(rng: np.random.Generator) -> None:
+def test_the_problem_that_a_caller_states_is_compared(rng: np.random.Generator) -> None:
     target, source = rng.random((5, 3)), rng.random((4, 3))
     invariants = (rng.random((5, 2)), rng.random((4, 2)))
-    result = solve_relaxation(target, source, invariants=invariants)
-    assert verify_certificate(target, source, result.certificate, invariants=invariants) == result.lower_bound
-    with pytest.raises(InputError, match="other invariants"):
-        verify_certificate(target, source, result.certificate, invariants=(invariants[0] + 0.1, invariants[1]))
+    certificate = solve_relaxation(target, source, invariants=invariants).certificate
+    mine = Problem.from_user(target, source, invariants=invariants)
+    assert verify_certificate(target, source, certificate, problem=mine) == certificate.bound
+    masked = np.ones((5, 4), dtype=bool)
+    masked[0, 0] = False
+    others = {
+        "constant_cost": {"invariants": (invariants[0] + 0.1, invariants[1])},
+        "special_blocks": {"invariants": invariants, "group": "O"},
+        "pattern": {"invariants": invariants, "rotation_pattern": [2, 1]},
+        "candidates": {"invariants": invariants, "candidates": masked},
+        "weights": {"invariants": invariants, "weights": [1.0, 2.0, 1.0, 1.0]},
+        "max_unmatched, unmatched_costs": {"invariants": invariants, "unmatched_penalty": 0.1},
+    }
+    for name, options in others.items():
+        stated = Problem.from_user(target, source, **options)
+        with pytest.raises(InputError, match=name):
+            verify_certificate(target, source, certificate, problem=stated)
+    stated = Problem.from_user(target + 1.0, source + 1.0, invariants=invariants)
+    with pytest.raises(InputError, match="target, source"):
+        verify_certificate(target, source, certificate, problem=stated)
+
+
+def test_constant_costs_may_be_rounded_in_another_way_at_a_price(rng: np.random.Generator) -> None:
+    target, source = rng.random((5, 3)), rng.random((4, 3))
+    invariants = (rng.random((5, 2)), rng.random((4, 2)))
+    certificate = solve_relaxation(target, source, invariants=invariants).certificate
+    mine = Problem.from_user(target, source, invariants=invariants)
+    rounded = replace(mine, constant_cost=mine.constant_cost * (1.0 - 5e-13))
+    price = certificate.bound - verify_certificate(target, source, certificate, problem=rounded)
+    assert 0.0 < price <= 4 * 5e-13 * mine.constant_cost.max()
+    other = replace(mine, constant_cost=mine.constant_cost * (1.0 - 5e-12))
+    with pytest.raises(InputError, match="constant_cost"):
+        verify_certificate(target, source, certificate, problem=other)
+
+
+def test_without_a_problem_the_certificate_states_its_own(rng: np.random.Generator) -> None:
+    target, source = rng.random((5, 3)), rng.random((5, 3))
+    candidates = np.eye(5, dtype=bool)[::-1]
+    certificate = solve_relaxation(target, source, candidates=candidates).certificate
+    stated = read_problem(target, source, certificate)
+    assert np.array_equal(stated.candidates, candidates)
+    bound = verify_certificate(target, source, certificate)
+    assert bound <= brute_force(stated).energy
+    assert bound > brute_force(Problem.from_user(target, source)).energy
 
 
 def changed(certificate: Certificate, name: str, values) -> Certificate:
@@ -148,4 +189,4 @@ def test_any_dual_point_gives_a_valid_bound(solved) -> None:
                 shift = size * rng.standard_normal(arrays[name].shape)
                 arrays[name] = arrays[name] + (shift + np.swapaxes(shift, -1, -2))
             arrays["cross_multipliers"] = arrays["cross_multipliers"] + size * rng.standard_normal((4, 4))
-            assert pm_sdp_bound(problem.target, problem.source, arrays) <= optimum
+            assert proven_bound(problem, "pm-sdp", arrays) <= optimum

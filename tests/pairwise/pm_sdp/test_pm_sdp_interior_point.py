@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
@@ -149,9 +151,9 @@ def test_infeasible_candidates_are_refused(rng: np.random.Generator) -> None:
 
 def test_unmatched_points(rng: np.random.Generator) -> None:
     problem = planted(rng, rng.random((7, 3)), num_source=6)
-    free = solve_pm_sdp(problem, unmatched_costs=np.zeros(6), max_unmatched=6)
+    free = solve_pm_sdp(replace(problem, max_unmatched=6))
     assert free.lower_bound <= 1e-9
-    dear = solve_pm_sdp(problem, unmatched_costs=np.full(6, 1e3), max_unmatched=6)
+    dear = solve_pm_sdp(replace(problem, max_unmatched=6, unmatched_cost=1e3))
     plain = solve_pm_sdp(problem)
     assert dear.X.shape == (8, 6)
     assert dear.lower_bound <= plain.value + 1e-9

@@ -136,3 +136,17 @@ def test_what_is_not_for_this_relaxation_is_refused():
         solve_tight(Problem.from_user(target, source, rotation_pattern=1))
     with pytest.raises(OptionsError, match="partial"):
         solve_tight(Problem.from_user(target, source, num_matches=4))
+
+
+@pytest.mark.parametrize("form", ["tight", "quaternion"])
+@pytest.mark.parametrize("limits", [{"max_iterations": 1}, {"max_iterations": 5}, {"time_limit_s": 1e-6}])
+def test_a_run_that_ends_right_after_dropping_matches_has_a_whole_answer(form, limits):
+    rng = np.random.default_rng(8)
+    for _ in range(6):
+        target, source = rng.random((6, 3)), rng.random((6, 3))
+        result = solve_relaxation(target, source, relaxation=form, **limits)
+        problem = Problem.from_user(target, source)
+        assert result.lower_bound <= brute_force(problem).energy
+        assert np.allclose(result.X.sum(axis=0), 1.0)
+        assert np.isfinite(result.residuals["primal"])
+        assert verify_certificate(target, source, result.certificate, problem=problem) <= brute_force(problem).energy

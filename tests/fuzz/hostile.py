@@ -1,0 +1,330 @@
+"""Forged certificates by the thousand: none may prove more than brute force finds, or end in an unclear error."""
+
+from __future__ import annotations
+
+import contextlib
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from data_tools.errors import InputError
+from pairwise import Certificate, Problem, verify_certificate
+from pairwise.certificates.certificate import hash_problem
+from pairwise.certificates.statement import build_problem, read_problem
+from pairwise.relaxations import solve_pm_sdp
+from pairwise.tight.solve import solve_tight
+from tests.oracles import brute_force
+
+#: What a bound may exceed the optimum by, as a share of the problem's scale.
+TOL = 1e-9
+
+#: How a change fails that an array's type or shape does not allow; the array then stays as it is.
+NOT_FOR_THIS_TYPE = (TypeError, ValueError, IndexError, OverflowError)
+
+Arrays = dict[str, Any]
+Change = Callable[[Arrays, np.random.Generator], Arrays]
+
+
+@dataclass
+class Attack:
+    """How the forgeries ended: refused, or proven no more than is true; and those that ended badly."""
+
+    counts: Counter[str] = field(default_factory=Counter)
+    bad: dict[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(self.counts.items()))
+        return f"{self.counts.total()} certificates: {kinds}"
+
+
+def attack(num: int, *, seed: int = 0) -> Attack:
+    """Forge ``num`` certificates of every kind and judge what the verifier says; the same seed forges the same."""
+    report, victims = Attack(), honest()
+    for index in range(num):
+        rng = np.random.default_rng((seed, index))
+        problem, certificate = victims[index % len(victims)]
+        forged = forge(problem, certificate, rng)
+        states_problem = bool(rng.random() < 0.5)
+        ending = judge(problem, forged, states_problem)
+        report.counts[ending.split(":")[0]] += 1
+        if not ending.startswith(("refused", "true")):
+            report.bad[f"{seed}-{index} ({certificate.kind})"] = ending
+    return report
+
+
+def judge(problem: Problem, forged: Certificate, states_problem: bool) -> str:
+    """Return "refused", "true" (the bound holds), or what is wrong."""
+    stated = problem if states_problem else None
+    try:
+        bound = verify_certificate(problem.target, problem.source, forged, problem=stated)
+        about = problem if states_problem else read_problem(problem.target, problem.source, forged)
+    except InputError:
+        return "refused"
+    except Exception as error:
+        return f"unclear error: {type(error).__name__}: {error}"
+    with np.errstate(over="ignore"):
+        squares = (about.target**2).sum() + (about.weights * (about.source**2).sum(axis=1)).sum()
+    scale = float(squares + np.abs(about.constant_cost).max(initial=0.0))
+    optimum = brute_force(about).energy
+    if not bound <= optimum + TOL * scale:
+        return f"false: proves {bound:.12g} where the optimum is {optimum:.12g}"
+    return "true"
+
+
+@cache
+def honest() -> tuple[tuple[Problem, Certificate], ...]:
+    """Small problems of every kind and unit with their certificates."""
+    rng = np.random.default_rng(20)
+    mask = np.ones((5, 4), dtype=bool)
+    mask[[0, 1, 4], [0, 0, 2]] = False
+    tight_mask = np.array([[1, 1, 1, 0], [1, 1, 1, 0], [0, 0, 1, 0], [1, 1, 1, 1]], dtype=bool)
+    invariants = (rng.random((4, 2)), rng.random((4, 2)))
+    cases: list[tuple[int, int, int, float, dict[str, Any]]] = [
+        (4, 4, 3, 1.0, {}),
+        (5, 4, 3, 1e-6, {"group": "O", "candidates": mask}),
+        (4, 3, 3, 1e6, {"weights": [0.5, 2.0, 1.0]}),
+        (4, 4, 2, 30.0, {"group": "O", "invariants": invariants}),
+        (4, 4, 3, 1.0, {"candidates": tight_mask}),
+    ]
+    pairs = []
+    for n, k, d, unit, options in cases:
+        target = unit * (rng.random((n, d)) - 0.5)
+        source = target[rng.permutation(n)[:k]] @ np.linalg.qr(rng.standard_normal((d, d)))[0]
+        source += 0.1 * unit * rng.standard_normal((k, d))
+        problem = Problem.from_user(target, source, **options)
+        plain = [
+            solve_pm_sdp(problem),
+            solve_tight(problem),
+            solve_tight(problem, form="quaternion", eliminate=False),
+        ]
+        partial = replace(problem, max_unmatched=2, unmatched_cost=0.02 * unit**2)
+        pairs += [(problem, result.certificate) for result in plain] + [(partial, solve_pm_sdp(partial).certificate)]
+    points = rng.random((4, 5))
+    blocks = Problem.from_user(points, points[::-1] + 0.1, rotation_pattern=[3, 2])
+    line = Problem.from_user(points[:, :1], points[:3, 1:2])
+    pairs += [(problem, solve_pm_sdp(problem).certificate) for problem in (blocks, line)]
+    return tuple((problem, certificate) for problem, certificate in pairs if certificate is not None)
+
+
+def forge(problem: Problem, certificate: Certificate, rng: np.random.Generator) -> Certificate:
+    """Return a certificate after one or a few changes, with a claim that the verifier need not believe."""
+    arrays: Arrays = dict(certificate.arrays)
+    kind: Any = certificate.kind
+    is_careful = rng.random() < 0.3
+    for _ in range(1 if is_careful else int(rng.geometric(0.4))):
+        with warnings.catch_warnings(), np.errstate(all="ignore"), contextlib.suppress(*NOT_FOR_THIS_TYPE):
+            warnings.simplefilter("ignore")
+            arrays = (_cancelling if is_careful else _drawn(CHANGES, rng))(arrays, rng)
+    if not is_careful and rng.random() < 0.05:
+        kind = _drawn(["pm-sdp", "tight", "quaternion", "exact", None, 3, ["tight"]], rng)
+    claims: list[Any] = [-1e300, -1.0, certificate.bound, certificate.bound * 1.5, 1e6, np.nan, np.inf, "1", None, 1j]
+    claim = _drawn(claims[:4] if rng.random() < 0.95 else claims, rng)
+    signature: Any = certificate.problem_hash
+    if rng.random() < 0.7:
+        with contextlib.suppress(InputError):
+            signature = hash_problem(build_problem(problem.target, problem.source, arrays))
+    elif rng.random() < 0.05:
+        signature = _drawn([None, "", b"x", 0], rng)
+    return replace(certificate, kind=kind, arrays=arrays, bound=claim, problem_hash=signature)
+
+
+def _drawn(choices: Any, rng: np.random.Generator) -> Any:
+    return choices[int(rng.integers(len(choices)))]
+
+
+def _array_name(arrays: Arrays, rng: np.random.Generator) -> str:
+    """Return the name of an array, of one of the dual variables nine times out of ten."""
+    names = sorted(n for n, a in arrays.items() if isinstance(n, str) and isinstance(a, np.ndarray) and a.size)
+    dual = [name for name in names if name not in ("weights", "constant_cost", "pattern", "special_blocks")]
+    return str(_drawn(dual if dual and rng.random() < 0.9 else names, rng)) if names else ""
+
+
+def _on_one(change: Callable[[np.ndarray, np.random.Generator], Any]) -> Change:
+    def apply(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+        name = _array_name(arrays, rng)
+        return {**arrays, name: change(arrays[name], rng)} if name else arrays
+
+    return apply
+
+
+def _other_type(values: np.ndarray, rng: np.random.Generator) -> Any:
+    names = ["f2", "f4", "f8", ">f8", ">f4", "g", "i4", "i8", "u1", ">i8", "c16", "?", "O", "U8", "S4", "m8[s]"]
+    return values.astype(_drawn(names, rng))
+
+
+def _other_class(values: np.ndarray, rng: np.random.Generator) -> Any:
+    makers: list[Callable[[np.ndarray], Any]] = [
+        lambda a: a.tolist(),
+        lambda a: np.ma.masked_array(a, mask=True),
+        lambda a: np.matrix(a) if a.ndim <= 2 else a.view(np.recarray),
+        lambda a: a[..., ::-1],
+        lambda a: np.asfortranarray(a),
+        lambda a: np.broadcast_to(a[:1], a.shape),
+        lambda a: float(a.flat[0]),
+        lambda a: None,
+        lambda a: "array",
+        lambda a: {"F": a},
+    ]
+    return _drawn(makers, rng)(values)
+
+
+def _other_shape(values: np.ndarray, rng: np.random.Generator) -> Any:
+    makers: list[Callable[[np.ndarray], Any]] = [
+        lambda a: a[:-1],
+        lambda a: a[:0],
+        lambda a: a[None],
+        lambda a: a.ravel(),
+        lambda a: np.concatenate([a, a]),
+        lambda a: np.swapaxes(a, 0, -1),
+        lambda a: np.zeros((0, 0, 0)),
+        lambda a: a[..., :-1],
+    ]
+    return _drawn(makers, rng)(values)
+
+
+def _one_value(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    special = [
+        np.nan,
+        np.inf,
+        -np.inf,
+        0.0,
+        -0.0,
+        1.0,
+        -1.0,
+        1e308,
+        -1e308,
+        1e200,
+        1e100,
+        1e-320,
+        -1e-200,
+        2**62,
+        -(2**62),
+    ]
+    changed = values.copy()
+    changed.flat[int(rng.integers(values.size))] = _drawn(special, rng)
+    return changed
+
+
+def _shifted(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    size = 10.0 ** rng.uniform(-16, 16) * (1.0 if rng.random() < 0.5 else float(np.abs(values).max()))
+    noise = size * rng.standard_normal(values.shape)
+    if values.ndim >= 2 and values.shape[-1] == values.shape[-2] and rng.random() < 0.8:
+        noise = noise + np.swapaxes(noise, -1, -2)
+        if rng.random() < 0.5:
+            noise = noise @ np.swapaxes(noise, -1, -2)
+    return (values + noise).astype(values.dtype)
+
+
+def _scaled(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    factors = [-1.0, 2.0, 0.5, 1e8, 1e-8, 1e160, 1e-160, 1e300, 0.0, 1.0 + 1e-12]
+    return values * _drawn(factors, rng)
+
+
+def _flipped(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    changed = values.copy()
+    index = int(rng.integers(values.size))
+    changed.flat[index] = not changed.flat[index] if values.dtype == bool else changed.flat[index] + 1
+    return changed
+
+
+def _cancelling(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+    """Add huge multipliers that cancel, and between them small ones that vanish in a sum of their type."""
+    names = [n for n, a in arrays.items() if isinstance(a, np.ndarray) and a.dtype.kind == "f" and a.ndim > 1]
+    name = _drawn([n for n in names if arrays[n].size and len(arrays[n]) > 2 and n != "constant_cost"], rng)
+    changed = arrays[name].astype(_drawn(["f2", "f4", "f4", "f4", "f8", "f8", "f8", "g"], rng))
+    size = float(np.abs(changed).max()) * 10.0 ** rng.uniform(6, 16)
+    shift = np.eye(*changed[0].shape) if changed.ndim == 3 else np.ones_like(changed[0])
+    lost = float(_drawn([-1.0, 1.0], rng) * rng.random() * np.finfo(changed.dtype).eps) * size
+    changed[0], changed[-1] = changed[0] + size * shift, changed[-1] - size * shift
+    changed[1] = changed[1] + lost * shift
+    return {**arrays, name: changed}
+
+
+def _removed(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+    name = _array_name(arrays, rng)
+    return {key: values for key, values in arrays.items() if key != name}
+
+
+def _added(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+    k = 4
+    names = [
+        ("unmatched_costs", np.full(k, _drawn([0.0, -1e6, 999_999.0, 1e-3], rng))),
+        ("max_unmatched", np.array(_drawn([0, 1, 4, 5, -3, 999_999, 2**62], rng))),
+        ("max_unmatched", np.array(2.0)),
+        ("impossible", np.array([[int(rng.integers(-2, 6)), int(rng.integers(-2, 6))]])),
+        ("impossible", np.argwhere(np.ones((4, 4)))),
+        ("proper_2_allowed", np.ones((4, 4), dtype=bool)),
+        ("bound", np.array(1e9)),
+        (7, np.zeros(3)),
+    ]
+    name, values = _drawn(names, rng)
+    return {**arrays, name: values}
+
+
+def _borrowed(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+    """Take an array from a certificate of any problem and kind."""
+    donor = _drawn(honest(), rng)[1].arrays
+    name = _drawn(sorted(donor), rng)
+    return {**arrays, name: donor[name]}
+
+
+def _restaged(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+    """Rename, repeat or drop the stages of a tight proof, or swap its chiralities."""
+    old, new = (
+        _drawn(["proper_0_", "proper_1_", "proper_2_", "reflected_0_", "reflected_1_"], rng) for _ in range(2)
+    )
+    moved = {str(name).replace(old, new) if str(name).startswith(old) else name: v for name, v in arrays.items()}
+    return {**arrays, **moved} if rng.random() < 0.5 else moved
+
+
+def _narrowed(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+    """Leave matches out of the last stage, with its multipliers for those that remain."""
+    names = sorted(str(name) for name in arrays if str(name).endswith("_allowed"))
+    if not names:
+        return arrays
+    allowed = np.array(arrays[names[-1]], dtype=bool)
+    if allowed.ndim != 2:
+        return arrays
+    kept = allowed & (rng.random(allowed.shape) < 0.7)
+    name = names[-1].replace("allowed", "identity_multipliers")
+    values = arrays.get(name)
+    changed = {**arrays, names[-1]: kept}
+    if isinstance(values, np.ndarray) and values.ndim == 2 and len(values) >= allowed.sum():
+        rest = np.ones(len(values) - allowed.sum(), dtype=bool)
+        changed[name] = values[np.concatenate([kept[allowed], rest])]
+    return changed
+
+
+def _repacked(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+    """Store every array of floating-point numbers in one type."""
+    kind = _drawn(["f2", "f4", ">f8", "g"], rng)
+    return {
+        name: values.astype(kind) if isinstance(values, np.ndarray) and values.dtype.kind == "f" else values
+        for name, values in arrays.items()
+    }
+
+
+CHANGES: tuple[Change, ...] = (
+    _on_one(_other_type),
+    _on_one(_other_class),
+    _on_one(_other_shape),
+    _on_one(_one_value),
+    _on_one(_shifted),
+    _on_one(_shifted),
+    _on_one(_shifted),
+    _on_one(_scaled),
+    _on_one(_flipped),
+    _cancelling,
+    _cancelling,
+    _removed,
+    _added,
+    _borrowed,
+    _restaged,
+    _narrowed,
+    _repacked,
+)

@@ -1,0 +1,211 @@
+"""Certificates that somebody forged: each is refused by name, or proves no more than is true."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from data_tools.errors import InputError
+from pairwise import Certificate, Problem, verify_certificate
+from pairwise.certificates.certificate import MAX_BYTES
+from pairwise.certificates.statement import read_problem
+from pairwise.certificates.verify import VERIFIERS, proven_bound
+from pairwise.relaxations import solve_pm_sdp
+from pairwise.tight.solve import solve_tight
+from tests.oracles import brute_force
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    rng = np.random.default_rng(4)
+    return Problem.from_user(rng.random((5, 3)), rng.random((5, 3)))
+
+
+@pytest.fixture(scope="module")
+def proofs(problem) -> dict[str, Certificate]:
+    return {
+        "pm-sdp": solve_pm_sdp(problem).certificate,
+        "tight": solve_tight(problem, eliminate=False).certificate,
+        "quaternion": solve_tight(problem, form="quaternion", eliminate=False).certificate,
+    }
+
+
+def forged(certificate: Certificate, **arrays) -> Certificate:
+    return replace(certificate, arrays={**certificate.arrays, **arrays}, bound=-1e300)
+
+
+def check(problem: Problem, certificate: Certificate) -> float:
+    return verify_certificate(problem.target, problem.source, certificate, problem=problem)
+
+
+@pytest.mark.parametrize("kind", ["tight", "quaternion"])
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.longdouble])
+def test_sums_do_not_lose_small_multipliers_beside_huge_ones(problem, proofs, kind, dtype) -> None:
+    # In the type's own sum the middle multiplier vanishes between two huge ones, and the bound rises by it.
+    values = proofs[kind].arrays["proper_0_source_multipliers"]
+    for size in (1e3, 1e9, 1e15):
+        changed = values.astype(dtype)
+        identity = np.eye(values.shape[-1])
+        with np.errstate(all="ignore"):
+            changed[0] += (size * identity).astype(dtype)
+            changed[-1] -= (size * identity).astype(dtype)
+            changed[1] -= (0.4 * np.finfo(dtype).eps * size * identity).astype(dtype)
+        try:
+            assert (
+                check(problem, forged(proofs[kind], proper_0_source_multipliers=changed))
+                <= brute_force(problem).energy
+            )
+        except InputError:
+            assert dtype is np.float16  # overflows
+
+
+@pytest.mark.parametrize("kind", ["pm-sdp", "tight", "quaternion"])
+def test_a_certificate_in_single_precision_proves_what_its_numbers_prove(problem, proofs, kind) -> None:
+    if kind == "pm-sdp":  # at convergence F is so close to singular that single precision makes it indefinite
+        proofs = {kind: solve_pm_sdp(problem, max_iterations=4).certificate}
+    single = {
+        n: a.astype(np.float32) if n not in ("weights", "constant_cost") and a.dtype.kind == "f" else a
+        for n, a in proofs[kind].arrays.items()
+    }
+    bound = check(problem, forged(proofs[kind], **single))
+    again = {n: a.astype(np.float64) if a.dtype == np.float32 else a for n, a in single.items()}
+    assert bound == check(problem, forged(proofs[kind], **again))
+    assert bound <= brute_force(problem).energy
+
+
+@pytest.mark.parametrize("kind", ["pm-sdp", "tight", "quaternion"])
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("unmatched_costs", np.full(5, 999_999.0)),
+        ("max_unmatched", np.array(999_999)),
+        ("max_unmatched", np.array(-3)),
+        ("proper_7_allowed", np.ones((5, 5), dtype=bool)),
+        ("gamma", np.zeros(3)),
+        (3, np.zeros(3)),
+    ],
+)
+def test_arrays_of_another_kind_are_refused(problem, proofs, kind, name, values) -> None:
+    arrays = {**proofs[kind].arrays, name: values}
+    with pytest.raises(InputError, match="certificate"):
+        check(problem, replace(proofs[kind], arrays=arrays))
+    with pytest.raises(InputError, match="certificate"):
+        proven_bound(problem, kind, arrays)
+
+
+@pytest.mark.parametrize("kind", ["pm-sdp", "tight", "quaternion"])
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda a: None,
+        lambda a: a.tolist(),
+        lambda a: a.astype(object),
+        lambda a: a.astype(complex),
+        lambda a: a.astype("U8"),
+        lambda a: a[None],
+        lambda a: np.array(3.0),
+        lambda a: a[..., :0],
+    ],
+)
+def test_malformed_arrays_end_in_an_error_of_ours(problem, proofs, kind, change) -> None:
+    for name, values in proofs[kind].arrays.items():
+        if not values.size:
+            continue
+        with pytest.raises(InputError):
+            verify_certificate(problem.target, problem.source, forged(proofs[kind], **{name: change(values)}))
+
+
+@pytest.mark.parametrize("field", ["kind", "problem_hash", "bound", "arrays"])
+@pytest.mark.parametrize("value", [None, 7.0, "x", [], ["tight"], np.zeros(2), 1j, float("nan"), float("inf")])
+def test_fields_of_other_types_are_refused(problem, proofs, field, value) -> None:
+    with pytest.raises(InputError):
+        check(problem, replace(proofs["tight"], **{field: value}))
+
+
+@pytest.mark.parametrize(
+    "blocks", [[[0, 4]], [[-1, 3]], [[2, 1]], [[0, 0]], [[0, 2]], [[0, 3], [0, 3]], [[0, 3], [2, 3]], [[0, 3, 1]]]
+)
+def test_rotation_blocks_that_are_no_blocks_are_refused(problem, proofs, blocks) -> None:
+    certificate = forged(proofs["pm-sdp"], special_blocks=np.array(blocks))
+    with pytest.raises(InputError, match="special_blocks"):
+        read_problem(problem.target, problem.source, certificate)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("pattern", np.array([[1, 1, 1], [0, 0, 1], [0, 0, 1]], dtype=bool)),
+        ("candidates", np.ones((5, 5), dtype=bool) & (np.arange(5) > 0)),
+        ("weights", np.array([1.0, 1.0, 1.0, 1.0, -1.0])),
+        ("weights", np.zeros(5)),
+        ("weights", np.array([1.0, 1.0, 1.0, 1.0, np.nan])),
+        ("constant_cost", np.full((5, 5), np.inf)),
+    ],
+)
+def test_arrays_that_make_no_problem_are_refused(problem, proofs, name, values) -> None:
+    arrays = {"special_blocks": np.zeros((0, 2), dtype=np.int64), name: values}
+    with pytest.raises(InputError, match="certificate"):
+        read_problem(problem.target, problem.source, forged(proofs["pm-sdp"], **arrays))
+
+
+@pytest.mark.parametrize(("cost", "number"), [(-1.0, 1), (1.0, 0), (1.0, 6), (1.0, -1), (1.0, 2**62)])
+def test_partial_matching_is_read_as_strictly(problem, cost, number) -> None:
+    partial = replace(problem, max_unmatched=1, unmatched_cost=0.05)
+    certificate = solve_pm_sdp(partial).certificate
+    assert check(partial, certificate) <= brute_force(partial).energy
+    arrays = {"unmatched_costs": np.full(5, cost), "max_unmatched": np.array(number)}
+    with pytest.raises(InputError, match=r"unmatched"):
+        verify_certificate(problem.target, problem.source, forged(certificate, **arrays))
+    uneven = np.array([0.05, 0.05, 0.05, 0.05, 9.0])
+    with pytest.raises(InputError, match="one cost"):
+        verify_certificate(problem.target, problem.source, forged(certificate, unmatched_costs=uneven))
+
+
+def test_impossible_matches_must_be_impossible(problem, proofs) -> None:
+    for rows in ([[0, 0]], [[-1, 0]], [[0, 5]], [[0, 0], [1, 1]]):
+        with pytest.raises(InputError, match="impossible"):
+            check(problem, forged(proofs["pm-sdp"], impossible=np.array(rows)))
+
+
+def test_numbers_that_overflow_prove_nothing(problem, proofs) -> None:
+    for kind, certificate in proofs.items():
+        for name, values in certificate.arrays.items():
+            if values.dtype.kind == "f" and values.size:
+                for factor in (1e90, -1e90, 1e150, 1e300):
+                    with np.errstate(over="ignore"):
+                        changed = forged(certificate, **{name: values * factor + factor})
+                    with contextlib.suppress(InputError):
+                        assert proven_bound(problem, kind, changed.arrays) <= brute_force(problem).energy
+
+
+@pytest.mark.parametrize("unit", [1e-60, 1e-12, 1.0, 1e12, 1e60])
+def test_every_unit_of_length_is_proven_alike(problem, unit) -> None:
+    optimum = brute_force(problem).energy
+    for solve in (solve_pm_sdp, solve_tight):
+        scaled = replace(problem, target=unit * problem.target, source=unit * problem.source)
+        result = solve(scaled)
+        share = check(scaled, result.certificate) / unit / unit / optimum
+        assert 0.5 < share <= 1.0
+
+
+def test_points_that_are_not_finite_are_refused(problem, proofs) -> None:
+    for bad in (np.nan, np.inf):
+        target = problem.target.copy()
+        target[0, 0] = bad
+        with pytest.raises(InputError, match="target"):
+            verify_certificate(target, problem.source, proofs["tight"])
+
+
+def test_a_file_that_would_fill_the_memory_is_refused_unread(tmp_path) -> None:
+    np.savez_compressed(tmp_path / "bomb.npz", array_F=np.zeros(MAX_BYTES // 8 + 1))
+    with pytest.raises(InputError, match=r"bomb\.npz: .*more than"):
+        Certificate.load(tmp_path / "bomb.npz")
+
+
+def test_every_kind_has_a_verifier_that_reads_all_its_arrays(problem, proofs) -> None:
+    assert set(VERIFIERS) >= set(proofs)
+    for kind, certificate in proofs.items():
+        assert proven_bound(problem, kind, certificate.arrays) == pytest.approx(certificate.bound, abs=1e-9)
