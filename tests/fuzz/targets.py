@@ -63,8 +63,10 @@ def read_certificate(payload: tuple[str, bytes]) -> float:
 def read_config(payload: tuple[str, bytes]) -> int:
     """Run the command line with a configuration file on a folder that holds no shapes; returns the exit code."""
     with _as_file(payload) as path, contextlib.redirect_stderr(io.StringIO()) as text:
+        shapes = path.parent / "shapes"
+        shapes.mkdir()
         with contextlib.redirect_stdout(text):
-            code = main(["--config", str(path), "align", str(path.parent), "--out", str(path.parent / "out")])
+            code = main(["--config", str(path), "align", str(shapes), "--out", str(path.parent / "out")])
         if code == 2:
             raise InputError(text.getvalue()[-300:])
         return code
