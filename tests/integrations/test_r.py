@@ -1,0 +1,105 @@
+"""The R package reads what a run writes, and refuses what is none of it. Skips without Rscript and jsonlite."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[2] / "integrations" / "r"
+
+
+def run_r(code: str) -> subprocess.CompletedProcess[str]:
+    sources = "".join(f"source({json.dumps(str(file))}); " for file in sorted((PACKAGE / "R").glob("*.R")))
+    return subprocess.run(
+        ["Rscript", "--vanilla", "-e", sources + code], capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def has_r() -> bool:
+    return shutil.which("Rscript") is not None and run_r("library(jsonlite)").returncode == 0
+
+
+pytestmark = pytest.mark.skipif(not has_r(), reason="Rscript with jsonlite is not installed")
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    rng = np.random.default_rng(0)
+    labels = np.stack([rng.permutation(5) for _ in range(3)])
+    positions = rng.standard_normal((3, 5, 3))
+    names = np.array(["a", "zahn-ä", "c"])
+    np.savez_compressed(
+        tmp_path / "correspondences.npz", names=names, labels=labels, positions=positions, consensus=positions[0]
+    )
+    shapes = [
+        {
+            "name": str(name),
+            "file": f"{name}.ply",
+            "transform": (np.arange(16.0).reshape(4, 4) + i).tolist(),
+            "reflected": i == 1,
+            "confidence": [0.99, 0.5, None][i],
+        }
+        for i, name in enumerate(names)
+    ]
+    record = {"shapes": shapes, "groups": [["a", "zahn-ä"], ["c"]], "notes": ["Look at c."], "excluded": []}
+    (tmp_path / "alignment.json").write_text(json.dumps(record), encoding="utf-8")
+    return tmp_path
+
+
+def test_coordinates_are_in_the_order_of_the_labels(out: Path) -> None:
+    done = run_r(
+        f'x <- read_collalign("{out}"); stopifnot(dim(x$coords) == c(5, 3, 3)); '
+        f'write.csv(data.frame(as.vector(x$coords)), "{out}/coords.csv", row.names = FALSE); '
+        f'write.csv(data.frame(as.vector(x$transforms)), "{out}/transforms.csv", row.names = FALSE)'
+    )
+    assert done.returncode == 0, done.stderr
+    with np.load(out / "correspondences.npz") as archive:
+        rows = [p[np.argsort(order)] for p, order in zip(archive["positions"], archive["labels"], strict=True)]
+    expected = np.stack(rows, axis=2)
+    assert np.allclose(column(out / "coords.csv"), expected.ravel(order="F"))
+    matrices = np.stack([np.arange(16.0).reshape(4, 4) + i for i in range(3)], axis=2)
+    assert np.allclose(column(out / "transforms.csv"), matrices.ravel(order="F"))
+
+
+def test_doubts_groups_and_notes_come_along(out: Path) -> None:
+    (out / "labels.csv").write_text("name,taxon\nc,Lemur\na,Indri\n", encoding="utf-8")
+    done = run_r(
+        f'x <- read_collalign("{out}", labels = "{out}/labels.csv"); '
+        "stopifnot(identical(x$shapes$doubt, c(FALSE, TRUE, TRUE)), x$shapes$group == c(1, 1, 2), "
+        'identical(x$shapes$taxon, c("Indri", NA, "Lemur")), x$shapes$reflected == c(FALSE, TRUE, FALSE)); print(x)'
+    )
+    assert done.returncode == 0, done.stderr
+    assert "in doubt: zahn-ä, c" in done.stdout
+    assert "note: Look at c." in done.stdout
+
+
+@pytest.mark.parametrize("dtype", ["<f4", ">f8", "<i2", ">i8", "<u1", "|b1", "<U4"])
+def test_arrays_of_every_kind_survive(tmp_path: Path, dtype: str) -> None:
+    values = np.arange(12).reshape(2, 3, 2) % 2
+    np.savez(tmp_path / "x.npz", c=values.astype(dtype), f=np.asfortranarray(values.astype(dtype)))
+    done = run_r(
+        f'x <- read_npz("{tmp_path}/x.npz"); stopifnot(dim(x$c) == c(2, 3, 2), identical(x$c, x$f)); '
+        f'cat(as.vector(x$c), sep = ",")'
+    )
+    assert done.returncode == 0, done.stderr
+    words = {"TRUE": 1, "FALSE": 0, "True": 1, "False": 0}
+    assert [words.get(w, w) for w in done.stdout.split(",")] == [
+        v if dtype == "|b1" else str(v) for v in values.ravel(order="F").tolist()
+    ]
+
+
+def test_what_is_no_result_is_refused(out: Path, tmp_path: Path) -> None:
+    assert "no alignment.json" in run_r(f'read_collalign("{tmp_path}/nothing")').stderr
+    (out / "correspondences.npz").write_bytes(b"not a zip")
+    assert "not a NumPy archive" in run_r(f'read_collalign("{out}")').stderr
+
+
+def column(path: Path) -> list[float]:
+    with path.open(newline="", encoding="utf-8") as stream:
+        return [float(row[0]) for row in list(csv.reader(stream))[1:]]
