@@ -1,0 +1,91 @@
+"""The Slicer module's logic, without Slicer: results, coordinates, command line; and that its files are in place."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+EXTENSION = Path(__file__).resolve().parents[2] / "integrations" / "slicer"
+MODULE = EXTENSION / "Collalign"
+
+
+def load(name: str) -> ModuleType:
+    spec = spec_from_file_location(f"slicer_{name}", MODULE / "CollalignLib" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+results, running = load("results"), load("running")
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    rng = np.random.default_rng(0)
+    names = np.array(["a", "b"])
+    labels, positions = np.stack([rng.permutation(4), rng.permutation(4)]), rng.standard_normal((2, 4, 3))
+    np.savez(tmp_path / "correspondences.npz", names=names, labels=labels, positions=positions)
+    turn = [[0.0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]
+    shapes = [{"name": n, "transform": turn, "confidence": c} for n, c in (("a", 0.99), ("b", None))]
+    (tmp_path / "alignment.json").write_text(json.dumps({"shapes": shapes, "notes": ["Look."]}), encoding="utf-8")
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "a.ply").touch()
+    return tmp_path
+
+
+def test_transforms_act_in_ras_as_they_do_in_lps(out: Path) -> None:
+    read = results.read_results(out)
+    lps = np.array([1.0, 2.0, 3.0, 1.0])
+    expected = results.LPS_TO_RAS @ np.array([-1.0, 3.0, 6.0, 1.0])
+    assert np.allclose(read.shapes[0].transform @ (results.LPS_TO_RAS @ lps), expected)
+    assert not np.allclose(read.shapes[0].transform @ lps, expected)
+
+
+def test_points_are_in_the_order_of_their_labels(out: Path) -> None:
+    read = results.read_results(out)
+    with np.load(out / "correspondences.npz") as archive:
+        first = archive["positions"][0, archive["labels"][0] == 2][0]
+    assert np.allclose(read.shapes[0].points[2], first * [-1, -1, 1])
+    assert [shape.in_doubt for shape in read.shapes] == [False, True]
+    assert [shape.mesh is None for shape in read.shapes] == [False, True]
+    assert read.notes == ("Look.",)
+
+
+def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="not the output"):
+        results.read_results(tmp_path)
+
+
+def test_the_command_is_one_that_collalign_takes(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    words = running.command("python", tmp_path / "in", tmp_path / "out", mirrored="O", keep_sizes=True)
+    assert words[1:4] == ["-m", "collalign", "align"]
+    assert words[-4:] == ["--group", "O", "--scaling", "rigid"]
+    with pytest.raises(ValueError, match="among them"):
+        running.command("python", tmp_path / "in", tmp_path / "in" / "out")
+
+
+def test_output_of_the_process_is_reported_and_failure_noticed() -> None:
+    lines: list[str] = []
+    assert running.run([sys.executable, "-c", "print('one'); raise SystemExit(3)"], lines.append)
+    assert not running.run([sys.executable, "-c", "raise SystemExit(2)"], lines.append)
+    assert lines == ["one"]
+
+
+def test_the_build_lists_every_file_of_the_module() -> None:
+    listed = re.findall(r"\S+\.(?:py|png)", (MODULE / "CMakeLists.txt").read_text("utf-8"))
+    present = {str(f.relative_to(MODULE)) for f in MODULE.rglob("*") if f.suffix in (".py", ".png")}
+    assert {name.replace("${MODULE_NAME}", "Collalign") for name in listed} == present
+    classes = {n.name for n in ast.parse((MODULE / "Collalign.py").read_text("utf-8")).body if hasattr(n, "name")}
+    assert {"Collalign", "CollalignWidget", "CollalignLogic", "CollalignTest"} <= classes
