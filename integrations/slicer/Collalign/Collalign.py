@@ -34,7 +34,9 @@ class Collalign(ScriptedLoadableModule):
             "Aligns all shapes of a folder consistently, mirrors left and right specimens onto each other where "
             "the folder mixes them, and says which poses need a look."
         )
-        parent.acknowledgementText = "Maron, Dym, Kezurer, Kovalsky, Lipman (SIGGRAPH 2016): Point Registration via Efficient Convex Relaxation."
+        parent.acknowledgementText = (
+            "Maron et al. (SIGGRAPH 2016), Point Registration via Efficient Convex Relaxation."
+        )
 
 
 class CollalignWidget(ScriptedLoadableModuleWidget):
