@@ -73,7 +73,7 @@ def add_to_collection(
     if taken:
         raise InputError(f"{folder}: the collection has a shape called {taken[0]!r} already; rename the new file")
     listing = FolderListing(files=files + new.files, names=view.names + new.names, skipped=new.skipped)
-    edges = np.array([sorted((pair.i, pair.j)) for pair in view.pairs], dtype=np.int64).reshape(-1, 2)
+    edges = np.array([sorted((pair.target, pair.source)) for pair in view.pairs], dtype=np.int64).reshape(-1, 2)
     with Session.open(options, run or RunOptions(), progress) as session:
         aligned = align_listing(
             session,

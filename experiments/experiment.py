@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from collalign.engine.jobs.progress import ProgressBar
-from collalign.engine.jobs.run import run_jobs
+from collalign.engine.options import RunOptions
+from collalign.engine.session import Session
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
 from collalign.engine.store.store import Store
@@ -43,6 +44,21 @@ class Cell:
 
     data: Path
     settings: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A cell and the function that measures it, on its way to a worker."""
+
+    function: Callable[[Cell], Record]
+    cell: Cell
+    machine: str
+
+
+def measure_cell(task: Measurement) -> Record:
+    """Measure a cell; the record says when and where that was."""
+    value = task.function(task.cell)
+    return {"value": value, "date": datetime.date.today().isoformat(), "machine": task.machine}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,35 +192,20 @@ class Bench:
         """
         name = f"{function.__module__}.{function.__qualname__}"
         keys = {fingerprint(f"{name} {version}", settings): label for label, settings in cells.items()}
-        self.store.plan("measurements", keys)
-        missing = self.store.missing("measurements", keys, retry="all")
-        self.num_reused += len(keys) - len(missing)
-        tasks = [(key, Cell(data=self.data, settings=dict(cells[keys[key]]))) for key in missing]
-        failures = self._compute(function, tasks, keys, num_workers=1 if apart else self.num_workers)
+        machine = describe_machine()
+        tasks = {
+            key: (label, Measurement(function, Cell(data=self.data, settings=dict(cells[label])), machine))
+            for key, label in keys.items()
+        }
+        session = Session.around(
+            self.store, None, RunOptions(jobs=1 if apart else self.num_workers), None if self.quiet else ProgressBar
+        )
+        self.num_reused += session.num_reused("measurements", keys)
+        failures = session.compute("measurements", measure_cell, tasks, time_limit_s=None, retry="all")
         if failures:
-            raise CollectionError("cells that failed:" + "".join(f"\n  {failure}" for failure in failures))
+            lines = "".join(f"\n  {keys[key]}: {failure.reason}" for key, failure in failures.items())
+            raise CollectionError(f"cells that failed:{lines}")
         return {label: self._remember(self.store.require("measurements", key)) for key, label in keys.items()}
-
-    def _compute(
-        self,
-        function: Callable[[Cell], Record],
-        tasks: list[tuple[str, Cell]],
-        labels: Mapping[str, str],
-        *,
-        num_workers: int,
-    ) -> list[str]:
-        failures = []
-        stamp = {"date": datetime.date.today().isoformat(), "machine": describe_machine()}
-        with ProgressBar("cells", len(tasks), disable=self.quiet or not tasks) as report:
-            for job in run_jobs(function, tasks, num_jobs=num_workers, batch_size=1, progress=report):
-                label = labels[job.key]
-                if job.failure is None:
-                    record = {"value": job.value, **stamp}
-                    self.store.put("measurements", job.key, record, label=label, seconds=job.seconds)
-                else:
-                    self.store.put_failure("measurements", job.key, job.failure, label=label, crashed=job.crashed)
-                    failures.append(f"{label}: {job.failure}")
-        return failures
 
     def _remember(self, record: Record) -> Record:
         value: Record = record["value"]

@@ -6,7 +6,8 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from collalign.products.evidence import CollectionView, Pair, PairPose, Pose
+from collalign.products.evidence import CollectionView
+from collalign.products.pair import Alternative, Pair
 from data_tools.arrays import FloatArray
 
 NUM_SAMPLES = 24
@@ -62,7 +63,9 @@ def view_of(num_shapes: int = 10, *, seed: int = 0, num_missing: int = 0, subdiv
         vertices=tuple(raw),
         faces=(faces,) * num_shapes,
         pairs=_pairs(R, rng),
-        alternatives=tuple((Pose(R=half_turn @ R[at], score=-0.7),) if at == 1 else () for at in range(num_shapes)),
+        alternatives=tuple(
+            (Alternative(rotation=half_turn @ R[at], log_odds=0.7),) if at == 1 else () for at in range(num_shapes)
+        ),
         labels={"taxon": kinds, "side": tuple("left" if at % 2 else "right" for at in range(num_shapes))},
         excluded=(("folder/broken.ply", "no vertices: export it again from the program that made it"),),
         options={"seed": 0, "sampling": {"num_samples": NUM_SAMPLES}},
@@ -89,19 +92,27 @@ def _pairs(R: FloatArray, rng: np.random.Generator) -> tuple[Pair, ...]:
             order[:2] = order[1::-1]
             pairs.append(
                 Pair(
-                    i=i,
-                    j=j,
+                    target=i,
+                    source=j,
+                    rotations=np.array([first, second]),
+                    maps=np.zeros((2, 0), dtype=np.int64),
+                    energies=np.array([energy, 1.4 * energy]),
                     energy=energy,
                     lower_bound=0.9 * energy,
                     disagreement_deg=180.0 if wrong else float(rng.uniform(0, 15)),
                     inlier=not wrong,
                     choice=-1 if wrong else 0,
                     chirality_proven=not wrong,
-                    status="Locally optimal.",
-                    candidates=(PairPose(R_i_j=first, energy=energy), PairPose(R_i_j=second, energy=1.4 * energy)),
-                    map_i_j=order if wrong else None,
+                    status="LOCAL_OPTIMUM",
+                    map_target_source=order if wrong else order[:0],
                 )
             )
-    last = pairs[-1]
-    pairs[-1] = Pair(i=last.i, j=last.j, energy=float("nan"), inlier=False, status="Time limit reached.")
+    pairs[-1] = Pair(
+        target=pairs[-1].target,
+        source=pairs[-1].source,
+        rotations=np.empty((0, 3, 3)),
+        maps=np.zeros((0, 0), dtype=np.int64),
+        energies=np.empty(0),
+        status="Time limit reached.",
+    )
     return tuple(pairs)

@@ -14,89 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from collalign.products.pair import Alternative, Pair
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import InputError
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Pose:
-    """One possible pose of a shape in the common frame.
-
-    Attributes
-    ----------
-    R : ndarray, shape (3, 3)
-        Takes the shape's coordinates, centred and scaled, to the common frame.
-    score : float
-        Log-odds against the present pose: 0 is a tie, negative is less plausible. NaN where unknown.
-    origin : str
-        What proposed it: ``"candidates"`` of the pairs, ``"half turn"``, ...
-    """
-
-    R: FloatArray
-    score: float = float("nan")
-    origin: str = "candidates"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PairPose:
-    """One pose that pairwise matching found for a pair.
-
-    Attributes
-    ----------
-    R_i_j : ndarray, shape (3, 3)
-        Takes shape j's coordinates to shape i's, both centred and scaled.
-    energy : float
-        Matching energy of this pose.
-    """
-
-    R_i_j: FloatArray
-    energy: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Pair:
-    """What is known about one pair of shapes.
-
-    Attributes
-    ----------
-    i, j : int
-        Positions of the two shapes in the collection, ``i != j``.
-    energy : float
-        Of the pose found by pairwise matching; NaN where the pair failed.
-    lower_bound : float
-        No pose has a smaller energy; NaN where nothing was proven.
-    disagreement_deg : float
-        Angle between the pair's own best pose and the one of the collection; 180 where they disagree on handedness,
-        NaN where the pair failed.
-    mirrored : bool
-        Whether pair and collection disagree on handedness.
-    inlier : bool
-        Whether synchronization trusted this pair.
-    choice : int
-        The candidate that synchronization used, -1 for none.
-    chirality_proven : bool
-        Whether every pose of the other handedness is proven to be worse.
-    status : str
-        Advice in words, for failed pairs the reason.
-    candidates : tuple of PairPose
-        Distinct poses, best energy first; the first is the pair's own answer.
-    map_i_j : ndarray of int, shape (k,), or None
-        ``map_i_j[b]`` is the label on i of the sample with label b on j, -1 where unmatched; None stands for the
-        collection's own correspondence, in which equal labels match.
-    """
-
-    i: int
-    j: int
-    energy: float
-    lower_bound: float = float("nan")
-    disagreement_deg: float = float("nan")
-    mirrored: bool = False
-    inlier: bool = True
-    choice: int = 0
-    chirality_proven: bool = False
-    status: str = ""
-    candidates: tuple[PairPose, ...] = ()
-    map_i_j: IntArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,7 +39,10 @@ class CollectionView:
     vertices, faces : tuple of ndarray
         Display meshes in file coordinates, (v, 3) and (f, 3); no faces for a point cloud. May be decimated.
     pairs : tuple of Pair
-    alternatives : tuple of tuple of Pose
+        With the candidates that a person would tell apart and without their maps; ``map_target_source[b]`` is the
+        *label* on the target of the sample with label b on the source, -1 where unmatched, and the map is empty
+        where it is the collection's own correspondence, in which equal labels match.
+    alternatives : tuple of tuple of Alternative
         Per shape, the other poses that its pairs allow; the present pose is not among them.
     groups : ndarray of int, shape (N,)
         Shapes of different groups are not aligned to each other.
@@ -145,7 +68,7 @@ class CollectionView:
     vertices: tuple[FloatArray, ...]
     faces: tuple[IntArray, ...]
     pairs: tuple[Pair, ...] = ()
-    alternatives: tuple[tuple[Pose, ...], ...] = ()
+    alternatives: tuple[tuple[Alternative, ...], ...] = ()
     groups: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     excluded: tuple[tuple[str, str], ...] = ()
@@ -186,8 +109,8 @@ class CollectionView:
         if not np.isfinite(self.transforms).all() or (np.abs(np.linalg.det(self.transforms[:, :3, :3])) == 0).any():
             raise InputError("transforms: singular, NaN or infinite")
         for pair in self.pairs:
-            if not (0 <= pair.i < num and 0 <= pair.j < num and pair.i != pair.j):
-                raise InputError(f"pairs: ({pair.i}, {pair.j}) is not a pair of {num} shapes")
+            if not (0 <= pair.target < num and 0 <= pair.source < num and pair.target != pair.source):
+                raise InputError(f"pairs: ({pair.target}, {pair.source}) is not a pair of {num} shapes")
 
     @property
     def num_shapes(self) -> int:

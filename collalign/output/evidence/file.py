@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from collalign.products.evidence import CollectionView, Pair, PairPose, Pose, json_types
+from collalign.products.evidence import CollectionView, json_types
+from collalign.products.pair import Alternative, Pair
 from data_tools.arrays import (
-    FloatArray,
-    IntArray,
     as_faces,
     as_floats,
     as_indices,
@@ -26,7 +25,7 @@ from data_tools.errors import InputError
 #: Name of the file inside a result's folder.
 EVIDENCE_FILE = "evidence.npz"
 #: Raised with every change that older readers cannot understand.
-EVIDENCE_VERSION = 1
+EVIDENCE_VERSION = 2
 
 _TEXT_FIELDS = (
     "names",
@@ -40,7 +39,7 @@ _TEXT_FIELDS = (
     "doubt_threshold",
 )
 _PAIR_NUMBERS = ("energy", "lower_bound", "disagreement_deg")
-_PAIR_FLAGS = ("mirrored", "inlier", "chirality_proven")
+_PAIR_FLAGS = ("inlier", "chirality_proven")
 
 
 def save_view(view: CollectionView, folder: Path | str) -> Path:
@@ -156,19 +155,18 @@ def _pair_arrays(pairs: tuple[Pair, ...], num_samples: int) -> dict[str, NDArray
     """One array per property of the pairs; maps as int32, all -2 where a pair uses the collection's own."""
     maps = np.full((len(pairs), num_samples), -2, dtype=np.int32)
     for row, pair in zip(maps, pairs, strict=True):
-        if pair.map_i_j is not None:
-            row[:] = pair.map_i_j
-    counts = [len(pair.candidates) for pair in pairs]
-    poses = [pose for pair in pairs for pose in pair.candidates]
+        if len(pair.map_target_source):
+            row[:] = pair.map_target_source
     status = json.dumps([pair.status for pair in pairs])
+    ends = np.array([(pair.target, pair.source) for pair in pairs], dtype=np.int64)
     arrays: dict[str, NDArray[Any]] = {
-        "pair_indices": np.array([(pair.i, pair.j) for pair in pairs], dtype=np.int64).reshape(-1, 2),
+        "pair_indices": ends.reshape(-1, 2),
         "pair_maps": maps,
         "pair_choice": np.array([pair.choice for pair in pairs], dtype=np.int64),
         "pair_status": np.frombuffer(status.encode(), dtype=np.uint8),
-        "pose_starts": np.cumsum([0, *counts]).astype(np.int64),
-        "pose_R_i_j": np.array([pose.R_i_j for pose in poses], dtype=np.float64).reshape(-1, 3, 3),
-        "pose_energy": np.array([pose.energy for pose in poses], dtype=np.float64),
+        "pose_starts": np.cumsum([0, *(len(pair.energies) for pair in pairs)]).astype(np.int64),
+        "pose_rotation": np.concatenate([np.empty((0, 3, 3)), *(pair.rotations for pair in pairs)]),
+        "pose_energy": np.concatenate([np.empty(0), *(pair.energies for pair in pairs)]),
     }
     for name in (*_PAIR_NUMBERS, *_PAIR_FLAGS):
         dtype = np.float64 if name in _PAIR_NUMBERS else np.bool_
@@ -177,30 +175,28 @@ def _pair_arrays(pairs: tuple[Pair, ...], num_samples: int) -> dict[str, NDArray
 
 
 def _pairs(data: dict[str, NDArray[Any]]) -> tuple[Pair, ...]:
-    poses = [
-        PairPose(R_i_j=read_only(R), energy=float(energy))
-        for R, energy in zip(as_rotations(data["pose_R_i_j"], "pair poses", dim=3), data["pose_energy"], strict=True)
-    ]
+    rotations = as_rotations(data["pose_rotation"], "pair poses", dim=3)
+    energies, maps = as_floats(data["pose_energy"], "pair energies", shape=(len(rotations),)), data["pair_maps"]
     status = json.loads(data["pair_status"].tobytes())
-    starts, maps = data["pose_starts"], data["pair_maps"]
     pairs = []
-    for row, (i, j) in enumerate(data["pair_indices"]):
-        own_map: IntArray | None = None
-        if not (maps[row] == -2).all():
-            own_map = read_only(maps[row].astype(np.int64))
+    for row, ((target, source), (start, stop)) in enumerate(
+        zip(data["pair_indices"].tolist(), itertools.pairwise(data["pose_starts"].tolist()), strict=True)
+    ):
+        is_own = bool((maps[row] == -2).all())
         pairs.append(
             Pair(
-                i=int(i),
-                j=int(j),
+                target=target,
+                source=source,
+                rotations=read_only(rotations[start:stop]),
+                maps=read_only(np.zeros((stop - start, 0), dtype=np.int64)),
+                energies=read_only(energies[start:stop]),
+                map_target_source=read_only(maps[row][: 0 if is_own else None].astype(np.int64)),
                 status=status[row],
-                candidates=tuple(poses[starts[row] : starts[row + 1]]),
-                map_i_j=own_map,
+                choice=int(data["pair_choice"][row]),
                 energy=float(data["pair_energy"][row]),
                 lower_bound=float(data["pair_lower_bound"][row]),
                 disagreement_deg=float(data["pair_disagreement_deg"][row]),
-                mirrored=bool(data["pair_mirrored"][row]),
                 inlier=bool(data["pair_inlier"][row]),
-                choice=int(data["pair_choice"][row]),
                 chirality_proven=bool(data["pair_chirality_proven"][row]),
             )
         )
@@ -211,21 +207,20 @@ def _alternative_arrays(view: CollectionView) -> dict[str, NDArray[Any]]:
     poses = [pose for shape in view.alternatives for pose in shape]
     counts = [len(shape) for shape in view.alternatives]
     origins = json.dumps([pose.origin for pose in poses])
-    R: FloatArray = np.array([pose.R for pose in poses], dtype=np.float64).reshape(-1, 3, 3)
     return {
         "alternative_starts": np.cumsum([0, *counts]).astype(np.int64),
-        "alternative_R": R,
-        "alternative_score": np.array([pose.score for pose in poses], dtype=np.float64),
+        "alternative_rotation": np.array([pose.rotation for pose in poses], dtype=np.float64).reshape(-1, 3, 3),
+        "alternative_log_odds": np.array([pose.log_odds for pose in poses], dtype=np.float64),
         "alternative_origin": np.frombuffer(origins.encode(), dtype=np.uint8),
     }
 
 
-def _alternatives(data: dict[str, NDArray[Any]]) -> tuple[tuple[Pose, ...], ...]:
+def _alternatives(data: dict[str, NDArray[Any]]) -> tuple[tuple[Alternative, ...], ...]:
     origins = json.loads(data["alternative_origin"].tobytes())
-    rotations = as_rotations(data["alternative_R"], "alternatives", dim=3)
+    rotations = as_rotations(data["alternative_rotation"], "alternatives", dim=3)
     poses = [
-        Pose(R=read_only(R), score=float(score), origin=origin)
-        for R, score, origin in zip(rotations, data["alternative_score"], origins, strict=True)
+        Alternative(rotation=read_only(rotation), log_odds=float(log_odds), origin=origin)
+        for rotation, log_odds, origin in zip(rotations, data["alternative_log_odds"], origins, strict=True)
     ]
     starts = data["alternative_starts"]
     return tuple(tuple(poses[a:b]) for a, b in itertools.pairwise(starts))

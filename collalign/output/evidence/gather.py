@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
 from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.output.report.poses import angle_deg
-from collalign.products import pair as products
 from collalign.products.collection import DOUBT, Collection
-from collalign.products.evidence import CollectionView, Pair, PairPose, Pose
+from collalign.products.evidence import CollectionView
+from collalign.products.pair import Pair
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
-from pairwise.status import Status
 
 #: Cycles of three pairs looked at, spread evenly over all of them.
 MOST_CYCLES = 20_000
@@ -68,10 +67,8 @@ def view_collection(
         samples=by_label(raw, sample_labels),
         vertices=tuple(vertices),
         faces=tuple(faces),
-        pairs=tuple(_pair(pair, collection.rotations, sample_labels) for pair in collection.pairs),
-        alternatives=tuple(
-            tuple(Pose(R=pose.rotation, score=-pose.log_odds) for pose in poses) for poses in collection.alternatives
-        ),
+        pairs=tuple(_shown(pair, sample_labels) for pair in collection.pairs),
+        alternatives=collection.alternatives,
         groups=_group_numbers(collection.groups, len(collection.names)),
         labels=dict(labels or {}),
         excluded=tuple((one.file, one.reason) for one in collection.excluded),
@@ -103,12 +100,12 @@ def by_label(positions: FloatArray, labels: IntArray) -> FloatArray:
     return ordered
 
 
-def cycle_errors_deg(pairs: tuple[products.Pair, ...], num_shapes: int) -> FloatArray:
+def cycle_errors_deg(pairs: tuple[Pair, ...], num_shapes: int) -> FloatArray:
     """Angles left by R_ij R_jk R_ki, each pair giving its own pose of lowest energy; 180 where a cycle mirrors.
 
     At most :data:`MOST_CYCLES` cycles are looked at, evenly spaced in a fixed order.
     """
-    found = {(pair.target, pair.source): pair.rotations[0] for pair in pairs if len(pair.rotations)}
+    found = {(pair.target, pair.source): pair.rotations[0, :3, :3] for pair in pairs if len(pair.rotations)}
     found |= {(j, i): R.T for (i, j), R in found.items()}
     later = np.zeros((num_shapes, num_shapes), dtype=np.bool_)
     for i, j in found:
@@ -137,34 +134,23 @@ def _some_triangles(later: BoolArray) -> list[tuple[int, int, int]]:
     return triangles
 
 
-def _pair(pair: products.Pair, rotations: FloatArray, labels: IntArray) -> Pair:
-    """One pair in terms of labels; its disagreement is that of its own best pose, chosen or not."""
-    i, j = pair.target, pair.source
-    angle, mirrored = float("nan"), False
-    candidates, choice = (
-        distinct_poses(pair.rotations, pair.energies, pair.choice) if len(pair.rotations) else ((), -1)
-    )
-    if candidates:
-        angle = angle_deg(candidates[0].R_i_j, rotations[i].T @ rotations[j])
-        mirrored = bool(np.isinf(angle))
-    return Pair(
-        i=i,
-        j=j,
-        energy=candidates[0].energy if candidates else float("nan"),
-        lower_bound=pair.lower_bound,
-        disagreement_deg=180.0 if mirrored else angle,
-        mirrored=mirrored,
-        inlier=pair.inlier,
+def _shown(pair: Pair, labels: IntArray) -> Pair:
+    """Return a pair with the poses that a person would tell apart, and with its map in terms of labels."""
+    kept, choice = distinct_poses(pair.rotations[:, :3, :3], pair.energies, pair.choice)
+    return replace(
+        pair,
+        rotations=np.ascontiguousarray(pair.rotations[kept, :3, :3]),
+        maps=np.zeros((len(kept), 0), dtype=np.int64),
+        energies=pair.energies[kept],
         choice=choice,
-        chirality_proven=pair.chirality_proven,
-        status=_advice(pair.status),
-        candidates=candidates,
-        map_i_j=_label_map(pair.map_target_source, labels[i], labels[j], int(labels.max(initial=-1)) + 1),
+        map_target_source=_label_map(
+            pair.map_target_source, labels[pair.target], labels[pair.source], int(labels.max(initial=-1)) + 1
+        ),
     )
 
 
-def distinct_poses(rotations: FloatArray, energies: FloatArray, choice: int) -> tuple[tuple[PairPose, ...], int]:
-    """Poses of a pair that a person would tell apart, and which of them stands for the chosen one.
+def distinct_poses(rotations: FloatArray, energies: FloatArray, choice: int) -> tuple[list[int], int]:
+    """Return the poses of a pair that a person would tell apart, and which of them stands for the chosen one.
 
     Parameters
     ----------
@@ -175,35 +161,31 @@ def distinct_poses(rotations: FloatArray, energies: FloatArray, choice: int) -> 
 
     Returns
     -------
-    poses : tuple of PairPose
+    kept : list of int
         Lowest energy first, at least :data:`DISTINCT_PAIR_DEG` apart, at most :data:`MOST_PAIR_POSES`, but always one
         near the chosen pose.
     choice : int
-        Index into ``poses``, -1 for none.
+        Index into ``kept``, -1 for none.
     """
     kept: list[int] = []
     for at in np.argsort(energies, kind="stable"):
         if all(angle_deg(rotations[at], rotations[other]) > DISTINCT_PAIR_DEG for other in kept):
             kept.append(int(at))
-    near = next((at for at in kept if angle_deg(rotations[at], rotations[choice]) <= DISTINCT_PAIR_DEG), -1)
+    if choice < 0:
+        return kept[:MOST_PAIR_POSES], -1
+    near = next(at for at in kept if angle_deg(rotations[at], rotations[choice]) <= DISTINCT_PAIR_DEG)
     shown = kept[:MOST_PAIR_POSES]
-    if choice >= 0 and near not in shown:
+    if near not in shown:
         shown[-1] = near
-    poses = tuple(PairPose(R_i_j=rotations[at], energy=float(energies[at])) for at in shown)
-    return poses, shown.index(near) if choice >= 0 else -1
+    return shown, shown.index(near)
 
 
-def _advice(status: str) -> str:
-    """What the status of a pair says to a person; text that is no status's name stays as it is."""
-    return Status[status].value if status in Status.__members__ else status
-
-
-def _label_map(map_i_j: IntArray, labels_i: IntArray, labels_j: IntArray, num_labels: int) -> IntArray | None:
-    """Turn a map of samples into one of labels, shape (num_labels,); None where equal labels match anyway."""
+def _label_map(map_i_j: IntArray, labels_i: IntArray, labels_j: IntArray, num_labels: int) -> IntArray:
+    """Turn a map of samples into one of labels, shape (num_labels,); empty where equal labels match anyway."""
     known = labels_j >= 0
     found = np.where(map_i_j >= 0, labels_i[map_i_j], -1)[known]
     if np.array_equal(found, labels_j[known]):
-        return None
+        return np.zeros(0, dtype=np.int64)
     by_labels = np.full(num_labels, -1, dtype=np.int64)
     by_labels[labels_j[known]] = found
     return by_labels

@@ -123,8 +123,8 @@ def _consensus(request: ExportRequest) -> Table:
 def _pairs(request: ExportRequest) -> Table:
     pairs, names = request.view.pairs, request.view.names
     return {
-        "target": [names[pair.i] for pair in pairs],
-        "source": [names[pair.j] for pair in pairs],
+        "target": [names[pair.target] for pair in pairs],
+        "source": [names[pair.source] for pair in pairs],
         "energy": [pair.energy for pair in pairs],
         "lower_bound": [pair.lower_bound for pair in pairs],
         "disagreement_deg": [pair.disagreement_deg for pair in pairs],

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions
-from collalign.output.report.poses import offered_poses
+from collalign.output.report.poses import offered_poses, own_disagreements_deg
 from collalign.output.report.statistics import cycle_histogram, main_group, shape_map, variation
 from collalign.products.evidence import CollectionView, json_types
+from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray
+from pairwise.status import Status
 
 #: Columns of more different labels than this are shown per shape, but not as colours.
 MOST_CATEGORIES = 40
@@ -97,7 +99,7 @@ def _shapes(view: CollectionView) -> list[dict[str, Any]]:
             "scale": view.scales[at] / unit,
             "offset": (placed[at] - middle) / unit,
             "R": view.rotations[at],
-            "alternatives": [{"R": pose.R, "score": pose.score, "origin": pose.origin} for pose in poses],
+            "alternatives": [{"R": pose.rotation, "score": -pose.log_odds, "origin": pose.origin} for pose in poses],
         }
         for at, (name, poses) in enumerate(zip(view.names, offered_poses(view), strict=True))
     ]
@@ -111,29 +113,29 @@ def _centroid(samples: FloatArray, points: FloatArray) -> FloatArray:
 def _pairs(view: CollectionView) -> tuple[Fields, str, list[str]]:
     """Pack the pairs as arrays of equal length, their poses one after the other."""
     pairs = view.pairs
-    statuses = sorted({pair.status for pair in pairs})
-    number = {status: at for at, status in enumerate(statuses)}
-    poses = [pose for pair in pairs for pose in pair.candidates]
-    rotations = np.array([pose.R_i_j for pose in poses], dtype=np.float64).reshape(-1, 3, 3)
-    turns, mirrored = quaternions(rotations)
+    advice = [Status[pair.status].value if pair.status in Status.__members__ else pair.status for pair in pairs]
+    statuses = sorted(set(advice))
+    own = own_disagreements_deg(view)
+    energies = np.concatenate([np.empty(0), *(pair.energies for pair in pairs)])
+    turns, mirrored = quaternions(np.concatenate([np.empty((0, 3, 3)), *(pair.rotations for pair in pairs)]))
 
     def column(name: str, dtype: type) -> NDArray[Any]:
         return np.array([getattr(pair, name) for pair in pairs], dtype=dtype)
 
     fields, text = pack(
         {
-            "i": column("i", np.uint16),
-            "j": column("j", np.uint16),
-            "energy": column("energy", np.float32),
+            "i": column("target", np.uint16),
+            "j": column("source", np.uint16),
+            "energy": np.array([_best_energy(pair) for pair in pairs], dtype=np.float32),
             "bound": column("lower_bound", np.float32),
-            "disagreement": column("disagreement_deg", np.float32),
+            "disagreement": np.minimum(own, 180.0).astype(np.float32),
             "inlier": column("inlier", np.uint8),
-            "mirrored": column("mirrored", np.uint8),
+            "mirrored": np.isinf(own).astype(np.uint8),
             "chiralityProven": column("chirality_proven", np.uint8),
             "choice": column("choice", np.int16),
-            "status": np.array([number[pair.status] for pair in pairs], dtype=np.uint16),
-            "poseCount": np.array([len(pair.candidates) for pair in pairs], dtype=np.uint8),
-            "poseEnergy": np.array([pose.energy for pose in poses], dtype=np.float32),
+            "status": np.array([statuses.index(words) for words in advice], dtype=np.uint16),
+            "poseCount": np.array([len(pair.energies) for pair in pairs], dtype=np.uint8),
+            "poseEnergy": energies.astype(np.float32),
             "poseRotation": np.round(32767 * turns).astype(np.int16),
             "poseMirrored": mirrored,
             "map": _pair_maps(view),
@@ -142,14 +144,20 @@ def _pairs(view: CollectionView) -> tuple[Fields, str, list[str]]:
     return fields, text, statuses
 
 
+def _best_energy(pair: Pair) -> float:
+    return float(pair.energies[0]) if len(pair.energies) else float("nan")
+
+
 def _pair_maps(view: CollectionView) -> NDArray[np.int16]:
     num_samples = view.samples.shape[1]
-    if len(view.pairs) * num_samples > MOST_MAP_ENTRIES or all(pair.map_i_j is None for pair in view.pairs):
+    if len(view.pairs) * num_samples > MOST_MAP_ENTRIES or not any(
+        len(pair.map_target_source) for pair in view.pairs
+    ):
         return np.empty(0, dtype=np.int16)
     maps = np.full((len(view.pairs), num_samples), _OWN_MAP, dtype=np.int16)
     for row, pair in zip(maps, view.pairs, strict=True):
-        if pair.map_i_j is not None:
-            row[:] = pair.map_i_j
+        if len(pair.map_target_source):
+            row[:] = pair.map_target_source
     return maps
 
 

@@ -6,7 +6,8 @@ from typing import cast
 
 import numpy as np
 
-from collalign.products.evidence import CollectionView, Pose
+from collalign.products.evidence import CollectionView
+from collalign.products.pair import Alternative
 from data_tools.arrays import FloatArray
 
 #: Poses closer than this are not offered twice.
@@ -15,7 +16,7 @@ DISTINCT_DEG = 30.0
 MOST_POSES = 6
 
 
-def offered_poses(view: CollectionView) -> tuple[tuple[Pose, ...], ...]:
+def offered_poses(view: CollectionView) -> tuple[tuple[Alternative, ...], ...]:
     """For every shape its alternatives, completed by half turns about the principal axes of the collection's mean.
 
     Wrong poses are mostly half turns, and a shape whose pairs agree on a wrong pose has no alternative of its own.
@@ -23,13 +24,28 @@ def offered_poses(view: CollectionView) -> tuple[tuple[Pose, ...], ...]:
     turns = _half_turns(view)
     offered = []
     for R, poses in zip(view.rotations, view.alternatives, strict=True):
-        kept: list[Pose] = []
-        half = [Pose(R=turn @ R, origin="half turn") for turn in turns]
+        kept: list[Alternative] = []
+        half = [Alternative(rotation=turn @ R, origin="half turn") for turn in turns]
         for pose in (*poses, *half):
-            if all(angle_deg(pose.R, other) > DISTINCT_DEG for other in (R, *(one.R for one in kept))):
+            if all(angle_deg(pose.rotation, other) > DISTINCT_DEG for other in (R, *(one.rotation for one in kept))):
                 kept.append(pose)
         offered.append(tuple(kept[:MOST_POSES]))
     return tuple(offered)
+
+
+def own_disagreements_deg(view: CollectionView) -> FloatArray:
+    """Return the angle between each pair's own best pose, chosen or not, and the collection's, shape (E,).
+
+    Infinite where they disagree on handedness, NaN where the pair has no pose.
+    """
+    return np.array(
+        [
+            angle_deg(pair.rotations[0], view.rotations[pair.target].T @ view.rotations[pair.source])
+            if len(pair.rotations)
+            else np.nan
+            for pair in view.pairs
+        ]
+    )
 
 
 def angle_deg(A: FloatArray, B: FloatArray) -> float:

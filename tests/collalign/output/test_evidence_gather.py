@@ -13,12 +13,12 @@ from collalign.output.evidence.gather import (
     distinct_poses,
     view_collection,
 )
+from collalign.output.report.poses import own_disagreements_deg
 from collalign.products.collection import ConsistentMaps, RunRecord
 from collalign.products.pair import Alternative, Pair
 from collalign.products.shapes import Excluded
 from data_tools.arrays import FloatArray
 from data_tools.surface.shape import Shape
-from pairwise.status import Status
 from tests.view_problems import bumpy_shapes
 
 K = 12
@@ -106,39 +106,37 @@ def test_samples_come_by_label_in_file_coordinates(collection: AlignedCollection
 
 
 def test_pairs_say_how_they_disagree_and_what_was_used(collection: AlignedCollection) -> None:
-    good, flipped, mirrored, failed = view_collection(collection, read).pairs
-    assert good.disagreement_deg == pytest.approx(0, abs=1e-5)
-    assert (flipped.disagreement_deg, flipped.choice, flipped.inlier) == (pytest.approx(180), 1, True)
-    assert (mirrored.disagreement_deg, mirrored.mirrored, mirrored.inlier) == (180, True, False)
-    assert np.isnan(failed.energy)
-    assert failed.candidates == ()
+    view = view_collection(collection, read)
+    good, flipped, mirrored, failed = view.pairs
+    own = own_disagreements_deg(view)
+    np.testing.assert_allclose(own[:3], [0.0, 180.0, np.inf], atol=1e-5)
+    assert np.isnan(own[3])
+    assert (flipped.choice, flipped.inlier, mirrored.inlier) == (1, True, False)
+    assert len(failed.rotations) == len(failed.energies) == 0
     assert good.chirality_proven
-    assert good.status == Status.LOCAL_OPTIMUM.value
-    assert failed.status == "the worker was killed"
+    assert (good.status, failed.status) == ("LOCAL_OPTIMUM", "the worker was killed")
 
 
 def test_pair_maps_are_in_terms_of_labels(collection: AlignedCollection) -> None:
     good, flipped, _, failed = view_collection(collection, read).pairs
-    assert good.map_i_j is None
-    assert flipped.map_i_j is not None
+    assert len(good.map_target_source) == 0
     labels, rolled = collection.maps.labels, collection.pairs[1].map_target_source
     for sample in range(K):
-        assert flipped.map_i_j[labels[2][sample]] == labels[1][rolled[sample]]
-    assert failed.map_i_j is not None
-    assert (failed.map_i_j == -1).all()
+        assert flipped.map_target_source[labels[2][sample]] == labels[1][rolled[sample]]
+    assert (failed.map_target_source == -1).all()
+    assert len(failed.map_target_source)
 
 
 def test_poses_of_a_pair_are_distinct_and_hold_the_chosen_one() -> None:
     turns = Rotation.from_rotvec(np.radians([[0, 0, a] for a in (0, 5, 60, 120, 170, 240, 300, 303)])).as_matrix()
     energies = np.array([1, 2, 5, 3, 4, 6, 8, 7.0])
-    poses, choice = distinct_poses(turns, energies, 6)
-    assert [pose.energy for pose in poses] == [1, 3, 4, 7]
+    kept, choice = distinct_poses(turns, energies, 6)
+    assert energies[kept].tolist() == [1, 3, 4, 7]
     assert choice == MOST_PAIR_POSES - 1
     assert distinct_poses(turns, energies, 1)[1] == 0
     assert distinct_poses(turns, energies, -1)[1] == -1
     mirrored, choice = distinct_poses(np.stack([np.eye(3), -np.eye(3)]), np.array([2.0, 1.0]), 0)
-    assert [pose.energy for pose in mirrored] == [1, 2]
-    assert choice == 1
+    assert (mirrored, choice) == ([1, 0], 1)
 
 
 def test_everything_else_is_carried_over(collection: AlignedCollection) -> None:
@@ -147,7 +145,7 @@ def test_everything_else_is_carried_over(collection: AlignedCollection) -> None:
     assert view.excluded == (("e.ply", "empty"),)
     assert view.notes == ("two groups", "more")
     assert [len(poses) for poses in view.alternatives] == [0, 0, 0, 1]
-    assert view.alternatives[3][0].score == 0.5
+    assert view.alternatives[3][0].log_odds == -0.5
     assert view.timings_s == {"pairs": 1.0}
     assert view.options["group"] == AlignOptions().group
     assert view.labels == {"taxon": tuple("xxyy")}

@@ -218,7 +218,7 @@ def test_matrix_opens_the_pair_under_the_mouse_and_under_the_cursor(opened: Page
     opened.page.wait_for_function(
         "before => document.querySelectorAll('dialog[open] canvas')[1].toDataURL() !== before", arg=before
     )
-    pair = next(pair for pair in small.pairs if (pair.i, pair.j) == (2, 4))
+    pair = next(pair for pair in small.pairs if (pair.target, pair.source) == (2, 4))
     assert f"{pair.energy:.3g}" in opened.page.locator("dialog[open] table").inner_text()
     opened.page.get_by_role("button", name="Close").click()
     matrix.focus()
@@ -253,7 +253,7 @@ def test_a_correction_is_chosen_downloaded_and_read(opened: Page, small: Collect
     download.value.save_as(tmp_path / "corrections.json")
     found = read_corrections(tmp_path / "corrections.json")
     assert [(one.shape, one.kind) for one in found.decisions] == [("shape_001", "pose"), (second, "confirmed")]
-    np.testing.assert_allclose(found.decisions[0].R_common_shape, small.alternatives[1][0].R, atol=1e-12)
+    np.testing.assert_allclose(found.decisions[0].R_common_shape, small.alternatives[1][0].rotation, atol=1e-12)
     fixed = found.fixed(small.names)
     assert set(fixed) == set(small.names)
     np.testing.assert_allclose(fixed["shape_005"], small.rotations[5], atol=1e-12)

@@ -21,7 +21,8 @@ from collalign.output.report.content import build_content, categories
 from collalign.output.report.payload import MISSING, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import DISTINCT_DEG, angle_deg, offered_poses
 from collalign.output.report.statistics import cycle_histogram, shape_map, variation
-from collalign.products.evidence import CollectionView, Pose
+from collalign.products.evidence import CollectionView
+from collalign.products.pair import Alternative
 from tests.view_problems import bumpy_shapes, view_of
 
 
@@ -104,14 +105,14 @@ def test_display_meshes_are_small_and_keep_their_outline() -> None:
 
 def test_offered_poses_are_distinct_and_begin_with_the_evidence() -> None:
     view = view_of(4)
-    near = Pose(R=Rotation.from_rotvec([0.1, 0, 0]).as_matrix() @ view.rotations[0])
+    near = Alternative(rotation=Rotation.from_rotvec([0.1, 0, 0]).as_matrix() @ view.rotations[0])
     view = dataclasses.replace(view, alternatives=((near,), *view.alternatives[1:]))
     for at, poses in enumerate(offered_poses(view)):
-        everything = [view.rotations[at], *(pose.R for pose in poses)]
+        everything = [view.rotations[at], *(pose.rotation for pose in poses)]
         for a, one in enumerate(everything):
             assert all(angle_deg(one, other) > DISTINCT_DEG for other in everything[a + 1 :])
     first = offered_poses(view)[1][0]
-    assert (first.origin, first.score) == ("candidates", -0.7)
+    assert (first.origin, first.log_odds) == ("candidates", 0.7)
     assert len(offered_poses(view)[0]) == 3
 
 

@@ -1,0 +1,53 @@
+"""A session computes what its store lacks, keeps results and failures, and counts what it found there."""
+
+from __future__ import annotations
+
+import pytest
+
+from collalign.engine.options import RunOptions
+from collalign.engine.session import Session
+from collalign.engine.store.store import Store
+from data_tools.errors import InputError
+
+
+def root(value: float) -> dict[str, float]:
+    if value < 0:
+        raise InputError("negative")
+    return {"root": value**0.5}
+
+
+TASKS = {"a": ("one", 1.0), "b": ("four", 4.0), "c": ("bad", -1.0)}
+
+
+def session_around(store: Store) -> Session[None]:
+    return Session.around(store, None, RunOptions(jobs=1))
+
+
+def test_results_and_failures_are_kept_and_not_computed_again() -> None:
+    with Store.memory() as store:
+        first = session_around(store)
+        failures = first.compute("measurements", root, TASKS, time_limit_s=None)
+        assert {key: failure.reason for key, failure in failures.items()} == {"c": "negative"}
+        assert store.require("measurements", "b") == {"root": 2.0}
+        assert first.num_reused("measurements", TASKS) == 0
+        second = session_around(store)
+        assert second.num_reused("measurements", ["a", "b", "c", "a"]) == 3
+        store.put("measurements", "a", {"root": 7.0})
+        assert second.compute("measurements", root, TASKS, time_limit_s=None).keys() == {"c"}
+        assert store.require("measurements", "a") == {"root": 7.0}
+        with second.shared_table("measurements", ["b", "a", "b"]) as table:
+            assert sorted(table) == ["a", "b"]
+
+
+def test_a_strict_session_raises_and_keeps_what_is_finished() -> None:
+    with Store.memory() as store:
+        with pytest.raises(InputError, match="bad: negative"):
+            session_around(store).compute("measurements", root, TASKS, time_limit_s=None, strict=True)
+        assert store.keys("measurements") == {"a", "b"}
+
+
+def test_a_session_opens_its_own_store_and_hands_on_other_options() -> None:
+    with Session.open("asked", RunOptions(jobs=1)) as session:
+        decided = session.with_options("decided")
+        assert (session.options, decided.options) == ("asked", "decided")
+        assert decided.store is session.store
