@@ -12,17 +12,18 @@ import hashlib
 from collections.abc import Generator, Iterator
 from concurrent.futures import CancelledError
 from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
 from itertools import islice
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any, TypeAlias
 
+from collalign.engine.jobs.cluster import Cluster
 from collalign.engine.jobs.table import SharedTable
 from collalign.engine.jobs.worker import Call, Outcome, Task, run_guarded
 from data_tools.errors import CollalignError, OptionsError
 
 try:
-    from distributed import Client, Future, KilledWorker, WorkerPlugin, as_completed
+    from distributed import Future, KilledWorker, WorkerPlugin
 except ImportError as error:
     raise OptionsError(f"a scheduler needs Dask: pip install 'collalign[dask]' ({error})") from None
 
@@ -31,9 +32,8 @@ _AHEAD_PER_CORE = 2
 _MIN_AHEAD = 4
 #: Times that a batch is submitted again after Dask lost or cancelled it, or its worker had no table yet.
 _MAX_RESUBMISSIONS = 10
-_CONNECT_TIMEOUT_S = 30.0
-#: Packages of which all machines need the same version for the same bytes.
-_PACKAGES = ("collalign", "numpy", "scipy")
+#: Without a result for so long, the scheduler is asked whether it is still there.
+_PATIENCE_S = 2.0
 
 Batch: TypeAlias = tuple[Task, ...]
 
@@ -43,21 +43,18 @@ def run_dask(call: Call, tasks: Iterator[Task], *, scheduler: str, batch_size: i
 
     Raises
     ------
+    OptionsError
+        If the address is none.
+    RunLost
+        If nobody answers at it, no worker joins, or the scheduler or all workers are lost meanwhile.
     CollalignError
-        If the scheduler cannot be reached, is lost, or its workers have other versions installed.
+        If the workers have other versions installed or cannot run the tasks.
     """
-    try:
-        client = Client(scheduler, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise CollalignError(f"{scheduler}: cannot reach this Dask scheduler ({error})") from None
-    try:
-        _check_versions(client)
-        run = _DaskRun(client, call)
+    with Cluster.connect(scheduler) as cluster:
+        run = _DaskRun(cluster, call)
         yield from run.batches(iter(lambda: tuple(islice(tasks, batch_size)), ()))
         yield from run.suspects_alone()
         run.close()
-    finally:
-        client.close()
 
 
 class TableMissing(RuntimeError):
@@ -114,28 +111,27 @@ def run_batch(call: Call, table_name: str | None, batch: Batch) -> list[Outcome]
 class _DaskRun:
     """The state of one run on a cluster."""
 
-    def __init__(self, client: Client, call: Call) -> None:
-        self._client = client
+    def __init__(self, cluster: Cluster, call: Call) -> None:
+        self._cluster = cluster
         self._plugin = None if call.table is None else _plugin_for(call.table)
         self._call = Call(function=call.function, limits=call.limits, table=None)
+        self._ended: SimpleQueue[Future] = SimpleQueue()
         self._suspects: list[Task] = []
         self._resubmissions: dict[int, int] = {}  # by the first task's token
         self._publish()
 
     def batches(self, batches: Iterator[Batch]) -> Generator[Outcome]:
         """Run all batches, a few ahead of the workers, and yield outcomes as they come."""
-        in_flight: dict[str, Batch] = {}
-        completed = as_completed(loop=self._client.loop)
+        in_flight: dict[str, tuple[Future, Batch]] = {}
 
         def submit(batch: Batch) -> None:
             future = self._submit(batch)
-            in_flight[future.key] = batch
-            completed.add(future)
+            in_flight[future.key] = future, batch
 
         for batch in islice(batches, self._ahead()):
             submit(batch)
-        for future in completed:
-            batch = in_flight.pop(future.key)
+        while in_flight:
+            future, batch = in_flight.pop(self._next_ended().key)
             outcomes = self._result(future, batch)
             if outcomes is None:
                 submit(batch)
@@ -150,7 +146,8 @@ class _DaskRun:
         for task in suspects:
             outcomes = None
             while outcomes is None:
-                outcomes = self._result(self._submit((task,)), (task,))
+                self._submit((task,))
+                outcomes = self._result(self._next_ended(), (task,))
             if self._suspects:
                 self._suspects.clear()
                 reason = "ended every cluster worker that it ran on (crash, time or memory limit)"
@@ -164,16 +161,26 @@ class _DaskRun:
         """Take the table from the workers."""
         if self._plugin is not None:
             with suppress(OSError):  # a worker that dies meanwhile needs no cleaning
-                self._client.unregister_worker_plugin(self._plugin.name)
+                self._cluster.ask(self._cluster.client.unregister_worker_plugin, self._plugin.name)
 
     def _submit(self, batch: Batch) -> Future:
         name = None if self._plugin is None else self._plugin.name
-        return self._client.submit(run_batch, self._call, name, batch, pure=False)
+        future = self._cluster.ask(self._cluster.client.submit, run_batch, self._call, name, batch, pure=False)
+        future.add_done_callback(self._ended.put)
+        return future
+
+    def _next_ended(self) -> Future:
+        """Wait for a batch to end, and look after the cluster where that takes long."""
+        while True:
+            try:
+                return self._ended.get(timeout=_PATIENCE_S)
+            except Empty:
+                self._cluster.check()
 
     def _result(self, future: Future, batch: Batch) -> list[Outcome] | None:
         """Return the outcomes of a batch, none of them if it became suspect, or None if it has to run again."""
         try:
-            outcomes: list[Outcome] = future.result()
+            outcomes: list[Outcome] = self._cluster.ask(future.result)
             return outcomes
         except KilledWorker:
             self._suspects.extend(batch)
@@ -182,8 +189,12 @@ class _DaskRun:
             self._publish()
             problem = "a worker never got the shared records"
         except CancelledError:
+            self._cluster.check()
             problem = "the scheduler lost or cancelled the tasks again and again"
+        except CollalignError:
+            raise
         except Exception as error:
+            self._cluster.check()
             raise CollalignError(f"the cluster cannot run the tasks: {type(error).__name__}: {error}") from error
         first = batch[0].token
         self._resubmissions[first] = self._resubmissions.get(first, 0) + 1
@@ -195,43 +206,19 @@ class _DaskRun:
         if self._plugin is None:
             return
         try:
-            self._client.register_plugin(self._plugin)
+            self._cluster.ask(self._cluster.client.register_plugin, self._plugin)
+        except CollalignError:
+            raise
         except OSError:  # a worker died meanwhile; the scheduler has the plugin for its successor
-            return
+            self._cluster.check()
         except Exception as error:
+            self._cluster.check()
             raise CollalignError(f"the cluster cannot run this program: {type(error).__name__}: {error}") from error
 
     def _ahead(self) -> int:
-        num_cores = sum(self._client.nthreads().values())
-        return max(_MIN_AHEAD, _AHEAD_PER_CORE * num_cores)
+        return max(_MIN_AHEAD, _AHEAD_PER_CORE * self._cluster.num_cores())
 
 
 def _plugin_for(table: SharedTable) -> TablePlugin:
     data = table.path.read_bytes()
     return TablePlugin(f"collalign-{hashlib.sha256(data).hexdigest()[:16]}", data)
-
-
-def _versions() -> tuple[str, ...]:
-    return tuple(_version(package) for package in _PACKAGES)
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "not installed"
-
-
-def _check_versions(client: Client) -> None:
-    """Refuse a cluster whose present workers would compute something else."""
-    here = _versions()
-    try:
-        everywhere: dict[str, Any] = client.run(_versions, on_error="ignore")  # a worker may be dying
-    except Exception as error:
-        raise CollalignError(f"the cluster's workers do not answer ({type(error).__name__}: {error})") from error
-    for address, there in everywhere.items():
-        if there != here:
-            names = ", ".join(_PACKAGES)
-            raise CollalignError(
-                f"worker {address}: has {names} {there}, here are {here}; install the same versions everywhere"
-            )

@@ -81,13 +81,13 @@ def test_tasks_that_kill_workers_cost_only_themselves(cluster: Any) -> None:
 
 
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("collalign.engine.jobs.dask._CONNECT_TIMEOUT_S", 0.5)
+    monkeypatch.setattr("collalign.engine.jobs.cluster._LISTEN_TIMEOUT_S", 0.5)
     with pytest.raises(CollalignError, match=r"tcp://127\.0\.0\.1:9"):
         list(run_jobs(spectrum, [("a", 1)], scheduler="tcp://127.0.0.1:9"))
 
 
 def test_a_cluster_with_other_versions_is_refused(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("collalign.engine.jobs.dask._version", lambda package: "0.0")
+    monkeypatch.setattr("collalign.engine.jobs.cluster._version", lambda package: "0.0")
     with pytest.raises(CollalignError, match="same versions"):
         list(run_jobs(spectrum, [("a", 1)], scheduler=cluster.scheduler_address))
 

@@ -1,0 +1,229 @@
+"""A Dask cluster that may go away: every question to it has a time limit, and its loss is an error that says so."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from importlib.metadata import PackageNotFoundError, version
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
+
+from data_tools.errors import CollalignError, OptionsError, RunLost
+
+try:
+    from distributed import Client
+    from distributed.comm.addressing import parse_address, parse_host_port
+    from distributed.comm.registry import backends
+except ImportError as error:
+    raise OptionsError(f"a scheduler needs Dask: pip install 'collalign[dask]' ({error})") from None
+
+Answer = TypeVar("Answer")
+
+_log = logging.getLogger(__name__)
+#: Together below half a minute: until somebody listens at the address, until that turns out to be a scheduler.
+_LISTEN_TIMEOUT_S = 15.0
+_CONNECT_TIMEOUT_S = 10.0
+#: Until the first worker joins.
+_JOIN_TIMEOUT_S = 25.0
+#: Until a question is answered; shared records of 100 MB take some seconds.
+_ANSWER_TIMEOUT_S = 25.0
+#: Workers may all be gone for a while, as in a queue of jobs: until that is said, and until the run is given up.
+_WORKERLESS_NOTE_S = 20.0
+_WORKERLESS_END_S = 600.0
+#: Packages of which all machines need the same version for the same bytes.
+_PACKAGES = ("collalign", "numpy", "scipy")
+
+
+class Cluster:
+    """A connection to a scheduler with at least one worker; see :meth:`connect`.
+
+    Attributes
+    ----------
+    client : distributed.Client
+        To be called through :meth:`ask` only.
+    """
+
+    def __init__(self, client: Client, address: str) -> None:
+        self.client = client
+        self._address = address
+        self._seen_workers_s = time.monotonic()
+        self._noted = False
+
+    @classmethod
+    @contextmanager
+    def connect(cls, address: str) -> Iterator[Cluster]:
+        """Connect to a scheduler, wait for a worker, and check that the workers have this program.
+
+        Raises
+        ------
+        OptionsError
+            If the address is none.
+        RunLost
+            If nobody answers, or no worker joins.
+        CollalignError
+            If the workers have other versions installed.
+        """
+        _wait_for_listener(address)
+        with _silent_dask():
+            try:
+                client = _within(
+                    _CONNECT_TIMEOUT_S, Client, address, timeout=_CONNECT_TIMEOUT_S, set_as_default=False
+                )
+            except Exception as error:
+                raise RunLost(f"{address}: no Dask scheduler answers ({_one_line(error)})") from None
+            try:
+                cluster = cls(client, address)
+                cluster._wait_for_workers()
+                cluster._check_versions()
+                yield cluster
+            finally:
+                with suppress(Exception):  # a scheduler that is gone needs no farewell
+                    _within(_ANSWER_TIMEOUT_S / 5, client.close, timeout=_ANSWER_TIMEOUT_S / 6)
+
+    def ask(self, question: Callable[..., Answer], *arguments: Any, **options: Any) -> Answer:
+        """Call a function of the client or of a future.
+
+        Raises
+        ------
+        RunLost
+            If there is no answer in time, or the connection is lost.
+        Exception
+            What the function raises.
+        """
+        if self.client.status != "running":
+            raise self._lost()
+        try:
+            return _within(_ANSWER_TIMEOUT_S, question, *arguments, **options)
+        except TimeoutError:
+            raise self._lost() from None
+        except Exception:
+            if self.client.status != "running":
+                raise self._lost() from None
+            raise
+
+    def num_cores(self) -> int:
+        """Return the cores of all workers; 0 while there are none."""
+        num = sum(self.ask(self.client.nthreads).values())
+        if num:
+            self._seen_workers_s, self._noted = time.monotonic(), False
+        return num
+
+    def check(self) -> None:
+        """Make sure that the scheduler is there; wait for workers, for a while.
+
+        Raises
+        ------
+        RunLost
+            If the scheduler is gone, or all workers have been for ten minutes.
+        """
+        if self.num_cores():
+            return
+        gone_s = time.monotonic() - self._seen_workers_s
+        if gone_s > _WORKERLESS_END_S:
+            raise RunLost(f"{self._address}: all workers are gone, for {gone_s / 60:.0f} minutes now")
+        if gone_s > _WORKERLESS_NOTE_S and not self._noted:
+            _log.warning("%s: all workers are gone; waiting for others (Ctrl-C loses nothing)", self._address)
+            self._noted = True
+
+    def _wait_for_workers(self) -> None:
+        while not self.num_cores():
+            if time.monotonic() - self._seen_workers_s > _JOIN_TIMEOUT_S:
+                raise RunLost(
+                    f"{self._address}: the scheduler has no workers; start some with 'dask worker {self._address}'"
+                )
+            time.sleep(0.2)
+
+    def _check_versions(self) -> None:
+        """Refuse a cluster whose present workers would compute something else."""
+        here = _versions()
+        try:
+            everywhere = self.ask(self.client.run, _versions, on_error="ignore")  # a worker may be dying
+        except CollalignError:
+            raise
+        except Exception as error:
+            raise CollalignError(f"the cluster's workers do not answer ({_one_line(error)})") from error
+        for worker, there in everywhere.items():
+            if there != here:
+                names = ", ".join(_PACKAGES)
+                raise CollalignError(
+                    f"worker {worker}: has {names} {there}, here are {here}; install the same versions everywhere"
+                )
+
+    def _lost(self) -> RunLost:
+        return RunLost(f"{self._address}: the Dask scheduler does not answer any more")
+
+
+def _within(seconds: float, function: Callable[..., Answer], *arguments: Any, **options: Any) -> Answer:
+    """Return what a function returns or raises, or raise TimeoutError; it goes on in a thread of its own then."""
+    answers: SimpleQueue[tuple[Any, BaseException | None]] = SimpleQueue()
+
+    def call() -> None:
+        try:
+            answers.put((function(*arguments, **options), None))
+        except BaseException as error:
+            answers.put((None, error))
+
+    threading.Thread(target=call, daemon=True).start()
+    try:
+        answer, error = answers.get(timeout=seconds)
+    except Empty:
+        raise TimeoutError(f"no answer within {seconds:g} s") from None
+    if error is not None:
+        raise error
+    return answer
+
+
+def _wait_for_listener(address: str) -> None:
+    """Wait until a TCP address accepts connections: Dask itself tries a wrong one for long and ends in tracebacks."""
+    try:
+        scheme, location = parse_address(address)
+        host, port = parse_host_port(location)
+        if scheme not in backends or not 0 < port < 2**16:
+            raise ValueError(f"no way to reach port {port} by {scheme}")
+        socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    except (ValueError, OSError, OverflowError) as error:
+        raise OptionsError(f"scheduler: {address!r} is no address such as tcp://host:8786 ({error})") from None
+    if scheme not in ("tcp", "tls"):
+        return
+    deadline = time.monotonic() + _LISTEN_TIMEOUT_S
+    while True:
+        try:
+            socket.create_connection((host, port), timeout=max(0.1, deadline - time.monotonic())).close()
+            return
+        except OSError as error:
+            if time.monotonic() > deadline:
+                raise RunLost(f"{address}: nobody listens there ({error.strerror or error})") from None
+        time.sleep(min(0.2, _LISTEN_TIMEOUT_S / 4))
+
+
+@contextmanager
+def _silent_dask() -> Iterator[None]:
+    """Keep Dask's own log of lost connections from the user: our errors say the same."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "tornado.application")]
+    former = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, former, strict=True):
+            logger.setLevel(level)
+
+
+def _versions() -> tuple[str, ...]:
+    return tuple(_version(package) for package in _PACKAGES)
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())[:300]

@@ -1,0 +1,156 @@
+"""Clusters that are not there, or go away in the middle: a message in good time, and nothing finished is lost."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from collalign import AlignOptions, RunOptions, align_collection
+from collalign.engine.jobs.run import run_jobs
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
+from data_tools.errors import OptionsError, RunLost
+from data_tools.options import SamplingOptions
+from tests.job_functions import spectrum
+
+pytest.importorskip("distributed", reason="Dask is not installed: pip install 'collalign[dask]'")
+
+#: What a user waits for a message at most.
+PATIENCE_S = 30.0
+OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=16, num_dense_points=0))
+
+
+class OwnCluster:
+    """A scheduler and perhaps a worker, in processes of their own."""
+
+    def __init__(self, folder: Path, *, with_worker: bool) -> None:
+        file = folder / "scheduler.json"
+        self._log = (folder / "cluster.log").open("wb")
+        port = free_port()
+        self.address = f"tcp://127.0.0.1:{port}"
+        self.scheduler = self._start(
+            "scheduler", "--port", str(port), "--no-dashboard", "--scheduler-file", str(file)
+        )
+        self.worker = None
+        if with_worker:
+            flags = ("--nthreads", "1", "--no-dashboard", "--no-nanny", "--death-timeout", "60")
+            self.worker = self._start("worker", "--scheduler-file", str(file), *flags)
+
+    def kill_worker(self) -> None:
+        if self.worker is not None:
+            self.worker.kill()
+
+    def _start(self, kind: str, *flags: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *flags]
+        return subprocess.Popen(command, stdout=self._log, stderr=self._log)
+
+    def close(self) -> None:
+        for process in (self.worker, self.scheduler):
+            if process is not None:
+                process.kill()
+                process.wait()
+        self._log.close()
+
+
+@contextmanager
+def own_cluster(folder: Path, *, with_worker: bool = True) -> Iterator[OwnCluster]:
+    cluster = OwnCluster(folder, with_worker=with_worker)
+    try:
+        yield cluster
+    finally:
+        cluster.close()
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("cluster") / "chairs"
+    rng = np.random.default_rng(2)
+    write_collection(path, planted_collection(deformed_family(chair(rng, resolution=1), 4, rng, rms=0.02), rng))
+    return path
+
+
+def test_a_scheduler_that_hangs_or_dies_ends_the_run_in_good_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("collalign.engine.jobs.cluster._ANSWER_TIMEOUT_S", 4.0)
+    with own_cluster(tmp_path) as cluster:
+        for number in (signal.SIGSTOP, signal.SIGKILL):
+            results = run_jobs(spectrum, [(str(i), i) for i in range(300)], scheduler=cluster.address, batch_size=1)
+            assert next(results).failure is None
+            cluster.scheduler.send_signal(number)
+            hit_s = time.monotonic()
+            with pytest.raises(RunLost, match="does not answer any more"):
+                list(results)
+            assert time.monotonic() - hit_s < PATIENCE_S
+            cluster.scheduler.send_signal(signal.SIGCONT)
+
+
+def test_without_workers_the_run_ends_and_what_is_finished_is_kept(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("collalign.engine.jobs.cluster._WORKERLESS_END_S", 1.0)
+    with own_cluster(tmp_path) as cluster:
+        run = RunOptions(scheduler=cluster.address, store=tmp_path / "store.sqlite")
+
+        def progress(kind: str, total: int, *, done: int = 0) -> Any:
+            monkeypatch.setattr("collalign.engine.jobs.cluster._JOIN_TIMEOUT_S", 0.5)  # the next stage's
+            return nullcontext(lambda job: cluster.kill_worker())
+
+        with pytest.raises(RunLost, match="has no workers; start some"):
+            align_collection(folder, options=OPTIONS, run=run, progress=progress)
+    again = align_collection(folder, options=OPTIONS, run=RunOptions(jobs=1, store=run.store))
+    alone = align_collection(folder, options=OPTIONS, run=RunOptions(jobs=1))
+    assert again.run.num_reused == 4
+    assert again.transforms.tobytes() == alone.transforms.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("address", "error"),
+    [
+        ("garbage", OptionsError),
+        ("", OptionsError),
+        ("tcp://no.such.host.invalid:8786", OptionsError),
+        ("tcp://127.0.0.1:99999", OptionsError),
+        ("tcp://127.0.0.1", OptionsError),
+        ("nonsense://127.0.0.1:1", OptionsError),
+        ("tcp://127.0.0.1:9", RunLost),
+    ],
+)
+def test_addresses_without_a_scheduler_are_named(
+    address: str, error: type[Exception], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("collalign.engine.jobs.cluster._LISTEN_TIMEOUT_S", 0.5)
+    with pytest.raises(error, match=address or "''"):
+        list(run_jobs(spectrum, [("a", 1)], scheduler=address))
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_another_program_at_the_address_is_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("collalign.engine.jobs.cluster._CONNECT_TIMEOUT_S", 1.0)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        with pytest.raises(RunLost, match="no Dask scheduler answers"):
+            list(run_jobs(spectrum, [("a", 1)], scheduler=address))
+
+
+def test_the_time_limits_together_keep_the_promise() -> None:
+    from collalign.engine.jobs import cluster
+
+    connecting = cluster._LISTEN_TIMEOUT_S + cluster._CONNECT_TIMEOUT_S
+    assert max(connecting, cluster._JOIN_TIMEOUT_S, cluster._ANSWER_TIMEOUT_S + 2, cluster._WORKERLESS_NOTE_S) < 30
