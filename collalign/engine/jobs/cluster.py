@@ -124,7 +124,7 @@ class Cluster:
             return
         gone_s = time.monotonic() - self._seen_workers_s
         if gone_s > _WORKERLESS_END_S:
-            raise RunLost(f"{self._address}: all workers are gone, for {gone_s / 60:.0f} minutes now")
+            raise RunLost(f"{self._address}: all workers are gone, for {gone_s:.0f} s now")
         if gone_s > _WORKERLESS_NOTE_S and not self._noted:
             _log.warning("%s: all workers are gone; waiting for others (Ctrl-C loses nothing)", self._address)
             self._noted = True
@@ -154,7 +154,7 @@ class Cluster:
                 )
 
     def _lost(self) -> RunLost:
-        return RunLost(f"{self._address}: the Dask scheduler does not answer any more")
+        return RunLost(f"{self._address}: the Dask cluster does not answer any more")
 
 
 def _within(seconds: float, function: Callable[..., Answer], *arguments: Any, **options: Any) -> Answer:
