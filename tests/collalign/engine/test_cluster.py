@@ -113,7 +113,7 @@ def test_without_workers_the_run_ends_and_what_is_finished_is_kept(
                 monkeypatch.setattr(f"collalign.engine.jobs.cluster.{limit}", 2.0)
             return nullcontext(lambda job: cluster.kill_worker())
 
-        with pytest.raises(RunLost, match="has no workers|workers are gone|not answer"):
+        with pytest.raises(RunLost, match=r"has no workers|workers are gone|not answer"):
             align_collection(folder, options=OPTIONS, run=run, progress=progress)
     again = align_collection(folder, options=OPTIONS, run=RunOptions(jobs=1, store=run.store))
     alone = align_collection(folder, options=OPTIONS, run=RunOptions(jobs=1))
