@@ -133,9 +133,9 @@ def align_listing(
     with _timed(times_s, "synchronization"):
         parts, linked = split_shapes(options, samples, pairs)
         solution = synchronize_shapes(options, samples, linked, constraints, known=solution if not parts else None)
-        linked, solution = resolve_pairs(options, samples, linked, solution, constraints)
+        linked, solution = resolve_pairs(session, samples, linked, solution, constraints)
         pairs, solution = join_parts(options, parts, pairs, linked, solution, constraints)
-        rotations = refine_poses(options, samples, pairs, solution, constraints)
+        rotations = refine_poses(session, samples, pairs, solution, constraints)
         rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
         pairs = with_common_match(samples, pairs, solution, rotations)
         labels = common_labels(samples, pairs, rotations)

@@ -11,7 +11,7 @@ from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
 from collalign.engine.options import RunOptions
 from collalign.engine.store.layout import KINDS, Failure
 from collalign.engine.store.store import Store
-from data_tools.errors import InputError
+from data_tools.errors import InputError, SolveFailed
 
 #: Makes a progress display from (description, total, done): :class:`collalign.engine.jobs.progress.ProgressBar`.
 ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[[JobResult], None]]]
@@ -132,6 +132,47 @@ class Session(Generic[OptionsT]):
                     raise InputError(f"{tasks[job.key][0]}: {job.failure}")
         done, failures = self.store.keys(kind), self.store.failures(kind)
         return {key: failures[key] for key in tasks if key not in done}
+
+    def spread(
+        self,
+        kind: str,
+        function: Callable[..., Any],
+        tasks: Mapping[str, Any],
+        *,
+        shared: SharedTable | None = None,
+    ) -> dict[str, Any]:
+        """Compute results that are not kept, on all workers, and return them by key.
+
+        Parameters
+        ----------
+        kind : str
+            What is counted, for the progress display.
+        function : callable
+            Of a module; see :func:`collalign.engine.jobs.run.run_jobs`. It is not expected to fail.
+        tasks : mapping of key to payload
+        shared : SharedTable, optional
+
+        Raises
+        ------
+        SolveFailed
+            If a task fails nevertheless.
+        """
+        results = {}
+        with self._display(kind, len(tasks), len(tasks)) as report:
+            jobs = run_jobs(
+                function,
+                tasks.items(),
+                num_jobs=self.run.num_workers,
+                scheduler=self.run.scheduler,
+                shared=shared,
+                progress=report,
+            )
+            for job in jobs:
+                if job.failure is not None:
+                    jobs.close()
+                    raise SolveFailed(f"{kind}, {job.key}: {job.failure}")
+                results[job.key] = job.value
+        return results
 
     def _display(
         self, kind: str, total: int, missing: int

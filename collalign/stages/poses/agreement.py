@@ -3,30 +3,61 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from collalign.options import AlignOptions
+from collalign.engine.jobs.run import SharedTable
+from collalign.engine.store.records import Record
+from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.stages.pairs.match import pair_problem
 from collalign.stages.poses.synchronize import pair_graph
+from collalign.stages.stored_types import samples_from_record, samples_to_record
 from collalign.synchronization import SynchronizationResult, synchronize_graph
 from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.rotations import rotation_angle_deg
-from pairwise.local.local_search import LocalMinima, minimise
+from pairwise.local.local_search import minimise
 
 #: How often disagreeing pairs are solved again.
 MAX_ROUNDS = 5
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ResolveTask:
+    """What a worker needs to solve one pair again; the samples come from the shared table, by position."""
+
+    target: int
+    source: int
+    group: str
+    start: FloatArray
+
+
+def resolve_pair(task: ResolveTask, shared: SharedTable) -> Record:
+    """Return the local minimum of a pair's energy next to a rotation of space; runs inside a worker.
+
+    Returns
+    -------
+    dict
+        ``rotations`` (1, d, d), ``maps`` (1, k), ``energies`` (1,).
+    """
+    target, source = (samples_from_record(shared[str(i)], str(i)) for i in (task.target, task.source))
+    problem = pair_problem(target, source, task.group)
+    start = task.start
+    if problem.dim > 3:
+        # The eigenfunctions' block follows in closed form from the map that positions and invariants give.
+        start = problem.procrustes(linear_sum_assignment(_costs(target, source, task.start))[1])
+    pose = minimise(problem, start[None])
+    return {"rotations": pose.rotations, "maps": pose.maps, "energies": pose.energies}
+
+
 def resolve_pairs(
-    options: AlignOptions,
+    session: AlignSession,
     samples: Sequence[Samples],
     pairs: Sequence[Pair],
     solution: SynchronizationResult,
@@ -38,8 +69,8 @@ def resolve_pairs(
 
     Parameters
     ----------
-    options : AlignOptions
-        With a decided group; with the paper's own synchronization nothing is solved again.
+    session : Session
+        Its group is decided; with the paper's own synchronization nothing is solved again.
     samples : sequence of Samples
     pairs : sequence of Pair
     solution : SynchronizationResult
@@ -53,35 +84,48 @@ def resolve_pairs(
     solution : SynchronizationResult
         Its ``edge_choice`` counts the candidates of the returned pairs.
     """
-    agreed = list(pairs)
+    agreed, options = list(pairs), session.options
     if options.synchronization != "robust":
         return agreed, solution
     graph = with_room(pair_graph(pairs, len(samples), options.group))
-    for _ in range(MAX_ROUNDS):
-        edges, asked = disagreeing_pairs(graph, solution.rotations)
-        poses = [_pose_from(samples, pairs[e], start, options.group) for e, start in zip(edges, asked, strict=True)]
-        graph, accepted = with_resolved(
-            graph,
-            edges,
-            [np.ascontiguousarray(pose.rotations[0, :3, :3]) for pose in poses],
-            [float(pose.energies[0]) for pose in poses],
-        )
-        if not accepted.any():
-            break
-        for n in np.flatnonzero(accepted):
-            agreed[edges[n]] = _with_pose(pairs[edges[n]], poses[n])
-        solution = synchronize_graph(graph, fixed=constraints.fixed, reference=constraints.reference)
+    with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(samples)) as table:
+        for _ in range(MAX_ROUNDS):
+            edges, asked = disagreeing_pairs(graph, solution.rotations)
+            poses = _resolved(session, [pairs[e] for e in edges], asked, table)
+            graph, accepted = with_resolved(
+                graph,
+                edges,
+                [np.ascontiguousarray(pose["rotations"][0, :3, :3]) for pose in poses],
+                [float(pose["energies"][0]) for pose in poses],
+            )
+            if not accepted.any():
+                break
+            for n in np.flatnonzero(accepted):
+                agreed[edges[n]] = _with_pose(pairs[edges[n]], poses[n])
+            solution = synchronize_graph(graph, fixed=constraints.fixed, reference=constraints.reference)
     last = np.array([len(pair.energies) - 1 for pair in agreed])
     is_resolved = solution.edge_choice == graph.present.shape[1] - 1
     return agreed, replace(solution, edge_choice=read_only(np.where(is_resolved, last, solution.edge_choice)))
 
 
-def _with_pose(pair: Pair, pose: LocalMinima) -> Pair:
+def _resolved(session: AlignSession, pairs: Sequence[Pair], asked: FloatArray, table: SharedTable) -> list[Record]:
+    """Return the poses of pairs that were solved again from the rotations that the collection asks for."""
+    tasks = {
+        f"{pair.target} {pair.source}": ResolveTask(
+            target=pair.target, source=pair.source, group=session.options.group, start=start
+        )
+        for pair, start in zip(pairs, asked, strict=True)
+    }
+    found = session.spread("pairs again", resolve_pair, tasks, shared=table)
+    return [found[key] for key in tasks]
+
+
+def _with_pose(pair: Pair, pose: Record) -> Pair:
     return replace(
         pair,
-        rotations=np.concatenate([pair.rotations, pose.rotations]),
-        maps=np.concatenate([pair.maps, pose.maps]),
-        energies=np.concatenate([pair.energies, pose.energies]),
+        rotations=np.concatenate([pair.rotations, pose["rotations"]]),
+        maps=np.concatenate([pair.maps, pose["maps"]]),
+        energies=np.concatenate([pair.energies, pose["energies"]]),
     )
 
 
@@ -120,21 +164,13 @@ def with_common_match(
 def match_at(samples: Sequence[Samples], pair: Pair, rotations: FloatArray) -> tuple[IntArray, float]:
     """Return the best map of a pair at the common poses, and its energy."""
     target, source = samples[pair.target], samples[pair.source]
-    rotation = rotations[pair.target].T @ rotations[pair.source]
-    costs = cdist(source.positions @ rotation.T, target.positions, "sqeuclidean")
-    costs += cdist(source.invariants, target.invariants, "sqeuclidean")
+    costs = _costs(target, source, rotations[pair.target].T @ rotations[pair.source])
     rows, columns = linear_sum_assignment(costs)
     return columns.astype(np.int64), float(costs[rows, columns].sum())
 
 
-def _pose_from(samples: Sequence[Samples], pair: Pair, start: FloatArray, group: str) -> LocalMinima:
-    """Return the local minimum of a pair's energy next to a rotation of space."""
-    target, source = samples[pair.target], samples[pair.source]
-    problem = pair_problem(target, source, group)
-    first = start
-    if problem.dim > 3:
-        # The eigenfunctions' block follows in closed form from the map that positions and invariants give.
-        costs = cdist(source.positions @ start.T, target.positions, "sqeuclidean")
-        costs += cdist(source.invariants, target.invariants, "sqeuclidean")
-        first = problem.procrustes(linear_sum_assignment(costs)[1])
-    return minimise(problem, first[None])
+def _costs(target: Samples, source: Samples, rotation: FloatArray) -> FloatArray:
+    """Return the costs of all matches at a rotation of space, shape (k, k): source points are rows."""
+    costs = cdist(source.positions @ rotation.T, target.positions, "sqeuclidean")
+    costs += cdist(source.invariants, target.invariants, "sqeuclidean")
+    return costs

@@ -8,15 +8,18 @@ on hundreds of points each and synchronized with weights that fall with the squa
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import networkx as nx
 import numpy as np
 
-from collalign.options import AlignOptions
+from collalign.engine.jobs.run import SharedTable
+from collalign.engine.store.records import Record
+from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.agreement import match_at
+from collalign.stages.stored_types import samples_from_record, samples_to_record
 from collalign.synchronization import PairGraph, SynchronizationResult, synchronize_graph
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
@@ -32,8 +35,33 @@ NUM_ROUNDS = 2
 LOCALITY, ENERGY_RANGE = 2.0, (0.1, 1e3)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RefinementTask:
+    """What a worker needs to refine one pair; the samples come from the shared table, by position."""
+
+    target: int
+    source: int
+    start: FloatArray
+
+
+def refine_pair(task: RefinementTask, shared: SharedTable) -> Record:
+    """Refine the pose of one pair on the dense samples; runs inside a worker.
+
+    Returns
+    -------
+    dict
+        ``rotation`` (3, 3), ``R_target_source``; ``energy``, in squares of the target's radius.
+    """
+    target, source = (
+        dense_points(samples_from_record(shared[str(i)], str(i)), invariants=False)
+        for i in (task.target, task.source)
+    )
+    pose = refine_pose(target, source, task.start)
+    return {"rotation": pose.R_target_source, "energy": pose.energy / target.radius**2}
+
+
 def refine_poses(
-    options: AlignOptions,
+    session: AlignSession,
     samples: Sequence[Samples],
     pairs: Sequence[Pair],
     solution: SynchronizationResult,
@@ -43,16 +71,16 @@ def refine_poses(
 
     Parameters
     ----------
-    options : AlignOptions
-        With a decided group; without ``refine``, with the paper's own synchronization, or where a shape has no dense
-        samples, nothing is refined.
+    session : Session
+        Its group is decided; without ``options.refine``, with the paper's own synchronization, or where a shape has
+        no dense samples, nothing is refined.
     samples : sequence of Samples
     pairs : sequence of Pair
     solution : SynchronizationResult
         Of these pairs.
     constraints : Constraints
     """
-    rotations = solution.rotations
+    rotations, options = solution.rotations, session.options
     wanted = options.refine and options.synchronization == "robust"
     if not wanted or not all(len(item.dense_indices) > 1 for item in samples):
         return rotations
@@ -65,6 +93,7 @@ def refine_poses(
             kept[first] = rotations[first]
     within = [pair for pair in pairs if part[pair.target] == part[pair.source]]
     return refine_rotations(
+        session,
         samples,
         rotations,
         np.array([(pair.target, pair.source) for pair in within]),
@@ -75,6 +104,7 @@ def refine_poses(
 
 
 def refine_rotations(
+    session: AlignSession,
     samples: Sequence[Samples],
     rotations: FloatArray,
     edges: IntArray,
@@ -87,6 +117,7 @@ def refine_rotations(
 
     Parameters
     ----------
+    session : Session
     samples : sequence of Samples
         With dense samples.
     rotations : ndarray, shape (N, 3, 3)
@@ -100,21 +131,30 @@ def refine_rotations(
         Poses that stay, at least one in each part that the edges connect.
     """
     local = local_pairs(len(samples), edges, energies)
-    points = [dense_points(item, invariants=False) for item in samples]
     pattern = RotationPattern.from_user(None, 3, group)
-    for _ in range(NUM_ROUNDS):
-        poses = [refine_pose(points[i], points[j], rotations[i].T @ rotations[j]) for i, j in local.tolist()]
-        found = np.array([pose.energy / points[i].radius ** 2 for pose, i in zip(poses, local[:, 0], strict=True)])
-        floor = max(float(np.median(found)), np.finfo(float).tiny)
-        graph = PairGraph.of_candidates(
-            local,
-            [(pose.R_target_source[None], energy[None]) for pose, energy in zip(poses, found, strict=True)],
-            num_shapes=len(samples),
-            pattern=pattern,
-        )
-        weights = np.clip(found / floor, *ENERGY_RANGE) ** -LOCALITY
-        rotations = synchronize_graph(replace(graph, weights=read_only(weights)), fixed=fixed).rotations
+    with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(samples)) as table:
+        for _ in range(NUM_ROUNDS):
+            tasks = {
+                f"{i} {j}": RefinementTask(target=i, source=j, start=rotations[i].T @ rotations[j])
+                for i, j in local.tolist()
+            }
+            found = session.spread("refinements", refine_pair, tasks, shared=table)
+            poses = [found[key] for key in tasks]
+            graph = PairGraph.of_candidates(
+                local,
+                [(pose["rotation"][None], np.array([pose["energy"]])) for pose in poses],
+                num_shapes=len(samples),
+                pattern=pattern,
+            )
+            weights = _weights(np.array([pose["energy"] for pose in poses]))
+            rotations = synchronize_graph(replace(graph, weights=weights), fixed=fixed).rotations
     return rotations
+
+
+def _weights(energies: FloatArray) -> FloatArray:
+    """Return the trust in each pair: the nearer the shapes, the more."""
+    floor = max(float(np.median(energies)), np.finfo(float).tiny)
+    return read_only(np.clip(energies / floor, *ENERGY_RANGE) ** -LOCALITY)
 
 
 def local_pairs(num_shapes: int, edges: IntArray, energies: FloatArray, *, num: int = NUM_NEIGHBOURS) -> IntArray:

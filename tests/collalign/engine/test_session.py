@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+
 import pytest
 
+from collalign.engine.jobs.run import JobResult
 from collalign.engine.options import RunOptions
 from collalign.engine.session import Session
 from collalign.engine.store.store import Store
-from data_tools.errors import InputError
+from data_tools.errors import InputError, SolveFailed
+from tests.job_functions import misbehave
 
 
 def root(value: float) -> dict[str, float]:
@@ -51,3 +56,25 @@ def test_a_session_opens_its_own_store_and_hands_on_other_options() -> None:
         decided = session.with_options("decided")
         assert (session.options, decided.options) == ("asked", "decided")
         assert decided.store is session.store
+
+
+@pytest.mark.parametrize("num_jobs", [1, 2])
+def test_results_are_spread_counted_and_not_kept(num_jobs: int) -> None:
+    counted: list[str] = []
+
+    def count(kind: str, total: int, done: int) -> AbstractContextManager[Callable[[JobResult], None]]:
+        counted.append(f"{kind}: {done} of {total}")
+        return nullcontext(lambda result: counted.append(result.key))
+
+    with Session.open(None, RunOptions(jobs=num_jobs), count) as session:
+        found = session.spread("things", misbehave, {str(i): ("return", i) for i in range(6)})
+        assert session.spread("things", misbehave, {}) == {}
+        assert not any(session.store.keys(kind) for kind in ("shapes", "pairs"))
+    assert found == {str(i): i for i in range(6)}
+    assert counted[0] == "things: 0 of 6"
+    assert sorted(counted[1:]) == sorted(found)
+
+
+def test_a_failure_is_an_error_that_names_the_task() -> None:
+    with Session.open(None, RunOptions(jobs=1)) as session, pytest.raises(SolveFailed, match="things, b: ValueError"):
+        session.spread("things", misbehave, {"a": ("return", 1), "b": ("raise", 2)})

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from collalign.engine.options import RunOptions
+from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
@@ -63,7 +65,8 @@ def solve(
     options = AlignOptions(group="SO", clusters=clusters)
     split, linked = split_shapes(options, samples, pairs)
     solution = synchronize_shapes(options, samples, linked, constraints)
-    linked, solution = resolve_pairs(options, samples, linked, solution, constraints)
+    with Session.open(options, RunOptions(jobs=1)) as session:
+        linked, solution = resolve_pairs(session, samples, linked, solution, constraints)
     merged, solution = join_parts(options, split, pairs, linked, solution, constraints)
     assert [(pair.target, pair.source) for pair in merged] == [(pair.target, pair.source) for pair in pairs]
     return solution

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 
 import networkx as nx
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
+from collalign.engine.options import RunOptions
+from collalign.engine.session import Session
+from collalign.options import AlignOptions, AlignSession
 from collalign.stages.poses.refinement import local_pairs, refine_rotations
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.embedding.embedding import Samples, sample_shape
@@ -52,19 +57,27 @@ def errors_deg(rotations: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.array([rotation_angle_deg(rotations[i].T @ rotations[j], truth[i].T @ truth[j]) for i, j in pairs])
 
 
-def test_disturbed_poses_come_back(rng: np.random.Generator) -> None:
+@pytest.fixture
+def session() -> Iterator[AlignSession]:
+    with Session.open(AlignOptions(), RunOptions(jobs=1)) as opened:
+        yield opened
+
+
+def test_disturbed_poses_come_back(session: AlignSession, rng: np.random.Generator) -> None:
     samples, truth = posed_crowns(rng, 4)
     disturbed = Rotation.from_rotvec(0.12 * rng.standard_normal((4, 3))).as_matrix() @ truth
     edges = all_edges(4)
-    refined = refine_rotations(samples, disturbed, edges, np.ones(len(edges)), group="O", fixed={0: disturbed[0]})
+    refined = refine_rotations(
+        session, samples, disturbed, edges, np.ones(len(edges)), group="O", fixed={0: disturbed[0]}
+    )
     assert errors_deg(disturbed, truth).max() > 5
     assert errors_deg(refined, truth).max() < 0.5
     assert np.allclose(refined[0], disturbed[0])
 
 
-def test_fixed_poses_stay(rng: np.random.Generator) -> None:
+def test_fixed_poses_stay(session: AlignSession, rng: np.random.Generator) -> None:
     samples, truth = posed_crowns(rng, 3)
     fixed = {1: truth[1], 2: np.diag([1.0, -1.0, -1.0]) @ truth[2]}
-    refined = refine_rotations(samples, truth, all_edges(3), np.ones(3), group="O", fixed=fixed)
+    refined = refine_rotations(session, samples, truth, all_edges(3), np.ones(3), group="O", fixed=fixed)
     for shape, pose in fixed.items():
         assert np.allclose(refined[shape], pose)
