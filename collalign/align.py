@@ -155,6 +155,8 @@ def align_listing(
         confidence=solution.confidence,
         samples=tuple(item.vertex_indices for item in samples),
         positions=read_only(positions),
+        coordinates=read_only(np.stack([item.coordinates for item in samples])),
+        invariants=read_only(np.stack([item.invariants for item in samples])),
         maps=ConsistentMaps(names=shapes.names, labels=read_only(labels)),
         consensus=read_only(in_label_order(positions, labels).mean(axis=0)),
         pairs=tuple(pairs),

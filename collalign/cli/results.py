@@ -1,4 +1,4 @@
-"""``collalign export``, ``classify`` and ``view``: what can be done with a finished result."""
+"""``collalign export``, ``verify``, ``classify`` and ``view``: what can be done with a finished result."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from collalign.analysis.procrustes import procrustes_distances
 from collalign.output.evidence.file import load_view
 from collalign.output.exports import FORMATS, Space
 from collalign.output.exports import export as write_export
+from collalign.output.verify import verify_result
+from data_tools.errors import InputError
 
 
 def export(
@@ -40,6 +42,25 @@ def export(
     for path in write_export(result, format, to, space=space, sources=sources):
         print(path)
     return 0
+
+
+def verify(
+    result: Path,
+    *,
+    as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Check every certificate of a result, without trusting the program that made it.
+
+    Parameters
+    ----------
+    result
+        Folder that ``collalign align --certify`` wrote.
+    as_json
+        Print one JSON object instead of a table.
+    """
+    found = verify_result(result)
+    print(json.dumps(found.as_dict(), indent=1) if as_json else found.table())
+    return 0 if found.holds else InputError.exit_code
 
 
 def classify(

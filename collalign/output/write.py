@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from collalign.output.certificates import write_certificates
 from collalign.output.contact_sheet import Tile, draw_contact_sheet, tile_of
 from collalign.output.evidence.file import EVIDENCE_FILE, save_view
 from collalign.output.evidence.gather import view_collection
@@ -89,12 +90,13 @@ def save_collection(
         refuse_overlap(output.folder, inputs_of(collection.files))
         output.refuse_foreign(output_names(collection.names))
         _write_tables(collection, output)
+        write_certificates(collection, output)
         _write_shapes(collection, output, report=report, labels=labels)
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
         raise InputError(f"{output.folder}: the results cannot be written ({error.strerror or error})") from error
-    meshes = output.folder / MESH_FOLDER
-    return (*(path for path in written if path.parent != meshes), meshes)
+    folders = {path.parent for path in written} - {output.folder}
+    return (*(path for path in written if path.parent == output.folder), *sorted(folders))
 
 
 def inputs_of(files: Iterable[Path]) -> set[Path]:

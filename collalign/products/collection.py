@@ -92,6 +92,8 @@ class Collection:
         Vertex indices of each shape's samples, as its file counts them.
     positions : ndarray, shape (N, k, 3)
         The samples in the common frame.
+    coordinates, invariants : ndarray, shapes (N, k, d) and (N, k, m)
+        The samples as they were matched: embedded, centred and scaled, and what no rotation changes.
     maps : ConsistentMaps
     consensus : ndarray, shape (num_labels, 3)
         Mean position of every universe label in the common frame.
@@ -124,6 +126,8 @@ class Collection:
     confidence: FloatArray
     samples: tuple[IntArray, ...]
     positions: FloatArray
+    coordinates: FloatArray
+    invariants: FloatArray
     maps: ConsistentMaps
     consensus: FloatArray
     pairs: tuple[Pair, ...]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray, read_only
+from pairwise.certificates.certificate import Certificate
 
 
 def _no_map() -> IntArray:
@@ -34,6 +35,8 @@ class Pair:
         Name of the :class:`pairwise.status.Status` that the pair ended with.
     chirality_proven : bool
         Whether every pose of the other chirality is proven to be worse than the best one.
+    certificate : Certificate or None
+        Proves a lower bound of this pair's energy, which may be below ``lower_bound``, to anybody.
     choice : int
         The candidate that synchronization chose, -1 for none.
     inlier : bool
@@ -54,6 +57,7 @@ class Pair:
     lower_bound: float = float("nan")
     status: str = ""
     chirality_proven: bool = False
+    certificate: Certificate | None = None
     choice: int = -1
     inlier: bool = False
     disagreement_deg: float = float("nan")

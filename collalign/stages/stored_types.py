@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from data_tools.arrays import (
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import InputError, SolveFailed, StoreError
 from pairwise.branch_and_bound.prove import Proof
+from pairwise.certificates.certificate import Certificate
 from pairwise.results import MatchResult
 from pairwise.status import Status
 
@@ -154,16 +156,18 @@ def pair_from_record(record: Record, name: str, target: int = 0, source: int = 1
         )
 
 
-def proof_to_record(proof: Proof) -> Record:
-    """Return what branch and bound proved as a record."""
+def proof_to_record(proof: Proof, certificate: Certificate | None) -> Record:
+    """Return what was proven as a record, with a certificate where there is one; its bound may be the higher one."""
     pose = proof.candidate
+    bounds = [proof.lower_bound] if certificate is None else [proof.lower_bound, certificate.bound]
     return {
-        "lower_bound": float(proof.lower_bound),
+        "lower_bound": float(min(max(bounds), pose.energy)),
         "status": proof.status.name,
         "energy": float(pose.energy),
         "rotation": np.array(pose.R_target_source, dtype=np.float64),
         "map": np.array(pose.map_target_source, dtype=np.int32),
         "chirality_proven": bool(proof.is_chirality_proven),
+        "certificate": None if certificate is None else asdict(certificate),
     }
 
 
@@ -185,7 +189,24 @@ def proof_from_record(record: Record, name: str) -> Record:
             "rotation": read_only(as_rotations(record["rotation"], "rotation")),
             "map": _indices(record["map"], "map"),
             "chirality_proven": record["chirality_proven"],
+            "certificate": None if record["certificate"] is None else _certificate(record["certificate"]),
         }
+
+
+def _certificate(fields: Any) -> Certificate:
+    """Return a certificate whose fields have the right types; what it proves is its verifier's business."""
+    if not isinstance(fields, dict) or fields.keys() != {"kind", "arrays", "problem_hash", "bound"}:
+        raise InputError("certificate: expected kind, arrays, problem_hash and bound")
+    if not isinstance(fields["arrays"], dict):
+        raise InputError("certificate: its arrays are no mapping")
+    if not all(isinstance(values, np.ndarray) for values in fields["arrays"].values()):
+        raise InputError("certificate: one of its arrays is none")
+    return Certificate(
+        kind=_text(fields["kind"], "kind"),
+        arrays=fields["arrays"],
+        problem_hash=_text(fields["problem_hash"], "problem_hash"),
+        bound=_number(fields["bound"], "bound"),
+    )
 
 
 @contextmanager

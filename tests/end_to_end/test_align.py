@@ -20,6 +20,7 @@ from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
+from pairwise import Certificate
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
 FLAGS = ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--jobs", "1"]
@@ -299,7 +300,35 @@ def test_export_and_classify_read_a_result(
     assert (out / "report.html").stat().st_size > 100_000
 
 
-def test_certification_proves_pairs_and_says_so(folder: Path, tmp_path: Path) -> None:
+def check_certificates(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The certificates of a result hold, prove no more than the energies, and are refused once changed."""
+    capsys.readouterr()
+    assert main(["verify", str(out), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    with open(out / "pairs.csv", newline="") as table:
+        energies = {(row["target"], row["source"]): float(row["energy"]) for row in csv.DictReader(table)}
+    assert found["holds"]
+    assert found["num_stated"] >= len(found["pairs"]) > 0
+    for pair in found["pairs"]:
+        assert pair["proven"] <= min(energies[pair["target"], pair["source"]], pair["stated"]) * (1 + 1e-9)
+    assert max(pair["proven"] for pair in found["pairs"]) > 0.0
+    files = sorted((out / "certificates").glob("*-*.npz"))
+    certificate = Certificate.load(files[0])
+    replace(certificate, bound=1.01 * certificate.bound + 1e-3).save(files[0])
+    assert main(["verify", str(out)]) == 2
+    assert "claims the bound" in capsys.readouterr().out
+    problems = out / "certificates" / "problems.npz"
+    with np.load(problems) as archive:
+        arrays = dict(archive)
+    arrays["coordinates"][0, 0] *= 1.01
+    np.savez(problems, **arrays)
+    assert main(["verify", str(out)]) == 2
+    assert "samples of shape 0 are not those" in capsys.readouterr().err
+
+
+def test_certification_proves_pairs_and_says_so(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "out"
     flags = ["--sampling.num-points", "8", "--sampling.num-dense-points", "0", "--jobs", "1", "--certify"]
     flags += ["--certify-pair-s", "4", "--certify-budget-s", "12"]
@@ -311,6 +340,7 @@ def test_certification_proves_pairs_and_says_so(folder: Path, tmp_path: Path) ->
     proven = sum(row["status"] == "PROVEN_OPTIMAL" for row in rows)
     notes = " ".join(json.loads((out / "alignment.json").read_text())["notes"])
     assert f"{proven} of " in notes
+    check_certificates(out, capsys)
     assert main(["align", str(folder), "--out", str(out), "--certify", "--embedding.kind", "xyz+lb"]) == 2
 
 

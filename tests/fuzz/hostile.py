@@ -24,7 +24,7 @@ from tests.oracles import brute_force
 TOL = 1e-9
 
 #: How a change fails that an array's type or shape does not allow; the array then stays as it is.
-NOT_FOR_THIS_TYPE = (TypeError, ValueError, IndexError, OverflowError)
+NOT_FOR_THIS_TYPE = (TypeError, ValueError, IndexError, AttributeError, OverflowError)
 
 Arrays = dict[str, Any]
 Change = Callable[[Arrays, np.random.Generator], Arrays]

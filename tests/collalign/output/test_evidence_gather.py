@@ -75,6 +75,8 @@ def collection() -> AlignedCollection:
         confidence=np.array([1, 0.9, 0.8, 0.2]),
         samples=tuple(vertex[labels[at]] for at in range(4)),
         positions=positions,
+        coordinates=positions,
+        invariants=np.zeros((4, K, 0)),
         maps=maps,
         consensus=np.zeros((K, 3)),
         pairs=tuple(pairs),

@@ -36,6 +36,7 @@ def proof(energy: float) -> dict[str, object]:
         "rotation": np.diag([1.0, -1.0, -1.0]),
         "map": np.array([1, 0, 2, 3]),
         "chirality_proven": True,
+        "certificate": None,
     }
 
 

@@ -1,0 +1,29 @@
+"""The certificates of a result: one file per pair with one, and the samples that they are about.
+
+``certificates/3-7.npz`` is the certificate of the pair whose target and source are the shapes 3 and 7 in the order of
+``alignment.json``; ``certificates/problems.npz`` holds the samples of all shapes as they were matched.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from collalign.products.collection import Collection
+from data_tools.io.output_folder import OutputFolder
+
+CERTIFICATE_FOLDER = "certificates"
+PROBLEMS_FILE = "problems.npz"
+
+
+def write_certificates(collection: Collection, output: OutputFolder) -> None:
+    """Stage the certificates of all pairs that have one, and the problems that they are about."""
+    certified = [pair for pair in collection.pairs if pair.certificate is not None]
+    for pair in certified:
+        if pair.certificate is not None:
+            pair.certificate.save(output.stage(CERTIFICATE_FOLDER, f"{pair.target}-{pair.source}.npz"))
+    if certified:
+        np.savez_compressed(
+            output.stage(CERTIFICATE_FOLDER, PROBLEMS_FILE),
+            coordinates=collection.coordinates,
+            invariants=collection.invariants,
+        )
