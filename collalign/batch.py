@@ -10,6 +10,7 @@ from typing import Any
 from collalign.engine.estimate import RunEstimate, estimate_run
 from collalign.engine.options import RunOptions
 from collalign.engine.session import Session
+from collalign.engine.store.layout import STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions, options_from_record
 from collalign.stages.pairs.choose import planned_edges
@@ -106,7 +107,7 @@ def _missing(listing: FolderListing, job: BatchJob, run: RunOptions) -> tuple[in
     keyed, _ = shape_keys(listing, job.options)
     keys = [key for key, _ in keyed.values()]
     edges = planned_edges(len(keys), job.options)
-    store = run.store or job.out / "store.sqlite"
+    store = run.store or job.out / STORE_FILE
     if not store.exists():
         return len(set(keys)), len(edges)
     with Store.open(store, read_only=True) as opened:

@@ -21,6 +21,7 @@ from collalign.collection import AlignedCollection
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory
+from collalign.engine.store.layout import STORE_FILE
 from collalign.options import AlignOptions
 from collalign.output.corrections import read_corrections
 from collalign.output.evidence.file import load_view
@@ -33,8 +34,6 @@ from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import read_folder
 from data_tools.rotations import rotation_angle_deg
 
-#: Name of the store that a result's folder holds unless another one is named.
-STORE_FILE = "store.sqlite"
 #: Exit code of a run that left shapes or pairs out.
 INCOMPLETE = 3
 

@@ -9,19 +9,21 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from collalign.engine.store.layout import STORE_FILE
 from collalign.engine.store.store import Store
 
 
-def status(store: Path, *, as_json: Annotated[bool, Parameter(name="--json", negative=())] = False) -> int:
+def status(result: Path, *, as_json: Annotated[bool, Parameter(name="--json", negative=())] = False) -> int:
     """Say how much of a run is done, failed and left.
 
     Parameters
     ----------
-    store
-        The store file of the run (``OUT/store.sqlite`` unless ``--store`` named another).
+    result
+        The output folder of the run, or its store file where ``--store`` named another.
     as_json
         Print one JSON object instead of text.
     """
+    store = result / STORE_FILE if result.is_dir() else result
     with Store.open(store, read_only=True) as opened:
         counts = opened.status()
         failures = {kind: opened.failures(kind) for kind in counts}
@@ -39,4 +41,6 @@ def status(store: Path, *, as_json: Annotated[bool, Parameter(name="--json", neg
         print(f"{kind}: {count.done} done, {count.failed} failed, {count.left} left of {count.planned}")
         for failure in failures[kind].values():
             print(f"  {failure.label}: {failure.reason}")
+    if any(count.left for count in counts.values()):
+        print("Not finished: run the same command to go on.")
     return 0

@@ -14,6 +14,7 @@ import pytest
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.cli import main
 from collalign.collection import AlignedCollection
+from collalign.engine.store.store import Store
 from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import CollectionError, InputError
@@ -237,6 +238,16 @@ def test_status_counts(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["status", str(out / "store.sqlite"), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert (report["shapes"]["done"], report["pairs"]["done"], report["pairs"]["left"]) == (5, 10, 0)
+    assert main(["status", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == report
+
+
+def test_status_of_an_unfinished_run_says_how_to_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with Store.open(tmp_path / "store.sqlite") as store:
+        store.plan("shapes", {"a" * 40: "one.ply"})
+    assert main(["status", str(tmp_path)]) == 0
+    assert "1 left of 1\n" in (said := capsys.readouterr().out)
+    assert said.endswith("run the same command to go on.\n")
 
 
 def test_adding_shapes_moves_nothing(planted: PlantedCollection, tmp_path: Path) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+#: Name of the store that a result's folder holds unless another one is named.
+STORE_FILE = "store.sqlite"
 #: Kinds of records, each a table; ``measurements`` are the cells of an experiment's tables.
 KINDS = ("shapes", "pairs", "proofs", "measurements")
 #: Raised whenever the tables or the encoding of records change.
