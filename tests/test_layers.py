@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -55,3 +56,84 @@ def test_the_check_itself_sees_an_upward_import() -> None:
     assert upward_imports("pairwise", modules) == {"collalign.align"}
     assert upward_imports("pairwise", {"data_tools.io.shapes"}) == {"data_tools.io.shapes"}
     assert not upward_imports("collalign", modules | {"data_tools.io.shapes", "pairwise"})
+
+
+#: collalign's rooms from the ground up; a room imports rooms above it in this list only, and its own modules.
+ROOMS = {
+    "engine": set(),
+    "nonrigid": set(),
+    "analysis": set(),
+    "options": {"engine"},
+    "products": {"options"},
+    "synchronization": {"products"},
+    "stages": {"engine", "options", "products", "synchronization", "nonrigid"},
+    "output": {"analysis", "options", "products"},
+    "collection": {"output", "products"},
+    "align": {"collection", "engine", "options", "products", "stages"},
+    "extend": {"align", "collection", "engine", "options", "output", "products"},
+    "batch": {"engine", "options", "stages"},
+}
+#: Rooms that stand alone, with the few modules of their siblings that each may import.
+ALONE = {
+    "engine": set(),
+    "nonrigid": set(),
+    "analysis": set(),
+    "synchronization": {"collalign.products.pair"},
+    "products": {"collalign.options"},
+}
+#: Modules a folder may hold, its own ``__init__`` not counted.
+MOST_MODULES = 16
+#: Folders of ``data_tools``, from the ground up: what lies on a surface comes after the surface.
+DATA_FOLDERS = ("surface", "embedding")
+
+
+def room_of(module: str) -> str:
+    """Return the room of a module of collalign: its folder, or the module itself where it lies in none."""
+    return [*module.split("."), "__init__"][1]
+
+
+def wrong_rooms(room: str, modules: set[str]) -> set[str]:
+    """Return the modules of other rooms that a room must not import."""
+    siblings = {m for m in modules if m.startswith("collalign.") and room_of(m) not in (room, "__init__")}
+    wrong = {m for m in siblings if room in ROOMS and room_of(m) not in ROOMS[room]}
+    return wrong | {m for m in siblings if room in ALONE and m not in ALONE[room]}
+
+
+def overfull(modules: list[str]) -> dict[str, int]:
+    """Return the folders that hold too many of the modules, given as paths."""
+    counts = Counter(path.rpartition("/")[0] for path in modules if not path.endswith("__init__.py"))
+    return {folder: num for folder, num in counts.items() if num > MOST_MODULES}
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "collalign").rglob("*.py")), ids=lambda file: file.stem)
+def test_rooms_import_only_downwards(file: Path) -> None:
+    room = room_of(".".join(file.relative_to(ROOT).with_suffix("").parts))
+    assert room in {*ROOMS, "cli", "__init__", "__main__"}, "a new room needs its place in the list"
+    assert not wrong_rooms(room, imported_modules(ast.parse(file.read_text("utf-8"))))
+
+
+def test_the_check_sees_a_step_up_and_a_sibling() -> None:
+    assert wrong_rooms("products", {"collalign.stages.shapes"}) == {"collalign.stages.shapes"}
+    assert wrong_rooms("output", {"collalign.collection"}) == {"collalign.collection"}
+    assert wrong_rooms("synchronization", {"collalign.products.collection"}) == {"collalign.products.collection"}
+    assert not wrong_rooms("synchronization", {"collalign.products.pair", "collalign.synchronization.solve", "numpy"})
+    assert not wrong_rooms("cli", {"collalign.stages.shapes"})
+
+
+def test_the_list_of_rooms_has_no_circle() -> None:
+    names = list(ROOMS)
+    assert all(names.index(below) < names.index(room) for room, belows in ROOMS.items() for below in belows)
+
+
+def test_no_folder_is_a_warehouse() -> None:
+    paths = [str(file.relative_to(ROOT)) for _, file in sources()]
+    paths += [str(file.relative_to(ROOT)) for file in (ROOT / "experiments").rglob("*.py")]
+    assert not overfull(paths)
+    assert overfull([f"a/b/m{i}.py" for i in range(17)] + ["a/b/__init__.py"]) == {"a/b": 17}
+    assert not overfull([f"a/b/m{i}.py" for i in range(16)] + ["a/b/__init__.py"])
+
+
+def test_surfaces_know_nothing_of_embeddings() -> None:
+    below, above = DATA_FOLDERS
+    imported = [imported_modules(ast.parse(f.read_text("utf-8"))) for f in (ROOT / "data_tools" / below).glob("*.py")]
+    assert not any(module.startswith(f"data_tools.{above}") for modules in imported for module in modules)

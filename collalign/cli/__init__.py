@@ -37,6 +37,7 @@ app.meta.suppress_keyboard_interrupt = False
 _COMMANDS = {
     "align": ("collalign.cli.align:align", "Align all shapes of a folder."),
     "match": ("collalign.cli.match:match", "Match two shapes: the best pose and its alternatives, or a map."),
+    "maps": ("collalign.cli.maps:maps", "Map the vertices of deformable shapes, for every pair of a list."),
     "demo": ("collalign.cli.align:demo", "Generate a small collection, align it, and compare with the truth."),
     "add": ("collalign.cli.align:add", "Align new shapes to a finished result without moving the old ones."),
     "batch": ("collalign.cli.batch:batch", "Align many folders; a folder that fails does not stop the others."),

@@ -71,7 +71,9 @@ def align(
     run = replace(run, store=store)
     with resumable(store), OutputFolder.open(out, writer=WRITER, inputs=[folder, *listing.files]) as output:
         output.refuse_foreign(output_names(listing.names))
-        collection = collalign.align_collection(folder, options=options, run=run, fixed=fixed, progress=_progress())
+        collection = collalign.align_collection(
+            folder, options=options, run=run, fixed=fixed, progress=progress_display()
+        )
         columns = table.columns_for(collection.names) if table is not None else None
         written = save_collection(collection, output, report=report, labels=columns)
     return _finish(collection, written)
@@ -103,7 +105,7 @@ def add(
     run = replace(run, store=store)
     load_view(result)
     with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=[folder]) as output:
-        collection = collalign.add_to_collection(result, folder, run=run, progress=_progress())
+        collection = collalign.add_to_collection(result, folder, run=run, progress=progress_display())
         columns = table.columns_for(collection.names) if table is not None else None
         written = save_collection(collection, output, report=report, labels=columns)
     return _finish(collection, written)
@@ -165,7 +167,8 @@ def _errors_deg(alignment: Path, planted: PlantedCollection) -> FloatArray:
     )
 
 
-def _progress() -> ProgressFactory | None:
+def progress_display() -> ProgressFactory | None:
+    """Return the progress bar where somebody watches a terminal."""
     return ProgressBar if sys.stderr.isatty() else None
 
 

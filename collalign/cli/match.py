@@ -20,6 +20,7 @@ from collalign.stages.poses.refinement import dense_points
 from collalign.stages.shapes import sample_file, shape_task
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
+from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
 from data_tools.options import CleaningOptions
@@ -99,8 +100,8 @@ def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOpti
     with OutputFolder.open(out, writer=WRITER) as output:
         output.refuse_foreign(NONRIGID_FILES)
         result = match_shapes(target, source, options=options, surface_options=surface)
-        result.save_npz(output.stage("map.npz"))
-        result.save_text(output.stage("map.txt"))
+        write_atomic(output.stage("map.npz"), result.npz_bytes())
+        write_atomic(output.stage("map.txt"), result.text_bytes())
         _draw_nonrigid(result, target, source, output)
         written = output.publish()
     best = result.candidates[0]

@@ -4,7 +4,7 @@ from collalign.nonrigid.match import match_prepared, match_shapes
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.prepare import prepare_file, prepare_shape
 from collalign.nonrigid.result import NonrigidCandidate, NonrigidMatch
-from collalign.nonrigid.surface import SpectralShape
+from collalign.nonrigid.surface.spectral import SpectralShape
 
 __all__ = [
     "NonrigidCandidate",

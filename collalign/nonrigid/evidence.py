@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from collalign.nonrigid.functional_map import FunctionalMap
-from collalign.nonrigid.geometry import NUM_FORM_FUNCTIONS
-from collalign.nonrigid.surface import SpectralShape
+from collalign.nonrigid.surface.geometry import NUM_FORM_FUNCTIONS
+from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
 
 #: Functions, the constant one included, whose images must be smooth.

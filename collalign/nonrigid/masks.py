@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from collalign.nonrigid.options import NonrigidOptions
-from collalign.nonrigid.surface import SpectralShape
+from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 
 #: Share of the target's samples that each source sample may match, by descriptor (agd: the paper's).

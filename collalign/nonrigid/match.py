@@ -14,7 +14,7 @@ from collalign.nonrigid.portfolio import Refined, find_candidates
 from collalign.nonrigid.prepare import prepare_file
 from collalign.nonrigid.refine import dense_point_maps
 from collalign.nonrigid.result import NonrigidCandidate, NonrigidMatch
-from collalign.nonrigid.surface import SpectralShape
+from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import IntArray, read_only
 from data_tools.errors import InputError, OptionsError
 from data_tools.threads import one_blas_thread
@@ -37,7 +37,6 @@ def match_shapes(
     nonrigid: bool = True,
     options: NonrigidOptions | None = None,
     surface_options: SurfaceOptions | None = None,
-    cache: Path | str | None = None,
 ) -> NonrigidMatch:
     """Match two deformable shapes: one target vertex for each source vertex.
 
@@ -49,8 +48,6 @@ def match_shapes(
         Must be true here; rigid poses are the task of :func:`pairwise.match.match`.
     options : NonrigidOptions, optional
     surface_options : SurfaceOptions, optional
-    cache : Path or str, optional
-        Folder that keeps the prepared shapes for other pairs.
 
     Returns
     -------
@@ -71,8 +68,8 @@ def match_shapes(
     if not nonrigid:
         raise OptionsError("match_shapes: rigid poses come from pairwise.match, or from collalign match A B")
     started = time.perf_counter()
-    target = prepare_file(target_file, surface_options, cache=cache)
-    source = prepare_file(source_file, surface_options, cache=cache)
+    target = prepare_file(target_file, surface_options)
+    source = prepare_file(source_file, surface_options)
     prepared = time.perf_counter() - started
     return match_prepared(target, source, options, prepared_s=prepared)
 

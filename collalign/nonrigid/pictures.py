@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.nonrigid.geometry import vertex_normals
+from collalign.nonrigid.surface.geometry import vertex_normals
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.io.files import write_atomic

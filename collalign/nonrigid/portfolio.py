@@ -13,7 +13,7 @@ from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.refine import Refiner
 from collalign.nonrigid.relaxed import relaxation_starts
 from collalign.nonrigid.starts import descriptor_start, sign_starts
-from collalign.nonrigid.surface import SpectralShape
+from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import FloatArray
 from pairwise.local.local_search import LocalMinima, merge
 from pairwise.status import Status

@@ -6,7 +6,7 @@ import numpy as np
 
 from collalign.nonrigid.evidence import paired_forms
 from collalign.nonrigid.functional_map import FunctionalMap, ZoomOut, mutual_nearest_rows, zoomout_sizes
-from collalign.nonrigid.surface import SpectralShape
+from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
 
 #: Root mean square weight of a curvature relative to one eigenfunction in nearest neighbours.

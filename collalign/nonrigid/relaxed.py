@@ -6,7 +6,7 @@ import numpy as np
 
 from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.starts import descend_maps, embedded_problem
-from collalign.nonrigid.surface import SpectralShape
+from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import BoolArray, IntArray
 from pairwise.local.local_search import LocalMinima, MatchingCosts
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations, nearest_map

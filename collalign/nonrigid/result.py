@@ -110,13 +110,13 @@ class NonrigidMatch:
             If the folder cannot be written, or holds somebody else's file under one of the names.
         """
         with OutputFolder.open(folder, writer="match") as output:
-            self.save_npz(output.stage("map.npz"))
-            self.save_text(output.stage("map.txt"))
+            write_atomic(output.stage("map.npz"), self.npz_bytes())
+            write_atomic(output.stage("map.txt"), self.text_bytes())
             npz, text = output.publish()
         return npz, text
 
-    def save_npz(self, path: Path | str) -> Path:
-        """Write the arrays of the match."""
+    def npz_bytes(self) -> bytes:
+        """Return the content of ``map.npz``."""
         buffer = io.BytesIO()
         np.savez_compressed(
             buffer,
@@ -135,9 +135,9 @@ class NonrigidMatch:
             status=self.status.name,
             notes=np.array(self.notes, dtype=np.str_),
         )
-        return write_atomic(Path(path), buffer.getvalue())
+        return buffer.getvalue()
 
-    def save_text(self, path: Path | str) -> Path:
-        """Write the point map as plain text, one target vertex per line."""
+    def text_bytes(self) -> bytes:
+        """Return the content of ``map.txt``."""
         lines = "\n".join(str(index) for index in self.point_map_target_source.tolist())
-        return write_atomic(Path(path), f"{lines}\n".encode("ascii"))
+        return f"{lines}\n".encode("ascii")

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from collalign.nonrigid.masks import descriptor_gaps
-from collalign.nonrigid.surface import SpectralShape
+from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import BoolArray, IntArray
 from pairwise.local.local_search import LocalMinima, MatchingCosts, minimise, procrustes
 from pairwise.problem.problem import Problem

@@ -16,7 +16,7 @@ from collalign.nonrigid.portfolio import (
     judged,
     screening_refiner,
 )
-from collalign.nonrigid.surface import SpectralShape
+from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import FloatArray, read_only
 
 #: Most self-maps that are kept.

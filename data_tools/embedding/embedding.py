@@ -13,12 +13,12 @@ from data_tools.embedding.invariants import (
     standardised,
     wave_kernel_signature,
 )
+from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.normals import outward_normals
 from data_tools.surface.shape import Shape
-from data_tools.surface.working_surface import WorkingSurface
 from data_tools.threads import one_blas_thread
 
 

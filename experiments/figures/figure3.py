@@ -11,7 +11,7 @@ import numpy as np
 from collalign.engine.store.records import Record
 from collalign.nonrigid.masks import descriptor_gaps
 from collalign.nonrigid.options import SurfaceOptions
-from collalign.nonrigid.surface import SpectralShape, prepare_surface
+from collalign.nonrigid.surface.spectral import SpectralShape, prepare_surface
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure as figure_shape

@@ -11,16 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.store.records import Record
-from collalign.nonrigid.evaluation import MapErrors, MapEvaluator
 from collalign.nonrigid.match import match_prepared
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import screening_refiner
 from collalign.nonrigid.prepare import prepare_shape
 from collalign.nonrigid.refine import dense_point_maps
-from collalign.nonrigid.surface import SpectralShape
+from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import IntArray
 from data_tools.embedding.sampling import farthest_points
 from experiments.experiment import Cell
+from experiments.maps.evaluation import MapErrors, MapEvaluator
 from experiments.maps.map_sets import SHREC07_CLASSES, Copy, MapSet, read_map_set, vary
 
 #: Points at which maps between registered meshes are evaluated.

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from collalign.nonrigid.evaluation import THRESHOLDS, cumulative_curve, summary
 from experiments.experiment import Outcome, Plot
+from experiments.maps.evaluation import THRESHOLDS, cumulative_curve, summary
 from experiments.maps.map_cells import NUM_EVALUATED
 from experiments.maps.map_sets import MapSet
 from experiments.maps.map_trials import Measured

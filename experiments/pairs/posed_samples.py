@@ -15,9 +15,9 @@ from collalign.stages.poses.refinement import dense_points
 from data_tools.arrays import FloatArray, read_only
 from data_tools.datasets.public import Dataset
 from data_tools.embedding.embedding import Samples, sample_shape
+from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from data_tools.surface.working_surface import WorkingSurface
 from experiments.collections.landmarked import CLASSES, read_dataset
 from pairwise.dense.points import DensePoints
 from pairwise.problem.problem import Problem

@@ -17,10 +17,10 @@ import numpy as np
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.embedding import sample_shape
 from data_tools.embedding.invariants import NUM_SPECTRUM
+from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.io.files import natural_key
 from data_tools.io.shapes import READERS, read_shape, write_mesh
 from data_tools.options import SamplingOptions
-from data_tools.surface.working_surface import WorkingSurface
 
 STEPS = ("read", "geodesics", "agd + seeds", "spectrum", "whole sample_shape")
 

@@ -8,15 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import collalign.nonrigid.batch as batch_module
-from collalign.nonrigid.__main__ import app
-from collalign.nonrigid.batch import match_pairs, read_pairs
-from collalign.nonrigid.evaluation import MapEvaluator
 from collalign.nonrigid.match import match_prepared, match_shapes
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.pictures import draw_match, transferred_colours
 from collalign.nonrigid.prepare import prepare_file, prepare_shape
-from collalign.nonrigid.surface import SpectralShape
+from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.datasets.public import read_registered_archive
 from data_tools.datasets.synthetic import bent, mirrored, point_cloud, shuffled
 from data_tools.datasets.synthetic_shapes import figure
@@ -24,6 +20,7 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
+from experiments.maps.evaluation import MapEvaluator
 
 SMALL = SurfaceOptions(num_functions=45, num_samples=60, num_dense=300)
 QUICK = NonrigidOptions(num_source=30)
@@ -45,11 +42,11 @@ def prepared(pair: tuple[Shape, Shape, np.ndarray]) -> tuple[SpectralShape, Spec
 
 
 @pytest.fixture(scope="module")
-def files(pair: tuple[Shape, Shape, np.ndarray], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
-    """The pair as files, and a folder that keeps what was prepared from them."""
+def files(pair: tuple[Shape, Shape, np.ndarray], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The pair as files."""
     folder = tmp_path_factory.mktemp("nonrigid")
     target, source = (write_mesh(folder / f"{name}.ply", shape) for name, shape in zip("ab", pair[:2], strict=True))
-    return target, source, folder / "cache"
+    return target, source
 
 
 def mean_error(target: Shape, images: np.ndarray, truth: np.ndarray, *, num: int = 100) -> float:
@@ -104,43 +101,16 @@ def test_strategies_of_the_paper_run_to_the_end(
     assert mean_error(pair[0], match.point_map_target_source, pair[2]) < 0.25
 
 
-def test_files_in_files_out(
-    tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray], files: tuple[Path, Path, Path]
-) -> None:
-    match = match_shapes(*files[:2], options=QUICK, surface_options=SMALL, cache=files[2])
+def test_files_in_files_out(tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray], files: tuple[Path, Path]) -> None:
+    match = match_shapes(*files, options=QUICK, surface_options=SMALL)
     assert mean_error(pair[0], match.point_map_target_source, pair[2]) < 0.03
     npz, text = match.save(tmp_path / "out")
     with np.load(npz, allow_pickle=False) as stored:
         assert np.array_equal(stored["point_map_target_source"], match.point_map_target_source)
         assert len(stored["candidate_maps"]) == len(match.candidates)
     assert np.array_equal(np.loadtxt(text, dtype=np.int64), match.point_map_target_source)
-    assert len(list(files[2].iterdir())) == 2
     with pytest.raises(OptionsError, match="pairwise"):
-        match_shapes(*files[:2], nonrigid=False)
-
-
-def test_batch_resumes_and_names_failures(
-    tmp_path: Path, files: tuple[Path, Path, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "pairs.txt").write_text("# target source\na.ply b.ply\n\nmissing.ply b.ply  # not there\n")
-    pairs = read_pairs(tmp_path / "pairs.txt", files[0].parent)
-    seen: list[str] = []
-    options = {"options": QUICK, "surface_options": SMALL, "cache": files[2]}
-    first = match_pairs(pairs, tmp_path / "out", report=lambda outcome: seen.append(outcome.state), **options)
-    assert [outcome.state for outcome in first] == seen == ["matched", "failed"]
-    assert "missing.ply" in first[1].reason
-    monkeypatch.setattr(batch_module, "match_prepared", lambda *args: pytest.fail("matched again"))
-    again = match_pairs(pairs[:1], tmp_path / "out", **options)
-    assert [outcome.state for outcome in again] == ["kept"]
-
-
-def test_pair_lists_are_checked(tmp_path: Path) -> None:
-    (tmp_path / "bad.txt").write_text("a.ply b.ply c.ply\n")
-    (tmp_path / "empty.txt").write_text("# nothing\n")
-    with pytest.raises(InputError, match="line 1"):
-        read_pairs(tmp_path / "bad.txt")
-    with pytest.raises(InputError, match="no pairs"):
-        read_pairs(tmp_path / "empty.txt")
+        match_shapes(*files, nonrigid=False)
 
 
 def test_loose_parts_have_no_counterpart(pair: tuple[Shape, Shape, np.ndarray]) -> None:
@@ -214,24 +184,6 @@ def test_point_clouds_match_without_normals(
     assert mean_error(pair[0], match.point_map_target_source, pair[2]) < 0.3
 
 
-def test_prepared_shapes_survive_saving(tmp_path: Path, prepared: tuple[SpectralShape, SpectralShape]) -> None:
-    loaded = SpectralShape.load(prepared[0].save(tmp_path / "p.npz"))
-    assert loaded.name == prepared[0].name
-    assert np.array_equal(loaded.functions, prepared[0].functions)
-    (tmp_path / "bad.npz").write_bytes(b"PK nothing")
-    with pytest.raises(InputError, match="not a prepared shape"):
-        SpectralShape.load(tmp_path / "bad.npz")
-
-
-def test_a_damaged_cache_is_made_again(tmp_path: Path, files: tuple[Path, Path, Path]) -> None:
-    prepare_file(files[0], SMALL, cache=tmp_path)
-    (kept,) = tmp_path.iterdir()
-    size = kept.stat().st_size
-    kept.write_bytes(kept.read_bytes()[:1000])
-    assert prepare_file(files[0], SMALL, cache=tmp_path).name == "a"
-    assert kept.stat().st_size == size
-
-
 def test_mismatched_shapes_are_refused(prepared: tuple[SpectralShape, SpectralShape]) -> None:
     small = prepared[0]
     other = replace(small, eigenvalues=small.eigenvalues[:40], functions=small.functions[:, :40])
@@ -268,20 +220,6 @@ def test_pictures_colour_both_shapes_alike(tmp_path: Path, pair: tuple[Shape, Sh
     assert draw_match(tmp_path / "map.png", target, source, images).read_bytes()[:4] == b"\x89PNG"
     with pytest.raises(InputError, match="names vertex"):
         transferred_colours(target, truth + 1)
-
-
-def test_the_command_matches_a_list(
-    tmp_path: Path, files: tuple[Path, Path, Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "pairs.txt").write_text("b.ply a.ply\na.ply missing.ply\n")
-    words = [str(tmp_path / "pairs.txt"), "--out", str(tmp_path / "maps"), "--folder", str(files[0].parent)]
-    small = ["--num-source", "30", "--surface.num-functions", "45", "--surface.num-samples", "60"]
-    code = app([*words, *small, "--surface.num-dense", "300", "--cache", str(files[2])], result_action="return_value")
-    assert code == 3
-    printed = capsys.readouterr().out
-    assert "matched  b.ply  a.ply" in printed
-    assert "1 of 2 maps" in printed
-    assert (tmp_path / "maps" / "b__a.txt").read_text().count("\n") == 1330
 
 
 @pytest.mark.data

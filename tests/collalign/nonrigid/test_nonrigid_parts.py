@@ -8,16 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from collalign.nonrigid.evaluation import MapErrors, MapEvaluator, cumulative_curve, draw_curves, summary
 from collalign.nonrigid.evidence import judge, paired_forms
 from collalign.nonrigid.functional_map import FunctionalMap
-from collalign.nonrigid.geometry import orientation_form, outward, signed_volume, smoothed_curvature, vertex_normals
-from collalign.nonrigid.graph_operator import graph_spectrum
 from collalign.nonrigid.masks import candidate_mask, descriptor_gaps
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import of_both_orientations
 from collalign.nonrigid.refine import Refiner
-from collalign.nonrigid.surface import SpectralShape, prepare_surface
+from collalign.nonrigid.surface.geometry import (
+    orientation_form,
+    outward,
+    signed_volume,
+    smoothed_curvature,
+    vertex_normals,
+)
+from collalign.nonrigid.surface.graph_operator import graph_spectrum
+from collalign.nonrigid.surface.spectral import SpectralShape, prepare_surface
 from data_tools.datasets.synthetic import mirrored
 from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
 from data_tools.embedding.sampling import farthest_points
@@ -25,6 +30,7 @@ from data_tools.errors import InputError
 from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.laplacian import cotangent_laplacian
 from data_tools.surface.shape import Shape
+from experiments.maps.evaluation import MapErrors, MapEvaluator, cumulative_curve, draw_curves, summary
 
 SMALL = SurfaceOptions(num_functions=40, num_samples=40, num_dense=300)
 

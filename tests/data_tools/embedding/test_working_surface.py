@@ -1,9 +1,9 @@
 import numpy as np
 
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
+from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
-from data_tools.surface.working_surface import WorkingSurface
 
 SMALL = SamplingOptions(max_faces=1000, max_cloud_points=1000)
 

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import io
-from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from collalign.nonrigid.geometry import orientation_form, outward, smoothed_curvature
-from collalign.nonrigid.graph_operator import graph_spectrum
 from collalign.nonrigid.options import SurfaceOptions
+from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature
+from collalign.nonrigid.surface.graph_operator import graph_spectrum
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.invariants import NUM_SPECTRUM, wave_kernel_signature
 from data_tools.embedding.sampling import farthest_points
+from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
-from data_tools.io.files import existing_file, write_atomic
 from data_tools.options import SamplingOptions
 from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import face_areas, mesh_edges, vertex_components
-from data_tools.surface.working_surface import WorkingSurface
 
 #: Extrema of the average geodesic distance that start the sampling.
 NUM_SEEDS = 10
@@ -101,31 +96,6 @@ class SpectralShape:
     def working_shape(self) -> Shape:
         """The working surface as a shape."""
         return Shape.from_arrays(self.vertices, self.faces, name=self.name)
-
-    def save(self, path: Path | str) -> Path:
-        """Write everything to an ``.npz`` file, complete or not at all."""
-        arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
-        buffer = io.BytesIO()
-        np.savez(buffer, **arrays)
-        return write_atomic(Path(path), buffer.getvalue())
-
-    @classmethod
-    def load(cls, path: Path | str) -> SpectralShape:
-        """Read what :meth:`save` wrote.
-
-        Raises
-        ------
-        InputError
-            If the file is missing or holds something else.
-        """
-        try:
-            with np.load(existing_file(Path(path)), allow_pickle=False) as archive:
-                values: dict[str, Any] = {f.name: read_only(archive[f.name]) for f in fields(cls)}
-        except (ValueError, KeyError, OSError, EOFError, BadZipFile) as error:
-            raise InputError(f"{path}: not a prepared shape ({error})") from error
-        values.update(name=str(values["name"]), area=float(values["area"]))
-        values["notes"] = tuple(str(note) for note in values["notes"])
-        return cls(**values)
 
 
 def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> SpectralShape:

@@ -1,0 +1,1 @@
+"""A surface as non-rigid matching sees it: spectrum, signatures, orientation."""
