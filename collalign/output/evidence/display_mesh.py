@@ -9,11 +9,14 @@ from data_tools.arrays import FloatArray, IntArray
 #: A report holds about this many triangles in all, but each shape between the two limits.
 _FACES_IN_ALL = 200_000
 _FEWEST, _MOST = 1_500, 4_000
+#: No collection holds more triangles than this: in one of many thousand shapes each has fewer than ``_FEWEST``.
+_MOST_IN_ALL = 1_500_000
 
 
 def faces_per_shape(num_shapes: int) -> int:
     """Triangles per shape that keep a report of ``num_shapes`` shapes small enough to send."""
-    return int(np.clip(_FACES_IN_ALL // max(num_shapes, 1), _FEWEST, _MOST))
+    num = max(num_shapes, 1)
+    return min(int(np.clip(_FACES_IN_ALL // num, _FEWEST, _MOST)), max(_MOST_IN_ALL // num, 1))
 
 
 def display_mesh(vertices: FloatArray, faces: IntArray, *, max_faces: int) -> tuple[FloatArray, IntArray]:

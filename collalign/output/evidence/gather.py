@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from collalign.output.report.poses import angle_deg
 from collalign.products.collection import DOUBT, Collection
 from collalign.products.evidence import CollectionView
 from collalign.products.pair import Pair
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
@@ -107,10 +107,7 @@ def cycle_errors_deg(pairs: tuple[Pair, ...], num_shapes: int) -> FloatArray:
     """
     found = {(pair.target, pair.source): pair.rotations[0, :3, :3] for pair in pairs if len(pair.rotations)}
     found |= {(j, i): R.T for (i, j), R in found.items()}
-    later = np.zeros((num_shapes, num_shapes), dtype=np.bool_)
-    for i, j in found:
-        later[min(i, j), max(i, j)] = True
-    chosen = _some_triangles(later)
+    chosen = _some_triangles(found.keys(), num_shapes)
     if not chosen:
         return np.empty(0)
     turns = np.array([found[i, j] @ found[j, k] @ found[k, i] for i, j, k in chosen])
@@ -118,19 +115,20 @@ def cycle_errors_deg(pairs: tuple[Pair, ...], num_shapes: int) -> FloatArray:
     return np.where(np.linalg.det(turns) < 0, 180.0, angles)
 
 
-def _some_triangles(later: BoolArray) -> list[tuple[int, int, int]]:
-    """Evenly spaced triangles i < j < k of a graph given by its upper adjacency matrix."""
-    edges = np.argwhere(later)
-    counts = np.array([int((later[i] & later[j]).sum()) for i, j in edges], dtype=np.int64)
-    ends = np.cumsum(counts)
-    total = int(counts.sum())
+def _some_triangles(pairs: Iterable[tuple[int, int]], num_shapes: int) -> list[tuple[int, int, int]]:
+    """Evenly spaced triangles i < j < k of a graph given by its pairs."""
+    edges = sorted({(min(pair), max(pair)) for pair in pairs})
+    later: list[list[int]] = [[] for _ in range(num_shapes)]
+    for i, j in edges:
+        later[i].append(j)
+    common = [np.intersect1d(later[i], later[j], assume_unique=True) for i, j in edges]
+    ends = np.cumsum([len(shapes) for shapes in common])
+    total = int(ends[-1]) if len(ends) else 0
     wanted = np.unique(np.linspace(0, max(total - 1, 0), min(total, MOST_CYCLES)).astype(np.int64))
     triangles = []
     for number in wanted:
         at = int(np.searchsorted(ends, number, side="right"))
-        i, j = edges[at]
-        k = np.flatnonzero(later[i] & later[j])[number - (ends[at] - counts[at])]
-        triangles.append((int(i), int(j), int(k)))
+        triangles.append((*edges[at], int(common[at][number - ends[at] + len(common[at])])))
     return triangles
 
 

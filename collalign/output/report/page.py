@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign.output.report.content import build_content
+from collalign.output.report.shown import shown_part
 from collalign.products.evidence import CollectionView
 from data_tools.threads import one_blas_thread
 
@@ -45,13 +46,14 @@ def write_report(view: CollectionView, path: Path | str, *, title: str = "Aligne
 @one_blas_thread()
 def render_report(view: CollectionView, *, title: str = "Aligned collection") -> str:
     """Return the report as HTML text."""
-    document, blobs = build_content(view)
+    shown = shown_part(view)
+    document, blobs = build_content(shown)
     elements = [_element("collalign-data", "application/json", _json_for_html(document))]
     elements += [_element(name, "text/plain", text) for name, text in blobs.items()]
     parts = {
         "title": html.escape(title),
         "style": _asset("viewer/style.css"),
-        "summary": _summary(view),
+        "summary": _summary(view, shown.notes),
         "version": html.escape(str(view.versions.get("collalign", ""))),
         "data": "\n".join(elements),
         "script": _asset("viewer.min.js").replace("</script", "<\\/script"),
@@ -73,8 +75,8 @@ def _json_for_html(document: object) -> str:
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
-def _summary(view: CollectionView) -> str:
-    """The first thing a reader sees: how many, how sure, what is missing."""
+def _summary(view: CollectionView, notes: tuple[str, ...]) -> str:
+    """The first thing a reader sees: how many, how sure, what is missing, in the whole collection."""
     doubtful = int(np.sum(np.nan_to_num(view.confidence) < view.doubt_threshold))
     groups = len(np.unique(view.groups))
     left = sum(not pair.inlier for pair in view.pairs)
@@ -94,5 +96,5 @@ def _summary(view: CollectionView) -> str:
         f'<li class="{"warn" if warn else "plain"}"><strong>{value}</strong>{html.escape(words)}</li>'
         for value, words, warn in facts
     ]
-    notes = "".join(f"<li>{html.escape(note)}</li>" for note in view.notes)
-    return f'<ul class="facts">{"".join(items)}</ul>' + (f'<ul class="notes">{notes}</ul>' if notes else "")
+    listed = "".join(f"<li>{html.escape(note)}</li>" for note in notes)
+    return f'<ul class="facts">{"".join(items)}</ul>' + (f'<ul class="notes">{listed}</ul>' if listed else "")

@@ -3,7 +3,8 @@
 A pilot: some pairs of similar shapes are matched with mirror images, which costs little more than without and gives
 the best pose of either kind. Only where these few leave the suspicion of two sides, more pairs are. Shapes are
 mirrored on clear and consistent evidence only (:mod:`collalign.stages.chirality.sides`), because nearly bilateral
-shapes prefer mirror images at random. If the run goes on with mirror images, the pilot's pairs are among its own.
+shapes prefer mirror images at random. If the run goes on with mirror images, the pilot's pairs are among its own,
+unless the collection is so large that the pilot looked at a part of it.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from collalign.options import AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.chirality.sides import MIN_SHAPES, Sides, find_sides
+from collalign.stages.pairs.graph import all_pairs
 from collalign.stages.pairs.match import match_pairs
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
@@ -25,6 +27,8 @@ from pairwise.dense.refine import refine_pose
 
 #: Nearest partners of each shape that the pilot compares, at first and where that leaves a suspicion.
 NUM_PARTNERS = (2, 6)
+#: Shapes of a larger collection that the pilot looks at: a side with a twentieth of the shapes is among so many.
+MOST_SHAPES = 150
 #: Median preference, in pairs between the sides, that is worth a word though it does not suffice.
 _WORTH_A_WORD = 0.15
 #: Steps by which poses are refined on dense samples before they are compared.
@@ -98,6 +102,10 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
         As for :func:`decide_group`.
     """
     num, samples = len(shapes.names), shapes.samples
+    if num > MOST_SHAPES:
+        some, chosen = _evenly_spaced(shapes, MOST_SHAPES)
+        choice = group_of_shapes(session, some, descriptors[chosen], all_pairs(MOST_SHAPES))
+        return replace(choice, note=f"{choice.note} This was decided on {MOST_SHAPES} of {num} shapes.")
     both_kinds = session.with_options(replace(session.options, group="O"))
     compared: dict[tuple[int, int], tuple[float, float]] = {}
     for num_partners in NUM_PARTNERS:
@@ -113,6 +121,19 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
             break
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
     return GroupChoice(group="O" if sides.are_clear else "SO", note=_note(sides, num_better, shapes.names))
+
+
+def _evenly_spaced(shapes: Shapes, num: int) -> tuple[Shapes, IntArray]:
+    """Return so many of the shapes, evenly spaced in their order, and their positions."""
+    chosen = np.linspace(0, len(shapes.names) - 1, num).round().astype(np.int64)
+    some = replace(
+        shapes,
+        names=tuple(shapes.names[i] for i in chosen),
+        files=tuple(shapes.files[i] for i in chosen),
+        keys=tuple(shapes.keys[i] for i in chosen),
+        samples=tuple(shapes.samples[i] for i in chosen),
+    )
+    return some, chosen
 
 
 def nearest_pairs(edges: IntArray, descriptors: FloatArray, num_partners: int) -> IntArray:

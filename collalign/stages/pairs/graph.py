@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -63,9 +64,18 @@ def random_partners(ids: NDArray[np.uint64], shapes: IntArray, partners: IntArra
     pairs = []
     for shape in shapes:
         others = partners[partners != shape]
-        order = np.argsort(pair_hashes(ids[shape], ids[others]), kind="stable")[:num]
+        order = _least(pair_hashes(ids[shape], ids[others]), num)
         pairs.append(np.stack([np.full(len(order), shape), others[order]], axis=1))
     return np.concatenate(pairs) if pairs else np.empty((0, 2), dtype=np.int64)
+
+
+def _least(values: NDArray[Any], num: int) -> IntArray:
+    """Return the positions of the ``num`` least values, the least first."""
+    if num < len(values):
+        candidates = np.flatnonzero(values <= np.partition(values, num)[num])
+    else:
+        candidates = np.arange(len(values))
+    return candidates[np.argsort(values[candidates], kind="stable")[:num]]
 
 
 def near_partners(points: FloatArray, shapes: IntArray, partners: IntArray, num: int) -> IntArray:

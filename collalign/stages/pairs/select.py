@@ -155,14 +155,18 @@ def adaptive_pairs(
     doubtful = doubtful[np.argsort(sure[doubtful], kind="stable")]
     ids = identity_hashes(num_shapes, identities, seed)
     points = None if descriptors is None else _checked(descriptors, num_shapes)
-    taken = {(int(i), int(j)) for i, j in existing}
+    partners_of: list[set[int]] = [set() for _ in range(num_shapes)]
+    for i, j in existing.tolist():
+        partners_of[i].add(j)
+        partners_of[j].add(i)
     chosen: list[tuple[int, int]] = []
     for shape in doubtful:
-        for pair in _new_partners(int(shape), sure, threshold, taken, points, ids, added):
+        for i, j in _new_partners(int(shape), sure, threshold, partners_of, points, ids, added):
             if max_pairs is not None and len(chosen) >= max_pairs:
                 break
-            taken.add(pair)
-            chosen.append(pair)
+            partners_of[i].add(j)
+            partners_of[j].add(i)
+            chosen.append((i, j))
     return normalised(np.array(chosen, dtype=np.int64).reshape(-1, 2))
 
 
@@ -240,15 +244,17 @@ def _new_partners(
     shape: int,
     sure: FloatArray,
     threshold: float,
-    taken: set[tuple[int, int]],
+    partners_of: Sequence[Iterable[int]],
     points: FloatArray | None,
     ids: NDArray[np.uint64],
     added: int,
 ) -> list[tuple[int, int]]:
     """Return new pairs of one uncertain shape: confident partners first, half of them near, half random."""
-    free = np.array(
-        [j for j in range(len(sure)) if j != shape and (min(shape, j), max(shape, j)) not in taken], dtype=np.int64
-    )
+    is_free = np.ones(len(sure), dtype=np.bool_)
+    is_free[[shape, *partners_of[shape]]] = False
+    free = np.flatnonzero(is_free)
+    is_enough = np.count_nonzero(sure[free] >= threshold) >= 2 * added
+    free = free[sure[free] >= threshold] if is_enough else free
     doubt = sure[free] < threshold
     random = free[np.lexsort((pair_hashes(ids[shape], ids[free]), doubt))]
     if points is None:

@@ -25,6 +25,9 @@ ENOUGH_SIGNAL = 2.0
 #: Doubted blocks of at least this share of the shapes (and three) are groups of their own.
 SMALLEST_PART = 0.05
 
+#: Shapes whose turns are compared with those of all others at once.
+_SLAB = 2048
+
 #: Alternatives reported per shape.
 MAX_ALTERNATIVES = 3
 
@@ -151,9 +154,14 @@ def _parts(num_shapes: int, blocks: list[IntArray]) -> list[IntArray]:
 def agreement(frames: FloatArray, others: FloatArray) -> BoolArray:
     """Return for each shape whether two answers agree, up to the one turn that most shapes agree about."""
     turns = (np.swapaxes(frames, 1, 2) @ others).reshape(len(frames), -1)
-    apart = 2.0 * frames.shape[-1] - 2.0 * turns @ turns.T
-    close = apart <= SAME_TURN
-    return close[np.argmax(close.sum(axis=1))]
+    most = np.zeros(len(frames), dtype=bool)
+    for first in range(0, len(frames), _SLAB):
+        apart = 2.0 * frames.shape[-1] - 2.0 * turns[first : first + _SLAB] @ turns.T
+        close = apart <= SAME_TURN
+        best = close[np.argmax(close.sum(axis=1))]
+        if best.sum() > most.sum():
+            most = best
+    return most
 
 
 def pose_alternatives(state: State, frames: FloatArray) -> list[tuple[Alternative, ...]]:

@@ -20,6 +20,7 @@ from collalign.output.report import display_mesh, faces_per_shape, render_report
 from collalign.output.report.content import build_content, categories
 from collalign.output.report.payload import MISSING, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import DISTINCT_DEG, angle_deg, offered_poses
+from collalign.output.report.shown import shown_part
 from collalign.output.report.statistics import cycle_histogram, shape_map, variation
 from collalign.products.evidence import CollectionView
 from collalign.products.pair import Alternative
@@ -233,3 +234,32 @@ def test_bundle_was_built_from_the_sources_beside_it() -> None:
     for file in [*sorted((folder / "viewer" / "src").iterdir()), folder / "viewer" / "package-lock.json"]:
         digest.update(file.read_bytes())
     assert f"sources {digest.hexdigest()};" in (folder / "viewer.min.js").read_text(encoding="utf-8")[:200]
+
+
+def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown() -> None:
+    view = view_of(12)
+    assert shown_part(view, 12) is view
+    part = shown_part(view, 6)
+    doubtful = np.argsort(view.confidence)[:3]
+    assert {view.names[i] for i in doubtful} <= set(part.names)
+    assert part.names == tuple(sorted(part.names))
+    assert "6 of 12 shapes are shown" in part.notes[-1]
+    kept = [view.names.index(name) for name in part.names]
+    assert np.array_equal(part.transforms, view.transforms[kept])
+    whole = {(view.names[pair.target], view.names[pair.source]): pair.energies for pair in view.pairs}
+    assert part.pairs
+    assert all(whole[part.names[p.target], part.names[p.source]] is p.energies for p in part.pairs)
+    assert len(part.pairs) == sum(a in part.names and b in part.names for a, b in whole)
+
+
+def test_the_page_of_a_large_collection_counts_all_shapes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("collalign.output.report.page.shown_part", lambda view: shown_part(view, 6))
+    page = render_report(view_of(12))
+    assert len(data_of(page)["shapes"]) == 6
+    assert "<strong>12</strong>shapes aligned" in page
+    assert "6 of 12 shapes are shown" in page
+
+
+def test_huge_collections_hold_fewer_triangles_per_shape() -> None:
+    assert faces_per_shape(1000) == 1500
+    assert faces_per_shape(10_000) == 150

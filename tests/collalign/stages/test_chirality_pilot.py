@@ -15,6 +15,7 @@ from collalign.cli import main
 from collalign.extend import add_to_collection
 from collalign.output.write import alignment_record
 from collalign.products.pair import Pair
+from collalign.stages.chirality import pilot
 from collalign.stages.chirality.pilot import KEPT_UNMIRRORED, chirality_energies, nearest_pairs
 from collalign.stages.pairs.select import all_pairs
 from data_tools.arrays import FloatArray
@@ -234,3 +235,9 @@ def test_measured_bilateral_shapes_are_not_mirrored(name: str, shared_data: Path
     posed(read_shrec07_class(shared_data / "shrec07_dev" / name), tmp_path, 9, 0)
     options = AlignOptions(refine=False)
     assert align_collection(tmp_path, options=options).group == "SO"
+
+
+def test_a_large_collection_is_decided_on_a_part_of_it(mixed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pilot, "MOST_SHAPES", 5)  # of 7, without the third and the fifth, one of the two mirrored
+    chosen = align_collection(mixed, options=OPTIONS, run=ONE)
+    assert "decided on 5 of 7 shapes" in " ".join(chosen.notes)

@@ -203,7 +203,9 @@ def test_parts_are_turned_to_each_other() -> None:
     assert found.between_agreement[1] == 1.0
 
 
-def test_agreement_sees_one_flipped_shape() -> None:
+@pytest.mark.parametrize("slab", [1, 5, 2048])
+def test_agreement_sees_one_flipped_shape(slab: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("collalign.synchronization.doubt.confidence._SLAB", slab)
     frames = random_rotations(np.random.default_rng(10), 9)
     others = frames @ random_rotations(np.random.default_rng(11), 1)[0]
     assert agreement(frames, others).all()
