@@ -149,6 +149,7 @@ def align_listing(
     return AlignedCollection(
         names=shapes.names,
         files=shapes.files,
+        digests=shapes.digests,
         transforms=read_only(transforms),
         rotations=read_only(rotations),
         reflected=read_only(np.linalg.det(rotations) < 0),

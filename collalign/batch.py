@@ -105,7 +105,7 @@ def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
 def _missing(listing: FolderListing, job: BatchJob, run: RunOptions) -> tuple[int, int]:
     """Return how many shapes and pairs the job's store lacks; pairs are counted as if no shape were bad."""
     keyed, _ = shape_keys(listing, job.options)
-    keys = [key for key, _ in keyed.values()]
+    keys = [item.key for item in keyed.values()]
     edges = planned_edges(len(keys), job.options)
     store = run.store or job.out / STORE_FILE
     if not store.exists():

@@ -27,6 +27,13 @@ class InputError(CollalignError, ValueError):
     exit_code = 2
 
 
+class UnavailableError(InputError):
+    """A file cannot be read here and now: it is missing or forbidden, memory is short, a package is not installed.
+
+    Nothing is wrong with its content as far as is known, so that another run may succeed.
+    """
+
+
 class OptionsError(CollalignError, ValueError):
     """An option has an impossible value, or two options exclude each other."""
 

@@ -188,7 +188,7 @@ def _write_shapes(
     def read_next(file: Path) -> Shape:
         """Read a shape, write its aligned copy and draw it, in the order of the collection."""
         i = next(order)
-        shape = read_shape(file, collection.options.cleaning, name=collection.names[i])
+        shape = read_shape(file, collection.options.cleaning, name=collection.names[i], digest=collection.digests[i])
         write_mesh(output.stage(MESH_FOLDER, f"{stems[i]}.ply"), aligned_shape(shape, collection.transforms[i]))
         if i in drawn:
             tiles.append(tile_of(shape, collection.transforms[i], float(collection.confidence[i])))

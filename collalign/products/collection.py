@@ -80,6 +80,8 @@ class Collection:
     names : tuple of str, length N
     files : tuple of Path
         Where each shape was read from.
+    digests : tuple of str
+        Of the files' contents when they were read; saving refuses a file that has changed since.
     transforms : ndarray, shape (N, 4, 4)
         Each shape's file coordinates to the common frame, scale included.
     rotations : ndarray, shape (N, 3, 3)
@@ -120,6 +122,7 @@ class Collection:
 
     names: tuple[str, ...]
     files: tuple[Path, ...]
+    digests: tuple[str, ...]
     transforms: FloatArray
     rotations: FloatArray
     reflected: BoolArray

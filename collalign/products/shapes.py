@@ -36,6 +36,8 @@ class Shapes:
     ----------
     names : tuple of str
     files : tuple of Path
+    digests : tuple of str
+        Of the files' contents.
     keys : tuple of str
         Keys of the shapes' records in the store.
     samples : tuple of Samples
@@ -44,6 +46,7 @@ class Shapes:
 
     names: tuple[str, ...]
     files: tuple[Path, ...]
+    digests: tuple[str, ...]
     keys: tuple[str, ...]
     samples: tuple[Samples, ...]
     excluded: tuple[Excluded, ...]

@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from data_tools.errors import InputError
+from data_tools.errors import InputError, UnavailableError
 
 
 def write_atomic(path: Path, content: bytes) -> Path:
@@ -76,17 +76,19 @@ def existing_file(path: Path) -> Path:
 
     Raises
     ------
+    UnavailableError
+        If it does not exist, is a folder or cannot be read.
     InputError
-        If it does not exist, is a folder, cannot be read or is empty.
+        If it is empty.
     """
     path = Path(path)
     try:
         if not path.exists():
-            raise InputError(f"{path}: no such file")
+            raise UnavailableError(f"{path}: no such file")
         if not path.is_file():
-            raise InputError(f"{path}: is not a file")
+            raise UnavailableError(f"{path}: is not a file")
         if path.stat().st_size == 0:
             raise InputError(f"{path}: the file is empty")
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+        raise UnavailableError(f"{path}: cannot be read ({error.strerror or error})") from error
     return path

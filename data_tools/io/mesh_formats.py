@@ -14,23 +14,24 @@ from data_tools.errors import InputError
 from data_tools.io.headers import check_ply, check_stl
 from data_tools.io.obj import read_obj
 from data_tools.io.off import read_off
+from data_tools.io.source import Source
 
 # What trimesh logs about damaged files is said by our own errors; without a handler Python would print it.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 
-def read_with_trimesh(path: Path) -> tuple[FloatArray, IntArray]:
+def read_with_trimesh(source: Source) -> tuple[FloatArray, IntArray]:
     """Return the vertices (v, 3) and triangles (f, 3) of a file as they stand, neither merged nor repaired.
 
     All parts of a scene are put together in the scene's coordinates. Names inside a file reach only files of its own
     folder, and materials are never opened.
     """
+    path, content = source.path, source.content
     kind = path.suffix[1:].lower()
-    content = path.read_bytes()
     promised = check_ply(path, content) if kind == "ply" else {}
     if kind == "stl":
         check_stl(path, content)
-    resolver = _SiblingResolver(path.parent) if kind == "gltf" else None
+    resolver = source if kind == "gltf" else None
     options: dict[str, Any] = {"process": False, "validate": False}
     if kind in ("glb", "gltf"):
         options["skip_materials"] = True
@@ -73,19 +74,6 @@ def _concatenate(parts: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, 
     vertices = np.concatenate([v for v, _ in parts])
     faces = np.concatenate([f + start for (_, f), start in zip(parts, starts[:-1], strict=True)])
     return vertices, faces
-
-
-class _SiblingResolver:
-    """Opens the buffers that a GLTF file names, in the same folder only (what trimesh calls a resolver)."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder.resolve()
-
-    def __getitem__(self, name: str) -> bytes:
-        path = (self._folder / name.strip()).resolve()
-        if path.parent != self._folder:
-            raise InputError(f"{self._folder}: a file in it names {name!r}, which is outside of its folder")
-        return path.read_bytes()
 
 
 #: Reader of each suffix.

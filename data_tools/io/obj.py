@@ -9,10 +9,11 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.io.source import Source
 from data_tools.io.text_tables import parse_table
 
 
-def read_obj(path: Path) -> tuple[FloatArray, IntArray]:
+def read_obj(source: Source) -> tuple[FloatArray, IntArray]:
     """Return the vertices and triangles of an OBJ file; groups are joined, all but ``v`` and ``f`` is ignored.
 
     Polygons are split into triangles at their first corner. Indices count from 1, or from the end where negative.
@@ -25,7 +26,7 @@ def read_obj(path: Path) -> tuple[FloatArray, IntArray]:
     points: list[str] = []
     polygons: list[str] = []
     num_before: list[int] = []
-    text = path.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ")
+    path, text = source.path, source.text().replace("\\\n", " ")
     for line in text.splitlines():
         content = line.split("#", 1)[0].strip()
         if content[:2] in ("v ", "v\t", "v"):

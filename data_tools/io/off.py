@@ -10,10 +10,11 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.io.source import Source
 from data_tools.io.text_tables import parse_table
 
 
-def read_off(path: Path) -> tuple[FloatArray, IntArray]:
+def read_off(source: Source) -> tuple[FloatArray, IntArray]:
     """Return the vertices and triangles of a text OFF file; normals, colours and textures are ignored.
 
     Polygons are split into triangles at their first corner; polygons of fewer than three corners are left out.
@@ -23,7 +24,7 @@ def read_off(path: Path) -> tuple[FloatArray, IntArray]:
     InputError
         If it is not OFF, truncated, or a line is not what its place asks for.
     """
-    text = path.read_text(encoding="utf-8", errors="replace")
+    path, text = source.path, source.text()
     stripped = (line.split("#", 1)[0].strip() for line in text.splitlines())
     lines = [line for line in stripped if line]
     num_vertices, num_faces, lines = _counts(path, lines)

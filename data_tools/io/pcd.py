@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.errors import InputError
+from data_tools.errors import InputError, UnavailableError
+from data_tools.io.source import Source
 
 _KINDS = {"F": "f", "I": "i", "U": "u"}
 
 
-def read_pcd(path: Path) -> tuple[FloatArray, IntArray]:
+def read_pcd(source: Source) -> tuple[FloatArray, IntArray]:
     """Return the points of a PCD file (version .7); other fields are ignored, as are points without a return (NaN).
 
     Raises
@@ -20,7 +22,7 @@ def read_pcd(path: Path) -> tuple[FloatArray, IntArray]:
     InputError
         If the header is malformed, data are missing, or the file is compressed and Open3D is not installed.
     """
-    content = path.read_bytes()
+    path, content = source.path, source.content
     header, body = _header(path, content)
     fields, counts = header["FIELDS"], [int(c) for c in header.get("COUNT", ["1"] * len(header["FIELDS"]))]
     num = int(header["POINTS"][0])
@@ -32,7 +34,7 @@ def read_pcd(path: Path) -> tuple[FloatArray, IntArray]:
     elif kind == "binary":
         points = _from_binary(path, body, header, counts, num)
     elif kind == "binary_compressed":
-        points = _from_open3d(path)
+        points = _from_open3d(source)
     else:
         raise InputError(f"{path}: unknown DATA {kind!r}; known are ascii, binary, binary_compressed")
     return points[~np.isnan(points).all(axis=1)], np.empty((0, 3), dtype=np.int64)
@@ -90,13 +92,16 @@ def _format(path: Path, kind: str, size: str) -> str:
     return f"<{_KINDS[kind.upper()]}{size}"
 
 
-def _from_open3d(path: Path) -> FloatArray:
+def _from_open3d(source: Source) -> FloatArray:
     try:
         import open3d
     except (ImportError, OSError) as error:
-        raise InputError(
-            f"{path}: compressed PCD files are read by Open3D, which cannot be imported ({error}); "
+        raise UnavailableError(
+            f"{source.path}: compressed PCD files are read by Open3D, which cannot be imported ({error}); "
             "install it with: pip install 'collalign[open3d]'"
         ) from error
-    cloud = open3d.io.read_point_cloud(path, remove_nan_points=True)
+    with tempfile.NamedTemporaryFile(suffix=".pcd") as copy:  # of what was read; the file may be another by now
+        copy.write(source.content)
+        copy.flush()
+        cloud = open3d.io.read_point_cloud(Path(copy.name), remove_nan_points=True)
     return np.asarray(cloud.points, dtype=np.float64).reshape(-1, 3)

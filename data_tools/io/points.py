@@ -3,31 +3,30 @@
 from __future__ import annotations
 
 import re
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.io.archives import load_arrays
 from data_tools.io.pcd import read_pcd
+from data_tools.io.source import Source
 from data_tools.io.text_tables import parse_table
 
 #: Names of the points in an NPZ archive, the first found is read.
 POINT_KEYS = ("vertices", "points", "positions", "xyz")
 #: The place of a missing number between separators, or before the first one of a line.
 EMPTY_CELL = re.compile(r"(?:^|[,;])[ \t]*(?=[,;])", re.MULTILINE)
-#: Larger arrays in an archive are refused before they are unpacked, in bytes.
-MAX_ARRAY_BYTES = 1 << 30
 
 
-def read_text_points(path: Path) -> tuple[FloatArray, IntArray]:
+def read_text_points(source: Source) -> tuple[FloatArray, IntArray]:
     """Return the points of a table of numbers; further columns (colours, normals) are ignored.
 
     Columns are separated by blanks, tabs, commas or semicolons; ``#`` and ``//`` start comments. A first line of
     words is a header: columns named x, y and z are taken, else the first three.
     """
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    path, text = source.path, source.text("utf-8-sig")
     text = EMPTY_CELL.sub(" nan ", text).replace(",", " ").replace(";", " ")
     stripped = (re.split(r"#|//", line, maxsplit=1)[0].strip() for line in text.splitlines())
     lines = [line for line in stripped if line]
@@ -43,19 +42,13 @@ def read_text_points(path: Path) -> tuple[FloatArray, IntArray]:
     return np.ascontiguousarray(table[:, columns]), np.empty((0, 3), dtype=np.int64)
 
 
-def read_npz(path: Path) -> tuple[FloatArray, IntArray]:
+def read_npz(source: Source) -> tuple[FloatArray, IntArray]:
     """Return ``vertices`` (or ``points``, ``positions``, ``xyz``) and ``faces`` if there are any; no pickles."""
-    if not zipfile.is_zipfile(path):
-        raise InputError(f"{path}: not an NPZ archive, or truncated")
-    with zipfile.ZipFile(path) as archive:
-        largest = max((info.file_size for info in archive.infolist()), default=0)
-    if largest > MAX_ARRAY_BYTES:
-        raise InputError(f"{path}: an array of {largest} bytes is larger than {MAX_ARRAY_BYTES}")
-    with np.load(path, allow_pickle=False) as arrays:
-        key = next((k for k in POINT_KEYS if k in arrays), None)
-        if key is None:
-            raise InputError(f"{path}: holds none of the arrays {', '.join(POINT_KEYS)}, but {', '.join(arrays)}")
-        return arrays[key], arrays["faces"] if "faces" in arrays else np.empty((0, 3), dtype=np.int64)
+    arrays = load_arrays(source.content, str(source.path))
+    key = next((k for k in POINT_KEYS if k in arrays), None)
+    if key is None:
+        raise InputError(f"{source.path}: holds none of the arrays {', '.join(POINT_KEYS)}, but {', '.join(arrays)}")
+    return arrays[key], arrays.get("faces", np.empty((0, 3), dtype=np.int64))
 
 
 def _row_by_row(path: Path, lines: list[str], columns: list[int]) -> FloatArray:

@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.errors import CollalignError, InputError
-from data_tools.io.files import existing_file, natural_key, readable_name, write_atomic
+from data_tools.errors import CollalignError, InputError, UnavailableError
+from data_tools.io.files import natural_key, readable_name, write_atomic
 from data_tools.io.mesh_formats import READERS as MESH_READERS
 from data_tools.io.points import READERS as POINT_READERS
+from data_tools.io.source import Source, read_source
 from data_tools.options import CleaningOptions
 from data_tools.surface.cleaning import clean
 from data_tools.surface.shape import Shape
 
-#: Reader of each suffix: (vertices, faces) from a path.
-READERS: dict[str, Callable[[Path], tuple[FloatArray, IntArray]]] = {**MESH_READERS, **POINT_READERS}
+#: Reader of each suffix: (vertices, faces) from a file.
+READERS: dict[str, Callable[[Source], tuple[FloatArray, IntArray]]] = {**MESH_READERS, **POINT_READERS}
 #: Suffixes that :func:`write_mesh` knows.
 WRITABLE = (".ply", ".off", ".obj", ".stl", ".glb")
 
@@ -45,7 +46,13 @@ class FolderListing:
     skipped: tuple[Path, ...]
 
 
-def read_shape(path: Path | str, cleaning: CleaningOptions | None = None, *, name: str | None = None) -> Shape:
+def read_shape(
+    path: Path | str,
+    cleaning: CleaningOptions | None = None,
+    *,
+    name: str | None = None,
+    digest: str | None = None,
+) -> Shape:
     """Read and clean a mesh or point cloud; its suffix names the format.
 
     Meshes: PLY, OFF, OBJ, STL, GLB, GLTF. Points: PLY, OBJ, PCD, XYZ, TXT, CSV. Either: NPZ with ``vertices`` (or
@@ -57,6 +64,8 @@ def read_shape(path: Path | str, cleaning: CleaningOptions | None = None, *, nam
     cleaning : CleaningOptions, optional
     name : str, optional
         The file's stem by default.
+    digest : str, optional
+        What :func:`data_tools.io.source.hash_source` said of the file when it was looked at first.
 
     Returns
     -------
@@ -65,28 +74,41 @@ def read_shape(path: Path | str, cleaning: CleaningOptions | None = None, *, nam
 
     Raises
     ------
+    UnavailableError
+        If the file is missing or cannot be read here and now, does not fit in memory, has changed since it was looked
+        at first, or needs a package that is not installed.
     InputError
-        Naming the file and the reason: missing, empty, truncated, another content than its suffix says, values that
+        Naming the file and the reason: empty, truncated, another content than its suffix says, values that
         are not finite, indices out of range, no points.
     """
     path = Path(path)
+    try:
+        return shape_from_source(read_source(path), cleaning, name=name, digest=digest)
+    except MemoryError as error:
+        raise UnavailableError(f"{path}: does not fit in memory") from error
+
+
+def shape_from_source(
+    source: Source, cleaning: CleaningOptions | None = None, *, name: str | None = None, digest: str | None = None
+) -> Shape:
+    """Return the shape that a file holds; see :func:`read_shape`."""
+    path = source.path
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise InputError(f"{path}: unknown suffix {path.suffix!r}; readable are {', '.join(sorted(READERS))}")
-    existing_file(path)
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            vertices, faces = reader(path)
-    except CollalignError:
+            vertices, faces = reader(source)
+    except (CollalignError, MemoryError):
         raise
-    except MemoryError as error:
-        raise InputError(f"{path}: does not fit in memory") from error
     except Exception as error:  # readers of damaged files fail in every way there is
         kind = path.suffix[1:].upper()
         raise InputError(
             f"{path}: not a readable {kind} file ({type(error).__name__}: {_one_line(error)})"
         ) from error
+    if digest is not None and source.digest != digest:
+        raise UnavailableError(f"{path}: has changed since the run began; run again")
     return clean(_checked(path, vertices, faces, name or path.stem), cleaning)
 
 

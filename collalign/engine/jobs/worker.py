@@ -16,10 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.jobs.table import SharedTable
-from data_tools.errors import CollalignError
+from data_tools.errors import CollalignError, UnavailableError
 from data_tools.threads import one_blas_thread
 
 _MAX_FAILURE = 1000
+#: Errors that another run of the same task may not meet.
+_OF_THE_MACHINE = (MemoryError, OSError, ImportError, UnavailableError)
 _ORPHAN_POLL_S = 1.0
 
 
@@ -63,7 +65,8 @@ class Outcome:
     seconds : float
         Wall-clock time in the worker; NaN where it died.
     crashed : bool
-        Whether a worker died or hung on it, rather than the function raising an error.
+        Whether another run may succeed: a worker died or hung on it, or what the function raised is about the machine
+        (memory, a file that cannot be read now, a package) and not about the task.
     token : int
         The task's number.
     """
@@ -109,15 +112,15 @@ class Guard:
 def run_in_process(call: Call, task: Task) -> Outcome:
     """Run one task right here, with one BLAS thread and exceptions recorded, but without limits."""
     started = time.perf_counter()
-    value, failure = None, None
+    value, failure, crashed = None, None, False
     arguments = (task.payload,) if call.table is None else (task.payload, call.table)
     try:
         with one_blas_thread():
             value = call.function(*arguments)
     except Exception as error:
-        failure = describe(error)
+        failure, crashed = describe(error), isinstance(error, _OF_THE_MACHINE)
     seconds = time.perf_counter() - started
-    return Outcome(key=task.key, value=value, failure=failure, seconds=seconds, token=task.token)
+    return Outcome(key=task.key, value=value, failure=failure, seconds=seconds, crashed=crashed, token=task.token)
 
 
 def run_guarded(call: Call, task: Task, guard: Guard | None) -> Outcome:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.engine.store.records import encode
-from data_tools.errors import InputError
 
 #: Hexadecimal digits of a key: 160 bits of SHA-256.
 KEY_LENGTH = 40
@@ -43,21 +42,6 @@ def fingerprint(algorithm_version: str, options: Any, *content_hashes: str) -> s
     """
     content = {"version": algorithm_version, "options": _canonical(options), "content": list(content_hashes)}
     return hashlib.sha256(encode(content)).hexdigest()[:KEY_LENGTH]
-
-
-def hash_file(path: str | Path) -> str:
-    """Return the hash of a file's bytes, 40 hexadecimal digits.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()[:KEY_LENGTH]
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
 
 
 def hash_arrays(*arrays: NDArray[Any]) -> str:

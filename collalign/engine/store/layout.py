@@ -40,7 +40,7 @@ class Failure:
     label : str
         What it is, for people.
     crashed : bool
-        Whether a worker died or hung on it, which another run may survive, rather than an error that it raised.
+        Whether another run may succeed: a worker died or hung on it, or the machine failed it.
     """
 
     reason: str

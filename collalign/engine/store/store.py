@@ -190,8 +190,9 @@ class Store:
         kind : {"shapes", "pairs"}
         keys : iterable of str
         retry : {"crashed", "all", "none"}
-            Which recorded failures to try again: those whose worker died or hung, all, or none. An error that a
-            computation raised comes back each time, so it is not tried again by default.
+            Which recorded failures to try again: those that another run may survive (a worker died or hung, the
+            machine failed it), all, or none. An error that the content causes comes back each time, so it is not
+            tried again by default.
         """
         if retry not in ("crashed", "all", "none"):
             raise ValueError(f"retry: expected 'crashed', 'all' or 'none', got {retry!r}")

@@ -21,6 +21,8 @@ from data_tools.arrays import (
     read_only,
 )
 from data_tools.errors import InputError
+from data_tools.io.archives import load_arrays
+from data_tools.io.source import read_source
 
 #: Name of the file inside a result's folder.
 EVIDENCE_FILE = "evidence.npz"
@@ -94,8 +96,7 @@ def load_view(folder: Path | str) -> CollectionView:
             f"{path}: there is no such file. Give the folder that `collalign align FOLDER --out OUT` wrote (its OUT)"
         )
     try:
-        with np.load(path, allow_pickle=False) as file:
-            data = {name: file[name] for name in file.files}
+        data = load_arrays(read_source(path).content, path.name)
         found = int(data["version"])
         view = _from_arrays(data) if found == EVIDENCE_VERSION else None
     except Exception as error:  # damaged archives fail in every way there is

@@ -1,13 +1,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from collalign.engine.store.keys import KEY_LENGTH, fingerprint, hash_arrays, hash_file, pair_seed
-from data_tools.errors import InputError
+from collalign.engine.store.keys import KEY_LENGTH, fingerprint, hash_arrays, pair_seed
 
 
 @dataclass(frozen=True)
@@ -38,14 +36,6 @@ def test_whole_floats_count_as_integers_but_not_as_flags() -> None:
 def test_options_of_other_kinds_are_refused() -> None:
     with pytest.raises(TypeError):
         fingerprint("1", {"f": print})
-
-
-def test_files_are_hashed_by_content(tmp_path: Path) -> None:
-    for name, content in (("a", b"1"), ("b", b"1"), ("c", b"2")):
-        (tmp_path / name).write_bytes(content)
-    assert hash_file(tmp_path / "a") == hash_file(str(tmp_path / "b")) != hash_file(tmp_path / "c")
-    with pytest.raises(InputError, match="missing"):
-        hash_file(tmp_path / "missing")
 
 
 def test_array_hashes_see_values_types_and_shapes(rng: np.random.Generator) -> None:

@@ -69,6 +69,7 @@ def collection() -> AlignedCollection:
     return AlignedCollection(
         names=tuple("abcd"),
         files=tuple(Path(f"{name}.ply") for name in "abcd"),
+        digests=tuple("abcd"),
         transforms=transforms,
         rotations=R,
         reflected=np.zeros(4, dtype=bool),

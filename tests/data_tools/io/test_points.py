@@ -110,8 +110,8 @@ def test_npz_that_unpacks_to_gigabytes_is_refused_before_it_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     np.savez_compressed(tmp_path / "bomb.npz", vertices=np.zeros((100_000, 3)))
-    monkeypatch.setattr("data_tools.io.points.MAX_ARRAY_BYTES", 1_000_000)
-    with pytest.raises(InputError, match="larger than"):
+    monkeypatch.setattr("data_tools.io.archives.MAX_UNPACKED_BYTES", 1_000_000)
+    with pytest.raises(InputError, match="more than"):
         read_shape(tmp_path / "bomb.npz")
 
 

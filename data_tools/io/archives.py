@@ -1,0 +1,67 @@
+"""NPZ archives from anybody: their size is known before memory is taken for them, and nothing is unpickled."""
+
+from __future__ import annotations
+
+import io
+import math
+import zipfile
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_tools.errors import InputError
+
+#: Archives that unpack to more are refused, in bytes.
+MAX_UNPACKED_BYTES = 2**30
+#: Longest header of an array, in bytes.
+_MAX_HEADER_BYTES = 2**16
+_HEADER_READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+
+
+def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
+    """Return the arrays of an NPZ archive.
+
+    Parameters
+    ----------
+    content : bytes
+        Of the file.
+    name : str
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        If it is no archive, damaged, holds objects, or unpacks to more than :data:`MAX_UNPACKED_BYTES`.
+    """
+    stream = io.BytesIO(content)
+    if not zipfile.is_zipfile(stream):
+        raise InputError(f"{name}: not an NPZ archive, or truncated")
+    try:
+        with zipfile.ZipFile(stream) as archive:
+            members = {info.filename: info for info in archive.infolist() if info.filename.endswith(".npy")}
+            total = sum(info.file_size for info in members.values())
+            if total > MAX_UNPACKED_BYTES:
+                raise InputError(f"{name}: unpacks to {total} bytes, more than {MAX_UNPACKED_BYTES}")
+            return {file.removesuffix(".npy"): _array(archive, info, name) for file, info in members.items()}
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, NotImplementedError, RuntimeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{name}: damaged archive ({' '.join(str(error).split())[:200]})") from error
+
+
+def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str) -> NDArray[Any]:
+    """Unpack one array, whose header must promise exactly the bytes that are there."""
+    with archive.open(info) as stream:
+        version = np.lib.format.read_magic(stream)
+        if version not in _HEADER_READERS:
+            raise InputError(f"{name}: {info.filename} is of NPY version {version}, which is not read")
+        shape, fortran, dtype = _HEADER_READERS[version](stream, max_header_size=_MAX_HEADER_BYTES)
+        if dtype.hasobject:
+            raise InputError(f"{name}: {info.filename} holds Python objects (a pickle), which are never read")
+        left = info.file_size - stream.tell()
+        if math.prod(shape) * dtype.itemsize != left:
+            raise InputError(f"{name}: {info.filename} promises shape {shape} of {dtype}, but {left} bytes follow")
+        values = np.frombuffer(bytearray(stream.read()), dtype=dtype) if left else np.empty(0, dtype=dtype)
+    return values.reshape(shape, order="F" if fortran else "C")

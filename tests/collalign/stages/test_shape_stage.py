@@ -1,0 +1,120 @@
+"""What the shape stage remembers: results of what was read, and failures that the content causes."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from collalign import AlignOptions, RunOptions
+from collalign.collection import Excluded
+from collalign.engine.jobs.worker import Call, Limits, Task, run_in_process
+from collalign.engine.store.store import Store
+from collalign.stages import shapes as stage
+from collalign.stages.shapes import PreparedShapes, prepare_shapes
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.io.shapes import read_folder, write_mesh
+from data_tools.options import SamplingOptions
+
+OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for i in range(3):
+        write_mesh(tmp_path / "shapes" / f"s{i}.ply", blob(np.random.default_rng(i), num_vertices=60))
+    return tmp_path / "shapes"
+
+
+def prepare(folder: Path, **run: float) -> PreparedShapes:
+    with Store.open(folder.parent / "store") as store:
+        return prepare_shapes(read_folder(folder), OPTIONS, RunOptions(jobs=1, **run), store)  # type: ignore[arg-type]
+
+
+def add_gltf(folder: Path) -> Path:
+    """Add a GLTF file, and return its buffer of positions."""
+    shape = blob(np.random.default_rng(9), num_vertices=60)
+    for name, content in trimesh.Trimesh(shape.vertices, shape.faces).export(file_type="gltf").items():
+        (folder / name).write_bytes(content)
+    return max(folder.glob("*.bin"), key=lambda path: path.stat().st_size)
+
+
+def test_a_result_belongs_to_the_buffers_as_well(folder: Path) -> None:
+    buffer = add_gltf(folder)
+    first = prepare(folder)
+    points = np.frombuffer(buffer.read_bytes(), dtype=np.uint8)
+    assert first.names[0] == "model"
+    buffer.write_bytes(np.roll(points, 12).tobytes())
+    second = prepare(folder)
+    assert second.keys[0] != first.keys[0]
+    assert second.keys[1:] == first.keys[1:]
+
+
+def test_a_missing_buffer_that_is_put_back_is_read(folder: Path) -> None:
+    buffer = add_gltf(folder)
+    content = buffer.read_bytes()
+    buffer.unlink()
+    (left_out,) = prepare(folder).excluded
+    assert buffer.name in left_out.reason
+    buffer.write_bytes(content)
+    assert not prepare(folder).excluded
+
+
+def test_a_file_that_is_edited_between_its_key_and_its_reading_poisons_nothing(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    edited, original = folder / "s1.ply", (folder / "s1.ply").read_bytes()
+    hash_source = stage.hash_source
+
+    def hash_and_edit(path: Path) -> str:
+        digest = hash_source(path)
+        if path == edited:
+            write_mesh(path, blob(np.random.default_rng(7), num_vertices=60))
+        return digest
+
+    monkeypatch.setattr(stage, "hash_source", hash_and_edit)
+    prepared = prepare(folder)
+    assert prepared.excluded == (Excluded(file="s1.ply", reason="has changed since the run began; run again"),)
+    monkeypatch.undo()
+    edited.write_bytes(original)
+    fresh = prepare(folder)
+    assert fresh.names == ("s0", "s1", "s2")
+    with Store.open(folder.parent / "store") as store, Store.memory() as clean:
+        expected = prepare_shapes(read_folder(folder), OPTIONS, RunOptions(jobs=1), clean)
+        for key, again in zip(expected.keys, fresh.keys, strict=True):
+            np.testing.assert_array_equal(
+                clean.require("shapes", key)["positions"], store.require("shapes", again)["positions"]
+            )
+
+
+def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_not(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "bad.ply").write_text("ply\nnonsense")
+    head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nPOINTS 3\nDATA binary_compressed\n"
+    (folder / "compressed.pcd").write_text(head)
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    call = Call(function=stage.prepare_shape, limits=Limits(), table=None)
+    again = {}
+    for token, file in enumerate([*sorted(folder.iterdir()), folder / "missing.ply"]):
+        task = Task(token=token, key=file.name, payload=stage.shape_task(file, file.stem, OPTIONS))
+        outcome = run_in_process(call, task)
+        if outcome.failure is not None:
+            again[file.name] = outcome.crashed
+    assert again == {"bad.ply": False, "compressed.pcd": True, "missing.ply": True}
+
+
+def test_a_raised_memory_limit_is_noticed(folder: Path) -> None:
+    size = 3_000_000
+    rows = np.random.default_rng(0).standard_normal((size, 3)).astype("<f4")
+    head = f"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nPOINTS {size}\nDATA binary\n"
+    (folder / "large.pcd").write_bytes(head.encode() + rows.tobytes())
+    (left_out,) = prepare(folder, memory_limit_gib=0.1, shape_time_limit_s=60.0).excluded
+    assert left_out.file == "large.pcd"
+    with Store.open(folder.parent / "store") as store:
+        (failure,) = store.failures("shapes").values()
+        assert failure.crashed, failure.reason
+        assert store.missing("shapes", store.failures("shapes")) == list(store.failures("shapes"))
