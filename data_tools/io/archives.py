@@ -17,6 +17,7 @@ from data_tools.errors import InputError
 MAX_UNPACKED_BYTES = 2**30
 #: Longest header of an array, in bytes.
 _MAX_HEADER_BYTES = 2**16
+_DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, NotImplementedError, RuntimeError)
 _HEADER_READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
@@ -45,9 +46,9 @@ def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
             if total > MAX_UNPACKED_BYTES:
                 raise InputError(f"{name}: unpacks to {total} bytes, more than {MAX_UNPACKED_BYTES}")
             return {file.removesuffix(".npy"): _array(archive, info, name) for file, info in members.items()}
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, NotImplementedError, RuntimeError) as error:
-        if isinstance(error, InputError):
-            raise
+    except InputError:
+        raise
+    except _DAMAGE as error:
         raise InputError(f"{name}: damaged archive ({' '.join(str(error).split())[:200]})") from error
 
 

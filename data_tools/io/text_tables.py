@@ -1,13 +1,48 @@
-"""Lines of numbers to arrays, without a Python object for each number."""
+"""Tables of numbers in text: which signs separate columns, which mark decimals, which columns are x, y and z.
+
+What a table does not make clear is refused with the reason; a guess would be a wrong shape without a word.
+"""
 
 from __future__ import annotations
 
+import csv
+import re
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from data_tools.arrays import FloatArray
+from data_tools.errors import InputError
+
+#: Rows from which the columns of a table without a heading are tried for being numbered.
+_MIN_NUMBERED_ROWS = 3
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+#: A comma in this place may as well separate thousands.
+_WORD = re.compile(r"[^\d\s.,eE+-]")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+")
+_UNIT = re.compile(r"[(\[{].*?[)\]}]|(?:(?<=[xyz])[ _]?(?:mm|cm|m|um|µm|nm|in|inch|px))$")
+_AXIS = re.compile(r"(?:(?:pos|position|points?|coords?|coordinates?|vertex|v|p)[ _.:]*)?([xyz012])")
+#: Places of missing numbers.
+_EMPTY_CELL = {sign: re.compile(rf"(?:^|(?<={sign}))[ ]*(?={sign}|$)", re.MULTILINE) for sign in (",", ";", "\t")}
+_AXES = {"x": 0, "y": 1, "z": 2, "0": 0, "1": 1, "2": 2}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextTable:
+    """The cells of a table, as text with decimal points.
+
+    Attributes
+    ----------
+    heading : tuple of str or None
+        Names of the columns where the first line holds any.
+    rows : list of list of str
+        Empty cells are empty.
+    """
+
+    heading: tuple[str, ...] | None
+    rows: list[list[str]]
 
 
 def parse_table(lines: Sequence[str]) -> FloatArray | None:
@@ -25,3 +60,194 @@ def parse_table(lines: Sequence[str]) -> FloatArray | None:
         except (ValueError, DeprecationWarning):
             return None
     return values.reshape(len(lines), num_columns) if values.size == len(lines) * num_columns else None
+
+
+def read_points_table(text: str, name: str) -> FloatArray:
+    """Return the points of a table of numbers, shape (n, 3); missing numbers are NaN.
+
+    Columns are separated by semicolons, tabs, commas or blanks, in this order of preference; ``#`` and ``//`` start
+    comments. Beside semicolons, tabs and blanks a comma marks decimals.
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        If there are no points, a row is malformed, or the table can be read in more than one way.
+    """
+    stripped = (re.split(r"#|//", line, maxsplit=1)[0].strip(" \r\n") for line in text.splitlines())
+    lines = [line for line in stripped if line.strip()]
+    if not lines:
+        raise InputError(f"{name}: holds no points")
+    delimiter = _delimiter(lines, name)
+    first = _cells(lines[:1], delimiter)
+    body = lines if first.heading is None else lines[1:]
+    if not body:
+        raise InputError(f"{name}: holds no points")
+    columns = [0, 1, 2] if first.heading is None else _axis_columns(first.heading, name)
+    width = len(first.heading or first.rows[0])
+    values = _plain_numbers(body, delimiter)
+    if values is None or values.shape[1] != width or width <= max(columns):
+        table = _with_decimal_points(_cells(lines, delimiter), delimiter, name)
+        values, columns = _row_by_row(table, width, columns, name), [0, 1, 2]
+    if first.heading is None:
+        _refuse_numbered(values[:, 0], width, name)
+        if delimiter == "," and width >= 6 and (values == np.floor(values)).all():
+            _refuse_split_decimals(_cells(body, delimiter).rows, name)
+    return np.ascontiguousarray(values[:, columns])
+
+
+def _delimiter(lines: list[str], name: str) -> str | None:
+    """Return what separates columns, None for blanks.
+
+    Raises
+    ------
+    InputError
+        If commas and blanks both could.
+    """
+    for sign in (";", "\t"):
+        if sum(sign in line for line in lines) * 2 > len(lines):
+            return sign
+    if not any("," in line for line in lines):
+        return None
+    body = [line for line in lines if re.search(r"\d", line)]
+    between_words = [line for line in body if re.search(r"[^\s,][ ]+[^\s,]", line) and not _has_words(line)]
+    if not between_words:
+        return ","
+    if all(re.fullmatch(r"\S+", cell) and cell.count(",") <= 1 for line in body for cell in line.split()) and not any(
+        re.search(r",(?= |$)", line) for line in body
+    ):
+        return None
+    raise InputError(
+        f"{name}: both commas and blanks stand between numbers: {between_words[0][:60]!r}; it is not clear what "
+        "separates columns. Save it with one separator and with decimal points"
+    )
+
+
+def _has_words(line: str) -> bool:
+    """Whether a cell of a comma-separated line is text, in which blanks mean nothing."""
+    return any(_WORD.search(cell) is not None for cell in line.split(","))
+
+
+def _cells(lines: list[str], delimiter: str | None) -> TextTable:
+    if delimiter is not None:
+        read = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+        rows = [[cell.strip() for cell in row] for row in read]
+    else:
+        rows = [[cell.strip("\"'") for cell in line.split()] for line in lines]
+        if not _is_data(rows[0]):  # units in brackets are no columns
+            rows[0] = [cell.strip("\"'") for cell in re.sub(r"\s*[(\[{][^)\]}]*[)\]}]", "", lines[0]).split()]
+    if rows[0] and not _is_number(rows[0][0].replace(",", ".")) and not _is_data(rows[0]):
+        return TextTable(heading=tuple(rows[0]), rows=rows[1:])
+    return TextTable(heading=None, rows=rows)
+
+
+def _is_data(row: list[str]) -> bool:
+    """Whether a first row with an empty or unreadable first cell holds numbers all the same."""
+    return any(_is_number(cell.replace(",", ".")) for cell in row)
+
+
+def _with_decimal_points(table: TextTable, delimiter: str | None, name: str) -> TextTable:
+    """Return the table with decimal points where it has decimal commas.
+
+    Raises
+    ------
+    InputError
+        If commas may be decimals or thousands, or points and commas both mark decimals.
+    """
+    if delimiter == ",":
+        return table
+    cells = [cell for row in table.rows for cell in row if "," in cell and not _WORD.search(cell)]
+    if not cells:
+        return table
+    wrong = next((cell for cell in cells if _DECIMAL_COMMA.fullmatch(cell) is None), None)
+    if wrong is None and all(_THOUSANDS.fullmatch(cell) for cell in cells):
+        wrong = cells[0]
+    if wrong is None and any("." in cell and _is_number(cell) for row in table.rows for cell in row):
+        wrong = cells[0]
+    if wrong is not None:
+        raise InputError(
+            f"{name}: it is not clear what the comma in {wrong[:40]!r} means, decimals or thousands; save it with "
+            "decimal points and without separators of thousands"
+        )
+    rows = [[cell.replace(",", ".") for cell in row] for row in table.rows]
+    return TextTable(heading=table.heading, rows=rows)
+
+
+def _plain_numbers(lines: list[str], delimiter: str | None) -> FloatArray | None:
+    """Return a table of numbers with decimal points, without a Python object for each; None where it is none."""
+    text = "\n".join(lines)
+    if '"' in text or (delimiter != "," and "," in text):
+        return None
+    if delimiter is not None:
+        text = _EMPTY_CELL[delimiter].sub("nan", text).replace(delimiter, " ")
+    return parse_table(text.split("\n"))
+
+
+def _row_by_row(table: TextTable, width: int, columns: list[int], name: str) -> FloatArray:
+    """Return the wanted columns, shape (n, 3), or say which row is wrong."""
+    points = []
+    for number, row in enumerate(table.rows, start=1):
+        if len(row) != width or width <= max(columns):
+            expected = max(width, max(columns) + 1)
+            why = "decimal commas?" if table.heading is not None and len(row) == 2 * width else "truncated?"
+            raise InputError(f"{name}: row {number} has {len(row)} columns, expected {expected} ({why})")
+        wanted = [row[c] or "nan" for c in columns]
+        if not all(_is_number(word) for word in wanted):
+            raise InputError(f"{name}: row {number} is not numbers: {' '.join(row)[:60]!r}")
+        points.append([float(word) for word in wanted])
+    return np.array(points, dtype=np.float64).reshape(-1, 3)
+
+
+def _axis_columns(heading: tuple[str, ...], name: str) -> list[int]:
+    """Return the places of x, y and z in a heading; units and words such as "pos" do not matter."""
+    places: list[list[int]] = [[], [], []]
+    for place, cell in enumerate(heading):
+        word = _UNIT.sub("", cell.strip("\"' ").lower()).strip(" _")
+        found = _AXIS.fullmatch(word)
+        if found:
+            places[_AXES[found.group(1)]].append(place)
+    if all(len(found) == 1 for found in places):
+        return [found[0] for found in places]
+    if len(heading) == 3 and not any(len(found) > 1 for found in places):
+        return [0, 1, 2]
+    several = any(len(found) > 1 for found in places)
+    raise InputError(
+        f"{name}: {'several columns' if several else 'not all three columns'} of its heading are called x, y or z: "
+        f"{', '.join(heading)[:80]}; name the three columns x, y and z"
+    )
+
+
+def _refuse_numbered(first: FloatArray, width: int, name: str) -> None:
+    """Refuse a table of more than three columns, without a heading, whose first column counts its rows."""
+    num = len(first)
+    if width > 3 and num >= _MIN_NUMBERED_ROWS and np.array_equal(first - first[0], np.arange(num)):
+        raise InputError(
+            f"{name}: its first column counts the rows and it has no heading; it is not clear which columns are x, y "
+            "and z. Add a heading"
+        )
+
+
+def _refuse_split_decimals(rows: list[list[str]], name: str) -> None:
+    """Refuse whole numbers in an even number of columns, half of which look like the decimals of the others."""
+    width = len(rows[0])
+    if width < 6 or width % 2 or not all(re.fullmatch(r"[+-]?\d+", cell) for row in rows for cell in row):
+        return
+    decimals = [cell for row in rows for cell in row[1::2]]
+    if any(re.fullmatch(r"0\d+", cell) for cell in decimals) and not any(cell[0] in "+-" for cell in decimals):
+        raise InputError(
+            f"{name}: commas seem to mark both columns and decimals ({','.join(rows[0])[:60]!r}); save it with "
+            "semicolons between columns or with decimal points"
+        )
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return "_" not in word
