@@ -5,20 +5,20 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import CollalignError, InputError, UnavailableError
 from data_tools.io.files import natural_key, readable_name, write_atomic
 from data_tools.io.mesh_formats import READERS as MESH_READERS
 from data_tools.io.points import READERS as POINT_READERS
 from data_tools.io.source import Source, read_source
 from data_tools.options import CleaningOptions
-from data_tools.surface.cleaning import clean
+from data_tools.surface.cleaning import clean, drop_non_finite
 from data_tools.surface.shape import Shape
 
 #: Reader of each suffix: (vertices, faces) from a file.
@@ -174,15 +174,25 @@ def _checked(path: Path, vertices: FloatArray, faces: IntArray, name: str) -> Sh
     vertices = np.asarray(vertices)
     if vertices.size == 0:
         raise InputError(f"{path}: holds no points")
+    kept: IntArray | None = None
+    notes: tuple[str, ...] = ()
     try:
-        shape = Shape.from_arrays(vertices, faces, name=name, file=path)
+        if (
+            np.size(faces)
+            and vertices.dtype.kind == "f"
+            and vertices.shape[1:] == (3,)
+            and not np.isfinite(vertices).all()
+        ):
+            vertices, faces, kept, note = drop_non_finite(name, vertices, faces)
+            notes = (note,)
+        shape = Shape.from_arrays(vertices, faces, name=name, file=path, notes=notes)
     except InputError as error:
         raise InputError(f"{path}: {str(error).removeprefix(f'{name}: ')}") from error
     extent = float(np.abs(shape.vertices).max())
     if extent > 1e100 or not np.ptp(shape.vertices, axis=0).any():
         reason = "coordinates beyond 1e100" if extent > 1e100 else "all points lie in one place"
         raise InputError(f"{path}: {reason}")
-    return shape
+    return shape if kept is None else replace(shape, source_indices=read_only(kept))
 
 
 def _one_line(error: Exception) -> str:

@@ -92,3 +92,21 @@ def test_a_shape_without_any_pair_is_named_first(
     shapes = json.loads((tmp_path / "out" / "alignment.json").read_text())["shapes"]
     assert shapes[4]["confidence"] is None
     assert np.isfinite(shapes[4]["transform"]).all()
+
+
+def test_samples_are_vertices_of_a_file_with_gaps_and_the_note_says_so(
+    planted: PlantedCollection, tmp_path: Path
+) -> None:
+    for i, shape in enumerate(planted.shapes[:3]):
+        vertices = shape.vertices.copy()
+        if i == 1:
+            vertices[[0, 3], 1] = np.nan
+        write_mesh(tmp_path / f"{shape.name}.ply", replace(shape, vertices=vertices))
+    found = align_collection(tmp_path, options=OPTIONS, run=RunOptions(jobs=1))
+    assert "dropped 2 vertices that are NaN or infinite" in found.shape_notes[1][0]
+    assert not found.shape_notes[0]
+    for shape, indices, transform, placed in zip(
+        planted.shapes, found.samples, found.transforms, found.positions, strict=False
+    ):
+        moved = shape.vertices[indices] @ transform[:3, :3].T + transform[:3, 3]
+        assert np.allclose(moved, placed, atol=1e-5)

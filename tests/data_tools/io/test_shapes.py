@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import os
 from pathlib import Path
@@ -20,7 +21,11 @@ PLY_FACES = "element face {}\nproperty list uchar int vertex_indices\n"
 MALFORMED = [
     ("index99.off", "OFF\n3 1 0\n" + TRIANGLE + "3 0 1 99\n", "index outside"),
     ("negative.off", "OFF\n3 1 0\n" + TRIANGLE + "3 0 1 -1\n", "index outside"),
-    ("nan.off", "OFF\n3 1 0\n0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n", "1 of 9 values are NaN or infinite"),
+    (
+        "nan.off",
+        "OFF\n3 1 0\n0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n",
+        "1 of 3 vertices have coordinates that are NaN or infinite",
+    ),
     ("no_face.off", "OFF\n3 2 0\n" + TRIANGLE + "3 0 1 2\n", "truncated"),
     ("no_vertex.off", "OFF\n30 1 0\n" + TRIANGLE, "truncated"),
     ("huge.off", "OFF\n3000000000 1 0\n" + TRIANGLE + "3 0 1 2\n", "truncated"),
@@ -92,14 +97,13 @@ def test_every_truncation_is_refused(tmp_path: Path, suffix: str, rng: np.random
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".glb"])
-def test_nan_written_by_other_tools_is_refused(tmp_path: Path, suffix: str, rng: np.random.Generator) -> None:
+def test_nan_written_by_other_tools_is_noticed(tmp_path: Path, suffix: str, rng: np.random.Generator) -> None:
     shape = blob(rng, num_vertices=40)
     vertices = shape.vertices.copy()
     vertices[7, 1] = np.nan
     path = tmp_path / f"nan{suffix}"
     trimesh.Trimesh(vertices, shape.faces, process=False, validate=False).export(path)
-    with pytest.raises(InputError, match="1 of 120 values are NaN"):
-        read_shape(path)
+    assert "dropped 1 vertices that are NaN" in read_shape(path).notes[0]
 
 
 @pytest.mark.parametrize("wrong", [".ply", ".off", ".obj", ".stl", ".glb", ".gltf", ".npz", ".pcd"])
@@ -259,3 +263,45 @@ def test_every_mesh_format_of_the_public_collections_is_read(shared_data: Path) 
 
 def _arrays(shape: Shape) -> tuple[np.ndarray, np.ndarray]:
     return np.array(shape.vertices), np.array(shape.faces)
+
+
+def with_gaps(tmp_path: Path, suffix: str, bad: list[int]) -> tuple[Path, Shape]:
+    """Write a mesh of which some vertices are NaN or infinite, and return it as it was."""
+    shape = blob(np.random.default_rng(3), num_vertices=200)
+    vertices = shape.vertices.copy()
+    vertices[bad, np.arange(len(bad)) % 3] = np.resize([np.nan, np.inf, -np.inf], len(bad))
+    path = tmp_path / f"gaps{suffix}"
+    if suffix == ".npz":
+        np.savez(path, vertices=vertices, faces=shape.faces)
+    else:
+        write_mesh(path, dataclasses.replace(shape, vertices=vertices))
+    return path, shape
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".npz"])
+def test_a_few_vertices_that_are_not_finite_are_dropped_with_their_triangles(tmp_path: Path, suffix: str) -> None:
+    path, whole = with_gaps(tmp_path, suffix, [0, 17, 199])
+    shape = read_shape(path)
+    touched = np.isin(whole.faces, [0, 17, 199]).any(axis=1)
+    assert shape.notes == (f"dropped 3 vertices that are NaN or infinite, with {touched.sum()} triangles",)
+    assert shape.source_indices is not None
+    np.testing.assert_array_equal(shape.source_indices, np.setdiff1d(np.arange(200), [0, 17, 199]))
+    np.testing.assert_allclose(shape.vertices, whole.vertices[shape.source_indices], atol=1e-5)
+    np.testing.assert_array_equal(shape.source_indices[shape.faces], whole.faces[~touched])
+
+
+def test_indices_stay_those_of_the_file_when_cleaning_drops_more(tmp_path: Path) -> None:
+    path, _ = with_gaps(tmp_path, ".npz", [5])
+    with np.load(path) as arrays:
+        vertices = np.vstack([arrays["vertices"][:1], arrays["vertices"]])
+        np.savez(path, vertices=vertices, faces=arrays["faces"] + 1)
+    shape = read_shape(path)
+    assert len(shape.notes) >= 2
+    assert shape.source_indices is not None
+    np.testing.assert_array_equal(shape.vertices, vertices[shape.source_indices])
+
+
+def test_many_vertices_that_are_not_finite_are_damage(tmp_path: Path) -> None:
+    path, _ = with_gaps(tmp_path, ".ply", list(range(11)))
+    with pytest.raises(InputError, match=r"gaps\.ply: 11 of 200 vertices .* damage"):
+        read_shape(path)
