@@ -42,6 +42,7 @@ _COMMANDS = {
     "add": ("collalign.cli.align:add", "Align new shapes to a finished result without moving the old ones."),
     "batch": ("collalign.cli.batch:batch", "Align many folders; a folder that fails does not stop the others."),
     "status": ("collalign.cli.status:status", "Say how much of a run is done, failed and left."),
+    "repair": ("collalign.cli.status:repair", "Discard the damaged records of a store."),
     "export": ("collalign.cli.results:export", "Write a result in a format of the field."),
     "verify": ("collalign.cli.results:verify", "Check the certificates of a result made with --certify."),
     "classify": ("collalign.cli.results:classify", "Classify every shape by its nearest neighbour."),

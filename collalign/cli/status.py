@@ -1,4 +1,4 @@
-"""``collalign status``: how far a run is, while it runs or after it was interrupted."""
+"""``collalign status`` and ``repair``: how far a run is, and what to do about a store with damaged records."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from cyclopts import Parameter
 
 from collalign.engine.store.layout import STORE_FILE
 from collalign.engine.store.store import Store
+from data_tools.errors import StoreError
 
 
 def status(result: Path, *, as_json: Annotated[bool, Parameter(name="--json", negative=())] = False) -> int:
@@ -43,4 +44,24 @@ def status(result: Path, *, as_json: Annotated[bool, Parameter(name="--json", ne
             print(f"  {failure.label}: {failure.reason}")
     if any(count.left for count in counts.values()):
         print("Not finished: run the same command to go on.")
+    return 0
+
+
+def repair(store: Path) -> int:
+    """Discard the damaged records of a store; the next run makes them again.
+
+    Parameters
+    ----------
+    store
+        The store file of the run (``OUT/store.sqlite`` unless ``--store`` named another).
+    """
+    if not store.is_file():
+        raise StoreError(f"{store}: there is no such store")
+    with Store.open(store) as opened:
+        discarded = opened.discard_damaged()
+    for kind, labels in discarded.items():
+        for label in labels:
+            print(f"discarded from {kind}: {label}")
+    num = sum(len(labels) for labels in discarded.values())
+    print(f"{num} damaged records discarded; run the same command again to make them" if num else "No damage found.")
     return 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import signal
 import threading
 import warnings
@@ -18,7 +17,7 @@ from typing import Any
 from joblib import Parallel, delayed
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
 
-from collalign.engine.jobs.scratch import scratch_directory
+from collalign.engine.jobs.scratch import remove_scratch, scratch_directory
 from collalign.engine.jobs.worker import Call, Guard, Outcome, Task, end_with_parent, run_guarded
 from data_tools.errors import CollalignError
 
@@ -46,7 +45,7 @@ def run_local(
         yield from run.rounds(tasks)
         yield from run.suspects_alone()
     finally:
-        shutil.rmtree(directory, ignore_errors=True)
+        remove_scratch(directory)
 
 
 class _Round:

@@ -1,7 +1,8 @@
-"""Temporary files of a run, named after its process, so that the next run removes what a killed one left."""
+"""Temporary files of a run, locked while it lives, so that the next run removes what a killed one left."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 import shutil
@@ -11,10 +12,16 @@ from contextlib import suppress
 from pathlib import Path
 
 _PREFIX = f"collalign-{re.sub(r'[^A-Za-z0-9]', '_', socket.gethostname())}-"
+_LOCK = "lock"
+#: Descriptors of the locks that this process holds; the system frees them however it ends.
+_HELD: dict[Path, int] = {}
 
 
 def scratch_directory(directory: Path | None = None) -> Path:
-    """Make a directory for one run, and remove those of runs on this machine that are gone.
+    """Make a directory for one run, and remove those of runs that are gone.
+
+    Whether a run is gone is told by its lock, not by its process number: containers that share a directory number
+    their processes each on their own.
 
     Parameters
     ----------
@@ -23,24 +30,32 @@ def scratch_directory(directory: Path | None = None) -> Path:
     """
     parent = Path(tempfile.gettempdir()) if directory is None else directory
     _remove_left_behind(parent)
-    return Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-", dir=parent))
+    made = Path(tempfile.mkdtemp(prefix=".collalign-new-", dir=parent))
+    descriptor = os.open(made / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    path = parent / f"{_PREFIX}{made.name.removeprefix('.collalign-new-')}"
+    made.rename(path)  # only now can others see it, and it is locked
+    _HELD[path] = descriptor
+    return path
 
 
-def is_running(pid: int) -> bool:
-    """Whether there is a process of that number on this machine."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
+def remove_scratch(path: Path) -> None:
+    """Remove a directory that :func:`scratch_directory` made, and free its lock."""
+    shutil.rmtree(path, ignore_errors=True)
+    descriptor = _HELD.pop(path, None)
+    if descriptor is not None:
+        os.close(descriptor)
 
 
 def _remove_left_behind(parent: Path) -> None:
-    """Remove our own directories there whose process has ended."""
+    """Remove our own directories there whose lock nobody holds."""
     for entry in parent.glob(f"{_PREFIX}*"):
-        found = re.match(r"(\d+)-", entry.name.removeprefix(_PREFIX))
         with suppress(OSError):
-            if found and not is_running(int(found.group(1))) and entry.lstat().st_uid == os.getuid():
+            if entry.is_symlink() or entry.lstat().st_uid != os.getuid():
+                continue
+            descriptor = os.open(entry / _LOCK, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 shutil.rmtree(entry, ignore_errors=True)
+            finally:
+                os.close(descriptor)

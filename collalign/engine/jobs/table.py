@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import mmap
-import shutil
 import struct
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from collalign.engine.jobs.scratch import scratch_directory
+from collalign.engine.jobs.scratch import remove_scratch, scratch_directory
 from collalign.engine.store.records import Record, decode, encode
 from data_tools.errors import StoreError
 
@@ -61,7 +60,7 @@ class SharedTable(Mapping[str, Record]):
                 start = file.tell()
                 file.write(footer + _FOOTER.pack(start, len(footer)))
         except BaseException:
-            shutil.rmtree(path.parent)
+            remove_scratch(path.parent)
             raise
         table = cls(path)
         table._owned = path.parent
@@ -94,7 +93,7 @@ class SharedTable(Mapping[str, Record]):
             self._map.close()
             self._map = None
         if self._owned is not None:
-            shutil.rmtree(self._owned, ignore_errors=True)
+            remove_scratch(self._owned)
 
     def __enter__(self) -> SharedTable:
         return self

@@ -36,12 +36,14 @@ def open_connection(path: Path, *, read_only: bool) -> sqlite3.Connection:
         _harden(connection)
         if not read_only:
             connection.execute(f"PRAGMA page_size = {PAGE_SIZE}")  # of a new file; does nothing to others
+            if not _is_new(connection):
+                _check_layout(connection, path)  # before anything is written to a file that may be somebody else's
             _set_journal(connection, path)
             _create_tables(connection)
         _check_layout(connection, path)
     except (sqlite3.Error, UnicodeError) as error:  # SQLite quotes damaged text in its messages
         connection.close()
-        raise StoreError(f"{path}: not a store, or damaged ({error})") from None
+        raise StoreError(f"{path}: {reason_of(error)}") from None
     except BaseException:
         connection.close()
         raise
@@ -74,6 +76,23 @@ def file_system_of(path: Path, mounts: str) -> str:
         if path.is_relative_to(mount_point) and len(mount_point.parts) >= best:
             best, kind = len(mount_point.parts), words[2]
     return kind
+
+
+def reason_of(error: Exception) -> str:
+    """Say whether the disk, the permissions or the file are to blame."""
+    name = str(getattr(error, "sqlite_errorname", ""))
+    if name.startswith("SQLITE_FULL"):
+        return "cannot be written, the disk is full; make room or name a store on another disk"
+    if name.startswith(("SQLITE_IOERR", "SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_BUSY", "SQLITE_PERM")):
+        return f"cannot be read or written ({error}, {name}); look at the disk, its free space and the permissions"
+    return f"not a store, or damaged ({error}); name another file"
+
+
+def _is_new(connection: sqlite3.Connection) -> bool:
+    """Whether the file holds nothing yet."""
+    (entries,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    return not entries and not application
 
 
 def _harden(connection: sqlite3.Connection) -> None:
@@ -111,9 +130,7 @@ def _create_tables(connection: sqlite3.Connection) -> None:
     """Create the tables of an empty file in one transaction; any other file is left as it is."""
     connection.execute("BEGIN IMMEDIATE")
     with connection:
-        (entries,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        (application,) = connection.execute("PRAGMA application_id").fetchone()
-        if entries or application:
+        if not _is_new(connection):
             return
         for statement in STATEMENTS:
             connection.execute(statement)

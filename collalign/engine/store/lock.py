@@ -38,6 +38,10 @@ class StoreLock:
                 f"{store_path}: another run (process {owner or 'unknown'}) is writing to this store; wait for it, "
                 "or name another store"
             ) from None
+        content = os.pread(descriptor, 21, 0)
+        if content.strip() and not content.strip().isdigit():
+            os.close(descriptor)
+            raise StoreError(f"{path}: is no lock of a store but a file of somebody else; name another store")
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, str(os.getpid()).encode(), 0)
         return cls(descriptor)

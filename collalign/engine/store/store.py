@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from collalign.engine.store.file import open_connection, open_memory
+from collalign.engine.store.file import open_connection, open_memory, reason_of
 from collalign.engine.store.layout import KINDS, Costs, Counts, Failure, table_of
 from collalign.engine.store.lock import StoreLock
 from collalign.engine.store.records import Record, decode, encode
@@ -106,7 +106,7 @@ class Store:
         for label, digest, data in rows:
             name = f"{self._name}: {kind} {key} ({str(label)[:80]!r})"
             if not isinstance(data, bytes) or digest != _digest(kind, key, data):
-                raise StoreError(f"{name}: damaged; discard it with Store.discard({kind!r}, {key!r}) and run again")
+                raise StoreError(f"{name}: damaged; `collalign repair {self._name}` discards it, then run again")
             return decode(data, name)
         return None
 
@@ -150,6 +150,25 @@ class Store:
         """Forget a record, damaged ones included."""
         with self._transaction() as connection:
             connection.execute(f"DELETE FROM {table_of(kind)} WHERE key = ?", (key,))
+
+    def discard_damaged(self) -> dict[str, list[str]]:
+        """Forget every record that is damaged, so that the next run makes it again.
+
+        Returns
+        -------
+        dict
+            Labels of the discarded records, by kind.
+        """
+        found: dict[str, list[str]] = {}
+        for kind in KINDS:
+            for key in sorted(self.keys(kind)):
+                try:
+                    self.get(kind, key)
+                except StoreError:
+                    ((label,),) = self._query(f"SELECT label FROM {table_of(kind)} WHERE key = ?", (key,))
+                    self.discard(kind, key)
+                    found.setdefault(kind, []).append(str(label))
+        return found
 
     def keys(self, kind: str) -> frozenset[str]:
         """Return the keys of all records of a kind."""
@@ -266,7 +285,7 @@ class Store:
             with self._connection:
                 yield self._connection
         except (sqlite3.Error, UnicodeError) as error:
-            raise StoreError(f"{self._name}: cannot be written ({error})") from None
+            raise StoreError(f"{self._name}: {reason_of(error)}") from None
 
 
 def _digest(kind: str, key: str, data: bytes) -> bytes:

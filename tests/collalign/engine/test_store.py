@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from collalign.cli import main
 from collalign.engine.store import file as store_file
 from collalign.engine.store.file import file_system_of
 from collalign.engine.store.layout import FORMAT_VERSION, Counts
@@ -239,3 +240,61 @@ def test_names_that_are_not_unicode_are_stored_readably() -> None:
         store.put_failure("shapes", "l", "broken: tooth\udcff", label="tooth\udcff")
         store.plan("shapes", {"k": "tooth\udcff"})
         assert store.failures("shapes")["l"].reason == "broken: tooth?"
+
+
+def test_somebody_elses_files_are_not_touched(tmp_path: Path) -> None:
+    database = tmp_path / "mine.sqlite"
+    with sqlite3.connect(database) as connection:
+        connection.execute("CREATE TABLE mine (x)")
+    connection.close()
+    before = database.read_bytes()
+    with pytest.raises(StoreError, match="not a store of this program"):
+        Store.open(database)
+    assert database.read_bytes() == before
+    lock = tmp_path / "poetry.lock"
+    lock.write_text("# a lock file of another tool\n")
+    with pytest.raises(StoreError, match="of somebody else"):
+        Store.open(tmp_path / "poetry")
+    assert lock.read_text() == "# a lock file of another tool\n"
+
+
+def test_damaged_records_are_discarded_by_a_command_and_the_others_stay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.sqlite"
+    with Store.open(path) as store:
+        for key in "abc":
+            store.put("pairs", key, {"x": 1.0}, label=f"pair {key}")
+    with sqlite3.connect(path) as connection:
+        connection.execute("UPDATE pairs SET record = x'00' WHERE key = 'b'")
+    connection.close()
+    with Store.open(path) as store, pytest.raises(StoreError, match=f"collalign repair {path}"):
+        store.get("pairs", "b")
+    assert main(["repair", str(path)]) == 0
+    assert "discarded from pairs: pair b" in capsys.readouterr().out
+    with Store.open(path) as store:
+        assert store.keys("pairs") == {"a", "c"}
+        assert store.missing("pairs", "abc") == ["b"]
+    assert main(["repair", str(path)]) == 0
+    assert "No damage" in capsys.readouterr().out
+    assert main(["repair", str(tmp_path / "none")]) == 2
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_full_disk_is_called_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    full = sqlite3.OperationalError("database or disk is full")
+    full.sqlite_errorname = "SQLITE_FULL"
+
+    def fail(*_: object) -> None:
+        raise full
+
+    monkeypatch.setattr("collalign.engine.store.file._set_journal", fail)
+    with pytest.raises(StoreError, match="disk is full"):
+        Store.open(tmp_path / "a.sqlite")
+
+
+def test_a_disk_that_fills_up_during_a_run_is_called_full(tmp_path: Path) -> None:
+    with Store.open(tmp_path / "a.sqlite") as store:
+        store._connection.execute("PRAGMA max_page_count = 20")
+        with pytest.raises(StoreError, match="disk is full"):
+            store.put("pairs", "a", {"x": bytes(2**20)})
