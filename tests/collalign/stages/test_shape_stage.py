@@ -10,11 +10,12 @@ import pytest
 import trimesh
 
 from collalign import AlignOptions, RunOptions
-from collalign.collection import Excluded
 from collalign.engine.jobs.worker import Call, Limits, Task, run_in_process
+from collalign.engine.session import Session
 from collalign.engine.store.store import Store
+from collalign.products.shapes import Excluded, Shapes
 from collalign.stages import shapes as stage
-from collalign.stages.shapes import PreparedShapes, prepare_shapes
+from collalign.stages.shapes import prepare_shapes
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import read_folder, write_mesh
 from data_tools.options import SamplingOptions
@@ -29,9 +30,10 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "shapes"
 
 
-def prepare(folder: Path, **run: float) -> PreparedShapes:
-    with Store.open(folder.parent / "store") as store:
-        return prepare_shapes(read_folder(folder), OPTIONS, RunOptions(jobs=1, **run), store)  # type: ignore[arg-type]
+def prepare(folder: Path, store: Path | None = None, **run: float) -> Shapes:
+    options = RunOptions(jobs=1, store=store or folder.parent / "store", **run)  # type: ignore[arg-type]
+    with Session.open(OPTIONS, options) as session:
+        return prepare_shapes(session, read_folder(folder))
 
 
 def add_gltf(folder: Path) -> Path:
@@ -82,12 +84,9 @@ def test_a_file_that_is_edited_between_its_key_and_its_reading_poisons_nothing(
     edited.write_bytes(original)
     fresh = prepare(folder)
     assert fresh.names == ("s0", "s1", "s2")
-    with Store.open(folder.parent / "store") as store, Store.memory() as clean:
-        expected = prepare_shapes(read_folder(folder), OPTIONS, RunOptions(jobs=1), clean)
-        for key, again in zip(expected.keys, fresh.keys, strict=True):
-            np.testing.assert_array_equal(
-                clean.require("shapes", key)["positions"], store.require("shapes", again)["positions"]
-            )
+    expected = prepare(folder, folder.parent / "clean")
+    for clean, again in zip(expected.samples, fresh.samples, strict=True):
+        np.testing.assert_array_equal(clean.positions, again.positions)
 
 
 def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_not(
