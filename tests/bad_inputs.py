@@ -1,0 +1,333 @@
+"""300 bad inputs in one folder, made by hand: ``python -m tests.bad_inputs`` aligns it and looks for each.
+
+A run has to name every one of them, with a reason or as no shape, or to align it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import struct
+import tempfile
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from collalign import AlignOptions, RunOptions, align_collection
+from collalign.collection import AlignedCollection
+from data_tools.datasets.synthetic_shapes import crown
+from data_tools.io.shapes import write_mesh
+from data_tools.options import SamplingOptions
+from tests.fuzz.seeds import shape_files
+
+NUM_GOOD = 3
+OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0), pairs="sparse", refine=False)
+
+_PLY = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+_FACES = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+_CORNERS = "0 0 0\n1 0 0\n0 1 0\n"
+_PCD = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nPOINTS 3\n"
+_STL = (
+    "solid a\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 2 0 0\nendloop\nendfacet\nendsolid\n"
+)
+
+#: Contents by suffix; each is bad in its own way.
+CONTENTS: dict[str, list[str]] = {
+    "ply": [
+        "ply\n",
+        "ply\nend_header\n",
+        "ply\nformat ascii 1.0\nend_header\n",
+        "ply\nformat ascii 1.0\nelement vertex -1\nend_header\n",
+        "ply\nformat ascii 1.0\nelement vertex many\nend_header\n",
+        "ply\nformat ascii 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n",
+        "ply\nformat binary_little_endian 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n",
+        "ply\nformat ebcdic 1.0\nelement vertex 1\nproperty float x\nend_header\n0\n",
+        _PLY + _FACES + _CORNERS,
+        _PLY + _FACES + _CORNERS + "3 0 1 99\n",
+        _PLY + _FACES + _CORNERS + "3 0 1 -1\n",
+        _PLY + _FACES + _CORNERS + "9 0 1\n",
+        _PLY + _FACES + _CORNERS + "2 0 1\n",
+        _PLY + _FACES + _CORNERS + "3 0 0 0\n",
+        _PLY + _FACES + _CORNERS.replace("1 0 0", "nan 0 0") + "3 0 1 2\n",
+        _PLY + _FACES + _CORNERS.replace("1 0 0", "1e200 0 0") + "3 0 1 2\n",
+        _PLY + _FACES + _CORNERS.replace("1 0 0", "one 0 0") + "3 0 1 2\n",
+        _PLY + _FACES + "0 0 0\n" * 3 + "3 0 1 2\n",
+        (_PLY + _FACES + _CORNERS + "3 0 1 2\n").replace("property float y\n", ""),
+        (_PLY + _FACES + _CORNERS + "3 0 1 2\n").replace("float x", "string x"),
+        (_PLY + _FACES + _CORNERS + "3 0 1 2\n").replace("list uchar", "list float"),
+        (_PLY + _FACES + _CORNERS + "3 0 1 2\n").replace("\n", "\r"),
+    ],
+    "off": [
+        "OFF",
+        "OFF\n3 1 0",
+        "OFF\n-3 1 0\n",
+        "OFF\n3 1 0\n" + _CORNERS,
+        "OFF\n3 1 0\n" + _CORNERS + "3 0 1 3\n",
+        "OFF\n3 1 0\n" + _CORNERS + "3 0 1\n",
+        "OFF\n3 1 0\n" + _CORNERS + "3 0 1 x\n",
+        "OFF\n3 1 0\n" + _CORNERS + "3 0 1 1.5\n",
+        "OFF\n3 1 0\n" + _CORNERS + "2 0 1\n",
+        "OFF\n3 1 0\n" + _CORNERS.replace("1 0 0", "1 0") + "3 0 1 2\n",
+        "OFF\n3 1 0\n" + _CORNERS.replace("1 0 0", "1,5 0 0") + "3 0 1 2\n",
+        "OFF\n9999999999 1 0\n" + _CORNERS,
+        "OFF BINARY\n3 1 0\n",
+        "4OFF\n3 1 0\n" + _CORNERS,
+        "off\n3 1 0\n" + _CORNERS + "3 0 1 2\n",
+    ],
+    "obj": [
+        "v\n",
+        "v 0 0\n",
+        "v a b c\n",
+        "f 1 2 3\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -9\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/ 2/ x/\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 99999999999999999999 1 2\n",
+        "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n",
+        "v nan nan nan\n",
+        "v 1e999 0 0\nv 0 1 0\n",
+        "mtllib ../../etc/passwd\nusemtl x\n",
+        "# nothing\n",
+    ],
+    "stl": [
+        "solid",
+        "solid a\nendsolid a\n",
+        "solid a\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nendloop\nendfacet\nendsolid\n",
+        _STL.replace("2 0 0", "x 1 0"),
+        _STL.replace("2 0 0", "nan 1 0"),
+        _STL,
+        "x" * 80 + "\x01\x00\x00\x00",
+        "x" * 84,
+    ],
+    "glb": [
+        "glTF",
+        "glTF\x02\x00\x00\x00",
+        "glTF\x02\x00\x00\x00\xff\xff\xff\x7f",
+        "glTF\x01\x00\x00\x00\x00\x00\x00\x00",
+    ],
+    "gltf": [
+        "{}",
+        "[]",
+        "null",
+        "[" * 5000,
+        '{"asset": {"version": "9"}}',
+        '{"buffers": [{"uri": "nowhere.bin", "byteLength": 9}]}',
+        '{"buffers": [{"uri": "../../../etc/passwd", "byteLength": 9}]}',
+        '{"buffers": [{"uri": "http://localhost/a.bin", "byteLength": 9}]}',
+        '{"buffers": [{"uri": "file:///etc/passwd", "byteLength": 9}]}',
+        '{"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"children": [0]}]}',
+        '{"asset": {"version": "2.0"}, "scenes": [{"nodes": [7]}], "nodes": []}',
+        '{"asset": {"version": "2.0"}, "meshes": [{"primitives": [{"attributes": {"POSITION": 3}}]}]}',
+        '{"asset": {"version": "2.0"}, "accessors": [{"count": 99999999999, "componentType": 5126, "type": "VEC3"}]}',
+        '{"asset": {"version": "2.0"}, "buffers": [{"uri": "data:;base64,!!!!", "byteLength": 3}]}',
+    ],
+    "pcd": [
+        "VERSION .7\n",
+        "DATA ascii\n",
+        _PCD + "DATA zip\n",
+        _PCD + "DATA ascii\n0 0 0\n",
+        _PCD + "DATA ascii\n0 0\n1 1\n2 2\n",
+        _PCD + "DATA ascii\na b c\n1 1 1\n2 2 2\n",
+        _PCD + "DATA ascii\nnan nan nan\nnan nan nan\nnan nan nan\n",
+        _PCD + "DATA binary\n",
+        _PCD + "DATA binary_compressed\n\xff\xff\xff\xff\xff\xff\xff\xff",
+        _PCD.replace("POINTS 3", "POINTS 999999999999") + "DATA binary\n",
+        _PCD.replace("POINTS 3", "POINTS three") + "DATA ascii\n",
+        _PCD.replace("x y z", "a b c") + "DATA ascii\n0 0 0\n1 0 0\n0 1 0\n",
+        _PCD.replace("COUNT 1 1 1", "COUNT 1 1") + "DATA ascii\n0 0 0\n1 0 0\n0 1 0\n",
+        _PCD.replace("SIZE 4 4 4", "SIZE 3 3 3") + "DATA binary\n" + "x" * 27,
+        _PCD.replace("TYPE F F F", "TYPE Q Q Q") + "DATA binary\n" + "x" * 36,
+        _PCD.replace("SIZE 4 4 4", "SIZE 99999999999 4 4") + "DATA binary\n",
+    ],
+    "csv": [
+        "x,y,z\n",
+        "a letter to a friend\nwith, commas\n",
+        "1,2\n3,4\n",
+        "x,y\n1,2\n3,4\n5,6\n",
+        "id,a,b,c\n1,2,3,4\n5,6,7,8\n",
+        "X (mm),X (px),Y,Z\n1,2,3,4\n5,6,7,8\n",
+        "1,234;5,678;2,100\n3,456;7,890;1,234\n",
+        "1,5;2.5;3,5\n4,5;5,5;6,5\n",
+        "1.234,5;2,5;3,5\n4,5;5,5;6,5\n",
+        "1,2,3 4\n5,6,7 8\n",
+        "-1,00,2,42,3,10\n4,05,5,17,6,00\n",
+        "x,y,z\n-1,00,2,42,3,10\n4,05,5,17,6,00\n",
+        "x,y,z\n1,2,3\n4,5\n",
+        "x,y,z\n1,2,3\n4,,6\n7,8,9\n",
+        "x,y,z\n1,2,3\n4,five,6\n",
+        "x,y,z\n" + '"1,2,3\n' * 3,
+        "x,y,z\n0,0,0\n0,0,0\n",
+        "=1+1,=2,=3\n=4,=5,=6\n",
+        "0,0.5,2,3\n1,1,1,1\n2,9,8,7\n",
+        "x,y,z\nNA,NA,NA\nNA,NA,NA\n",
+        "x,y,z\ninf,0,0\n1,1,1\n",
+        "x,y,z\n1e400,0,0\n1,1,1\n",
+    ],
+    "xyz": [
+        "0 0\n1 1\n",
+        "0 0 0\n1 1\n2 2 2\n",
+        "0 0 0\nnan 1 1\n2 2 2\n",
+        "0 0 0\n",
+        "0 0 0\n0 0 0\n",
+        "1 0.5 2 3\n2 1 1 1\n3 9 8 7\n",
+        "0 0 0\n1 2 3abc\n",
+        "# only a comment\n",
+        "// only a comment\n",
+        "1_000 2 3\n4 5 6\n",
+    ],
+    "txt": [
+        "hello\n",
+        "\n\n\n",
+        "\t\t\t\n",
+        "\ufeff",
+        "0x10 0x20 0x30\n0x1 0x2 0x3\n",
+        "1 2 3\n\x004 5 6\n",
+        "l'été\n",
+    ],
+    "npz": ["PK\x03\x04", "PK\x05\x06" + "\x00" * 18, "\x93NUMPY\x01\x00"],
+}
+
+
+def write_bad_inputs(folder: Path, *, every: int = 1) -> int:
+    """Write all bad inputs (or each so many-th) and some good ones into a folder; returns how many are bad."""
+    folder.mkdir(parents=True)
+    for i in range(NUM_GOOD):
+        write_mesh(folder / f"good{i}.ply", crown(np.random.default_rng(i), num_vertices=80))
+    files = {
+        f"hand{number:02d}.{suffix}": content.encode("utf-8" if suffix in ("csv", "xyz", "txt") else "latin-1")
+        for suffix, contents in CONTENTS.items()
+        for number, content in enumerate(contents)
+    }
+    with tempfile.TemporaryDirectory() as seeds:
+        for name, content in shape_files(Path(seeds)).items():
+            files |= _damaged(name, content)
+    files |= _archives() | _names()
+    chosen = dict(list(files.items())[::every])
+    for name, content in chosen.items():
+        with open(os.fsencode(folder) + b"/" + os.fsencode(name), "wb") as stream:
+            stream.write(content)
+    return len(chosen) + _special(folder)
+
+
+def unaccounted(folder: Path, collection: AlignedCollection) -> set[str]:
+    """Return the entries of a folder that a result says nothing about."""
+    told = {file.name for file in collection.files} | {item.file for item in collection.excluded}
+    readable = {os.fsencode(entry).decode("utf-8", "backslashreplace"): entry for entry in os.listdir(folder)}
+    return {name for name, entry in readable.items() if not {name, entry} & (told | set(collection.skipped))}
+
+
+def _damaged(name: str, content: bytes) -> dict[str, bytes]:
+    """Every good file cut short, swapped, padded and under a wrong suffix."""
+    stem, suffix = name.rsplit(".", 1)
+    half = len(content) // 2
+    kinds = {
+        "empty": b"",
+        "first": content[:1],
+        "cut": content[:half],
+        "tail": content[half:],
+        "zeros": bytes(len(content)),
+        "hole": content[: half // 2] + bytes(half) + content[half + half // 2 :],
+        "twice": content + content,
+        "gzip": b"\x1f\x8b\x08" + content,
+        "utf16": content.decode("latin-1").encode("utf-16"),
+    }
+    wrong = "off" if suffix != "off" else "ply"
+    return {f"{stem}-{kind}.{suffix}": data for kind, data in kinds.items()} | {
+        f"{stem}-{suffix}-as.{wrong}": content
+    }
+
+
+def _archives() -> dict[str, bytes]:
+    """NPZ archives: wrong names, shapes, types, a pickle, a bomb, a promise that is not kept."""
+    arrays: dict[str, dict[str, np.ndarray]] = {
+        "names": {"other": np.zeros((3, 3))},
+        "flat": {"vertices": np.zeros((4, 2))},
+        "none": {"vertices": np.zeros((0, 3))},
+        "nan": {"points": np.full((4, 3), np.nan)},
+        "text": {"points": np.array([["a", "b", "c"]])},
+        "objects": {"points": np.array([{}], dtype=object)},
+        "complex": {"points": np.ones((4, 3), dtype=complex)},
+        "index": {"vertices": np.eye(3), "faces": np.array([[0, 1, 9]])},
+        "float": {"vertices": np.eye(3), "faces": np.array([[0.0, 1.0, 2.0]])},
+        "quads": {"vertices": np.eye(3), "faces": np.array([[0, 1, 2, 0]])},
+        "huge": {"points": np.full((4, 3), 1e200)},
+        "same": {"points": np.ones((9, 3))},
+    }
+    made = {}
+    for name, content in arrays.items():
+        stream = io.BytesIO()
+        np.savez(stream, **content)  # type: ignore[arg-type]
+        made[f"archive-{name}.npz"] = stream.getvalue()
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 3), }".ljust(117) + b"\n"
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr("points.npy", b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(24))
+    made["archive-promise.npz"] = stream.getvalue()
+    return made
+
+
+def _names() -> dict[str, bytes]:
+    """Names that are no text, long, empty stems, commands and markup; the contents are bad as well."""
+    names = [
+        "x" * 250 + ".ply",
+        "=cmd.ply",
+        "-rf.ply",
+        "$(id).ply",
+        "<b>.ply",
+        "a\nb.ply",
+        "a\\b.ply",
+        "%s%n.ply",
+        " .ply",
+    ]
+    names += ["CON.ply", "é.PLY", os.fsdecode(b"\xff\xfe.ply"), "a.ply.ply", "a..ply", "'; DROP TABLE shapes;.ply"]
+    return dict.fromkeys(names, b"ply\nnonsense")
+
+
+def _special(folder: Path) -> int:
+    """Entries that are no plain files, and files whose size or buffer is a trap; returns their number."""
+    num_before = len(list(folder.iterdir()))
+    os.mkfifo(folder / "pipe.ply")
+    (folder / "folder.ply").mkdir()
+    (folder / "dangling.ply").symlink_to("nowhere")
+    (folder / "loop.ply").symlink_to("loop.ply")
+    (folder / "zero.ply").symlink_to("/dev/zero")
+    for name in ("terabyte.ply", "terabyte.gltf", "terabyte.bin"):
+        with (folder / name).open("wb") as stream:
+            stream.truncate(10**12)
+    os.mkfifo(folder / "fifo.bin")
+    for name in ("fifo", "terabyte"):
+        tree = {"asset": {"version": "2.0"}, "buffers": [{"uri": f"{name}.bin", "byteLength": 9}]}
+        (folder / f"buffer-{name}.gltf").write_text(json.dumps(tree))
+    return len(list(folder.iterdir())) - num_before
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--jobs", type=int, default=1)
+    options = parser.parse_args()
+    start_s = time.perf_counter()
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "shapes"
+        num = write_bad_inputs(folder)
+        run = RunOptions(jobs=options.jobs, shape_time_limit_s=60.0, memory_limit_gib=4.0)
+        collection = align_collection(folder, options=OPTIONS, run=run)
+        collection.save(Path(place) / "out")
+        missing = unaccounted(folder, collection)
+    print(
+        f"{num} bad inputs: {len(collection.excluded)} left out by name, {len(collection.names) - NUM_GOOD} aligned, "
+        f"{len(collection.skipped)} skipped as no shapes; {len(missing)} unaccounted for; "
+        f"{time.perf_counter() - start_s:.0f} s"
+    )
+    for name in sorted(missing):
+        print(f"  {name!r}")
+    return int(bool(missing))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
