@@ -5,24 +5,32 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+#: How a command ends that was asked to.
+ENDED_BY_SIGNAL = (-signal.SIGINT, -signal.SIGTERM, 130, 143)
+
 
 @dataclass
 class FaultLog:
-    """How often each kind of process was killed, and how often the command ended by itself."""
+    """How often each kind of process was killed, the command was asked to end, and how it ended by itself."""
 
     parents: int = 0
     workers: int = 0
+    signals: int = 0
     endings: list[int] = field(default_factory=list)
 
     @property
     def kills(self) -> int:
         return self.parents + self.workers
+
+    @property
+    def disturbances(self) -> int:
+        return self.kills + self.signals
 
 
 def run_with_kills(
@@ -34,14 +42,17 @@ def run_with_kills(
     parent_share: float = 0.3,
     resume_codes: Sequence[int] = (),
     cwd: Path | None = None,
+    num_signals: int = 0,
+    check: Callable[[], None] | None = None,
 ) -> FaultLog:
-    """Run a command until it ends by itself with code 0, with up to ``num_kills`` SIGKILLs on the way.
+    """Run a command until it ends by itself with code 0, with SIGKILLs, and signals that ask it to end, on the way.
 
     Parameters
     ----------
     command : sequence of str
         Resumes where it was killed.
     num_kills : int
+        Of the command and its workers, at most.
     rng : Generator
     delay_s : tuple of float
         Between kills, uniformly.
@@ -50,6 +61,10 @@ def run_with_kills(
     resume_codes : sequence of int
         Exit codes after which the command is started again, as a user would where something was left out.
     cwd : Path, optional
+    num_signals : int
+        SIGINT and SIGTERM to the command, at most.
+    check : callable, optional
+        Called whenever the command has ended; raises where something is lost.
 
     Raises
     ------
@@ -60,9 +75,11 @@ def run_with_kills(
     while True:
         process = subprocess.Popen(command, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
         with process:
-            _kill_at_random(process, num_kills, rng, log, delay_s, parent_share)
+            asked = _disturb(process, (num_kills, num_signals), rng, log, delay_s, parent_share)
             errors = process.stderr.read().decode(errors="replace") if process.stderr else ""
-        if process.returncode == -signal.SIGKILL:
+        if check is not None:
+            check()
+        if process.returncode == -signal.SIGKILL or (asked and process.returncode in ENDED_BY_SIGNAL):
             continue
         log.endings.append(process.returncode)
         if process.returncode in resume_codes:
@@ -72,28 +89,35 @@ def run_with_kills(
         return log
 
 
-def _kill_at_random(
+def _disturb(
     process: subprocess.Popen[bytes],
-    num_kills: int,
+    limits: tuple[int, int],
     rng: np.random.Generator,
     log: FaultLog,
     delay_s: tuple[float, float],
     parent_share: float,
-) -> None:
-    """Kill until the command is gone or enough has been killed."""
-    while log.kills < num_kills:
+) -> bool:
+    """Kill or signal until the command is gone or has had enough; returns whether it was asked to end."""
+    num_kills, num_signals = limits
+    while log.kills < num_kills or log.signals < num_signals:
         try:
             process.wait(timeout=rng.uniform(*delay_s))
-            return
+            return False
         except subprocess.TimeoutExpired:
             pass
+        left = np.array([num_kills - log.kills, num_signals - log.signals])
+        if rng.random() * left.sum() >= left[0]:
+            log.signals += 1
+            process.send_signal(int(rng.choice([signal.SIGINT, signal.SIGTERM])))
+            return True
         workers = worker_processes(process.pid)
         if rng.random() < parent_share:
             log.parents += 1
             process.kill()
-            return
+            return False
         if workers:
             log.workers += kill(int(rng.choice(workers)))
+    return False
 
 
 def kill(pid: int) -> bool:

@@ -92,7 +92,7 @@ def test_what_was_aligned_again_is_not_replaced_by_its_own_result(
 def test_foreign_files_under_our_names_are_refused_before_the_work(
     project: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("collalign.align.align_collection", lambda *_, **__: pytest.fail("was run"))
+    monkeypatch.setattr("collalign.align_collection", lambda *_, **__: pytest.fail("was run"))
     foreign = tmp_path / "out" / name
     foreign.parent.mkdir(parents=True)
     foreign.write_text("mine")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import pytest
 
 from collalign.engine.store.records import encode
 from collalign.engine.store.store import Store
+from tests.benchmarks import fault_test
 from tests.faults import run_with_kills, worker_processes
 from tests.resumable_run import main
 
@@ -52,3 +54,35 @@ def test_processes_that_are_no_workers_are_not_listed() -> None:
         assert process.pid not in worker_processes(parent)
         assert worker_processes(process.pid) == []
         process.kill()
+
+
+def test_a_whole_run_that_is_killed_and_interrupted_loses_nothing(tmp_path: Path) -> None:
+    options = argparse.Namespace(kills=1, signals=1, shapes=4, points=16, delay=(0.5, 2.0), seed=1)
+    log = fault_test.compare(tmp_path, options)
+    assert (log.kills, log.signals) == (1, 1)
+
+
+@pytest.mark.parametrize("damage", ["original", "foreign", "record", "mesh", "staging"])
+def test_every_loss_would_be_noticed(tmp_path: Path, damage: str) -> None:
+    shapes, out = tmp_path / "shapes", tmp_path / "out"
+    shapes.mkdir()
+    (shapes / "a.ply").write_text("a")
+    watch = fault_test.Watch(shapes, out)
+    with Store.open(out / "store.sqlite") as store:
+        store.put("pairs", "k", {"x": 1.0})
+    (out / "meshes" / "a.ply").write_text("a")
+    (out / "alignment.json").write_text('{"shapes": [{"name": "a"}]}')
+    (out / ".collalign").mkdir()
+    for name in ("lock", "manifest.json"):
+        (out / ".collalign" / name).touch()
+    watch.check_end()
+    if damage == "record":
+        with Store.open(out / "store.sqlite") as store:
+            store.discard("pairs", "k")
+    elif damage == "staging":
+        (out / ".collalign" / "staging").mkdir()
+    else:
+        lost = {"original": shapes / "a.ply", "foreign": out / "notes.txt", "mesh": out / "meshes" / "a.ply"}
+        lost[damage].unlink()
+    with pytest.raises(RuntimeError):
+        watch.check_end()
