@@ -47,14 +47,15 @@ def status(result: Path, *, as_json: Annotated[bool, Parameter(name="--json", ne
     return 0
 
 
-def repair(store: Path) -> int:
-    """Discard the damaged records of a store; the next run makes them again.
+def repair(result: Path) -> int:
+    """Discard the damaged records of a run; the next one makes them again.
 
     Parameters
     ----------
-    store
-        The store file of the run (``OUT/store.sqlite`` unless ``--store`` named another).
+    result
+        The output folder of the run, or its store file where ``--store`` named another.
     """
+    store = result / STORE_FILE if result.is_dir() else result
     if not store.is_file():
         raise StoreError(f"{store}: there is no such store")
     with Store.open(store) as opened:
