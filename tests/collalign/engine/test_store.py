@@ -289,7 +289,7 @@ def test_a_full_disk_is_called_one(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         raise full
 
     monkeypatch.setattr("collalign.engine.store.file._set_journal", fail)
-    with pytest.raises(StoreError, match="disk is full"):
+    with pytest.raises(StoreError, match="cannot be written, the disk is full"):
         Store.open(tmp_path / "a.sqlite")
 
 
