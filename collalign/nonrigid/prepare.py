@@ -8,7 +8,6 @@ from pathlib import Path
 from collalign.nonrigid.options import SurfaceOptions
 from collalign.nonrigid.surface.spectral import SpectralShape, prepare_surface
 from collalign.nonrigid.symmetry import self_maps
-from data_tools.io.files import existing_file
 from data_tools.io.shapes import read_shape
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
@@ -32,6 +31,11 @@ def prepare_shape(shape: Shape, options: SurfaceOptions | None = None) -> Spectr
 
 
 @one_blas_thread()
-def prepare_file(file: Path | str, options: SurfaceOptions | None = None) -> SpectralShape:
-    """Read and prepare a file: any mesh or point cloud that :func:`data_tools.io.shapes.read_shape` reads."""
-    return prepare_shape(read_shape(existing_file(Path(file)), AS_STORED), options)
+def prepare_file(
+    file: Path | str, options: SurfaceOptions | None = None, *, digest: str | None = None
+) -> SpectralShape:
+    """Read and prepare a file: any mesh or point cloud that :func:`data_tools.io.shapes.read_shape` reads.
+
+    With the ``digest`` that its content had when it was looked at first, it is refused if it has changed since.
+    """
+    return prepare_shape(read_shape(file, AS_STORED, digest=digest), options)

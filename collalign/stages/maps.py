@@ -8,12 +8,13 @@ from pathlib import Path
 
 from collalign.engine.jobs.run import SharedTable
 from collalign.engine.session import Session
-from collalign.engine.store.keys import fingerprint, hash_file
+from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
 from collalign.nonrigid import NonrigidOptions, SpectralShape, SurfaceOptions, match_prepared, prepare_file
 from collalign.products.shapes import Excluded
 from data_tools.errors import InputError, StoreError
 from data_tools.io.files import existing_file
+from data_tools.io.source import hash_source
 
 #: Changes whenever the same files and options would give other prepared shapes, or other maps.
 MAP_VERSION = "map-1"
@@ -69,8 +70,9 @@ def match_surfaces(session: Session[MapOptions], pairs: Sequence[tuple[Path, Pat
     """Return the map of every pair of files (target, source), or why there is none; no pair stops the others."""
     options, time_limit_s = session.options, session.run.pair_time_limit_s
     files = dict.fromkeys(file for pair in pairs for file in pair)
-    keys = {file: _shape_key(file, options.surface) for file in files}
-    shape_tasks = {key: (file.name, (file, options.surface)) for file, key in keys.items()}
+    digests = {file: _digest(file) for file in files}
+    keys = {file: _shape_key(file, digests[file], options.surface) for file in files}
+    shape_tasks = {key: (file.name, (file, options.surface, digests[file])) for file, key in keys.items()}
     bad = session.compute("shapes", _prepare, shape_tasks, time_limit_s=session.run.shape_time_limit_s, retry="all")
     ends = [(keys[target], keys[source]) for target, source in pairs]
     pair_keys = [fingerprint(MAP_VERSION, options.matching, *end) for end in ends]
@@ -91,17 +93,23 @@ def match_surfaces(session: Session[MapOptions], pairs: Sequence[tuple[Path, Pat
     return found
 
 
-def _shape_key(file: Path, options: SurfaceOptions) -> str:
-    """Return the key of a prepared shape; a file that cannot be read has one of its own, and fails in its task."""
+def _digest(file: Path) -> str | None:
+    """Return the digest of a file's content; None for one that cannot be read, which fails in its task."""
     try:
-        content = hash_file(file)
+        return hash_source(file)
     except InputError:
-        content = f"no content {file}"
+        return None
+
+
+def _shape_key(file: Path, digest: str | None, options: SurfaceOptions) -> str:
+    """Return the key of a prepared shape; a file that cannot be read has one of its own."""
+    content = digest or f"no content {file}"
     return fingerprint(MAP_VERSION, {"surface": options, "suffix": file.suffix.lower(), "name": file.stem}, content)
 
 
-def _prepare(task: tuple[Path, SurfaceOptions]) -> Record:
-    prepared = prepare_file(*task)
+def _prepare(task: tuple[Path, SurfaceOptions, str | None]) -> Record:
+    file, options, digest = task
+    prepared = prepare_file(file, options, digest=digest)
     return {field.name: getattr(prepared, field.name) for field in fields(prepared)} | {"notes": list(prepared.notes)}
 
 
