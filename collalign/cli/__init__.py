@@ -19,6 +19,7 @@ from cyclopts import App, CycloptsError, Parameter
 
 from collalign import __version__
 from collalign.cli.config import ConfigFile, refuse_rounding
+from collalign.cli.help import HELP_ALL, GroupedHelp
 from collalign.cli.interruption import INTERRUPTED, orderly_interrupts, was_interrupted
 from data_tools.errors import CollalignError
 
@@ -96,6 +97,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(words: list[str]) -> int:
     """Run a command; every way to end has its message and its exit code."""
     app.config = ()  # an earlier call may have set one
+    app.help_formatter = GroupedHelp(everything=HELP_ALL in words)
+    words = ["--help" if word == HELP_ALL else word for word in words]
     try:
         return int(app.meta(words, exit_on_error=False) or 0)
     except CycloptsError:

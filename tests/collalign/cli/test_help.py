@@ -1,0 +1,43 @@
+"""The help fits a screen first, and all of it is there when asked for."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from collalign.cli import app, main
+
+
+def options_in(text: str) -> set[str]:
+    """Return the names of all options that a help text lists; their last column may be cut."""
+    return set(re.findall(r"^│[ *]+(?:[A-Z-]+ )?(--[a-z][a-z.-]*)", text, re.MULTILINE))
+
+
+@pytest.fixture(autouse=True)
+def _wide_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "160")
+
+
+def test_one_screen_first_and_everything_when_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["align", "--help"]) == 0
+    first = capsys.readouterr().out
+    assert main(["align", "--help-all"]) == 0
+    everything = capsys.readouterr().out
+    named = {argument.name for argument in app["align"].assemble_argument_collection() if argument.show}
+    named |= {"--config", "--verbose"}
+    assert named <= options_in(everything)
+    shown = options_in(first) & named
+    assert {"--folder", "--out", "--group", "--jobs"} <= shown < named
+    assert len(first.splitlines()) <= 40
+    assert f"--help-all shows {len(named - shown)} more options" in first
+    for title in ("Basic", "Sampling", "Matching", "Running", "Advanced"):
+        assert f"─ {title} ─" in everything
+
+
+@pytest.mark.parametrize("command", ["export", "status", "classify"])
+def test_commands_with_few_options_show_them_all(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for flag in ("--help", "--help-all"):
+        assert main([command, flag]) == 0
+        assert "--help-all shows" not in (said := capsys.readouterr().out)
+        assert "--result" in options_in(said)
