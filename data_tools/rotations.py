@@ -80,20 +80,3 @@ def landmark_rotation(target: ArrayLike, source: ArrayLike, *, group: str = "SO"
     if group == "SO" and np.linalg.det(u @ vt) < 0:
         u[:, -1] = -u[:, -1]
     return u @ vt
-
-
-def rotation_error_deg(estimate: ArrayLike, truth: ArrayLike, *, symmetries: ArrayLike | None = None) -> FloatArray:
-    """Return by how much an estimate of R_target_source is off in degrees, shape (...); NaN if of wrong handedness.
-
-    Parameters
-    ----------
-    estimate, truth : array_like, shape (..., 3, 3)
-        Orthogonal.
-    symmetries : array_like, shape (s, 3, 3), optional
-        Rotations under which the source looks the same: the error is the least of those against ``truth @ S``.
-    """
-    exact = as_floats(truth, "truth")
-    if symmetries is None:
-        return rotation_angle_deg(estimate, exact)
-    group = as_floats(symmetries, "symmetries", shape=(None, 3, 3))
-    return np.min([rotation_angle_deg(estimate, exact @ s) for s in group], axis=0)

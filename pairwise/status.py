@@ -20,8 +20,3 @@ class Status(Enum):
         "No further progress in floating-point arithmetic: the bound is valid. Loosen tol or rescale the points."
     )
     FAILED = "No usable answer: the numbers are NaN. Check the input for extreme scales, or try another solver."
-
-    @property
-    def ok(self) -> bool:
-        """Whether the result can be used as it is."""
-        return self in (Status.CONVERGED, Status.PROVEN_OPTIMAL, Status.LOCAL_OPTIMUM)

@@ -82,12 +82,6 @@ def _nearest(points: FloatArray, queries: FloatArray, *, both: bool) -> tuple[In
     return forward, backward
 
 
-def point_map_of(basis_target: FloatArray, basis_source: FloatArray, c_source_target: FloatArray) -> IntArray:
-    """Return the point map of a functional map: the row of the target nearest to each ``basis_source[x] @ C``."""
-    size = len(c_source_target)
-    return nearest_rows(basis_target[:, :size], basis_source[:, :size] @ c_source_target)
-
-
 def icp(
     basis_target: FloatArray,
     basis_source: FloatArray,

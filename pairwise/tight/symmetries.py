@@ -28,12 +28,6 @@ _CONTAINED = 0.05
 _DISTINCT_RAD = 1e-3
 
 
-def moment_rank(moments: FloatArray, *, tol: float = 1e-3) -> int:
-    """Return the numerical rank of a moment matrix: eigenvalues above ``tol`` times the largest."""
-    values = np.linalg.eigvalsh(moments)
-    return int((values > tol * values[-1]).sum())
-
-
 @one_blas_thread()
 def optimal_rotations(
     problem: Problem, moments: FloatArray, *, tol: float = 1e-6, rank_tol: float = 1e-3

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError, OptionsError
-from data_tools.rotations import landmark_rotation, random_rotation, rotation_angle_deg, rotation_error_deg
+from data_tools.rotations import landmark_rotation, random_rotation, rotation_angle_deg
 
 
 def about_z(degrees: float) -> np.ndarray:
@@ -65,10 +65,3 @@ def test_landmarks_are_checked(rng: np.random.Generator) -> None:
         landmark_rotation(points, missing)
     with pytest.raises(OptionsError, match="group"):
         landmark_rotation(points, points, group="so")
-
-
-def test_error_up_to_symmetry() -> None:
-    square = np.stack([about_z(90 * i) for i in range(4)])
-    assert rotation_error_deg(about_z(95), np.eye(3)) == pytest.approx(95)
-    assert rotation_error_deg(about_z(95), np.eye(3), symmetries=square) == pytest.approx(5)
-    assert rotation_error_deg(about_z(45), np.eye(3), symmetries=square) == pytest.approx(45)

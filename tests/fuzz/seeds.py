@@ -85,7 +85,6 @@ def store_file(folder: Path) -> bytes:
         store.put("pairs", keys[0], poses_to_record(match(samples[0].positions, samples[1].positions)), label="a - b")
         store.put_failure("pairs", keys[1], "took too long", label="a - c", crashed=True)
         store.plan("pairs", dict.fromkeys(keys, "pair"))
-        store.set_meta("options", {"seed": 0})
     return path.read_bytes()
 
 

@@ -35,7 +35,6 @@ def read_store(payload: tuple[str, bytes]) -> int:
     with _as_file(payload) as path:
         with Store.open(path, read_only=True) as store:
             store.status()
-            store.get_meta("options")
             for kind, check in (("shapes", samples_from_record), ("pairs", pair_from_record)):
                 store.failures(kind)
                 store.costs(kind)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from collalign.engine.store.records import encode
 
@@ -42,11 +41,6 @@ def fingerprint(algorithm_version: str, options: Any, *content_hashes: str) -> s
     """
     content = {"version": algorithm_version, "options": _canonical(options), "content": list(content_hashes)}
     return hashlib.sha256(encode(content)).hexdigest()[:KEY_LENGTH]
-
-
-def hash_arrays(*arrays: NDArray[Any]) -> str:
-    """Return the hash of arrays' types, shapes and values, 40 hexadecimal digits."""
-    return hashlib.sha256(encode({"arrays": list(arrays)})).hexdigest()[:KEY_LENGTH]
 
 
 def pair_seed(seed: int, target: str, source: str) -> int:

@@ -8,7 +8,6 @@ each row and every value in a record are checked, and no pickle exists in it.
 from __future__ import annotations
 
 import hashlib
-import json
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -235,27 +234,6 @@ class Store:
             mean_seconds=nan if seconds is None else float(seconds),
             mean_bytes=nan if size is None else float(size),
         )
-
-    def set_meta(self, name: str, value: Any) -> None:
-        """Keep a JSON value, for instance the options of the run."""
-        text = json.dumps(value, sort_keys=True)
-        with self._transaction() as connection:
-            connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (_checked(name), text))
-
-    def get_meta(self, name: str) -> Any:
-        """Return a JSON value, or None where there is none.
-
-        Raises
-        ------
-        StoreError
-            If it is not JSON.
-        """
-        for (text,) in self._query("SELECT value FROM meta WHERE name = ?", (name,)):
-            try:
-                return json.loads(text)
-            except (ValueError, TypeError, RecursionError) as error:
-                raise StoreError(f"{self._name}: {name} is not JSON ({error})") from None
-        return None
 
     @property
     def _name(self) -> str:

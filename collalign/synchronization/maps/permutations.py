@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order
 
 from data_tools.arrays import FloatArray, IntArray, as_indices, as_points, read_only
-from data_tools.errors import InputError, OptionsError
+from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
 #: Rounds of projected power iteration, at most.
@@ -43,36 +43,6 @@ class UniverseLabels:
     universe: int
     agreement: float
     rounds: int
-
-    def map_between(self, target: int, source: int) -> IntArray:
-        """Return ``map_target_source``: the sample on the target of each sample of the source, -1 where unmatched."""
-        place = np.full(self.universe + 1, -1, dtype=np.int64)
-        found = np.flatnonzero(self.labels[target] >= 0)
-        place[self.labels[target][found]] = found
-        return place[self.labels[source]]
-
-    def consensus_landmarks(self, min_share: float = 1.0) -> tuple[IntArray, IntArray]:
-        """Return the labels that at least this share of the shapes have, and where each shape has them.
-
-        Parameters
-        ----------
-        min_share : float
-            In (0, 1].
-
-        Returns
-        -------
-        labels : ndarray of int, shape (c,)
-        samples : ndarray of int, shape (N, c)
-            Index of the sample on each shape, -1 where it has none.
-        """
-        if not 0.0 < min_share <= 1.0:
-            raise OptionsError(f"min_share: expected a share in (0, 1], got {min_share}")
-        table = np.full((len(self.labels), self.universe), -1, dtype=np.int64)
-        for shape, labels in enumerate(self.labels):
-            found = np.flatnonzero(labels >= 0)
-            table[shape, labels[found]] = found
-        kept = np.flatnonzero((table >= 0).mean(axis=0) >= min_share)
-        return kept, np.ascontiguousarray(table[:, kept])
 
 
 @one_blas_thread()

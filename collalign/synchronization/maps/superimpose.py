@@ -1,4 +1,4 @@
-"""Generalised Procrustes analysis: translation, scale and mean from final maps (Gower 1975)."""
+"""Scales and shifts from final maps and rotations: generalised Procrustes analysis (Gower 1975) without turning."""
 
 from __future__ import annotations
 
@@ -11,34 +11,23 @@ from numpy.typing import ArrayLike
 from data_tools.arrays import FloatArray, IntArray, as_indices, as_points, read_only
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
-from pairwise.problem.pattern import RotationPattern
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Superimposition:
-    """Similarity transforms that bring corresponding samples together.
+    """Scales and shifts that bring corresponding samples together at given rotations.
 
     A sample x of shape i goes to ``scales[i] * x @ rotations[i].T + translations[i]``.
 
     Attributes
     ----------
-    rotations : ndarray, shape (N, d, d)
     scales : ndarray, shape (N,)
         Their geometric mean is one.
     translations : ndarray, shape (N, d)
-    mean : ndarray, shape (L, d)
-        Mean position of each label; NaN where no shape has it. Centred on the origin.
-    residuals : ndarray, shape (N,)
-        Root mean square distance of each shape's samples to the mean, in units of the mean.
-    iterations : int
     """
 
-    rotations: FloatArray
     scales: FloatArray
     translations: FloatArray
-    mean: FloatArray
-    residuals: FloatArray
-    iterations: int
 
 
 @one_blas_thread()
@@ -48,11 +37,10 @@ def superimpose(
     rotations: ArrayLike,
     *,
     with_scale: bool = True,
-    with_rotation: bool = False,
     max_iterations: int = 100,
     tol: float = 1e-12,
 ) -> Superimposition:
-    """Alternate the mean of each label with the best similarity of each shape to the mean.
+    """Alternate the mean of each label with the best scale and shift of each shape to the mean.
 
     Parameters
     ----------
@@ -61,9 +49,9 @@ def superimpose(
     labels : sequence of array_like of int, shape (k_i,)
         Universe labels, -1 where a sample has none; see :func:`synchronize_maps`.
     rotations : array_like, shape (N, d, d)
-        ``R_common_i``, kept unless ``with_rotation``.
-    with_scale, with_rotation : bool
-        Whether scales and rotations are estimated; a rotation keeps its determinant.
+        ``R_common_i``; they are kept. :func:`collalign.analysis.procrustes.generalized_procrustes` turns as well.
+    with_scale : bool
+        Whether scales are estimated.
     max_iterations, tol
         Stops when the mean moves by less, relative to its size.
 
@@ -75,25 +63,17 @@ def superimpose(
     frames = np.array(rotations, dtype=np.float64)
     points, marks = _labelled(samples, labels, len(frames))
     total = max(int(v.max()) for v in marks) + 1
-    state = _first_state(points, frames)
-    mean, iterations = np.zeros((total, frames.shape[-1])), 0
-    while iterations < max_iterations:
-        iterations += 1
-        fresh = _mean(points, marks, state, total)
-        state = _fitted(points, marks, fresh, state, with_scale=with_scale, with_rotation=with_rotation)
+    scales = np.ones(len(points))
+    shifts = np.stack([-r @ x.mean(axis=0) for x, r in zip(points, frames, strict=True)])
+    mean = np.zeros((total, frames.shape[-1]))
+    for _ in range(max_iterations):
+        fresh = _mean(points, marks, frames, scales, shifts, total)
+        scales, shifts = _fitted(points, marks, fresh, frames, scales, with_scale=with_scale)
         change, size = np.nansum((fresh - mean) ** 2), np.nansum(fresh**2)
         mean = fresh
         if change <= tol**2 * size:
             break
-    rotation, scales, shifts = state
-    return Superimposition(
-        rotations=read_only(rotation),
-        scales=read_only(scales),
-        translations=read_only(shifts),
-        mean=read_only(mean),
-        residuals=read_only(_residuals(points, marks, mean, state)),
-        iterations=iterations,
-    )
+    return Superimposition(scales=read_only(scales), translations=read_only(shifts))
 
 
 def _labelled(
@@ -110,18 +90,15 @@ def _labelled(
     return [x[k] for x, k in zip(clouds, kept, strict=True)], [v[k] for v, k in zip(names, kept, strict=True)]
 
 
-_State = tuple[FloatArray, FloatArray, FloatArray]
-
-
-def _first_state(points: list[FloatArray], frames: FloatArray) -> _State:
-    """Centre every shape on its labelled samples, at scale one."""
-    shifts = np.stack([-r @ x.mean(axis=0) for x, r in zip(points, frames, strict=True)])
-    return frames, np.ones(len(points)), shifts
-
-
-def _mean(points: list[FloatArray], marks: list[IntArray], state: _State, total: int) -> FloatArray:
+def _mean(
+    points: list[FloatArray],
+    marks: list[IntArray],
+    rotations: FloatArray,
+    scales: FloatArray,
+    shifts: FloatArray,
+    total: int,
+) -> FloatArray:
     """Return the mean of each label, centred on the origin."""
-    rotations, scales, shifts = state
     sums, count = np.zeros((total, rotations.shape[-1])), np.zeros(total)
     for x, v, r, s, t in zip(points, marks, rotations, scales, shifts, strict=True):
         np.add.at(sums, v, s * x @ r.T + t)
@@ -134,32 +111,18 @@ def _fitted(
     points: list[FloatArray],
     marks: list[IntArray],
     mean: FloatArray,
-    state: _State,
+    rotations: FloatArray,
+    scales: FloatArray,
     *,
     with_scale: bool,
-    with_rotation: bool,
-) -> _State:
-    """Return the best similarity of every shape to the mean; scales to geometric mean one."""
-    rotations, scales, shifts = (part.copy() for part in state)
-    special = RotationPattern.from_user(None, mean.shape[1], "SO")
-    for i, (x, v) in enumerate(zip(points, marks, strict=True)):
-        goal = mean[v] - mean[v].mean(axis=0)
-        own = x - x.mean(axis=0)
-        if with_rotation:
-            mirror = np.ones(x.shape[1])
-            mirror[0] = np.sign(np.linalg.det(rotations[i]))
-            rotations[i] = special.project(goal.T @ own * mirror) * mirror
-        if with_scale:
-            scales[i] = np.sum(goal * (own @ rotations[i].T)) / max(float(np.sum(own**2)), 1e-300)
+) -> tuple[FloatArray, FloatArray]:
+    """Return the best scale and shift of every shape to the mean; scales to geometric mean one."""
     if with_scale:
+        scales = np.empty(len(points))
+        for i, (x, v) in enumerate(zip(points, marks, strict=True)):
+            goal, own = mean[v] - mean[v].mean(axis=0), x - x.mean(axis=0)
+            scales[i] = np.sum(goal * (own @ rotations[i].T)) / max(float(np.sum(own**2)), 1e-300)
         scales = np.maximum(scales, 1e-12)
         scales /= np.exp(np.mean(np.log(scales)))
-    for i, (x, v) in enumerate(zip(points, marks, strict=True)):
-        shifts[i] = mean[v].mean(axis=0) - scales[i] * rotations[i] @ x.mean(axis=0)
-    return rotations, scales, shifts
-
-
-def _residuals(points: list[FloatArray], marks: list[IntArray], mean: FloatArray, state: _State) -> FloatArray:
-    """Return the root mean square distance of each shape's samples to the mean, shape (N,)."""
-    apart = [s * x @ r.T + t - mean[v] for x, v, r, s, t in zip(points, marks, *state, strict=True)]
-    return np.array([np.sqrt(np.mean(np.sum(d**2, axis=1))) for d in apart])
+    centres = zip(points, marks, rotations, scales, strict=True)
+    return scales, np.stack([mean[v].mean(axis=0) - s * r @ x.mean(axis=0) for x, v, r, s in centres])

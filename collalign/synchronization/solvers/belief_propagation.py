@@ -92,11 +92,6 @@ def conditional_moves(
     return labels
 
 
-def labels_cost(costs: FloatArray, edges: IntArray, labels: IntArray) -> float:
-    """Return the cost of all pairs at the given labels."""
-    return float(costs[np.arange(len(edges)), labels[edges[:, 0]], labels[edges[:, 1]]].sum())
-
-
 def _summed(values: FloatArray, owner: IntArray, count: int) -> FloatArray:
     """Return the sums of rows (n, L) by owner, shape (count, L)."""
     return np.stack([np.bincount(owner, weights=column, minlength=count) for column in values.T], axis=1)

@@ -31,7 +31,6 @@ def test_records_survive_closing(path: Path) -> None:
     with Store.open(path) as store:
         store.put("pairs", "k", RECORD, label="a ~ b", seconds=0.5)
         store.put("pairs", "k", RECORD | {"energy": 0.5}, label="a ~ b", seconds=1.5)
-        store.set_meta("options", {"seed": 3})
     with Store.open(path) as store:
         found = store.get("pairs", "k")
         assert found is not None
@@ -39,8 +38,6 @@ def test_records_survive_closing(path: Path) -> None:
         assert (found["R"] == np.eye(3)).all()
         assert store.get("pairs", "other") is None
         assert store.get("shapes", "k") is None
-        assert store.get_meta("options") == {"seed": 3}
-        assert store.get_meta("nothing") is None
         assert store.costs("pairs").mean_seconds == 1.5
         assert np.isnan(store.costs("shapes").mean_bytes)
 
@@ -195,13 +192,6 @@ def test_a_refused_store_is_not_left_locked(path: Path) -> None:
         Store.open(path)
     tamper(path, f"PRAGMA user_version = {FORMAT_VERSION}")
     Store.open(path).close()
-
-
-def test_meta_that_is_not_json_is_refused(path: Path) -> None:
-    Store.open(path).close()
-    tamper(path, "INSERT INTO meta VALUES ('options', '{')")
-    with Store.open(path, read_only=True) as store, pytest.raises(StoreError, match="JSON"):
-        store.get_meta("options")
 
 
 @pytest.mark.parametrize("key", ["", "x" * 2000, 7])

@@ -7,8 +7,8 @@ import pytest
 
 from collalign.synchronization import alternate_assignments, superimpose, synchronize_maps
 from collalign.synchronization.solvers.spectral import assign_all_pairs
-from data_tools.errors import InputError, OptionsError
-from tests.synchronization_problems import complete_edges, random_rotations, regular_edges
+from data_tools.errors import InputError
+from tests.synchronization_problems import complete_edges, map_between, random_rotations, regular_edges
 
 
 def _planted_labels(rng: np.random.Generator, num_shapes: int, universe: int, sizes: np.ndarray) -> list[np.ndarray]:
@@ -45,8 +45,8 @@ def test_labels_are_recovered_and_maps_compose(wrong: float) -> None:
     found = synchronize_maps(maps, [20] * 30)
     assert _same_labels(found.labels, planted) == 1.0
     for a, b, c in ((0, 5, 9), (3, 1, 28), (7, 7, 2)):
-        composed = found.map_between(a, b)[found.map_between(b, c)]
-        assert np.array_equal(composed, found.map_between(a, c))
+        composed = map_between(found, a, b)[map_between(found, b, c)]
+        assert np.array_equal(composed, map_between(found, a, c))
     assert found.agreement == pytest.approx(1.0 - wrong, abs=0.08)
 
 
@@ -70,15 +70,8 @@ def test_unsupported_samples_stay_unmatched() -> None:
             maps[pair] = np.full(10, -1)
     found = synchronize_maps(maps, [10] * 12, min_support=0.5)
     assert (found.labels[4] == -1).all()
-    assert (found.map_between(0, 4) == -1).all()
-    labels, samples = found.consensus_landmarks(min_share=11 / 12)
-    assert len(labels) == 10
-    assert (samples[4] == -1).all()
-    assert len(found.consensus_landmarks()[0]) == 0
-    everyone = np.delete(np.arange(12), 4)
-    assert (samples[everyone] >= 0).all()
-    with pytest.raises(OptionsError, match="min_share"):
-        found.consensus_landmarks(min_share=0.0)
+    assert (map_between(found, 0, 4) == -1).all()
+    assert all(sorted(found.labels[i]) == list(range(10)) for i in range(12) if i != 4)
 
 
 def test_positions_label_what_maps_leave_open() -> None:
@@ -117,19 +110,16 @@ def test_procrustes_recovers_similarities() -> None:
     shifts = rng.standard_normal((8, 3))
     samples = [((cloud[v] - t) / s) @ r for v, r, s, t in zip(labels, rotations, scales, shifts, strict=True)]
     found = superimpose(samples, labels, rotations)
-    assert found.residuals.max() < 1e-6
     assert np.allclose(found.scales / found.scales[0], scales / scales[0], atol=1e-6)
     assert np.exp(np.log(found.scales).mean()) == pytest.approx(1.0)
     posed = [s * x @ r.T + t for x, r, s, t in zip(samples, rotations, found.scales, found.translations, strict=True)]
-    assert np.allclose(posed[0], found.mean[labels[0]], atol=1e-6)
-    assert np.allclose(np.nanmean(found.mean, axis=0), 0.0, atol=1e-9)
-    rough = rotations @ _small_turns(rng, 8)
-    turned = superimpose(samples, labels, rough, with_rotation=True)
-    assert turned.residuals.max() < 1e-6
-    assert np.array_equal(np.sign(np.linalg.det(turned.rotations)), np.sign(np.linalg.det(rotations)))
+    places = np.full((8, 25, 3), np.nan)
+    for row, v, points in zip(places, labels, posed, strict=True):
+        row[v] = points
+    assert np.nanstd(places, axis=0).max() < 1e-6
+    assert np.allclose(np.nanmean(places, axis=(0, 1)), 0.0, atol=0.1)
     fixed = superimpose(samples, labels, rotations, with_scale=False)
     assert np.array_equal(fixed.scales, np.ones(8))
-    assert fixed.residuals.max() > 0.1
 
 
 def _small_turns(rng: np.random.Generator, count: int) -> np.ndarray:

@@ -4,7 +4,7 @@ import pytest
 from data_tools.errors import InputError
 from pairwise.problem.problem import Problem
 from pairwise.tight.solve import solve_tight
-from pairwise.tight.symmetries import moment_rank, optimal_rotations
+from pairwise.tight.symmetries import optimal_rotations
 from tests.problems import random_rotation
 
 TETRAHEDRON = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
@@ -22,12 +22,16 @@ def moved(points, rng):
     return points[rng.permutation(len(points))] @ random_rotation(rng, 3).T
 
 
+def rank_of(moments: np.ndarray) -> int:
+    return int(np.linalg.matrix_rank(moments, tol=1e-3 * np.linalg.norm(moments, 2)))
+
+
 @pytest.mark.parametrize(("order", "rank"), [(1, 1), (2, 2), (3, 3), (4, 3)])
 def test_the_rank_and_the_rotations_of_cyclic_symmetry(order, rank, rng):
     points = cyclic(order, rng, num=5 if order == 1 else 2)
     problem = Problem.from_user(moved(points, rng), points)
     result = solve_tight(problem, tol=1e-6)
-    assert moment_rank(result.moments) == rank
+    assert rank_of(result.moments) == rank
     found = optimal_rotations(problem, result.moments)
     assert len(found) == order
     for rotation in found:
@@ -38,7 +42,7 @@ def test_the_rank_and_the_rotations_of_cyclic_symmetry(order, rank, rng):
 def test_all_rotations_of_a_tetrahedron(rng):
     problem = Problem.from_user(moved(TETRAHEDRON, rng), TETRAHEDRON)
     result = solve_tight(problem, tol=1e-6)
-    assert moment_rank(result.moments) == 10  # twelve rotations, but only ten dimensions
+    assert rank_of(result.moments) == 10  # twelve rotations, but only ten dimensions
     assert len(optimal_rotations(problem, result.moments)) == 12
 
 
