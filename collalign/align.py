@@ -21,6 +21,8 @@ from collalign.products.collection import ConsistentMaps, RunRecord
 from collalign.products.pair import FormerPairs
 from collalign.products.shapes import Constraints, Shapes
 from collalign.stages.chirality.pilot import decide_group
+from collalign.stages.evidence.decide import wants_maps
+from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs
 from collalign.stages.pairs.match import match_pairs, num_reused_pairs
 from collalign.stages.poses.agreement import resolve_pairs, with_common_match
@@ -129,6 +131,9 @@ def align_listing(
         with _timed(times_s, "proofs"):
             pairs, solution, report = certify_pairs(session, shapes, pairs, solution)
             notes.append(str(report))
+    if wants_maps(session.options, pairs):
+        with _timed(times_s, "maps"):
+            pairs, solution = weigh_pairs(session, shapes, pairs), None
     options, samples = session.options, shapes.samples
     with _timed(times_s, "synchronization"):
         parts, linked = split_shapes(options, samples, pairs)

@@ -22,6 +22,8 @@ PairStrategy = Literal["auto", "all", "sparse", "adaptive"]
 Synchronizer = Literal["robust", "spectral"]
 #: Where the axes of the common frame come from.
 Gauge = Literal["reference", "axes"]
+#: Whether non-rigid maps help to choose the poses.
+Maps = Literal["auto", "always", "never"]
 #: Whether the common frame keeps the sizes of the shapes.
 Scaling = Literal["similarity", "rigid"]
 
@@ -55,6 +57,11 @@ class AlignOptions:
     synchronization: Synchronizer = "robust"
     """robust chooses among the pairs' candidates, resists wrong pairs and refines; spectral is the paper's appendix B
     as published, with neither confidence nor refinement."""
+
+    maps: Maps = "auto"
+    """Whether non-rigid maps of each pair, started from many poses, propose and judge poses: for shapes that bend.
+    auto asks them where the pairs match so badly that rigid evidence is weak; they take about a tenth of a second a
+    pair, and need meshes."""
 
     refine: bool = True
     """Refine the poses on dense samples (``sampling.num_dense_points``) after synchronization."""
@@ -104,6 +111,7 @@ class AlignOptions:
             ("pairs", PairStrategy),
             ("synchronization", Synchronizer),
             ("gauge", Gauge),
+            ("maps", Maps),
         ):
             if getattr(self, name) not in get_args(choices):
                 raise OptionsError(f"{name}: expected one of {get_args(choices)}, got {getattr(self, name)!r}")

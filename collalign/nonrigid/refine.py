@@ -60,6 +60,10 @@ class Refiner:
         moved = self._source[:, :size] @ c_source_target
         return self._zoomout.refine(*mutual_nearest_rows(self._target[:, :size], moved))
 
+    def from_point_maps(self, map_target_source: IntArray, map_source_target: IntArray) -> FunctionalMap:
+        """Refine point maps of the dense samples, in both directions."""
+        return self._zoomout.refine(map_target_source, map_source_target)
+
     def oriented(self, c_source_target: FloatArray, *, preserving: bool) -> FunctionalMap:
         """Refine the lowest functions of a functional map towards keeping, or reversing, the orientation.
 

@@ -10,6 +10,14 @@ from data_tools.arrays import FloatArray, IntArray, read_only
 from pairwise.certificates.certificate import Certificate
 
 
+def _no_values() -> FloatArray:
+    return read_only(np.zeros(0))
+
+
+def _no_evidence() -> FloatArray:
+    return read_only(np.zeros((0, 0)))
+
+
 def _no_map() -> IntArray:
     return read_only(np.zeros(0, dtype=np.int64))
 
@@ -29,6 +37,12 @@ class Pair:
         The samples matched at each candidate; -1 where unmatched.
     energies : ndarray, shape (m,)
         Sum of squared distances of the normalised samples, invariants included.
+    log_odds : ndarray, shape (m,)
+        How plausible each candidate is by all evidence, up to a constant of the pair; minus infinity for those that
+        another one stands for (rigid poses, where maps were asked). Empty where energies alone decide.
+    evidence : ndarray, shape (m, e)
+        Each kind of evidence of each candidate, columns as ``collalign.stages.evidence.odds.EVIDENCE``, NaN where
+        unknown. Empty where energies alone decide.
     lower_bound : float
         No pose of this pair has a smaller energy; NaN where nothing was certified.
     status : str
@@ -54,6 +68,8 @@ class Pair:
     rotations: FloatArray
     maps: IntArray
     energies: FloatArray
+    log_odds: FloatArray = field(default_factory=_no_values)
+    evidence: FloatArray = field(default_factory=_no_evidence)
     lower_bound: float = float("nan")
     status: str = ""
     chirality_proven: bool = False

@@ -70,7 +70,8 @@ def resolve_pairs(
     Parameters
     ----------
     session : Session
-        Its group is decided; with the paper's own synchronization nothing is solved again.
+        Its group is decided; with the paper's own synchronization nothing is solved again, nor where maps have been
+        asked: then energies alone have no veto.
     samples : sequence of Samples
     pairs : sequence of Pair
     solution : SynchronizationResult
@@ -85,7 +86,7 @@ def resolve_pairs(
         Its ``edge_choice`` counts the candidates of the returned pairs.
     """
     agreed, options = list(pairs), session.options
-    if options.synchronization != "robust":
+    if options.synchronization != "robust" or any(len(pair.log_odds) for pair in pairs):
         return agreed, solution
     graph = with_room(pair_graph(pairs, len(samples), options.group))
     with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(samples)) as table:

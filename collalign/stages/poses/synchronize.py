@@ -35,11 +35,13 @@ def pair_graph(
         Blocks of the embedding that are kept, from the first on; the rotations of space alone by default.
     """
     dim = sum(block_sizes)
+    is_weighed = any(len(pair.log_odds) for pair in pairs)
     return PairGraph.of_candidates(
         np.array([(pair.target, pair.source) for pair in pairs], dtype=np.int64),
         [(pair.rotations[:, :dim, :dim], pair.energies) for pair in pairs],
         num_shapes=num_shapes,
         pattern=RotationPattern.from_user(block_sizes if len(block_sizes) > 1 else None, dim, group),
+        log_odds=[pair.log_odds for pair in pairs] if is_weighed else None,
     )
 
 

@@ -33,6 +33,8 @@ class PairGraph:
         False where a pair has fewer than m candidates.
     energies : ndarray, shape (E, m), or None
         Energy of each candidate; meaningless where it is not present.
+    log_odds : ndarray, shape (E, m), or None
+        How plausible each candidate is, up to a constant of the pair, where more than energies says so.
     weights : ndarray, shape (E,)
         How much the caller trusts each pair.
     pattern : RotationPattern
@@ -49,6 +51,7 @@ class PairGraph:
     weights: FloatArray
     pattern: RotationPattern
     held: BoolArray
+    log_odds: FloatArray | None = None
 
     @classmethod
     def from_user(
@@ -119,6 +122,7 @@ class PairGraph:
         *,
         num_shapes: int,
         pattern: RotationPattern,
+        log_odds: Sequence[FloatArray] | None = None,
     ) -> PairGraph:
         """Build the graph of pairs that are known to be right: each with as many candidates as it has.
 
@@ -129,6 +133,8 @@ class PairGraph:
             Of each pair, shapes (m_e, d, d) and (m_e,), at least one.
         num_shapes : int
         pattern : RotationPattern
+        log_odds : sequence of ndarray, optional
+            Of each pair's candidates; minus infinity leaves one out.
         """
         most = max((len(energies) for _, energies in candidates), default=1)
         dim = pattern.mask.shape[0]
@@ -137,6 +143,12 @@ class PairGraph:
         for e, (rotations, energies) in enumerate(candidates):
             stack[e, : len(energies)] = rotations
             costs[e, : len(energies)] = energies
+        odds = None
+        if log_odds is not None:
+            odds = np.full(costs.shape, -np.inf)
+            for e, values in enumerate(log_odds):
+                odds[e, : len(values)] = values
+            costs = np.where(np.isfinite(odds), costs, np.inf)
         return cls(
             num_shapes=num_shapes,
             edges=read_only(edges.reshape(-1, 2)),
@@ -146,6 +158,7 @@ class PairGraph:
             weights=read_only(np.ones(len(edges))),
             pattern=pattern,
             held=read_only(np.zeros(len(edges), dtype=bool)),
+            log_odds=odds if odds is None else read_only(odds),
         )
 
     @property
@@ -160,7 +173,9 @@ class PairGraph:
 
     @cached_property
     def best_choice(self) -> IntArray:
-        """The candidate of lowest energy of each pair, shape (E,); the first present one without energies."""
+        """The most plausible candidate of each pair, or of lowest energy; the first present one without either."""
+        if self.log_odds is not None:
+            return np.argmax(np.where(self.present, self.log_odds, -np.inf), axis=1)
         if self.energies is None:
             return np.argmax(self.present, axis=1)
         return np.argmin(np.where(self.present, self.energies, np.inf), axis=1)
@@ -196,6 +211,7 @@ class PairGraph:
             candidates=self.candidates[kept],
             present=self.present[kept],
             energies=None if self.energies is None else self.energies[kept],
+            log_odds=None if self.log_odds is None else self.log_odds[kept],
             weights=self.weights[kept],
             held=self.held[kept],
         )
@@ -239,6 +255,7 @@ class PairGraph:
             candidates=np.concatenate([self.candidates, empty]),
             present=np.concatenate([self.present, np.zeros((count, m), dtype=bool)]),
             energies=None if self.energies is None else np.concatenate([self.energies, np.zeros((count, m))]),
+            log_odds=None if self.log_odds is None else np.concatenate([self.log_odds, np.zeros((count, m))]),
             weights=np.concatenate([self.weights, np.full(count, weight)]),
             held=np.concatenate([self.held, np.zeros(count, dtype=bool)]),
         )

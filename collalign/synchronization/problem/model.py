@@ -66,6 +66,10 @@ class EdgeModel:
     @cached_property
     def log_prior(self) -> FloatArray:
         """``log pi_k`` of each candidate, shape (E, m); minus infinity where it is not present."""
+        if self.graph.log_odds is not None:
+            score = np.where(self.graph.present, self.graph.log_odds, -np.inf)
+            score = score - score.max(axis=1, keepdims=True)
+            return np.asarray(score - np.log(np.exp(score).sum(axis=1, keepdims=True)))
         features = candidate_features(self.graph)
         score = -self.best_log_odds * features[..., 0] - self.energy_slope * features[..., 1]
         score = np.where(self.graph.present, score, -np.inf)
@@ -211,7 +215,7 @@ def _fitted_power(model: EdgeModel, share: FloatArray, squared: FloatArray) -> f
 def _fitted_candidates(model: EdgeModel, share: FloatArray, rounds: int = 10) -> tuple[float, float]:
     """Return what energies say about candidates: conditional logit by Newton, shrunk to the prior."""
     features = candidate_features(model.graph)
-    if not features.any():
+    if model.graph.log_odds is not None or not features.any():
         return model.best_log_odds, model.energy_slope
     used = (model.graph.present.sum(axis=1) > 1) & ~model.graph.held
     features, counts = features[used], share[used]

@@ -115,7 +115,11 @@ def restricted(graph: PairGraph, index: IntArray, choice: IntArray | None = None
     rows = np.arange(graph.num_edges)
     energies = None if graph.energies is None else graph.energies[rows, choice][:, None]
     return replace(
-        block, candidates=part[rows, choice][:, None], present=np.ones((len(rows), 1), dtype=bool), energies=energies
+        block,
+        candidates=part[rows, choice][:, None],
+        present=np.ones((len(rows), 1), dtype=bool),
+        energies=energies,
+        log_odds=None,
     )
 
 

@@ -1,0 +1,66 @@
+"""Maps that start from rigid poses: they find the pose of a bent figure and know the right start from a wrong one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from collalign.nonrigid.pose_maps import PosedSurface, PoseMapper, axis_poses, prepare_posed
+from data_tools.arrays import FloatArray
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import figure
+from data_tools.errors import InputError
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
+
+
+@pytest.fixture(scope="module")
+def bent_pair() -> tuple[PosedSurface, PosedSurface, FloatArray]:
+    rng = np.random.default_rng(3)
+    shape, turn = figure(resolution=3), random_rotation(np.random.default_rng(4))
+    other = bent(shape, rng, angle=0.5)
+    turned = Shape.from_arrays(other.vertices @ turn.T, other.faces)
+    return prepare_posed(shape), prepare_posed(turned), turn.T
+
+
+def test_a_rough_start_leads_to_the_pose_of_the_map(bent_pair: tuple[PosedSurface, PosedSurface, FloatArray]) -> None:
+    target, source, true = bent_pair
+    mapper = PoseMapper(target, source)
+    tilt = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(0.4), -np.sin(0.4)], [0.0, np.sin(0.4), np.cos(0.4)]])
+    found = mapper.rotation_of(mapper.map_from(tilt @ true), chirality=1.0)
+    assert rotation_angle_deg(found, true) < 12.0
+
+
+def test_evidence_prefers_the_right_start(bent_pair: tuple[PosedSurface, PosedSurface, FloatArray]) -> None:
+    target, source, true = bent_pair
+    mapper = PoseMapper(target, source)
+    right, turned = (mapper.evidence(mapper.map_from(start)) for start in (true, np.diag([-1.0, 1.0, -1.0]) @ true))
+    assert right.score < turned.score - 0.5
+    assert right.orientation > 0.8
+
+
+def test_a_reflection_keeps_its_determinant(bent_pair: tuple[PosedSurface, PosedSurface, FloatArray]) -> None:
+    target, source, true = bent_pair
+    mapper = PoseMapper(target, source)
+    found = mapper.rotation_of(mapper.map_from(-true), chirality=-1.0)
+    assert np.linalg.det(found) == pytest.approx(-1.0)
+
+
+def test_axis_poses_are_the_octahedral_group_and_move_with_the_shapes(
+    bent_pair: tuple[PosedSurface, PosedSurface, FloatArray],
+) -> None:
+    target, source, _ = bent_pair
+    poses = axis_poses(target, source, mirrored=True)
+    assert poses.shape == (48, 3, 3)
+    assert np.sign(np.linalg.det(poses)).tolist() == [1.0] * 24 + [-1.0] * 24
+    back = axis_poses(source, target, mirrored=False)
+    nearest = [rotation_angle_deg(np.tile(pose.T, (24, 1, 1)), poses[:24]).min() for pose in back]
+    assert max(nearest) < 1e-3
+
+
+def test_clouds_and_tiny_meshes_are_refused() -> None:
+    with pytest.raises(InputError, match="need a mesh"):
+        prepare_posed(Shape.from_arrays(np.random.default_rng(0).random((300, 3))))
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    with pytest.raises(InputError, match="vertices"):
+        prepare_posed(Shape.from_arrays(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))

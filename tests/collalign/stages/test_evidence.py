@@ -1,0 +1,125 @@
+"""Evidence of pairs: what it prefers, when maps are asked, and bent figures that rigid evidence alone gets wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign.align import align_collection
+from collalign.engine.options import RunOptions
+from collalign.options import AlignOptions
+from collalign.products.pair import Pair
+from collalign.stages.evidence.decide import BENT_ENERGY, wants_maps
+from collalign.stages.evidence.odds import EVIDENCE, evidence_score
+from collalign.stages.evidence.weigh import MAX_CANDIDATES, WeighedPose, by_energy, distinct, with_evidence
+from collalign.stages.poses.synchronize import pair_graph
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import figure
+from data_tools.errors import OptionsError, StoreError
+from data_tools.io.shapes import write_mesh
+from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
+
+
+def a_pair(energies: list[float]) -> Pair:
+    rng = np.random.default_rng(0)
+    return Pair(
+        target=0,
+        source=1,
+        rotations=np.stack([random_rotation(rng) for _ in energies]),
+        maps=np.tile(np.arange(5), (len(energies), 1)),
+        energies=np.array(energies),
+    )
+
+
+def a_record(num: int) -> dict[str, object]:
+    rng = np.random.default_rng(1)
+    return {
+        "rotations": np.stack([random_rotation(rng) for _ in range(num)]),
+        "maps": np.tile(np.arange(5, dtype=np.int32), (num, 1)),
+        "energies": rng.random(num),
+        "evidence": rng.random((num, len(EVIDENCE))),
+    }
+
+
+@pytest.mark.parametrize("kind", range(6))
+def test_every_disagreement_counts_against_a_pose(kind: int) -> None:
+    evidence = np.full((2, len(EVIDENCE)), 0.2)
+    evidence[1, kind] = 0.4
+    better, worse = evidence_score(evidence)
+    assert better > worse + 0.5
+
+
+def test_unknown_evidence_says_nothing() -> None:
+    evidence = np.full((2, len(EVIDENCE)), np.nan)
+    evidence[:, 0] = 0.1, 0.2
+    scores = evidence_score(evidence)
+    assert np.isfinite(scores).all()
+    assert scores[0] > scores[1]
+
+
+def test_near_rotations_are_one_candidate_the_better_one() -> None:
+    rng = np.random.default_rng(2)
+    first = random_rotation(rng)
+    nudge = np.array([[np.cos(0.1), -np.sin(0.1), 0], [np.sin(0.1), np.cos(0.1), 0], [0, 0, 1.0]])
+    far = np.diag([-1.0, -1.0, 1.0])
+    poses = [
+        WeighedPose(rotation=r, point_map=np.arange(3), evidence=np.full(len(EVIDENCE), value))
+        for r, value in ((first, 0.3), (first @ nudge, 0.2), (first @ far, 0.4))
+    ]
+    kept = distinct(poses)
+    assert [c.evidence[0] for c in kept] == [0.2, 0.4]
+    many = [replace(poses[0], rotation=random_rotation(rng)) for _ in range(100)]
+    assert len(distinct(many)) == MAX_CANDIDATES
+
+
+def test_maps_are_asked_where_pairs_match_badly() -> None:
+    rigid, bending = a_pair([0.5 * BENT_ENERGY, 0.9]), a_pair([1.5 * BENT_ENERGY, 0.9])
+    options = AlignOptions()
+    assert not wants_maps(options, [rigid, rigid, bending])
+    assert wants_maps(options, [rigid, bending, bending])
+    assert wants_maps(replace(options, maps="always"), [rigid])
+    assert not wants_maps(replace(options, maps="never"), [bending])
+    assert not wants_maps(replace(options, synchronization="spectral"), [bending])
+    mixed = replace(options, maps="always", embedding=EmbeddingOptions(kind="xyz+lb"))
+    with pytest.raises(OptionsError, match="maps"):
+        wants_maps(mixed, [rigid])
+
+
+def test_candidates_of_maps_follow_the_rigid_ones_and_alone_take_part() -> None:
+    pair = with_evidence(a_pair([0.1, 0.2]), a_record(3), "a - b")
+    assert len(pair.energies) == len(pair.log_odds) == len(pair.evidence) == 5
+    graph = pair_graph([pair, replace(by_energy(a_pair([0.1, 0.2])), source=2)], 3, "SO")
+    assert graph.present.tolist() == [[False, False, True, True, True], [True, True, False, False, False]]
+    assert graph.best_choice.tolist() == [int(np.argmax(pair.log_odds)), 0]
+
+
+@pytest.mark.parametrize("field", ["rotations", "maps", "energies", "evidence"])
+def test_damaged_evidence_is_refused(field: str) -> None:
+    record = a_record(2)
+    with pytest.raises(StoreError, match="a - b"):
+        with_evidence(a_pair([0.1]), {name: value for name, value in record.items() if name != field}, "a - b")
+    with pytest.raises(StoreError, match="a - b"):
+        with_evidence(a_pair([0.1]), record | {field: np.full((2, 2, 2), np.nan)}, "a - b")
+
+
+def test_bent_figures_are_put_right_by_maps(tmp_path: Path) -> None:
+    rng, turns = np.random.default_rng(5), []
+    folder = tmp_path / "figures"
+    folder.mkdir()
+    for number in range(5):
+        shape, turn = bent(figure(resolution=2), rng, angle=0.9), random_rotation(rng)
+        write_mesh(folder / f"{number}.ply", Shape.from_arrays(shape.vertices @ turn.T, shape.faces))
+        turns.append(turn)
+    options = AlignOptions(maps="always", group="SO", sampling=SamplingOptions(num_points=24))
+    run = RunOptions(jobs=1, store=tmp_path / "store.sqlite")
+    aligned = align_collection(folder, options=options, run=run)
+    relative = [aligned.rotations[0].T @ pose @ turns[i] @ turns[0].T for i, pose in enumerate(aligned.rotations)]
+    assert max(rotation_angle_deg(turn, np.eye(3)) for turn in relative) < 25.0
+    again = align_collection(folder, options=options, run=run)
+    assert np.array_equal(aligned.rotations, again.rotations)
+    assert all(np.isfinite(pair.log_odds).any() for pair in aligned.pairs)
