@@ -9,21 +9,17 @@ from typing import Any
 
 from collalign.engine.estimate import RunEstimate, estimate_run
 from collalign.engine.options import RunOptions
-from collalign.engine.session import Session
 from collalign.engine.store.layout import STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions, options_from_record
 from collalign.stages.pairs.choose import planned_edges
-from collalign.stages.pairs.match import match_pairs, pair_key
-from collalign.stages.pairs.select import all_pairs
-from collalign.stages.shapes import prepare_shapes, shape_keys
+from collalign.stages.pairs.match import pair_key
+from collalign.stages.shapes import shape_keys
+from collalign.stages.trial import later_work, try_shapes
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import read_toml
 from data_tools.io.shapes import FolderListing, read_folder
 from data_tools.threads import one_blas_thread
-
-#: Shapes of the trial from which a run is estimated.
-NUM_TRIAL_SHAPES = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,45 +71,45 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
 
 @one_blas_thread()
 def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
-    """Estimate what a job will take, from its store and a trial with a few of its shapes.
+    """Estimate what a job will take, all its stages, from its store and a trial with a few of its shapes.
 
-    Where the group is "auto", as if no shape had to be mirrored, and without the pairs that find that out.
+    Where the group is "auto", as if no shape had to be mirrored.
 
     Raises
     ------
     CollalignError
         If the folder cannot be read or too few of the first shapes are usable.
     """
-    if job.options.group == "auto":
+    is_auto = job.options.group == "auto"
+    if is_auto:
         job = replace(job, options=replace(job.options, group="SO"))
     listing = read_folder(job.folder)
-    few = replace(listing, files=listing.files[:NUM_TRIAL_SHAPES], names=listing.names[:NUM_TRIAL_SHAPES])
-    with Session.open(job.options, replace(run, store=None)) as trial:
-        shapes = prepare_shapes(trial, few)
-        match_pairs(trial, shapes, all_pairs(len(shapes.names)))
-        costs = trial.store.costs("shapes"), trial.store.costs("pairs")
-    missing_shapes, missing_pairs = _missing(listing, job, run)
+    trial = try_shapes(listing, job.options, run)
+    missing_shapes, missing_pairs, num_pairs = _missing(listing, job, run)
     return estimate_run(
         num_shapes=missing_shapes,
         num_pairs=missing_pairs,
-        shape_costs=costs[0],
-        pair_costs=costs[1],
+        shape_costs=trial.shape_costs,
+        pair_costs=trial.pair_costs,
         num_jobs=run.num_workers,
+        further=later_work(
+            trial, len(listing.names), num_pairs, job.options, pilot=is_auto and missing_pairs > num_pairs // 2
+        ),
     )
 
 
-def _missing(listing: FolderListing, job: BatchJob, run: RunOptions) -> tuple[int, int]:
-    """Return how many shapes and pairs the job's store lacks; pairs are counted as if no shape were bad."""
+def _missing(listing: FolderListing, job: BatchJob, run: RunOptions) -> tuple[int, int, int]:
+    """Return how many shapes and pairs the job's store lacks, and all its pairs, counted as if no shape were bad."""
     keyed, _ = shape_keys(listing, job.options)
     keys = [item.key for item in keyed.values()]
     edges = planned_edges(len(keys), job.options)
     store = run.store or job.out / STORE_FILE
     if not store.exists():
-        return len(set(keys)), len(edges)
+        return len(set(keys)), len(edges), len(edges)
     with Store.open(store, read_only=True) as opened:
         shapes, pairs = opened.keys("shapes"), opened.keys("pairs")
     done = sum(pair_key(keys[i], keys[j], job.options) in pairs for i, j in edges.tolist())
-    return len(set(keys) - shapes), len(edges) - done
+    return len(set(keys) - shapes), len(edges) - done, len(edges)
 
 
 def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> BatchJob:

@@ -94,6 +94,9 @@ def test_dry_run_estimates_and_writes_nothing(folder: Path, capsys: pytest.Captu
     estimate = estimate_job(read_batch(path)[0], RunOptions(jobs=1))
     assert (estimate.num_shapes, estimate.num_pairs) == (3, 3)
     assert not math.isnan(estimate.seconds)
+    assert list(estimate.stages_s) == ["shapes", "pairs", "start", "poses", "outputs"]
+    assert all(seconds > 0 for seconds in estimate.stages_s.values())
+    assert estimate.seconds == pytest.approx(sum(estimate.stages_s.values()))
     assert main(["batch", str(path), "--dry-run", "--jobs", "1"]) == 0
     assert "3 shapes and 3 pairs" in capsys.readouterr().out
     assert not (folder / "a").exists()
@@ -105,6 +108,8 @@ def test_one_bad_folder_does_not_stop_the_others(folder: Path) -> None:
     assert (folder / "b" / "alignment.json").exists()
     estimate = estimate_job(read_batch(folder / "batch.toml")[1], RunOptions(jobs=1))
     assert (estimate.num_shapes, estimate.num_pairs) == (0, 0)
+    assert (estimate.stages_s["shapes"], estimate.stages_s["pairs"]) == (0.0, 0.0)
+    assert estimate.stages_s["poses"] > 0  # of which no store keeps anything
 
 
 @pytest.mark.parametrize("flags", [[], ["--dry-run"]])

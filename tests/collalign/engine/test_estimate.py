@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from collalign.engine.estimate import estimate_run
+from collalign.engine.estimate import Work, estimate_run
 from collalign.engine.store.layout import Costs
 from collalign.engine.store.store import Store
 from data_tools.errors import OptionsError
@@ -49,3 +49,29 @@ def test_what_is_unknown_is_said() -> None:
     assert "time unknown, disk unknown" in str(estimate)
     with pytest.raises(OptionsError):
         estimate_run(num_shapes=-1, num_pairs=0, shape_costs=NOTHING, pair_costs=NOTHING)
+
+
+def test_further_work_counts_for_its_stage_and_is_spread_or_not() -> None:
+    costs = Costs(num_records=5, mean_seconds=2.0, mean_bytes=1000.0)
+    further = [
+        Work(stage="pairs", number=5, each_s=2.0),
+        Work(stage="outputs", number=10, each_s=0.5, spread=False),
+    ]
+    alone, shared = (
+        estimate_run(
+            num_shapes=10, num_pairs=45, shape_costs=costs, pair_costs=costs, num_jobs=num, further=further
+        ).stages_s
+        for num in (1, 2)
+    )
+    assert alone == pytest.approx({"shapes": 20.0, "pairs": 100.0, "outputs": 5.0})
+    assert shared["outputs"] == 5.0
+    assert shared["pairs"] < 0.6 * alone["pairs"]
+
+
+def test_memory_grows_with_the_records() -> None:
+    costs = Costs(num_records=5, mean_seconds=2.0, mean_bytes=1e5)
+    small, large = (
+        estimate_run(num_shapes=num, num_pairs=0, shape_costs=costs, pair_costs=NOTHING).memory_bytes
+        for num in (100, 10_100)
+    )
+    assert 1e9 <= large - small <= 2e9

@@ -1,0 +1,130 @@
+"""A trial with a few shapes of a folder: what each kind of work costs here and now, and so what the whole will."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from collalign.engine.estimate import Work
+from collalign.engine.options import RunOptions
+from collalign.engine.session import Session
+from collalign.engine.store.layout import Costs
+from collalign.options import AlignOptions
+from collalign.products.pair import Pair
+from collalign.products.shapes import Shapes
+from collalign.stages.chirality.pilot import MOST_SHAPES
+from collalign.stages.pairs.match import match_pairs
+from collalign.stages.pairs.select import all_pairs
+from collalign.stages.poses.refinement import NUM_NEIGHBOURS, NUM_ROUNDS, dense_points
+from collalign.stages.shapes import prepare_shapes
+from data_tools.io.shapes import FolderListing, read_shape
+from pairwise.dense.refine import refine_pose
+
+#: Shapes of the trial.
+NUM_TRIAL_SHAPES = 3
+
+# Measured by tests/benchmarks/profile.py on 116 teeth and 300 generated shapes, in seconds of matching one pair or of
+# reading one shape, which the trial times on the machine at hand.
+#: Pairs that the pilot matches for each shape that it looks at.
+PILOT_PAIRS = 2.5
+#: Solving a pair again, and its part in all synchronizations.
+AGAIN_MATCHES, SYNCHRONIZATION_MATCHES = 0.22, 0.1
+#: Local pairs of a shape, as a share of the neighbours that it names.
+LOCAL_SHARE = 0.75
+#: Outputs of a shape, and its tile of the contact sheet.
+OUTPUT_READS, TILE_MATCHES, MOST_TILES = 2.0, 0.5, 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """What work costs.
+
+    Attributes
+    ----------
+    shape_costs, pair_costs : Costs
+    start_s : float
+        Until the workers had started.
+    refinement_s, read_s : float
+        Of one pair on its dense samples, and of one file.
+    """
+
+    shape_costs: Costs
+    pair_costs: Costs
+    start_s: float
+    refinement_s: float
+    read_s: float
+
+
+def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -> Trial:
+    """Prepare and match the first shapes of a folder, and keep nothing of it.
+
+    Raises
+    ------
+    CollalignError
+        If too few of them are usable.
+    """
+    few = replace(listing, files=listing.files[:NUM_TRIAL_SHAPES], names=listing.names[:NUM_TRIAL_SHAPES])
+    with Session.open(options, replace(run, store=None)) as session:
+        started = time.perf_counter()
+        shapes = prepare_shapes(session, few)
+        prepared_s = time.perf_counter() - started
+        pairs, _ = match_pairs(session, shapes, all_pairs(len(shapes.names)))
+        costs = session.store.costs("shapes"), session.store.costs("pairs")
+    busy_s = costs[0].mean_seconds * len(shapes.names) / min(run.num_workers, len(shapes.names))
+    return Trial(
+        shape_costs=costs[0],
+        pair_costs=costs[1],
+        start_s=max(0.0, prepared_s - busy_s),
+        refinement_s=_refinement_s(shapes, pairs) if options.refine else 0.0,
+        read_s=_read_s(shapes, options),
+    )
+
+
+def later_work(trial: Trial, num_shapes: int, num_pairs: int, options: AlignOptions, *, pilot: bool) -> list[Work]:
+    """Return the work beside shapes and pairs, of which nothing is kept for another run.
+
+    Parameters
+    ----------
+    trial : Trial
+    num_shapes, num_pairs : int
+        Of the whole collection.
+    options : AlignOptions
+    pilot : bool
+        Whether the run must find out whether shapes are mirrored.
+    """
+    match_s = trial.pair_costs.mean_seconds
+    work = [Work(stage="start", number=1, each_s=trial.start_s, spread=False)]
+    if pilot:
+        work.append(Work(stage="pairs", number=PILOT_PAIRS * min(num_shapes, MOST_SHAPES), each_s=match_s))
+    if options.synchronization == "robust":
+        local = min(num_pairs, LOCAL_SHARE * NUM_NEIGHBOURS * num_shapes)
+        work += [
+            Work(stage="poses", number=num_pairs, each_s=AGAIN_MATCHES * match_s),
+            Work(stage="poses", number=num_pairs, each_s=SYNCHRONIZATION_MATCHES * match_s, spread=False),
+            Work(stage="poses", number=NUM_ROUNDS * local, each_s=trial.refinement_s),
+        ]
+    tiles = min(num_shapes, MOST_TILES)
+    return [
+        *work,
+        Work(stage="outputs", number=num_shapes, each_s=OUTPUT_READS * trial.read_s, spread=False),
+        Work(stage="outputs", number=tiles, each_s=TILE_MATCHES * match_s, spread=False),
+    ]
+
+
+def _refinement_s(shapes: Shapes, pairs: Sequence[Pair]) -> float:
+    """Return the seconds that the refinement of a pair takes; 0 where shapes have no dense samples."""
+    if min(len(item.dense_indices) for item in shapes.samples) < 2:
+        return 0.0
+    points = [dense_points(item, invariants=False) for item in shapes.samples]
+    started = time.perf_counter()
+    for pair in pairs:
+        refine_pose(points[pair.target], points[pair.source], pair.rotations[0, :3, :3])
+    return (time.perf_counter() - started) / len(pairs)
+
+
+def _read_s(shapes: Shapes, options: AlignOptions) -> float:
+    started = time.perf_counter()
+    for file in shapes.files:
+        read_shape(file, options.cleaning)
+    return (time.perf_counter() - started) / len(shapes.files)
