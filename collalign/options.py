@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 from collalign.engine.session import Session
+from collalign.former_options import flat_names, refuse_former
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
-from pairwise.options import MatchOptions
+from pairwise.options import MatchOptions, Strategy
 
 #: Seeds are below this: stores and keys hold 64-bit numbers.
 _SEED_LIMIT = 2**63
@@ -26,6 +27,40 @@ Gauge = Literal["reference", "axes"]
 Maps = Literal["auto", "always", "never"]
 #: Whether the common frame keeps the sizes of the shapes.
 Scaling = Literal["similarity", "rigid"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairOptions:
+    """How the pairs of a collection are matched. Two shapes by themselves: :class:`pairwise.MatchOptions`.
+
+    Raises
+    ------
+    OptionsError
+        If a value is impossible.
+    """
+
+    strategy: Strategy = "portfolio"
+    """`search` tries rotations, `relaxation` rounds PM-SDP, `portfolio` searches, and solves the relaxation as well
+    where the rotation block has more than three dimensions, which no set of rotations covers."""
+
+    time_limit_s: float | None = None
+    """Seconds for the relaxation of one pair; none by default."""
+
+    num_draws: int = 64
+    """Poses drawn from the solution of the relaxation."""
+
+    max_candidates: int = 8
+    """Distinct poses kept per pair; with reflections, per chirality."""
+
+    candidate_factor: float = 2.0
+    """Keep poses whose energy is at most this many times the best one."""
+
+    def __post_init__(self) -> None:
+        self.seeded(0)
+
+    def seeded(self, seed: int) -> MatchOptions:
+        """Return the options of :mod:`pairwise.match` for a pair with that seed."""
+        return MatchOptions(**vars(self), seed=seed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,10 +84,6 @@ class AlignOptions:
     pairs: PairStrategy = "auto"
     """Which pairs are matched: all, a sparse connected graph, or a sparse one that grows where poses are uncertain;
     auto matches all pairs of up to 40 shapes and is adaptive beyond."""
-
-    landmarks: int = 0
-    """Sparse and adaptive pairs: so many shapes, far from one another, are paired with each other, and every other
-    shape with the nearest of them: shorter chains in very large collections."""
 
     synchronization: Synchronizer = "robust"
     """robust chooses among the pairs' candidates, resists wrong pairs and refines; spectral is the paper's appendix B
@@ -101,7 +132,7 @@ class AlignOptions:
     embedding: EmbeddingOptions = field(default_factory=EmbeddingOptions)
     """Which coordinates the points carry."""
 
-    matching: MatchOptions = field(default_factory=MatchOptions)
+    matching: PairOptions = field(default_factory=PairOptions)
     """How a pair is matched."""
 
     def __post_init__(self) -> None:
@@ -129,12 +160,60 @@ class AlignOptions:
             raise OptionsError("clusters: only the robust synchronization splits a collection")
         if self.certify and self.embedding.has_eigenfunctions:
             raise OptionsError("certify: no proofs with eigenfunctions; choose embedding kind xyz+invariants")
-        if isinstance(self.landmarks, bool) or not isinstance(self.landmarks, int) or self.landmarks < 0:
-            raise OptionsError(f"landmarks: expected an integer of at least 0, got {self.landmarks!r}")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < _SEED_LIMIT:
             raise OptionsError(f"seed: expected an integer from 0 to 2^63 - 1, got {self.seed!r}")
-        if self.matching.seed != 0:
-            raise OptionsError("matching.seed: a collection has one seed for everything; set 'seed' instead")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoShapeOptions:
+    """What decides how two shapes are matched by themselves, without a collection.
+
+    Raises
+    ------
+    OptionsError
+        If a value is impossible.
+    """
+
+    group: Literal["SO", "O"] = "SO"
+    """SO keeps the source as it is; O may mirror it."""
+
+    refine: bool = True
+    """Refine the poses on dense samples (``sampling.num_dense_points``)."""
+
+    certify: bool = False
+    """Try to prove the best pose."""
+
+    certify_pair_s: float = 30.0
+    """Seconds for the proof, where ``matching.time_limit_s`` sets no others."""
+
+    seed: int = 0
+    """Seed of everything random."""
+
+    cleaning: CleaningOptions = field(default_factory=CleaningOptions)
+    """How meshes are repaired."""
+
+    sampling: SamplingOptions = field(default_factory=SamplingOptions)
+    """Which points represent a shape."""
+
+    embedding: EmbeddingOptions = field(default_factory=EmbeddingOptions)
+    """Which coordinates the points carry."""
+
+    matching: MatchOptions = field(default_factory=MatchOptions)
+    """How the pair is matched."""
+
+    def __post_init__(self) -> None:
+        if self.group not in ("SO", "O"):
+            raise OptionsError(f"group: expected 'SO' or 'O', got {self.group!r}")
+        if self.matching.seed or self.matching.certify:
+            raise OptionsError("matching.seed, matching.certify: set 'seed' and 'certify' instead")
+        self.seeded()
+
+    def seeded(self) -> MatchOptions:
+        """Return the options of :mod:`pairwise.match`, with ``seed`` and ``certify``."""
+        matching = replace(self.matching, seed=self.seed)
+        if not self.certify:
+            return matching
+        return replace(matching, certify=True, time_limit_s=matching.time_limit_s or self.certify_pair_s)
 
 
 #: The session of an alignment.
@@ -151,11 +230,12 @@ def options_from_record(record: Mapping[str, Any]) -> AlignOptions:
     """
     if not isinstance(record, Mapping):
         raise OptionsError(f"options: expected a table of names and values, got {record!r}")
+    refuse_former(flat_names(record))
     groups = {
         "cleaning": CleaningOptions,
         "sampling": SamplingOptions,
         "embedding": EmbeddingOptions,
-        "matching": MatchOptions,
+        "matching": PairOptions,
     }
     values: dict[str, Any] = {name: value for name, value in record.items() if name not in groups}
     try:

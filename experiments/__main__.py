@@ -12,10 +12,29 @@ from collalign.engine.store.store import Store
 from data_tools.errors import CollalignError, InputError
 from data_tools.threads import one_blas_thread
 from experiments import NAMES, load_experiment
+from experiments.calibration import calibrate
 from experiments.experiment import Bench
 from experiments.write import write_experiment, write_page
 
 app = App(name="python -m experiments", help=__doc__, result_action="return_value")
+
+
+@app.command(name="calibrate")
+@one_blas_thread()
+def run_calibration(name: str, *collections: str, data: Path = Path("../shared/data")) -> int:
+    """Measure again what the tuned constants of an estimator stand for, beside their values in the code.
+
+    Parameters
+    ----------
+    name
+        The estimator, see experiments/calibration.py.
+    collections
+        Which collections to use; the estimator's own if none is named.
+    data
+        Folder of the public collections.
+    """
+    print(calibrate(name, data, collections).to_markdown())
+    return 0
 
 
 @app.default

@@ -18,9 +18,10 @@ from typing import Annotated, Any
 from cyclopts import App, CycloptsError, Parameter
 
 from collalign import __version__
-from collalign.cli.config import ConfigFile, refuse_rounding
+from collalign.cli.config import ALIGNING, ConfigFile, refuse_rounding
 from collalign.cli.help import HELP_ALL, GroupedHelp
 from collalign.cli.interruption import INTERRUPTED, orderly_interrupts, was_interrupted
+from collalign.former_options import refuse_former
 from data_tools.errors import CollalignError
 
 #: Exit code after the reader of the output has gone: 128 and the number of SIGPIPE.
@@ -70,6 +71,8 @@ def _launch(
     """
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s", stream=sys.stderr)
     app.config = (refuse_rounding,) if config is None else (ConfigFile(config, _COMMANDS), refuse_rounding)
+    if tokens and tokens[0] in ALIGNING:
+        refuse_former(word.split("=")[0].removeprefix("--").replace("-", "_") for word in tokens)
     return app(tokens, exit_on_error=False)
 
 

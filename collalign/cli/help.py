@@ -39,7 +39,7 @@ _BASIC = frozenset(
 #: Title of each further group, and how the names of its options begin.
 _GROUPS = {
     "Sampling": ("--sampling.", "--embedding.", "--cleaning."),
-    "Matching": ("--pairs", "--landmarks", "--refine", "--certify", "--matching.", "--dense.", "--unmatched-penalty"),
+    "Matching": ("--pairs", "--refine", "--certify", "--matching.", "--dense.", "--unmatched-penalty"),
     "Non-rigid matching": ("--deformation.", "--surface."),
     "Running": ("--jobs", "--store", "--scheduler", "--shape-time", "--pair-time", "--memory", "--strict", "--seed"),
 }

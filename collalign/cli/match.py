@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +13,7 @@ from collalign.nonrigid import NonrigidOptions, SurfaceOptions, match_shapes
 from collalign.nonrigid.page import vertices_map, write_match_page
 from collalign.nonrigid.pictures import draw_match
 from collalign.nonrigid.result import NonrigidMatch
-from collalign.options import AlignOptions
+from collalign.options import TwoShapeOptions
 from collalign.stages.pairs.match import pair_problem
 from collalign.stages.poses.refinement import dense_points
 from collalign.stages.shapes import sample_file, shape_task
@@ -26,7 +25,7 @@ from data_tools.io.shapes import read_shape
 from data_tools.options import CleaningOptions
 from pairwise.dense.refine import RefinedPose
 from pairwise.match import match_problem
-from pairwise.options import DenseOptions, MatchOptions
+from pairwise.options import DenseOptions
 from pairwise.results import Candidate, MatchResult
 
 #: The command whose files these are, in the manifest of an output folder.
@@ -42,7 +41,7 @@ def match(
     nonrigid: Annotated[bool, Parameter(negative=())] = False,
     num_matches: int | None = None,
     unmatched_penalty: float | None = None,
-    options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
+    options: Annotated[TwoShapeOptions, Parameter(name="*")] = TwoShapeOptions(),  # noqa: B008
     dense: DenseOptions = DenseOptions(),  # noqa: B008
     deformation: NonrigidOptions = NonrigidOptions(),  # noqa: B008
     surface: SurfaceOptions = SurfaceOptions(),  # noqa: B008
@@ -69,14 +68,13 @@ def match(
     if nonrigid:
         return _match_nonrigid(target, source, out or Path("."), deformation, surface)
     samples = [sample_file(shape_task(file, file.stem, options)) for file in (target, source)]
-    group = "O" if options.group == "O" else "SO"
     problem = pair_problem(
-        samples[0], samples[1], group, num_matches=num_matches, unmatched_penalty=unmatched_penalty
+        samples[0], samples[1], options.group, num_matches=num_matches, unmatched_penalty=unmatched_penalty
     )
     clouds = None
     if options.refine and options.sampling.num_dense_points:
         clouds = dense_points(samples[0]), dense_points(samples[1])
-    result = match_problem(problem, _matching(options), dense=clouds, dense_options=dense)
+    result = match_problem(problem, options.seeded(), dense=clouds, dense_options=dense)
     text = json.dumps(_record(target, source, samples, result), indent=1)
     print(text)
     if out is not None:
@@ -85,14 +83,6 @@ def match(
             (path,) = output.publish()
         print(path)
     return 0
-
-
-def _matching(options: AlignOptions) -> MatchOptions:
-    """Return how the pair is matched: ``--certify`` means the same as for a collection."""
-    matching = replace(options.matching, seed=options.seed)
-    if not options.certify:
-        return matching
-    return replace(matching, certify=True, time_limit_s=matching.time_limit_s or options.certify_pair_s)
 
 
 def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOptions, surface: SurfaceOptions) -> int:

@@ -34,6 +34,8 @@ from pairwise.tight.solve import solve_tight
 
 #: Changes whenever the same pair would give another proof.
 PROOF_VERSION = "proof-2"
+#: Relative gap between energy and bound at which a pose counts as proven.
+GAP_TOL = 1e-3
 #: A second pose within this factor of the best energy makes a pair worth proving.
 RIVAL_FACTOR = 1.25
 #: Share of a pair's time that its certificate may take at least, however long branch and bound took.
@@ -202,7 +204,7 @@ def _label(shapes: Shapes, pair: Pair) -> str:
 
 
 def _proof_key(shapes: Shapes, pair: Pair, options: AlignOptions) -> str:
-    settings = {"tol": options.matching.gap_tol, "time_limit_s": options.certify_pair_s}
+    settings = {"tol": GAP_TOL, "time_limit_s": options.certify_pair_s}
     key = pair_key(shapes.keys[pair.target], shapes.keys[pair.source], options)
     return fingerprint(PROOF_VERSION, settings, key)
 
@@ -213,6 +215,6 @@ def _task(shapes: Shapes, pair: Pair, options: AlignOptions) -> ProofTask:
         source_key=shapes.keys[pair.source],
         group=options.group,
         rotations=pair.rotations,
-        gap_tol=options.matching.gap_tol,
+        gap_tol=GAP_TOL,
         time_limit_s=options.certify_pair_s,
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
-from collalign.options import AlignOptions, AlignSession
+from collalign.options import AlignOptions, AlignSession, TwoShapeOptions
 from collalign.products.shapes import Excluded, Shapes
 from collalign.stages.stored_types import samples_from_record, samples_to_record
 from data_tools.arrays import read_only
@@ -122,7 +122,9 @@ def _excluded(file: Path, reason: str) -> Excluded:
     return Excluded(file=file.name, reason=reason)
 
 
-def shape_task(file: Path, name: str, options: AlignOptions, *, digest: str | None = None) -> ShapeTask:
+def shape_task(
+    file: Path, name: str, options: AlignOptions | TwoShapeOptions, *, digest: str | None = None
+) -> ShapeTask:
     """Return what has to be done for one file."""
     return ShapeTask(
         path=file.absolute(),

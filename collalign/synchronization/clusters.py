@@ -22,6 +22,12 @@ CLOSED = 8.0 * np.sin(np.deg2rad(15.0)) ** 2
 #: Eigenvalues of the normalised affinity below this are noise.
 LEAST_EIGENVALUE = 0.02
 
+#: Closed triangles that are added to every pair's count: no pair of shapes is without any affinity.
+PRIOR_CLOSED = 1e-3
+
+#: Affinities that are averaged into what is typical of a shape, and the least of it, relative to the largest.
+NUM_TYPICAL, LEAST_TYPICAL = 5, 1e-9
+
 #: Third shapes looked at per pair, at most.
 MAX_TRIANGLES = 64
 
@@ -113,7 +119,7 @@ def pair_affinity(graph: PairGraph) -> FloatArray:
             third = third[np.linspace(0, len(third) - 1, MAX_TRIANGLES).astype(np.int64)]
         around = rotation @ table[j, third].reshape(-1, dim, dim)
         apart = ((around.reshape(-1, dim * dim) - table[i, third]) ** 2).sum(axis=1)
-        affinity[i, j] = affinity[j, i] = (np.sum(apart <= CLOSED) + 1e-3) / (len(third) + 1.0)
+        affinity[i, j] = affinity[j, i] = (np.sum(apart <= CLOSED) + PRIOR_CLOSED) / (len(third) + 1.0)
     if graph.energies is not None:
         lowest = np.where(graph.present, graph.energies, np.inf).min(axis=1)
         trust = np.minimum(1.0, np.median(lowest) / np.maximum(lowest, 1e-300))
@@ -139,7 +145,7 @@ def spectral_clusters(affinity: FloatArray, num_clusters: int | None, max_cluste
     typical = _typical_affinity(affinity)
     scaled = affinity / np.sqrt(np.outer(typical, typical))
     degree = scaled.sum(axis=1)
-    spread = 1.0 / np.sqrt(np.maximum(degree, 1e-9 * max(degree.max(initial=0.0), 1e-300)))
+    spread = 1.0 / np.sqrt(np.maximum(degree, LEAST_TYPICAL * max(degree.max(initial=0.0), 1e-300)))
     values, vectors = eigh(spread[:, None] * scaled * spread)
     values, vectors = np.maximum(values[::-1], LEAST_EIGENVALUE), vectors[:, ::-1]
     if num_clusters is None:
@@ -153,10 +159,10 @@ def spectral_clusters(affinity: FloatArray, num_clusters: int | None, max_cluste
     return np.asarray(order[inverse.ravel()], dtype=np.int64)
 
 
-def _typical_affinity(affinity: FloatArray, num_nearest: int = 5) -> FloatArray:
+def _typical_affinity(affinity: FloatArray, num_nearest: int = NUM_TYPICAL) -> FloatArray:
     """Return the mean of the largest affinities of each shape, shape (N,)."""
     nearest = np.sort(affinity, axis=1)[:, -num_nearest:]
-    return np.maximum(nearest.mean(axis=1), 1e-9 * max(float(affinity.max(initial=0.0)), 1e-300))
+    return np.maximum(nearest.mean(axis=1), LEAST_TYPICAL * max(float(affinity.max(initial=0.0)), 1e-300))
 
 
 def _spread_rows(rows: FloatArray, count: int) -> FloatArray:

@@ -15,7 +15,7 @@ from collalign.align import align_collection
 from collalign.collection import AlignedCollection
 from collalign.engine.options import RunOptions
 from collalign.engine.store.records import Record
-from collalign.options import AlignOptions
+from collalign.options import AlignOptions, PairOptions
 from collalign.products.collection import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
@@ -27,7 +27,6 @@ from experiments.collections.landmarked import RIGHT_DEG, TEETH_FOLDER, read_dat
 from experiments.collections.posed import PosedCollection, pose_collection
 from experiments.experiment import Cell
 from experiments.peers.principal_axes import along_tree, axis_starts, closest_points, normalised_points
-from pairwise.options import MatchOptions
 
 #: The published rotations beside the teeth.
 PUBLISHED_FILE = "auto3dgm_rotations_baseline.npz"
@@ -72,7 +71,7 @@ def published_options(settings: dict[str, Any], group: str) -> AlignOptions:
         refine=False,
         sampling=SamplingOptions(num_points=settings["points"], num_dense_points=0),
         embedding=EmbeddingOptions(kind=settings["embedding"]),
-        matching=MatchOptions(strategy="relaxation", num_draws=0),
+        matching=PairOptions(strategy="relaxation", num_draws=0),
     )
 
 

@@ -366,14 +366,9 @@ def test_the_published_synchronization_runs_with_both_embeddings(
     assert any("No confidence" in note for note in published.notes)
 
 
-def test_sparse_pairs_and_landmarks_choose_other_pairs(folder: Path, tmp_path: Path) -> None:
+def test_sparse_pairs_are_fewer(folder: Path, tmp_path: Path) -> None:
     rng = np.random.default_rng(8)
     family = deformed_family(chair(rng, resolution=1), 16, rng, rms=0.02)
     write_collection(tmp_path, planted_collection(family, rng))
     quick = replace(OPTIONS, sampling=SamplingOptions(num_points=8, num_dense_points=0), pairs="sparse")
-    chosen = {}
-    for landmarks in (0, 3):
-        collection = align_collection(tmp_path, options=replace(quick, landmarks=landmarks), run=RunOptions(jobs=1))
-        chosen[landmarks] = {(pair.target, pair.source) for pair in collection.pairs}
-    assert len(chosen[0]) < 120
-    assert chosen[0] < chosen[3]
+    assert len(align_collection(tmp_path, options=quick, run=RunOptions(jobs=1)).pairs) < 120

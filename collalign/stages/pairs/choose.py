@@ -43,7 +43,7 @@ def choose_pairs(
     options, num = session.options, len(shapes.names)
     strategy, known = _strategy(num, options), _known(session, shapes, descriptors)
     if former is None:
-        return select_pairs(num, strategy=strategy, num_landmarks=options.landmarks, **known)
+        return select_pairs(num, strategy=strategy, **known)
     return _merged(former.edges, extend_pairs(former.num_shapes, num - former.num_shapes, strategy=strategy, **known))
 
 

@@ -1,4 +1,4 @@
-"""The parts of a pair selection: nearest neighbours, random partners by hashing, landmarks, and graph repair."""
+"""The parts of a pair selection: nearest neighbours, random partners by hashing, and graph repair."""
 
 from __future__ import annotations
 
@@ -89,22 +89,6 @@ def near_partners(points: FloatArray, shapes: IntArray, partners: IntArray, num:
     return np.concatenate(
         [np.stack([np.full(len(row), shape), row], axis=1) for shape, row in zip(shapes, rows, strict=True)]
     )
-
-
-def landmark_pairs(points: FloatArray, num_landmarks: int) -> IntArray:
-    """Return the pairs among farthest-point landmarks, and of every other shape with its nearest landmark."""
-    num = min(num_landmarks, len(points))
-    if num == 0:
-        return np.empty((0, 2), dtype=np.int64)
-    landmarks = [int(np.argmin(((points - np.median(points, axis=0)) ** 2).sum(axis=1)))]
-    distances = ((points - points[landmarks[0]]) ** 2).sum(axis=1)
-    while len(landmarks) < num:
-        landmarks.append(int(np.argmax(distances)))
-        distances = np.minimum(distances, ((points - points[landmarks[-1]]) ** 2).sum(axis=1))
-    chosen = np.array(landmarks, dtype=np.int64)
-    others = np.setdiff1d(np.arange(len(points)), chosen)
-    nearest = near_partners(points, others, chosen, 1)
-    return np.concatenate([chosen[all_pairs(num)], nearest])
 
 
 def without_bridges(num_shapes: int, edges: IntArray, points: FloatArray | None) -> IntArray:

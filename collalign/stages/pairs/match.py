@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.keys import fingerprint, pair_seed
@@ -139,5 +139,5 @@ def _task(shapes: Shapes, i: int, j: int, options: AlignOptions) -> PairTask:
         target_key=shapes.keys[i],
         source_key=shapes.keys[j],
         group=options.group,
-        options=replace(options.matching, seed=seed),
+        options=options.matching.seeded(seed),
     )

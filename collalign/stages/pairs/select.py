@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from collalign.stages.pairs.graph import (
     all_pairs,
     identity_hashes,
-    landmark_pairs,
     near_partners,
     normalised,
     pair_hashes,
@@ -43,7 +42,6 @@ def select_pairs(
     strategy: str = "all",
     descriptors: ArrayLike | None = None,
     degree: int = DEFAULT_DEGREE,
-    num_landmarks: int = 0,
     identities: Sequence[str] | None = None,
     seed: int = 0,
 ) -> IntArray:
@@ -58,9 +56,6 @@ def select_pairs(
         See :func:`collalign.stages.pairs.descriptor.shape_descriptor`. Without them all sparse partners are random.
     degree : int
         Wanted mean number of pairs per shape, half of them nearest neighbours; at least 4.
-    num_landmarks : int
-        So many shapes, far from one another in the descriptors, are also paired with each other, and every other
-        shape with the nearest of them: shorter chains for very large collections.
     identities : sequence of str, optional
         Name or content hash of each shape, so that the random partners do not depend on the order of the shapes or
         on how many there are; the indices by default.
@@ -81,23 +76,18 @@ def select_pairs(
     """
     if strategy not in STRATEGIES:
         raise OptionsError(f"strategy: expected one of {STRATEGIES}, got {strategy!r}")
-    if num_shapes < 0 or degree < 4 or num_landmarks < 0:
-        raise OptionsError(
-            f"expected num_shapes >= 0, degree >= 4, num_landmarks >= 0, got {num_shapes}, {degree}, {num_landmarks}"
-        )
+    if num_shapes < 0 or degree < 4:
+        raise OptionsError(f"expected num_shapes >= 0 and degree >= 4, got {num_shapes}, {degree}")
     if strategy == "all" or num_shapes <= degree + 1:
         return all_pairs(num_shapes)
     ids = identity_hashes(num_shapes, identities, seed)
     everyone = np.arange(num_shapes)
     if descriptors is None:
-        if num_landmarks:
-            raise OptionsError("num_landmarks: landmarks need descriptors")
         return without_bridges(num_shapes, random_partners(ids, everyone, everyone, degree // 2), None)
     points = _checked(descriptors, num_shapes)
     near = near_partners(points, everyone, everyone, _num_near(degree))
     random = random_partners(ids, everyone, everyone, (degree + 1) // 4)
-    hubs = landmark_pairs(points, num_landmarks)
-    return without_bridges(num_shapes, np.concatenate([near, random, hubs]), points)
+    return without_bridges(num_shapes, np.concatenate([near, random]), points)
 
 
 def adaptive_pairs(

@@ -20,6 +20,9 @@ from data_tools.arrays import FloatArray, IntArray, as_indices, as_points, read_
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
+#: Most that the distance to a label counts, relative to the strongest support by maps.
+NEARNESS_SHARE = 0.5
+
 #: Rounds of projected power iteration, at most.
 MAX_ROUNDS = 30
 
@@ -172,12 +175,12 @@ def _support(matches: csr_matrix, labels: IntArray, total: int) -> FloatArray:
 
 
 def _nearness(clouds: FloatArray, labels: IntArray, total: int, scale: float) -> FloatArray:
-    """Return support in [0, scale / 2] that falls with the distance to the mean of a label's members."""
+    """Return support up to ``NEARNESS_SHARE`` scale that falls with the distance to the mean of a label's members."""
     centres = _label_means(clouds, labels, total)
     squared = (clouds**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * clouds @ centres.T
     own = squared[np.arange(len(labels)), labels]
     typical = max(float(np.nanmedian(own)), 1e-300)
-    return np.nan_to_num(0.5 * max(scale, 1.0) * np.exp(-np.maximum(squared, 0.0) / (2.0 * typical)))
+    return np.nan_to_num(NEARNESS_SHARE * max(scale, 1.0) * np.exp(-np.maximum(squared, 0.0) / (2.0 * typical)))
 
 
 def _label_means(clouds: FloatArray, labels: IntArray, total: int) -> FloatArray:

@@ -4,6 +4,9 @@ A pair's likelihood at frames ``P`` is ``sum_k (1 - p_out) pi_k exp(-r_k^2 / (4 
 is the Frobenius distance of candidate k to ``P_i P_j^T`` (``r^2 / 2`` is the squared angle, for small angles),
 ``s_e`` the noise per axis and ``u_e`` the ratio of the uniform density on the group to the peak of the normal one.
 Everything in it is estimated from the pairs themselves: noise, share of outliers, what energies say of candidates.
+The priors and limits below hold where pairs are too few to say. They were set on the generated collections of
+``python -m tests.benchmarks.bench_synchronization``; ``python -m experiments calibrate model`` measures what the
+priors stand for on the public collections.
 """
 
 from __future__ import annotations
@@ -26,6 +29,25 @@ NOISE_RANGE_RAD = (1e-5, 0.35)
 
 #: Prior share of pairs without any right candidate, and the number of pairs that it counts for.
 PRIOR_OUTLIERS, PRIOR_OUTLIER_PAIRS = 0.1, 4.0
+
+#: Share of pairs without any right candidate is held between these.
+OUTLIER_RANGE = (1e-3, 0.9)
+
+#: Energies of pairs count within this factor of their median, either way.
+ENERGY_FACTOR = 100.0
+
+#: Pairs that state a constraint weigh this many times the heaviest other pair; the least weight of a pair.
+HELD_WEIGHT, LEAST_WEIGHT = 1e3, 1e-9
+
+#: Most of the right candidates that the frames may use up, when degrees of freedom are counted.
+SPENT_SHARE = 0.8
+
+#: The power of the energy that the noise follows: its limits, and the spread of log-energies and the number of right
+#: pairs from which on it is estimated.
+POWER_RANGE, LEAST_SPREAD, FEWEST_RIGHT = (0.0, 2.0), 0.1, 10.0
+
+#: Largest log-odds of the best candidate, and per unit of log-energy.
+MOST_LOG_ODDS = (6.0, 50.0)
 
 #: Prior log-odds of a pair's lowest energy against another candidate of median energy.
 PRIOR_LOG_ODDS = 1.5
@@ -131,7 +153,7 @@ class EdgeModel:
             graph=self.graph,
             noise_rad=noise,
             noise_power=power,
-            outliers=float(np.clip(outliers, 1e-3, 0.9)),
+            outliers=float(np.clip(outliers, *OUTLIER_RANGE)),
             best_log_odds=best,
             energy_slope=slope,
         )
@@ -167,23 +189,23 @@ def candidate_features(graph: PairGraph) -> FloatArray:
 
 
 def relative_energies(graph: PairGraph) -> FloatArray:
-    """Return each pair's lowest energy over their median, shape (E,), within a factor of 100; else ones."""
+    """Return each pair's lowest energy over their median, shape (E,), within :data:`ENERGY_FACTOR`; else ones."""
     if graph.energies is None or not (~graph.held).any():
         return np.ones(graph.num_edges)
     lowest = np.where(graph.present, graph.energies, np.inf).min(axis=1)
     middle = float(np.median(lowest[~graph.held]))
     if middle <= 0.0:
         return np.ones(graph.num_edges)
-    return np.where(graph.held, 0.01, np.clip(lowest / middle, 0.01, 100.0))
+    return np.where(graph.held, 1.0 / ENERGY_FACTOR, np.clip(lowest / middle, 1.0 / ENERGY_FACTOR, ENERGY_FACTOR))
 
 
 def relative_weights(graph: PairGraph) -> FloatArray:
-    """Return the caller's weights over their median, shape (E,); held pairs weigh a thousand times the heaviest."""
+    """Return the caller's weights over their median, shape (E,); held pairs weigh most, by ``HELD_WEIGHT``."""
     used = graph.weights[(graph.weights > 0) & ~graph.held]
     if not len(used):
         return np.ones(graph.num_edges)
-    scaled = np.maximum(graph.weights / np.median(used), 1e-9)
-    return np.where(graph.held, 1e3 * scaled[~graph.held].max(initial=1.0), scaled)
+    scaled = np.maximum(graph.weights / np.median(used), LEAST_WEIGHT)
+    return np.where(graph.held, HELD_WEIGHT * scaled[~graph.held].max(initial=1.0), scaled)
 
 
 def _fitted_noise(model: EdgeModel, share: FloatArray, squared: FloatArray) -> float:
@@ -192,7 +214,7 @@ def _fitted_noise(model: EdgeModel, share: FloatArray, squared: FloatArray) -> f
     dof = graph.dim * (graph.dim - 1) / 2.0
     share = share * ~graph.held[:, None]
     scaled = squared / 2.0 / (model.variances / model.noise_rad**2)[:, None]
-    spent = min(graph.num_shapes - 1, 0.8 * float(share.sum()))
+    spent = min(graph.num_shapes - 1, SPENT_SHARE * float(share.sum()))
     total = float((share * scaled).sum()) + PRIOR_PAIRS * dof * PRIOR_NOISE_RAD**2
     count = dof * (float(share.sum()) - spent) + PRIOR_PAIRS * dof
     return float(np.clip(np.sqrt(total / count), *NOISE_RANGE_RAD))
@@ -202,14 +224,14 @@ def _fitted_power(model: EdgeModel, share: FloatArray, squared: FloatArray) -> f
     """Return the power of the energy that the noise follows: regression of log distance on log energy."""
     energy = np.log(relative_energies(model.graph))
     right = share.sum(axis=1) * ~model.graph.held
-    if np.ptp(energy) < 0.1 or right.sum() < 10.0:
+    if np.ptp(energy) < LEAST_SPREAD or right.sum() < FEWEST_RIGHT:
         return 0.0
     distance = (share * squared).sum(axis=1) / np.maximum(right, 1e-12)
     height = 0.5 * np.log(np.maximum(distance, 1e-8))
     centre, level = np.average(energy, weights=right), np.average(height, weights=right)
     spread = float(right @ (energy - centre) ** 2)
     slope = float(right @ ((energy - centre) * (height - level))) / (spread + 1.0)
-    return float(np.clip(slope, 0.0, 2.0))
+    return float(np.clip(slope, *POWER_RANGE))
 
 
 def _fitted_candidates(model: EdgeModel, share: FloatArray, rounds: int = 10) -> tuple[float, float]:
@@ -230,7 +252,7 @@ def _fitted_candidates(model: EdgeModel, share: FloatArray, rounds: int = 10) ->
         gradient = totals @ mean - np.einsum("ek,ekf->f", counts, features) - precision * (value - prior)
         centred = features - mean[:, None]
         hessian = np.einsum("e,ek,ekf,ekg->fg", totals, chance, centred, centred) + precision * np.eye(2)
-        value = np.clip(value + np.linalg.solve(hessian, gradient), 0.0, [6.0, 50.0])
+        value = np.clip(value + np.linalg.solve(hessian, gradient), 0.0, MOST_LOG_ODDS)
     return float(value[0]), float(value[1])
 
 

@@ -17,7 +17,13 @@ from collalign.synchronization.doubt.confidence import Doubts, assess, doubt_sen
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.geometry import angles_rad, relative, transposed
 from collalign.synchronization.problem.graph import PairGraph
-from collalign.synchronization.problem.model import EdgeModel, best_candidates, squared_distances
+from collalign.synchronization.problem.model import (
+    HELD_WEIGHT,
+    LEAST_WEIGHT,
+    EdgeModel,
+    best_candidates,
+    squared_distances,
+)
 from collalign.synchronization.result import SynchronizationResult, WeakCut
 from collalign.synchronization.solvers.blocks import Cut
 from collalign.synchronization.solvers.least_squares import polish
@@ -26,6 +32,12 @@ from collalign.synchronization.solvers.signs import ChiralityResult, synchronize
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from pairwise.problem.pattern import RotationPattern
 from pairwise.status import Status
+
+#: Pairs whose right candidate is at least this probable agree with the answer.
+INLIER_PROBABILITY = 0.5
+
+#: How many times the variance of lowest candidates that of others is at most.
+MOST_VARIANCE = 10.0
 
 #: Kinds of candidates are told apart by their residuals where there are this many of each.
 FEWEST_PAIRS = 10.0
@@ -72,7 +84,7 @@ def solve_block(graph: PairGraph, held: Mapping[int, FloatArray]) -> BlockOutcom
         frames=frames,
         choice=choice,
         weights=weights,
-        inlier=best.model.responsibilities(squared_distances(graph, frames)).sum(axis=1) >= 0.5,
+        inlier=best.model.responsibilities(squared_distances(graph, frames)).sum(axis=1) >= INLIER_PROBABILITY,
         states=states,
         cuts=cuts,
         certificate=certify_frames(graph, graph.chosen(choice), weights, frames),
@@ -95,10 +107,10 @@ def refinement_weights(model: EdgeModel, squared: FloatArray, choice: IntArray) 
     variance = model.variances / model.noise_rad**2
     if min(share[lowest].sum(), share[~lowest].sum()) >= FEWEST_PAIRS:
         spread = [float(share[part] @ apart[part] / share[part].sum()) for part in (~lowest, lowest)]
-        variance = np.where(lowest, 1.0, np.clip(spread[0] / max(spread[1], 1e-12), 1.0, 10.0)) * variance
+        variance = np.where(lowest, 1.0, np.clip(spread[0] / max(spread[1], 1e-12), 1.0, MOST_VARIANCE)) * variance
     weights = share / variance**2
-    weights[graph.held] = 1e3 * weights[~graph.held].max(initial=1.0)
-    return np.maximum(weights / weights.max(), 1e-9)
+    weights[graph.held] = HELD_WEIGHT * weights[~graph.held].max(initial=1.0)
+    return np.maximum(weights / weights.max(), LEAST_WEIGHT)
 
 
 def restricted(graph: PairGraph, index: IntArray, choice: IntArray | None = None) -> PairGraph:

@@ -57,7 +57,9 @@ def test_entries_in_their_place_are_taken(folder: Path, capfd: pytest.CaptureFix
         (["--seed", "123456789012345678901234567890"], "seed: expected an integer from 0 to 2^63"),
         (["--memory-limit-gib", "1e300"], "memory_limit_gib: expected"),
         (["--pair-time-limit-s", "1e300"], "pair_time_limit_s: expected"),
-        (["--matching.seed", "3"], "matching.seed"),
+        (["--matching.seed", "3"], "set 'seed' instead"),
+        (["--landmarks=3"], "choose their pairs by themselves"),
+        (["--matching.num-rotations", "3"], "collalign match"),
     ],
 )
 def test_numbers_that_cannot_be_meant_are_refused(

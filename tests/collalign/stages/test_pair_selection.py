@@ -98,15 +98,6 @@ def test_shapes_of_the_same_identity_are_told_apart() -> None:
     assert len(edges) < 30 * 29 / 4
 
 
-def test_landmarks_shorten_the_paths(rng: np.random.Generator) -> None:
-    descriptors = rng.standard_normal((150, 3))
-    plain = select_pairs(150, strategy="sparse", descriptors=descriptors)
-    with_landmarks = select_pairs(150, strategy="sparse", descriptors=descriptors, num_landmarks=5)
-    assert as_set(plain) < as_set(with_landmarks)
-    length = nx.average_shortest_path_length
-    assert length(check_pairs(with_landmarks, 150)) < length(check_pairs(plain, 150))
-
-
 def test_repair_joins_parts_by_their_closest_shapes_and_removes_bridges() -> None:
     points = np.array([[0.0], [1.0], [2.0], [3.0], [4.0], [50.0]])
     parts = np.array([[0, 1], [1, 2], [0, 2], [3, 4]])
@@ -167,8 +158,6 @@ def test_extending_joins_new_shapes_to_old_ones(strategy: str, num_old: int, rng
     [
         {"strategy": "some"},
         {"degree": 3},
-        {"num_landmarks": -1},
-        {"num_landmarks": 2},
         {"identities": ["a"]},
     ],
 )
