@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collalign.align import align_collection
     from collalign.collection import AlignedCollection
+    from collalign.dense import dense_correspondence
     from collalign.engine.options import RunOptions
     from collalign.extend import add_to_collection
     from collalign.nonrigid import match_shapes
     from collalign.options import AlignOptions
     from collalign.synchronization import synchronize
+    from collalign.transfer import transfer_landmarks
 
 __version__ = version("collalign")
 
@@ -26,8 +28,10 @@ __all__ = [
     "RunOptions",
     "add_to_collection",
     "align_collection",
+    "dense_correspondence",
     "match_shapes",
     "synchronize",
+    "transfer_landmarks",
 ]
 
 #: Imported when first asked for: a worker process that needs one module of the package starts in a fifth of the time.
@@ -37,8 +41,10 @@ _HOMES = {
     "RunOptions": "collalign.engine.options",
     "add_to_collection": "collalign.extend",
     "align_collection": "collalign.align",
+    "dense_correspondence": "collalign.dense",
     "match_shapes": "collalign.nonrigid",
     "synchronize": "collalign.synchronization",
+    "transfer_landmarks": "collalign.transfer",
 }
 
 

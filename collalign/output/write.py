@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -144,19 +144,6 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
     }
 
 
-def aligned_shape(shape: Shape, transform: np.ndarray) -> Shape:
-    """Return a shape in the common frame; triangles are turned round where the transform mirrors.
-
-    Parameters
-    ----------
-    shape : Shape
-    transform : ndarray, shape (4, 4)
-    """
-    faces = shape.faces[:, ::-1] if np.linalg.det(transform[:3, :3]) < 0 else shape.faces
-    vertices = shape.vertices @ transform[:3, :3].T + transform[:3, 3]
-    return replace(shape, vertices=vertices, faces=np.ascontiguousarray(faces))
-
-
 def _write_tables(collection: Collection, output: OutputFolder) -> None:
     _write_text(output.stage(ALIGNMENT_FILE), json.dumps(alignment_record(collection), indent=1))
     _write_text(output.stage(RUN_FILE), json.dumps(_run_record(collection), indent=1))
@@ -189,7 +176,7 @@ def _write_shapes(
         """Read a shape, write its aligned copy and draw it, in the order of the collection."""
         i = next(order)
         shape = read_shape(file, collection.options.cleaning, name=collection.names[i], digest=collection.digests[i])
-        write_mesh(output.stage(MESH_FOLDER, f"{stems[i]}.ply"), aligned_shape(shape, collection.transforms[i]))
+        write_mesh(output.stage(MESH_FOLDER, f"{stems[i]}.ply"), shape.transformed(collection.transforms[i]))
         if i in drawn:
             tiles.append(tile_of(shape, collection.transforms[i], float(collection.confidence[i])))
         return shape

@@ -58,6 +58,8 @@ class CollectionView:
         Warnings about the collection as a whole, one sentence each.
     doubt_threshold : float
         Shapes of smaller confidence are called doubtful.
+    landmark_names : tuple of str
+        What the rows of ``samples`` are called; ``L1``, ``L2``, ... where nothing is given.
     """
 
     names: tuple[str, ...]
@@ -78,10 +80,13 @@ class CollectionView:
     cycle_errors_deg: FloatArray = field(default_factory=lambda: np.zeros(0))
     notes: tuple[str, ...] = ()
     doubt_threshold: float = 0.5
+    landmark_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Fill what may be left out and check that everything speaks of the same N shapes."""
         num = len(self.names)
+        if not self.landmark_names:
+            object.__setattr__(self, "landmark_names", tuple(f"L{at + 1}" for at in range(self.samples.shape[1])))
         if not self.alternatives:
             object.__setattr__(self, "alternatives", ((),) * num)
         if not len(self.groups):
@@ -108,6 +113,10 @@ class CollectionView:
             )
         if not np.isfinite(self.transforms).all() or (np.abs(np.linalg.det(self.transforms[:, :3, :3])) == 0).any():
             raise InputError("transforms: singular, NaN or infinite")
+        if len(self.landmark_names) != self.samples.shape[1]:
+            raise InputError(
+                f"landmark_names: {len(self.landmark_names)} names for {self.samples.shape[1]} landmarks"
+            )
         for pair in self.pairs:
             if not (0 <= pair.target < num and 0 <= pair.source < num and pair.target != pair.source):
                 raise InputError(f"pairs: ({pair.target}, {pair.source}) is not a pair of {num} shapes")
@@ -139,9 +148,16 @@ class CollectionView:
 
     @property
     def centroid_sizes(self) -> FloatArray:
-        """Square root of the summed squared distances of samples from their centroid, in file units, shape (N,)."""
-        centred = self.samples - np.nanmean(self.samples, axis=1, keepdims=True)
-        return np.sqrt(np.nansum(centred**2, axis=(1, 2)))
+        """Square root of the summed squared distances of samples from their centroid, in file units, shape (N,).
+
+        NaN where a shape has no samples.
+        """
+        known = np.asarray(np.isfinite(self.samples).all(axis=2))
+        counts = known.sum(axis=1)
+        filled = np.where(known[..., None], self.samples, 0.0)
+        centres = filled.sum(axis=1) / np.maximum(counts, 1)[:, None]
+        squares = np.where(known, ((filled - centres[:, None]) ** 2).sum(axis=2), 0.0).sum(axis=1)
+        return np.asarray(np.sqrt(np.where(counts > 0, squares, np.nan)))
 
     def index(self, name: str) -> int:
         """Position of a shape.

@@ -64,6 +64,13 @@ def read_landmarks(path: Path | str) -> Landmarks:
     return landmarks
 
 
+def specimen_of(path: Path | str) -> str:
+    """Return the name of the specimen that a landmark file belongs to: the file's name without its suffix."""
+    name = Path(path).name
+    suffix = next((suffix for suffix in _READERS if name.lower().endswith(suffix)), Path(path).suffix)
+    return name[: len(name) - len(suffix)]
+
+
 def read_vertex_indices(path: Path | str, *, num_vertices: int) -> IntArray:
     """Read the first column of a table as vertex indices, shape (l,) (``.pid`` files).
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_tools.arrays import FloatArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.surface.shape import Shape
 
 
-def outward_normals(shape: Shape) -> FloatArray:
+def outward_normals(shape: Shape, *, max_defects: float = 0.0) -> FloatArray:
     """Return unit vertex normals, area-weighted over the triangles, shape (v, 3).
 
     They point away from the inside: all are turned round where the signed volume over the centroid is negative, as in
@@ -18,22 +18,32 @@ def outward_normals(shape: Shape) -> FloatArray:
     Parameters
     ----------
     shape : Shape
+    max_defects : float
+        Share of edges that may be run through twice in the same direction; decimation leaves a few such.
     """
-    if not shape.is_mesh or not is_consistently_oriented(shape):
+    if not shape.is_mesh or orientation_defects(shape) > max_defects:
         return np.empty((0, 3))
     corners = shape.vertices[shape.faces] - shape.vertices.mean(axis=0)
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    if (doubled * corners[:, 0]).sum() < 0:
-        doubled = -doubled
-    normals = np.zeros(shape.vertices.shape)
-    for corner in range(3):
-        np.add.at(normals, shape.faces[:, corner], doubled)
+    inside_out = bool((doubled * corners[:, 0]).sum() < 0)
+    return vertex_normals(shape.vertices, shape.faces[:, ::-1] if inside_out else shape.faces)
+
+
+def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return unit vertex normals on the side from which triangles turn left, shape (v, 3); zero where there are none.
+
+    Triangles count by their area.
+    """
+    corners = vertices[faces]
+    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    at, each = faces.T.ravel(), np.tile(doubled, (3, 1))
+    normals = np.stack([np.bincount(at, weights=column, minlength=len(vertices)) for column in each.T], axis=1)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals / np.where(lengths > 0, lengths, 1.0)
+    return np.asarray(normals / np.where(lengths > 0, lengths, 1.0))
 
 
-def is_consistently_oriented(shape: Shape) -> bool:
-    """Return whether no two triangles run through an edge in the same direction."""
+def orientation_defects(shape: Shape) -> float:
+    """Return the share of directed edges that more than one triangle runs through: 0 where all agree on a side."""
     directed = np.concatenate([shape.faces[:, [0, 1]], shape.faces[:, [1, 2]], shape.faces[:, [2, 0]]])
     keys = directed[:, 0] * len(shape.vertices) + directed[:, 1]
-    return len(np.unique(keys)) == len(keys)
+    return 1.0 - len(np.unique(keys)) / len(keys)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -78,3 +78,14 @@ class Shape:
     def centroid_size(self) -> float:
         """Square root of the summed squared distances of the vertices from their centroid."""
         return float(np.linalg.norm(self.vertices - self.vertices.mean(axis=0)))
+
+    def transformed(self, transform: FloatArray) -> Shape:
+        """Return the shape elsewhere; triangles are turned round where the transform mirrors.
+
+        Parameters
+        ----------
+        transform : ndarray, shape (4, 4)
+        """
+        faces = self.faces[:, ::-1] if np.linalg.det(transform[:3, :3]) < 0 else self.faces
+        vertices = self.vertices @ transform[:3, :3].T + transform[:3, 3]
+        return replace(self, vertices=read_only(vertices), faces=read_only(np.ascontiguousarray(faces)))

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 #: Name of the store that a result's folder holds unless another one is named.
 STORE_FILE = "store.sqlite"
 #: Kinds of records, each a table; ``measurements`` are the cells of an experiment's tables.
-KINDS = ("shapes", "pairs", "proofs", "surfaces", "evidence", "measurements")
+KINDS = ("shapes", "pairs", "proofs", "surfaces", "evidence", "registrations", "measurements")
 #: Raised whenever the tables or the encoding of records change.
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 #: Marks an SQLite file as a store ("cola").
 APPLICATION_ID = 0x636F6C61
 #: Of the file, in bytes: two records of 64 points fit a page, where SQLite's default would leave a third empty.

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from collalign.output.exports.request import ExportRequest
-from collalign.output.write import aligned_shape
 from data_tools.io.output_folder import file_stems
 from data_tools.io.shapes import write_mesh
 
@@ -19,7 +18,7 @@ def writer(ending: str) -> Callable[[ExportRequest], tuple[Path, ...]]:
         transforms = request.transforms()
         stems = file_stems(request.view.names)
         return tuple(
-            write_mesh(request.path(f"{stem}.{ending}"), aligned_shape(request.source_shape(at), transforms[at]))
+            write_mesh(request.path(f"{stem}.{ending}"), request.source_shape(at).transformed(transforms[at]))
             for at, stem in enumerate(stems)
         )
 

@@ -73,7 +73,7 @@ class ExportRequest:
         Returns
         -------
         labels : tuple of str
-            ``L1``, ``L2``, ... by the collection's label; Procrustes coordinates leave out incomplete ones.
+            As the collection calls them; Procrustes coordinates leave out incomplete ones.
         coordinates : ndarray, shape (N, k, 3)
             NaN where a shape has no such landmark.
 
@@ -82,7 +82,7 @@ class ExportRequest:
         InputError
             If too few landmarks are common to all shapes for Procrustes coordinates.
         """
-        labels = np.array([f"L{at + 1}" for at in range(self.view.samples.shape[1])])
+        labels = np.array(self.view.landmark_names, dtype=object)
         if self.space != "procrustes":
             T = self.transforms()
             moved = self.view.samples @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]

@@ -68,7 +68,7 @@ def result_tables(request: ExportRequest) -> dict[str, Table]:
     except InputError:
         return tables
     superimposed = generalized_procrustes(request.view.aligned_samples[:, common])
-    labels = [f"L{at + 1}_{axis}" for at in np.flatnonzero(common) for axis in "xyz"]
+    labels = [f"{request.view.landmark_names[at]}_{axis}" for at in np.flatnonzero(common) for axis in "xyz"]
     flat = superimposed.aligned.reshape(len(superimposed.aligned), -1)
     names = list(request.view.names)
     tables["procrustes_coordinates"] = {"name": names} | dict(zip(labels, flat.T.tolist(), strict=True))

@@ -1,0 +1,71 @@
+"""``collalign transfer``: landmarks of a few specimens carried to all others."""
+
+from __future__ import annotations
+
+from dataclasses import replace as with_changes
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+from collalign.cli.align import INCOMPLETE, progress_display
+from collalign.cli.interruption import resumable
+from collalign.engine.options import RunOptions
+from collalign.engine.store.layout import STORE_FILE
+from collalign.output.evidence.file import load_view
+from collalign.output.exports import FORMATS, Space
+from collalign.output.exports import export as write_export
+from collalign.output.transfer import left_out_summary, write_transfer
+from collalign.products.transfer import TransferredLandmarks
+from collalign.transfer import transfer_landmarks
+from data_tools.errors import InputError
+
+
+def transfer(
+    result: Path,
+    *,
+    landmarks: Annotated[list[Path], Parameter(consume_multiple=True)],
+    to: Path,
+    format: Annotated[str, Parameter(help=f"One of {', '.join(FORMATS)}.")] = "slicer-json",
+    space: Space = "raw",
+    leave_one_out: Annotated[bool, Parameter(negative=())] = False,
+    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+) -> int:
+    """Carry landmarks from the specimens that have them to all others.
+
+    Parameters
+    ----------
+    result
+        Folder that ``collalign align`` wrote.
+    landmarks
+        Landmark files (.mrk.json, .fcsv, .csv), each called like the shape it belongs to.
+    to
+        Folder for the landmarks of all shapes and transfer.csv with an error radius for each.
+    space
+        Coordinates: those of the files, the common frame, that in the units of the files, or Procrustes superimposed.
+    leave_one_out
+        Predict every specimen that has landmarks from the others, and write and print how far off that is.
+    """
+    if leave_one_out and len(landmarks) < 2:
+        raise InputError("--leave-one-out: one landmark file cannot be predicted from others; give at least two")
+    store = run.store or result / STORE_FILE
+    with resumable(store):
+        found = transfer_landmarks(result, landmarks, run=with_changes(run, store=store), progress=progress_display())
+    view = with_changes(load_view(result), samples=found.points, landmark_names=found.labels, pairs=())
+    paths = write_export(view, format, to, space=space)
+    for path in (*paths, *write_transfer(found, to, landmarks, leave_one_out=leave_one_out)):
+        print(path)
+    return _summarise(found, leave_one_out=leave_one_out)
+
+
+def _summarise(found: TransferredLandmarks, *, leave_one_out: bool) -> int:
+    """Print what came out and return the exit code."""
+    if leave_one_out:
+        print(left_out_summary(found))
+    missing = np.isnan(found.points).any(axis=2).sum(axis=1)
+    for name, count, status in zip(found.names, missing.tolist(), found.status, strict=True):
+        if count:
+            reasons = sorted({reason for reason in status if reason.startswith("abstained")})
+            print(f"{name}: {count} of {len(found.labels)} landmarks left out; {', '.join(reasons)}")
+    return INCOMPLETE if missing.any() else 0

@@ -1,0 +1,87 @@
+"""Dense correspondence of an aligned collection."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from collalign.engine.options import RunOptions
+from collalign.engine.session import ProgressFactory, Session
+from collalign.options import options_from_record
+from collalign.output.evidence.file import load_view
+from collalign.output.write import ALIGNMENT_FILE
+from collalign.products.dense import DenseCorrespondence
+from collalign.products.evidence import CollectionView
+from collalign.registration.mean import medoid
+from collalign.registration.options import RegistrationOptions
+from collalign.stages.dense import PosedFile, correspond
+from data_tools.errors import InputError
+from data_tools.io.source import hash_source
+from data_tools.options import CleaningOptions
+
+
+def dense_correspondence(
+    result: str | Path,
+    *,
+    options: RegistrationOptions | None = None,
+    run: RunOptions | None = None,
+    progress: ProgressFactory | None = None,
+) -> DenseCorrespondence:
+    """Lay one triangulation onto every shape of a result, by smooth registration from the poses.
+
+    A mean surface, which belongs to no specimen, is made and registered to every shape: closest points both ways,
+    normals, a Gaussian-process field, coarse to fine. What has no counterpart pulls nothing. See
+    :func:`collalign.registration.register.register`.
+
+    Parameters
+    ----------
+    result : path
+        Folder that ``collalign align`` wrote. Of several groups of shapes, which are not aligned with each
+        other, only the largest is registered.
+    options : RegistrationOptions, optional
+    run : RunOptions, optional
+        With a store, finished registrations are kept.
+    progress : callable, optional
+
+    Raises
+    ------
+    InputError
+        If the folder holds no result.
+    UnavailableError
+        If an original file is missing.
+    CollectionError
+        If fewer than two shapes can be registered.
+    """
+    view = load_view(result)
+    cleaning = _cleaning(Path(result))
+    members = largest_group(view)
+    files = [
+        PosedFile(
+            name=view.names[at],
+            path=Path(view.files[at]),
+            digest=hash_source(view.files[at]),
+            transform=view.transforms[at],
+            cleaning=cleaning,
+        )
+        for at in members
+    ]
+    samples = [view.aligned_samples[at] for at in members]
+    reference = medoid([cloud[np.isfinite(cloud).all(axis=1)] for cloud in samples])
+    with Session.open(options or RegistrationOptions(), run or RunOptions(), progress) as session:
+        return correspond(session, files, reference)
+
+
+def largest_group(view: CollectionView) -> list[int]:
+    """Return the shapes of the largest group, the first of several, in order."""
+    numbers, counts = np.unique(view.groups, return_counts=True)
+    return np.flatnonzero(view.groups == numbers[counts.argmax()]).tolist()
+
+
+def _cleaning(result: Path) -> CleaningOptions:
+    record = result / ALIGNMENT_FILE
+    try:
+        return options_from_record(json.loads(record.read_text("utf-8"))["options"]).cleaning
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{record}: not the summary of an alignment ({error})") from None

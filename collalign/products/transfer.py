@@ -1,0 +1,49 @@
+"""Landmarks carried from a few specimens to a whole collection."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from data_tools.arrays import FloatArray
+
+#: What became of a landmark.
+PLACED, CARRIED, DOUBTFUL_POSE, NOT_REGISTERED, UNKNOWN = (
+    "placed by an expert",
+    "carried over",
+    "abstained: the pose is doubtful",
+    "abstained: the shape is not registered",
+    "abstained: no template has it",
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TransferredLandmarks:
+    """Landmarks on every specimen. Arrays are read-only, lengths in the unit of each specimen's file.
+
+    Attributes
+    ----------
+    names : tuple of str, length N
+        All shapes of the collection.
+    labels : tuple of str, length l
+    points : ndarray, shape (N, l, 3)
+        In file coordinates; NaN where the transfer abstained. A template keeps its own.
+    radii : ndarray, shape (N, l)
+        Nine of ten landmarks are at most so far from where an expert would put them, on specimens like the templates;
+        0 for a template's own, NaN where fewer than four templates allow no calibration.
+    status : tuple of tuple of str
+        What became of each landmark of each shape.
+    templates : tuple of str
+    left_out_errors : ndarray, shape (t, l)
+        Distance of each template's landmark from the one predicted by the other templates; NaN with one template.
+    left_out_radii : ndarray, shape (t, l)
+        What was predicted for them, calibrated on the other templates alone.
+    """
+
+    names: tuple[str, ...]
+    labels: tuple[str, ...]
+    points: FloatArray
+    radii: FloatArray
+    status: tuple[tuple[str, ...], ...]
+    templates: tuple[str, ...]
+    left_out_errors: FloatArray
+    left_out_radii: FloatArray

@@ -1,0 +1,194 @@
+"""Landmarks of a few specimens carried to all others of an aligned collection, with calibrated error radii."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from collalign.dense import dense_correspondence
+from collalign.engine.options import RunOptions
+from collalign.engine.session import ProgressFactory
+from collalign.landmarks.carry import Template, on_surface, template
+from collalign.landmarks.fusion import fuse
+from collalign.landmarks.radii import Calibration, calibrate, radii
+from collalign.output.evidence.file import load_view
+from collalign.products.dense import DenseCorrespondence
+from collalign.products.evidence import CollectionView
+from collalign.products.transfer import CARRIED, DOUBTFUL_POSE, NOT_REGISTERED, PLACED, UNKNOWN, TransferredLandmarks
+from collalign.registration.options import RegistrationOptions
+from data_tools.arrays import FloatArray, read_only
+from data_tools.errors import InputError
+from data_tools.io.landmarks import Landmarks, read_landmarks, specimen_of
+from data_tools.io.shapes import read_shape
+from data_tools.surface.closest import SurfaceLocator
+
+
+def transfer_landmarks(
+    result: str | Path,
+    landmarks: Mapping[str, Landmarks] | Sequence[str | Path],
+    *,
+    options: RegistrationOptions | None = None,
+    run: RunOptions | None = None,
+    progress: ProgressFactory | None = None,
+) -> TransferredLandmarks:
+    """Carry landmarks from the specimens that have them to all others.
+
+    Parameters
+    ----------
+    result : path
+        Folder that ``collalign align`` wrote.
+    landmarks : mapping of name to Landmarks, or sequence of path
+        In file coordinates. A file ``A.mrk.json``, ``A.fcsv`` or ``A.csv`` belongs to the shape called A.
+    options : RegistrationOptions, optional
+    run : RunOptions, optional
+    progress : callable, optional
+
+    Raises
+    ------
+    InputError
+        If a file belongs to no shape, or two templates have no landmark in common.
+    CollectionError
+        If the shapes cannot be registered.
+
+    Notes
+    -----
+    Shapes of confidence below the result's threshold get no landmarks.
+    """
+    view = load_view(result)
+    given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks)
+    labels, known = template_points(view, given)
+    dense = dense_correspondence(result, options=options, run=run, progress=progress)
+    return _Transfer(view, dense, labels, known).run()
+
+
+def read_templates(paths: Sequence[str | Path]) -> dict[str, Landmarks]:
+    """Read landmark files; the shape that each belongs to is the file's name without its suffix.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or two belong to one shape.
+    """
+    read: dict[str, Landmarks] = {}
+    for path in map(Path, paths):
+        name = specimen_of(path)
+        if name in read:
+            raise InputError(f"{path}: a second landmark file of the specimen {name!r}")
+        read[name] = read_landmarks(path)
+    return read
+
+
+def template_points(
+    view: CollectionView, given: Mapping[str, Landmarks]
+) -> tuple[tuple[str, ...], dict[str, FloatArray]]:
+    """Return the labels of all templates together and each template's landmarks in that order, NaN where it has none.
+
+    Raises
+    ------
+    InputError
+        If there is no template, one belongs to no shape, names a landmark twice, or shares none with the first.
+    """
+    if not given:
+        raise InputError("landmarks: no landmark file is given")
+    labels = tuple(dict.fromkeys(label for marks in given.values() for label in marks.labels))
+    points: dict[str, FloatArray] = {}
+    for name, marks in given.items():
+        view.index(name)
+        if len(set(marks.labels)) < len(marks.labels):
+            twice = next(label for label in marks.labels if marks.labels.count(label) > 1)
+            raise InputError(f"{name}: two landmarks are called {twice!r}; give each a name of its own")
+        first = next(iter(given.values()))
+        if not set(marks.labels) & set(first.labels):
+            raise InputError(f"{name}: none of its landmarks is called as any of {next(iter(given))}")
+        points[name] = np.full((len(labels), 3), np.nan)
+        points[name][[labels.index(label) for label in marks.labels]] = marks.points
+    return labels, points
+
+
+class _Transfer:
+    """One transfer: the collection, its dense correspondence, and the templates on it."""
+
+    def __init__(
+        self, view: CollectionView, dense: DenseCorrespondence, labels: tuple[str, ...], known: dict[str, FloatArray]
+    ) -> None:
+        self._view, self._dense, self._labels, self._known = view, dense, labels, known
+        self._rows = {name: row for row, name in enumerate(dense.names)}
+        centred = dense.mean - dense.mean.mean(axis=0)
+        radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
+        self._templates = [
+            template(
+                self._rows[name], self._posed(name, points), dense.vertices[self._rows[name]], dense.faces, radius
+            )
+            for name, points in known.items()
+            if name in self._rows
+        ]
+        if not self._templates:
+            raise InputError("landmarks: none of the specimens with landmarks could be registered")
+        self._scale = {name: float(scale) for name, scale in zip(view.names, view.scales, strict=True)}
+
+    def run(self) -> TransferredLandmarks:
+        """Predict every specimen, and every template from the others."""
+        errors, spreads = self._leave_one_out()
+        calibration = calibrate(errors, spreads)
+        found = [self._specimen(name, calibration) for name in self._view.names]
+        names = tuple(self._dense.names[item.shape] for item in self._templates)
+        unit = np.array([self._scale[name] for name in names])[:, None]
+        without = [calibrate(np.delete(errors, at, 0), np.delete(spreads, at, 0)) for at in range(len(errors))]
+        radius = np.array([radii(one, row) for one, row in zip(without, spreads, strict=True)])
+        return TransferredLandmarks(
+            names=self._view.names,
+            labels=self._labels,
+            points=read_only(np.stack([points for points, _, _ in found])),
+            radii=read_only(np.stack([radius for _, radius, _ in found])),
+            status=tuple(status for _, _, status in found),
+            templates=names,
+            left_out_errors=read_only(errors / unit),
+            left_out_radii=read_only(radius / unit),
+        )
+
+    def _leave_one_out(self) -> tuple[FloatArray, FloatArray]:
+        """Errors and spreads of every template predicted from the others, in the common frame, shape (t, l)."""
+        shape = (len(self._templates), len(self._labels))
+        if len(self._templates) < 2:
+            return np.full(shape, np.nan), np.full(shape, np.nan)
+        errors, spreads = [], []
+        for at, item in enumerate(self._templates):
+            name = self._dense.names[item.shape]
+            points, deviation = self._predict(name, self._templates[:at] + self._templates[at + 1 :])
+            errors.append(np.linalg.norm(points - self._posed(name, self._known[name]), axis=1))
+            spreads.append(deviation)
+        return np.array(errors), np.array(spreads)
+
+    def _specimen(self, name: str, calibration: Calibration) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+        """Points and radii in the file's unit and what became of each landmark."""
+        own = self._known.get(name, np.full((len(self._labels), 3), np.nan))
+        placed = np.isfinite(own).all(axis=1)
+        points, radius = np.array(own), np.where(placed, 0.0, np.nan)
+        reason = self._abstention(name)
+        if reason is None and not placed.all():
+            predicted, spreads = self._predict(name, self._templates)
+            inverse = np.linalg.inv(self._view.transforms[self._view.index(name)])
+            points[~placed] = (predicted @ inverse[:3, :3].T + inverse[:3, 3])[~placed]
+            radius[~placed] = radii(calibration, spreads)[~placed] / self._scale[name]
+        there = np.isfinite(points).all(axis=1)
+        words = np.where(placed, PLACED, np.where(there, CARRIED, reason or UNKNOWN))
+        return points, radius, tuple(words.tolist())
+
+    def _abstention(self, name: str) -> str | None:
+        if name not in self._rows:
+            return NOT_REGISTERED
+        doubtful = self._view.confidence[self._view.index(name)] < self._view.doubt_threshold
+        return DOUBTFUL_POSE if doubtful else None
+
+    def _predict(self, name: str, templates: list[Template]) -> tuple[FloatArray, FloatArray]:
+        """Landmarks of a specimen and their spread, in the common frame."""
+        row, at = self._rows[name], self._view.index(name)
+        points, spreads = fuse(templates, row, self._dense.vertices, self._dense.quality)
+        shape = read_shape(self._view.files[at], name=name).transformed(self._view.transforms[at])
+        return on_surface(points, templates, SurfaceLocator(shape.vertices, shape.faces)), spreads
+
+    def _posed(self, name: str, points: FloatArray) -> FloatArray:
+        T = self._view.transforms[self._view.index(name)]
+        return np.asarray(points @ T[:3, :3].T + T[:3, 3])

@@ -1,0 +1,82 @@
+"""Radii hold as often as they say where errors are as the theory assumes, and fusion follows its weights."""
+
+import numpy as np
+
+from collalign.landmarks.carry import carried, on_surface, template
+from collalign.landmarks.fusion import fuse, template_weights
+from collalign.landmarks.radii import COVERAGE, MIN_TEMPLATES, calibrate, radii, spread
+from data_tools.datasets.synthetic_shapes import sphere_mesh
+from data_tools.surface.closest import SurfaceLocator
+
+
+def simulated(rng: np.random.Generator, num: int) -> np.ndarray:
+    """Return errors of landmarks of very different difficulty, shape (num, 30)."""
+    return np.abs(rng.standard_normal((num, 30))) * np.geomspace(0.05, 2, 30)
+
+
+def test_nine_of_ten_new_landmarks_lie_within_their_radius() -> None:
+    rng = np.random.default_rng(0)
+    inside = []
+    for _ in range(40):
+        errors = simulated(rng, 8)
+        calibration = calibrate(errors, np.zeros_like(errors))
+        inside.append(simulated(rng, 40) <= radii(calibration, np.zeros(30)))
+    assert abs(np.mean(inside) - COVERAGE) < 0.03
+
+
+def test_radii_tell_hard_landmarks_from_easy_ones() -> None:
+    errors = simulated(np.random.default_rng(1), 8)
+    radius = radii(calibrate(errors, np.zeros_like(errors)), np.zeros(30))
+    assert np.corrcoef(np.log(radius), np.arange(30))[0, 1] > 0.9
+
+
+def test_a_wrong_scale_would_be_noticed() -> None:
+    """The check of the coverage fails for radii that are too small by half."""
+    rng = np.random.default_rng(2)
+    errors = simulated(rng, 8)
+    radius = radii(calibrate(errors, np.zeros_like(errors)), np.zeros(30))
+    assert np.mean(simulated(rng, 400) <= 0.5 * radius) < COVERAGE - 0.1
+
+
+def test_too_few_templates_give_no_radius() -> None:
+    errors = simulated(np.random.default_rng(3), MIN_TEMPLATES - 1)
+    assert np.isnan(radii(calibrate(errors, np.zeros_like(errors)), np.zeros(30))).all()
+
+
+def test_missing_landmarks_count_for_nothing() -> None:
+    errors = simulated(np.random.default_rng(4), 8)
+    errors[2, 5] = np.nan
+    errors[:, 7] = np.nan
+    radius = radii(calibrate(errors, np.zeros_like(errors)), np.zeros(30))
+    assert np.isnan(radius[7])
+    assert np.isfinite(np.delete(radius, 7)).all()
+
+
+def test_the_spread_is_the_weighted_standard_deviation() -> None:
+    said = np.array([[[0.0, 0, 0]], [[1.0, 0, 0]], [[np.nan] * 3]])
+    assert np.isclose(spread(said, np.array([[0.5], [0.5], [0.0]]))[0], 0.5)
+    assert np.isclose(spread(said, np.array([[1.0], [0.0], [0.0]]))[0], 0.0)
+
+
+def test_templates_nearer_to_the_specimen_count_more() -> None:
+    mean, faces = sphere_mesh(200)
+    vertices = np.stack([mean, 1.1 * mean, 1.5 * mean])
+    marks = mean[[3, 50]]
+    templates = [template(0, marks, vertices[0], faces, 1.0), template(2, 1.5 * marks, vertices[2], faces, 1.0)]
+    weights = template_weights(templates, 1, vertices, np.ones((3, 200)))
+    assert (weights[0] > weights[1]).all()
+    np.testing.assert_allclose(weights.sum(axis=0), 1)
+    points, spreads = fuse(templates, 1, vertices, np.ones((3, 200)))
+    np.testing.assert_allclose(points, 1.1 * marks, atol=1e-9)
+    np.testing.assert_allclose(spreads, 0, atol=1e-6)
+
+
+def test_a_landmark_inside_keeps_its_offset_and_one_on_the_surface_is_put_there() -> None:
+    mean, faces = sphere_mesh(200)
+    marks = np.stack([0.5 * mean[7], 1.01 * mean[9], [np.nan] * 3])
+    found = template(0, marks, mean, faces, 1.0)
+    on_sphere = on_surface(carried([found], mean)[0], [found], SurfaceLocator(mean, faces))
+    np.testing.assert_allclose(on_sphere[0], marks[0], atol=1e-9)
+    np.testing.assert_allclose(on_sphere[1], mean[9], atol=1e-6)
+    assert np.isnan(on_sphere[2]).all()
+    assert (template_weights([found], 0, mean[None], np.ones((1, 200)))[:, 2] == 0).all()

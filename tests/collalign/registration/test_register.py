@@ -1,0 +1,134 @@
+"""Registration on generated shapes whose true correspondence is known."""
+
+import numpy as np
+import pytest
+
+from collalign.registration.field import SmoothField
+from collalign.registration.mean import medoid
+from collalign.registration.options import RegistrationOptions
+from collalign.registration.register import MIN_VOLUME_CHANGE, register
+from collalign.registration.surface import RegistrationSurface
+from data_tools.arrays import FloatArray
+from data_tools.datasets.synthetic import bumped, shuffled
+from data_tools.datasets.synthetic_shapes import crown, figure
+from data_tools.errors import InputError, OptionsError
+from data_tools.surface.shape import Shape
+
+FEW = RegistrationOptions(num_centres=200, num_points=800)
+
+
+def surface(shape: Shape) -> RegistrationSurface:
+    return RegistrationSurface.from_shape(shape, FEW.num_points)
+
+
+def error(target: Shape, found: FloatArray) -> float:
+    """Return the mean distance of vertices from where they truly are, in root mean square radii."""
+    radius = np.sqrt(((target.vertices - target.vertices.mean(axis=0)) ** 2).sum(axis=1).mean())
+    return float(np.linalg.norm(found - target.vertices, axis=1).mean() / radius)
+
+
+@pytest.fixture(scope="module")
+def pair() -> tuple[Shape, Shape]:
+    source = crown(np.random.default_rng(0))
+    return bumped(source, np.random.default_rng(10), rms=0.04), source
+
+
+def test_a_smoothly_deformed_copy_is_found_again(pair: tuple[Shape, Shape]) -> None:
+    target, source = pair
+    found = register(surface(target), surface(source), FEW)
+    before = error(target, source.vertices)
+    assert error(target, found.vertices) < 0.6 * before
+    assert np.median(found.residual) < 0.1 * before
+    assert found.field.volume_change(source.vertices[::5]).min() > 0
+
+
+def test_the_order_of_the_vertices_does_not_matter(pair: tuple[Shape, Shape]) -> None:
+    target, source = pair
+    other, order = shuffled(target, np.random.default_rng(3))
+    plain, mixed = (register(surface(t), surface(source), FEW) for t in (target, other))
+    np.testing.assert_allclose(mixed.vertices, plain.vertices, atol=1e-6)
+    assert len(order) == len(target.vertices)
+
+
+def test_a_shape_on_itself_stays() -> None:
+    shape = figure()
+    found = register(surface(shape), surface(shape), FEW)
+    assert error(shape, found.vertices) < 1e-6
+    assert found.residual.max() < 1e-6
+    assert found.stiffness == 1.0
+
+
+def test_size_and_place_of_both_shapes_do_not_matter(pair: tuple[Shape, Shape]) -> None:
+    target, source = pair
+    plain = register(surface(target), surface(source), FEW).vertices
+    larger = [Shape.from_arrays(50 * s.vertices + 7, s.faces) for s in pair]
+    np.testing.assert_allclose((register(*map(surface, larger), FEW).vertices - 7) / 50, plain, atol=1e-4)
+    assert source.is_mesh
+
+
+def test_a_part_without_counterpart_is_not_pulled(pair: tuple[Shape, Shape]) -> None:
+    """Half of the target is cut away: the other half must not crowd at the rim."""
+    target, source = pair
+    kept = target.vertices[target.faces].mean(axis=1)[:, 0] > 0
+    half = Shape.from_arrays(target.vertices, target.faces[kept])
+    used = np.unique(half.faces)
+    half = Shape.from_arrays(target.vertices[used], np.searchsorted(used, half.faces))
+    found = register(surface(half), surface(source), FEW)
+    lost = np.setdiff1d(np.arange(len(source.vertices)), used)
+    far = lost[target.vertices[lost, 0] < -0.3]
+    assert found.quality[far].mean() < 0.2 < 0.5 < found.quality[used].mean()
+    assert np.linalg.norm(found.vertices[far] - source.vertices[far], axis=1).mean() < 0.2
+
+
+def test_clouds_are_registered_by_positions(pair: tuple[Shape, Shape]) -> None:
+    target, source = pair
+    clouds = [Shape.from_arrays(shape.vertices) for shape in (target, source)]
+    found = register(*map(surface, clouds), FEW)
+    assert error(target, found.vertices) < error(target, source.vertices)
+
+
+def test_nothing_folds_where_correspondences_would_cross() -> None:
+    """A thin plate is asked to shrink to a fifth and to reach far: the stiffness has to rise."""
+    source = crown(np.random.default_rng(4))
+    target = Shape.from_arrays(source.vertices * [0.15, 1.6, 1.0], source.faces)
+    found = register(surface(target), surface(source), FEW)
+    assert found.field.volume_change(source.vertices).min() >= 0.5 * MIN_VOLUME_CHANGE
+
+
+def test_the_jacobian_is_that_of_the_displacement() -> None:
+    rng = np.random.default_rng(5)
+    field = SmoothField(
+        centres=rng.random((20, 3)), weights=rng.normal(size=(20, 3)), widths=(0.5, 0.2), amplitudes=(0.3, 0.2)
+    )
+    points, step = rng.random((6, 3)), 1e-6
+    columns = [(field.moved(points + step * e) - field.moved(points - step * e)) / (2 * step) for e in np.eye(3)]
+    np.testing.assert_allclose(field.volume_change(points), np.linalg.det(np.stack(columns, axis=2)), rtol=1e-5)
+
+
+def test_the_medoid_is_in_the_middle() -> None:
+    cloud = np.random.default_rng(6).random((50, 3))
+    assert medoid([cloud, cloud + 0.4, cloud + 0.8]) == 1
+    assert medoid([cloud, cloud]) == 0
+
+
+def test_impossible_options_are_refused() -> None:
+    for wrong in (
+        {"widths": ()},
+        {"amplitudes": (0.1,)},
+        {"noise": (0.1, 0.0)},
+        {"num_centres": 2},
+        {"tangential": 1.5},
+        {"min_cosine": 1.0},
+    ):
+        with pytest.raises(OptionsError):
+            RegistrationOptions(**wrong)
+
+
+def test_surfaces_that_face_each_other_nowhere_are_refused() -> None:
+    """A patch seen from above and one seen from below have no normals in common."""
+    grid = np.array([[x, y, 0.05 * x * y] for x in range(5) for y in range(5)], dtype=float)
+    cells = [(5 * x + y, 5 * x + y + 5, 5 * x + y + 1) for x in range(4) for y in range(4)]
+    patch = RegistrationSurface.from_shape(Shape.from_arrays(grid, cells), 20)
+    below = RegistrationSurface(**{**vars(patch), "faces": patch.faces[:, ::-1]})
+    with pytest.raises(InputError, match="no point"):
+        register(below, patch, FEW)

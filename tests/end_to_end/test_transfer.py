@@ -1,0 +1,165 @@
+"""Landmarks carried over a generated collection whose true places are known, as a user does it."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import collalign
+from collalign.cli import main
+from collalign.output.evidence.file import load_view, save_view
+from collalign.products.transfer import CARRIED, DOUBTFUL_POSE, PLACED
+from data_tools.arrays import FloatArray
+from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
+from data_tools.embedding.sampling import farthest_points
+from data_tools.errors import InputError
+from data_tools.io.landmarks import Landmarks, read_landmarks
+from data_tools.options import SamplingOptions
+
+NUM_SHAPES = 6
+#: Before it is bumped and posed: its corners are landmarks.
+BASE = chair(np.random.default_rng(7), resolution=2)
+LANDMARK_VERTICES = farthest_points(BASE, 6, metric="euclidean")
+#: Standard deviation of an expert's hand, in root mean square radii.
+HAND = 0.02
+
+
+def true_landmarks(planted: PlantedCollection) -> FloatArray:
+    """Return every shape's landmarks in its own coordinates, shape (N, l, 3)."""
+    rows = [[int(np.flatnonzero(origin == v)[0]) for v in LANDMARK_VERTICES] for origin in planted.origins]
+    return np.stack([shape.vertices[row] for shape, row in zip(planted.shapes, rows, strict=True)])
+
+
+def radius(points: FloatArray) -> float:
+    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def errors(found: FloatArray, planted: PlantedCollection) -> FloatArray:
+    """Return the distances from the truth in root mean square radii, shape (N, l)."""
+    units = np.array([radius(shape.vertices) for shape in planted.shapes])
+    return np.asarray(np.linalg.norm(found - true_landmarks(planted), axis=2) / units[:, None])
+
+
+def slicer_file(path: Path, points: FloatArray, labels: Sequence[str]) -> Path:
+    controls = [{"label": label, "position": point.tolist()} for label, point in zip(labels, points, strict=True)]
+    path.write_text(json.dumps({"markups": [{"type": "Fiducial", "controlPoints": controls}]}))
+    return path
+
+
+@pytest.fixture(scope="module")
+def planted() -> PlantedCollection:
+    rng = np.random.default_rng(7)
+    family = deformed_family(BASE, NUM_SHAPES, rng, rms=0.01)
+    return planted_collection(family, rng, scale_range=(0.5, 2.0))
+
+
+@pytest.fixture(scope="module")
+def result(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("shapes")
+    write_collection(folder, planted)
+    options = collalign.AlignOptions(sampling=SamplingOptions(num_points=24))
+    out = tmp_path_factory.mktemp("out") / "aligned"
+    collalign.align_collection(folder, options=options, run=collalign.RunOptions(jobs=1)).save(out, report=False)
+    return out
+
+
+@pytest.fixture(scope="module")
+def run(result: Path) -> collalign.RunOptions:
+    return collalign.RunOptions(jobs=1, store=result / "store.sqlite")
+
+
+@pytest.fixture(scope="module")
+def templates(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("landmarks")
+    labels = [f"tip {i}" for i in range(len(LANDMARK_VERTICES))]
+    rng = np.random.default_rng(8)
+    files = []
+    for shape, points in list(zip(planted.shapes, true_landmarks(planted), strict=True))[:5]:
+        shaken = points + HAND * radius(shape.vertices) * rng.standard_normal(points.shape)
+        files.append(slicer_file(folder / f"{shape.name}.mrk.json", shaken, labels))
+    return files
+
+
+def test_landmarks_of_one_specimen_reach_all_others(
+    result: Path, templates: list[Path], planted: PlantedCollection, run: collalign.RunOptions
+) -> None:
+    found = collalign.transfer_landmarks(result, templates[:1], run=run)
+    np.testing.assert_array_equal(found.points[0], read_landmarks(templates[0]).points)
+    assert np.median(errors(found.points, planted)[1:]) < 3 * HAND
+    assert found.status[0] == (PLACED,) * 6
+    assert found.status[1] == (CARRIED,) * 6
+    assert np.isnan(found.radii[1:]).all()
+
+
+def test_several_templates_err_less_and_know_by_how_much(
+    result: Path, templates: list[Path], planted: PlantedCollection, run: collalign.RunOptions
+) -> None:
+    one = collalign.transfer_landmarks(result, templates[:1], run=run)
+    five = collalign.transfer_landmarks(result, templates, run=run)
+    assert errors(five.points, planted)[-1].mean() < 0.8 * errors(one.points, planted)[-1].mean()
+    assert np.isfinite(five.radii).all()
+    assert five.left_out_errors.shape == (5, 6)
+    inside = five.left_out_errors <= five.left_out_radii
+    assert 0.6 <= inside.mean() <= 1
+
+
+def test_the_command_writes_landmarks_tables_and_a_plot(
+    result: Path,
+    templates: list[Path],
+    planted: PlantedCollection,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    to = tmp_path / "all"
+    words = ["transfer", str(result), "--landmarks", *map(str, templates), "--to", str(to), "--leave-one-out"]
+    assert main([*words, "--jobs", "1"]) == 0
+    last = read_landmarks(to / f"{planted.shapes[-1].name}.mrk.json")
+    assert last.labels == tuple(f"tip {i}" for i in range(6))
+    found = np.array(true_landmarks(planted))
+    found[-1] = last.points
+    assert errors(found, planted)[-1].mean() < 3 * HAND
+    rows = list(csv.DictReader((to / "transfer.csv").open()))
+    assert len(rows) == 6 * NUM_SHAPES
+    assert float(rows[-1]["radius"]) > 0
+    left_out = list(csv.DictReader((to / "leave_one_out.csv").open()))
+    assert len(left_out) == 30
+    assert (to / "leave_one_out.png").read_bytes().startswith(b"\x89PNG")
+    assert "30 landmarks of 5 templates" in capsys.readouterr().out
+
+
+def test_a_doubtful_pose_gets_no_landmarks(
+    result: Path, templates: list[Path], tmp_path: Path, run: collalign.RunOptions, capsys: pytest.CaptureFixture[str]
+) -> None:
+    doubted = tmp_path / "doubted"
+    doubted.mkdir()
+    view = load_view(result)
+    save_view(replace(view, confidence=np.array([1.0] * (NUM_SHAPES - 1) + [0.2])), doubted)
+    (doubted / "alignment.json").write_bytes((result / "alignment.json").read_bytes())
+    to = tmp_path / "all"
+    words = ["transfer", str(doubted), "--landmarks", str(templates[0]), "--to", str(to), "--jobs", "1"]
+    assert main([*words, "--store", str(run.store), "--format", "tps"]) == 3
+    assert DOUBTFUL_POSE in capsys.readouterr().out
+    assert (to / "landmarks.tps").read_text().count("NaN") == 18
+
+
+def test_what_cannot_be_used_is_named(
+    result: Path, templates: list[Path], tmp_path: Path, run: collalign.RunOptions
+) -> None:
+    stranger = slicer_file(tmp_path / "stranger.mrk.json", np.zeros((1, 3)), ["a"])
+    with pytest.raises(InputError, match="stranger"):
+        collalign.transfer_landmarks(result, [stranger], run=run)
+    with pytest.raises(InputError, match="second landmark file"):
+        collalign.transfer_landmarks(result, [templates[0], templates[0]], run=run)
+    name = templates[0].name.removesuffix(".mrk.json")
+    twice = Landmarks(labels=("a", "a"), points=np.zeros((2, 3)))
+    with pytest.raises(InputError, match="two landmarks"):
+        collalign.transfer_landmarks(result, {name: twice}, run=run)
+    with pytest.raises(InputError, match="no landmark file"):
+        collalign.transfer_landmarks(result, [], run=run)
