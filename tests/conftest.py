@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,3 +26,12 @@ def shared_data() -> Path:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20161)
+
+
+@pytest.fixture
+def open3d() -> Any:
+    """Open3D; the test skips where it is missing, or the system lacks a library that it loads."""
+    try:
+        return import_module("open3d")
+    except (ImportError, OSError) as error:
+        pytest.skip(f"the extra open3d cannot be imported here: {error}")

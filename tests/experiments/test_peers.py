@@ -133,8 +133,8 @@ def test_spectral_synchronization_recovers_and_rejects(rng: np.random.Generator)
     assert worst_deg(spectral(replace(pairs, transforms=pairs.transforms[::-1])), true) > 30
 
 
+@pytest.mark.usefixtures("open3d")
 def test_the_pose_graph_prunes_a_loop_but_trusts_the_chain(rng: np.random.Generator) -> None:
-    pytest.importorskip("open3d", reason="needs the extra open3d")
     true = np.stack([random_rotation(rng) for _ in range(6)])
     pairs = matched(true, rng)
     assert worst_deg(open3d_pose_graph(pairs), true) < 1e-4
@@ -144,8 +144,8 @@ def test_the_pose_graph_prunes_a_loop_but_trusts_the_chain(rng: np.random.Genera
         assert (worst_deg(open3d_pose_graph(replace(pairs, transforms=transforms)), true) < 1) == is_right
 
 
+@pytest.mark.usefixtures("open3d")
 def test_open3d_matches_copies(crowns: PlantedCollection, rng: np.random.Generator) -> None:
-    pytest.importorskip("open3d", reason="needs the extra open3d")
     copies = planted_collection([replace(crowns.shapes[0], name=f"copy{i}") for i in range(2)], rng)
     (transform,) = open3d_pairs(copies.shapes, 1).transforms
     assert rotation_angle_deg(transform[:3, :3].copy(), copies.relative_rotation(0, 1)) < 5

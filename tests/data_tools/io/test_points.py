@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -147,8 +148,7 @@ def test_compressed_pcd_asks_for_the_missing_package(tmp_path: Path, monkeypatch
         read_shape(tmp_path / "a.pcd")
 
 
-def test_compressed_pcd_written_by_open3d_is_read(tmp_path: Path, rng: np.random.Generator) -> None:
-    open3d = pytest.importorskip("open3d", reason="needs the extra open3d")
+def test_compressed_pcd_written_by_open3d_is_read(tmp_path: Path, rng: np.random.Generator, open3d: Any) -> None:
     points = rng.standard_normal((50, 3))
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
     for name, options in (("z", {"compressed": True}), ("b", {}), ("a", {"write_ascii": True})):

@@ -136,9 +136,9 @@ def test_all_left_out_is_said() -> None:
     np.testing.assert_array_equal(refined.R_target_source, np.eye(3))
 
 
+@pytest.mark.usefixtures("open3d")
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_point_to_plane_recovers_and_keeps_scale_and_chirality(mirrored: bool, rng: np.random.Generator) -> None:
-    pytest.importorskip("open3d")
     points, normals = some_shape(800)
     turn = random_rotation(rng) @ (np.diag([1.0, 1.0, -1.0]) if mirrored else np.eye(3))
     source = DensePoints.from_user(0.5 * (points @ turn) + [0.2, 0.0, 0.1])
