@@ -31,6 +31,9 @@ from data_tools.arrays import (
 from data_tools.errors import InputError, OptionsError
 from pairwise.problem.pattern import PatternLike, RotationPattern
 
+#: So few points of more coordinates each are taken for the columns of a (3, n) array.
+MOST_COLUMN_DIM = 3
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
@@ -104,13 +107,18 @@ class Problem:
         Raises
         ------
         InputError
-            If shapes disagree, k > n, or no injective map lies inside the candidates.
+            If shapes disagree, k > n, no injective map lies inside the candidates, or the points look like columns.
         OptionsError
             If both forms of partial matching are asked for, or one of them with an impossible value.
         """
         q = as_points(target, "target")
         p = as_points(source, "source", dim=q.shape[1])
         n, k = len(q), len(p)
+        if rotation_pattern is None and max(n, k) <= MOST_COLUMN_DIM < q.shape[1]:
+            raise InputError(
+                f"target and source: {n} and {k} points of {q.shape[1]} coordinates; points are rows, give target.T "
+                f"and source.T (rotation_pattern=({q.shape[1]},) says that they really have so many)"
+            )
         if k > n:
             raise InputError(f"source has {k} points, target {n}: the map is injective, so k <= n; swap the two")
         w = as_weights(weights, "weights", num=k)

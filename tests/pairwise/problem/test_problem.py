@@ -108,3 +108,12 @@ def test_impossible_problems_are_refused(rng: np.random.Generator) -> None:
         Problem.from_user(q, p, candidates=crowded)
     with pytest.raises(InputError, match="invariants of the source"):
         Problem.from_user(q, p, invariants=(np.ones((4, 2)), np.ones((3, 1))))
+
+
+def test_points_as_columns_are_refused_with_the_way_out(rng: np.random.Generator) -> None:
+    columns = rng.standard_normal((3, 60))
+    with pytest.raises(InputError, match=r"target\.T"):
+        Problem.from_user(columns, columns)
+    assert Problem.from_user(columns, columns, rotation_pattern=(60,)).dim == 60
+    assert Problem.from_user(columns.T, columns.T).dim == 3
+    assert Problem.from_user(columns[:, :3], columns[:, :3]).num_source == 3
