@@ -170,7 +170,7 @@ def align_listing(
         groups=solution.groups,
         excluded=(*shapes.excluded, *failed),
         skipped=tuple(readable_name(path) for path in listing.skipped),
-        notes=(*solution.warnings, *filter(None, notes), *_unknown_confidence(solution.confidence)),
+        notes=(*solution.warnings, *shapes.notes, *filter(None, notes), *_unknown_confidence(solution.confidence)),
         shape_notes=tuple(item.notes for item in samples),
         options=asked,
         group=choice.group,

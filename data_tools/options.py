@@ -16,6 +16,8 @@ Normalisation = Literal["centroid", "area", "none"]
 EmbeddingKind = Literal["xyz", "xyz+lb", "xyz+invariants", "all"]
 #: Where farthest point sampling starts.
 Seeds = Literal["agd", "centroid"]
+#: Fewer points than this do not determine a pose.
+MIN_POINTS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +40,8 @@ class SamplingOptions:
     """Which points represent a shape."""
 
     num_points: int = 64
-    """Samples per shape, matched exactly. 20 are quick, 64 are right more often."""
+    """Samples per shape, matched exactly. 20 are quick, 64 are right more often. Collections of point sets that have
+    fewer points are matched at those that they have."""
 
     metric: Metric = "auto"
     """Distance of farthest point sampling; "auto" is geodesic on closed surfaces (reaches the tips of limbs) and
@@ -63,7 +66,7 @@ class SamplingOptions:
         _check_choice("metric", self.metric, get_args(Metric))
         _check_choice("seeds", self.seeds, get_args(Seeds))
         _check_choice("normalisation", self.normalisation, get_args(Normalisation))
-        _check_count("num_points", self.num_points, lower=4)
+        _check_count("num_points", self.num_points, lower=MIN_POINTS)
         _check_count("num_dense_points", self.num_dense_points, lower=0)
         _check_count("max_faces", self.max_faces, lower=1000)
         _check_count("max_cloud_points", self.max_cloud_points, lower=1000)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +42,8 @@ class Shapes:
         Keys of the shapes' records in the store.
     samples : tuple of Samples
     excluded : tuple of Excluded
+    notes : tuple of str
+        What was done otherwise than asked for.
     """
 
     names: tuple[str, ...]
@@ -50,6 +52,18 @@ class Shapes:
     keys: tuple[str, ...]
     samples: tuple[Samples, ...]
     excluded: tuple[Excluded, ...]
+    notes: tuple[str, ...] = ()
+
+    def some(self, chosen: Sequence[int]) -> Shapes:
+        """Return some of the shapes, by position."""
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in chosen),
+            files=tuple(self.files[i] for i in chosen),
+            digests=tuple(self.digests[i] for i in chosen),
+            keys=tuple(self.keys[i] for i in chosen),
+            samples=tuple(self.samples[i] for i in chosen),
+        )
 
     def label(self, i: int, j: int) -> str:
         """Return what a pair of shapes is called in messages."""

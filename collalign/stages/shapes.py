@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
@@ -12,13 +15,16 @@ from collalign.products.shapes import Excluded, Shapes
 from collalign.stages.stored_types import samples_from_record, samples_to_record
 from data_tools.arrays import read_only
 from data_tools.embedding.embedding import Samples, sample_shape
+from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import FolderListing, read_shape
 from data_tools.io.source import hash_source
-from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
+from data_tools.options import MIN_POINTS, CleaningOptions, EmbeddingOptions, SamplingOptions
 
 #: Changes whenever the same file and options would give other samples.
 SHAPE_VERSION = "shape-6"
+#: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
+SMALLEST_SHARE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,9 +66,16 @@ def prepare_shape(task: ShapeTask) -> Record:
 
 
 def sample_file(task: ShapeTask) -> Samples:
-    """Read, clean, sample and embed one shape; ``vertex_indices`` count the vertices of the file."""
+    """Read, clean, sample and embed one shape; ``vertex_indices`` count the vertices of the file.
+
+    A shape of fewer points than ``sampling.num_points`` is sampled at all that it has.
+    """
     shape = read_shape(task.path, task.cleaning, name=task.name, digest=task.digest)
-    samples = sample_shape(shape, task.sampling, task.embedding)
+    surface = WorkingSurface(shape, task.sampling)
+    num = len(surface.shape.vertices)
+    fewer = MIN_POINTS <= num < task.sampling.num_points
+    sampling = replace(task.sampling, num_points=num) if fewer else task.sampling
+    samples = sample_shape(shape, sampling, task.embedding, surface=surface)
     if shape.source_indices is None:
         return samples
     return replace(samples, vertex_indices=read_only(shape.source_indices[samples.vertex_indices]))
@@ -85,7 +98,54 @@ def prepare_shapes(session: AlignSession, listing: FolderListing) -> Shapes:
     StoreError
         If a record is damaged.
     """
-    options = session.options
+    asked = session.options.sampling.num_points
+    shapes = _prepare(session, listing, session.options)
+    num = common_num_points([len(item.vertex_indices) for item in shapes.samples], asked)
+    if num < asked:
+        fewer = replace(session.options.sampling, num_points=num)
+        shapes = _prepare(session, listing, replace(session.options, sampling=fewer))
+        note = f"Shapes are matched at {num} points instead of {asked}: most have fewer than {asked}."
+        shapes = replace(shapes, notes=(note,))
+    shapes = _with_enough(shapes, num, strict=session.options.strict)
+    if len(shapes.names) < 2:
+        reasons = "".join(f"\n  {item.file}: {item.reason}" for item in shapes.excluded)
+        raise CollectionError(
+            f"{len(shapes.names)} readable shapes, at least two are needed to align a collection{reasons}"
+        )
+    return shapes
+
+
+def common_num_points(counts: Sequence[int], asked: int) -> int:
+    """Return at how many points all shapes are matched.
+
+    As many as asked for, unless most shapes have fewer: then as many as the smallest of them has. Shapes of less than
+    half of the median do not count, or one damaged file would leave hardly any points for all others.
+
+    Parameters
+    ----------
+    counts : sequence of int
+        Points of each shape.
+    asked : int
+    """
+    few = np.sort(np.minimum(counts, asked))
+    median = int(few[(len(few) - 1) // 2]) if len(few) else asked
+    return int(few[few >= SMALLEST_SHARE * median][0]) if median < asked else asked
+
+
+def _with_enough(shapes: Shapes, num: int, *, strict: bool) -> Shapes:
+    """Leave out the shapes of fewer points than all others are matched at."""
+    counts = [len(item.vertex_indices) for item in shapes.samples]
+    small = [i for i, count in enumerate(counts) if count < num]
+    reasons = [f"{counts[i]} points, {num} samples were asked for (sampling.num_points)" for i in small]
+    if strict and small:
+        raise InputError(f"{shapes.files[small[0]]}: {reasons[0]}")
+    left_out = tuple(_excluded(shapes.files[i], reason) for i, reason in zip(small, reasons, strict=True))
+    kept = shapes.some([i for i in range(len(counts)) if i not in small])
+    return replace(kept, excluded=shapes.excluded + left_out)
+
+
+def _prepare(session: AlignSession, listing: FolderListing, options: AlignOptions) -> Shapes:
+    """Read, clean, sample and embed every file, each at as many points as asked for or as it has."""
     keyed, excluded = shape_keys(listing, options)
     tasks = {
         item.key: (item.file.name, shape_task(item.file, name, options, digest=item.digest))
@@ -100,9 +160,6 @@ def prepare_shapes(session: AlignSession, listing: FolderListing) -> Shapes:
     )
     good = {name: item for name, item in keyed.items() if item.key not in failures}
     excluded += [_excluded(item.file, failures[item.key].reason) for item in keyed.values() if item.key in failures]
-    if len(good) < 2:
-        reasons = "".join(f"\n  {item.file}: {item.reason}" for item in excluded)
-        raise CollectionError(f"{len(good)} readable shapes, at least two are needed to align a collection{reasons}")
     return Shapes(
         names=tuple(good),
         files=tuple(item.file.absolute() for item in good.values()),

@@ -102,7 +102,9 @@ def surface_operators(shape: Shape) -> SurfaceOperators:
         If a point cloud has too few points, or the operator is not finite.
     """
     if not shape.is_mesh and len(shape.vertices) <= NUM_NEIGHBOURS:
-        raise InputError(f"{shape.name}: {len(shape.vertices)} points are too few for a surface")
+        raise InputError(
+            f"{shape.name}: {len(shape.vertices)} points are too few for a surface; embedding.kind xyz needs none"
+        )
     if shape.is_mesh and _is_good(shape.vertices, shape.faces):
         operators = cotangent_laplacian(shape.vertices, shape.faces)
     else:

@@ -126,14 +126,7 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
 def _evenly_spaced(shapes: Shapes, num: int) -> tuple[Shapes, IntArray]:
     """Return so many of the shapes, evenly spaced in their order, and their positions."""
     chosen = np.linspace(0, len(shapes.names) - 1, num).round().astype(np.int64)
-    some = replace(
-        shapes,
-        names=tuple(shapes.names[i] for i in chosen),
-        files=tuple(shapes.files[i] for i in chosen),
-        keys=tuple(shapes.keys[i] for i in chosen),
-        samples=tuple(shapes.samples[i] for i in chosen),
-    )
-    return some, chosen
+    return shapes.some(chosen.tolist()), chosen
 
 
 def nearest_pairs(edges: IntArray, descriptors: FloatArray, num_partners: int) -> IntArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +16,10 @@ from collalign.engine.session import Session
 from collalign.engine.store.store import Store
 from collalign.products.shapes import Excluded, Shapes
 from collalign.stages import shapes as stage
-from collalign.stages.shapes import prepare_shapes
+from collalign.stages.shapes import common_num_points, prepare_shapes
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import read_folder, write_mesh
-from data_tools.options import SamplingOptions
+from data_tools.options import EmbeddingOptions, SamplingOptions
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0))
 
@@ -30,9 +31,9 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "shapes"
 
 
-def prepare(folder: Path, store: Path | None = None, **run: float) -> Shapes:
+def prepare(folder: Path, store: Path | None = None, aligning: AlignOptions = OPTIONS, **run: float) -> Shapes:
     options = RunOptions(jobs=1, store=store or folder.parent / "store", **run)  # type: ignore[arg-type]
-    with Session.open(OPTIONS, options) as session:
+    with Session.open(aligning, options) as session:
         return prepare_shapes(session, read_folder(folder))
 
 
@@ -117,3 +118,31 @@ def test_a_raised_memory_limit_is_noticed(folder: Path) -> None:
         (failure,) = store.failures("shapes").values()
         assert failure.crashed, failure.reason
         assert store.missing("shapes", store.failures("shapes")) == list(store.failures("shapes"))
+
+
+def test_point_sets_of_fewer_points_are_matched_at_those_they_have(tmp_path: Path, rng: np.random.Generator) -> None:
+    for name, num in (("a", 10), ("b", 9), ("c", 11), ("damaged", 4), ("huge", 50)):
+        np.savetxt(tmp_path / f"{name}.xyz", rng.standard_normal((num, 3)))
+    shapes = prepare(tmp_path, tmp_path / "store", replace(OPTIONS, embedding=EmbeddingOptions(kind="xyz")))
+    assert shapes.names == ("a", "b", "c", "huge")
+    assert [sorted(item.vertex_indices) for item in shapes.samples][1] == list(range(9))
+    assert {len(item.vertex_indices) for item in shapes.samples} == {9}
+    assert "9 points instead of 12" in shapes.notes[0]
+    assert shapes.excluded[0].file == "damaged.xyz"
+    assert "4 points, 9 samples were asked for" in shapes.excluded[0].reason
+
+
+def test_a_few_small_point_sets_do_not_coarsen_all(folder: Path, rng: np.random.Generator) -> None:
+    np.savetxt(folder / "few.xyz", rng.standard_normal((10, 3)))
+    shapes = prepare(folder, aligning=replace(OPTIONS, embedding=EmbeddingOptions(kind="xyz")))
+    assert not shapes.notes
+    assert shapes.excluded[0].file == "few.xyz"
+    assert {len(item.vertex_indices) for item in shapes.samples} == {12}
+
+
+def test_the_number_of_points_follows_the_typical_shape() -> None:
+    assert common_num_points([41] * 9 + [3], 64) == 41
+    assert common_num_points([39, 45, 41, 64], 64) == 39
+    assert common_num_points([41, 64, 64], 64) == 64
+    assert common_num_points([41, 64], 64) == 41
+    assert common_num_points([], 64) == 64
