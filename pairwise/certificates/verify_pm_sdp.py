@@ -182,7 +182,7 @@ def _eigenvalue_floor(matrix: FloatArray) -> float:
     margin = 4.0 * (size + 2) * size * _EPS * magnitude
     floor = float(np.linalg.eigvalsh(matrix)[0])
     for _ in range(60):
-        trial = floor - margin if floor < 2.0 * margin else 0.9 * floor - margin
+        trial = floor - 2.0 * margin if floor < 4.0 * margin else 0.9 * floor - margin
         try:
             np.linalg.cholesky(matrix - (trial + margin) * np.eye(size))
         except np.linalg.LinAlgError:

@@ -1,0 +1,115 @@
+"""Evidence for a map, masks and the graph operator, on numbers that are known."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from collalign.nonrigid.evidence import FLOOR, Evidence, _commutativity_gap, _curvature_gap, paired_forms
+from collalign.nonrigid.masks import candidate_mask, descriptor_gaps
+from collalign.nonrigid.options import NonrigidOptions
+from collalign.nonrigid.surface.graph_operator import GAUSSIAN_WIDTH, NUM_NEIGHBOURS, _weights, graph_spectrum
+from data_tools.datasets.synthetic_shapes import sphere_mesh
+from data_tools.embedding.sampling import farthest_points
+from data_tools.surface.geodesics import GeodesicSolver
+from data_tools.surface.shape import Shape
+
+
+def evidence(**values: float) -> Evidence:
+    fields = dict.fromkeys(("curvature", "commutativity", "roughness", "coverage", "bijectivity"), 0.1)
+    return Evidence(**{**fields, "orientation": 1.0, **values})
+
+
+def test_the_score_adds_logarithms_and_counts_curvature_twice() -> None:
+    base = evidence().score
+    assert base == pytest.approx(4.0 * np.log(0.1))
+    assert evidence(curvature=0.2).score - base == pytest.approx(2.0 * np.log(2.0))
+    assert evidence(commutativity=0.2).score - base == pytest.approx(np.log(2.0))
+    assert evidence(roughness=0.2).score - base == pytest.approx(np.log(2.0))
+    assert evidence(orientation=-1.0).score == base  # swapped is as clear as kept
+    assert evidence(orientation=0.25).score - base == pytest.approx(0.75)
+    assert evidence(curvature=0.0).score - base == pytest.approx(2.0 * np.log(FLOOR / 0.1))
+    assert evidence(curvature=np.nan, orientation=np.nan).score == pytest.approx(2.0 * np.log(0.1))
+
+
+def test_a_map_between_different_spectra_commutes_where_its_entries_allow() -> None:
+    target, source = np.array([1.0, 2.0]), np.array([3.0, 4.0])
+    entry = np.zeros((3, 3))
+    entry[1, 2] = 1.0  # function 2 of the target (value 2) becomes function 1 of the source (value 3)
+    assert _commutativity_gap(entry, target, source) == pytest.approx((3.0 - 2.0) / (3.0 + 2.0))
+    entry = np.zeros((3, 3))
+    entry[2, 1] = 1.0
+    assert _commutativity_gap(entry, target, source) == pytest.approx((4.0 - 1.0) / (4.0 + 1.0))
+    assert _commutativity_gap(np.eye(3), target, target) == 0.0
+    assert _commutativity_gap(np.zeros((3, 3)), target, source) == 1.0
+
+
+def test_equal_curvatures_have_no_gap() -> None:
+    values = np.random.default_rng(0).standard_normal((30, 2))
+    assert _curvature_gap(values, 2.0 * values + 1.0) == pytest.approx(0.0, abs=1e-12)
+    assert _curvature_gap(values, -values) == pytest.approx(2.0)
+
+
+def test_a_mirrored_form_has_the_other_sign() -> None:
+    forms = np.random.default_rng(1).standard_normal((7, 4, 4))
+    _, kept = paired_forms(forms, forms, np.eye(5))
+    _, swapped = paired_forms(forms, forms, np.eye(5), sign=-1.0)
+    np.testing.assert_allclose(swapped, -kept)
+    assert np.abs(kept).max() > 0
+
+
+def shapes(num: int, agd_target: np.ndarray, agd_source: np.ndarray):
+    """Two shapes of which masks only need descriptors."""
+    waves = np.random.default_rng(2).random((num, 3))
+    return (
+        SimpleNamespace(samples=np.arange(num), agd=agd_target, waves=waves),
+        SimpleNamespace(agd=agd_source, waves=2.0 * waves),
+    )
+
+
+def test_masks_are_widened_by_half_until_a_map_fits() -> None:
+    # Every source sample resembles the same target samples: only a mask as wide as the shape has an injective map.
+    num = 20
+    target, source = shapes(num, np.arange(float(num)), np.zeros(num))
+    allowed = candidate_mask(target, source, np.arange(num), NonrigidOptions(mask="agd", mask_share=0.2))
+    assert (allowed.sum(axis=0) == num).all()
+    # 5 source samples need 5 targets: shares .05, .075, .1125, .169, .253 allow 1, 2, 2, 3, 5 of 20
+    few = candidate_mask(target, source, np.arange(5), NonrigidOptions(mask="agd", mask_share=0.05))
+    assert (few.sum(axis=0) == 5).all()
+
+
+def test_a_threshold_includes_its_own_value() -> None:
+    target, source = shapes(4, np.arange(4.0), np.arange(4.0))
+    allowed = candidate_mask(target, source, np.arange(4), NonrigidOptions(mask="agd", mask_threshold=1.0))
+    assert np.array_equal(allowed, np.abs(np.subtract.outer(np.arange(4), np.arange(4))) <= 1)
+
+
+def test_wave_descriptors_differ_by_the_mean() -> None:
+    target, source = shapes(4, np.zeros(4), np.zeros(4))
+    gaps = descriptor_gaps("wks", target, source, np.arange(4))
+    expected = np.abs(target.waves[1] - source.waves[2]).mean()
+    assert gaps[1, 2] == pytest.approx(expected)
+
+
+def test_neighbours_weigh_by_a_gaussian_of_the_paper_s_width() -> None:
+    distances = np.array([[0.0, 0.1, 0.2], [0.1, 0.0, 0.1], [0.2, 0.1, 0.0]])
+    np.testing.assert_allclose(_weights(distances), np.exp(-((distances / GAUSSIAN_WIDTH) ** 2)))
+    line = np.abs(np.subtract.outer(np.arange(60.0), np.arange(60.0)))
+    assert (np.count_nonzero(_weights(0.01 * line), axis=1) <= NUM_NEIGHBOURS + 1).all()
+
+
+def test_the_graph_is_symmetric_although_neighbours_are_not() -> None:
+    # A dense patch beside sparse points: these have neighbours in the patch that do not have them as neighbours.
+    shape = Shape.from_arrays(*sphere_mesh(600))
+    heights = shape.vertices[:, 2]
+    patch = np.argsort(-heights)[:60]
+    rest = farthest_points(shape, 20, metric="euclidean")
+    samples = np.unique(np.concatenate([patch, rest]))
+    spectrum = graph_spectrum(shape, GeodesicSolver(shape), samples, 6)
+    assert (np.diff(spectrum.values) >= -1e-9).all()
+    assert spectrum.values[0] > 0.0
+    assert spectrum.values[-1] == pytest.approx(4.0 * np.pi * 6)
+    reordered = graph_spectrum(shape, GeodesicSolver(shape), samples[::-1].copy(), 6)
+    np.testing.assert_allclose(reordered.values, spectrum.values, rtol=1e-8)

@@ -1,0 +1,333 @@
+"""Parts of synchronization against their definitions: noise model, turns, affinities, last weights, signs, gauge."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
+from collalign.synchronization.clusters import _aligned_parts, pair_affinity, spectral_clusters
+from collalign.synchronization.gauge import fix_gauge
+from collalign.synchronization.problem.geometry import relative, transposed
+from collalign.synchronization.problem.model import (
+    EdgeModel,
+    _fitted_noise,
+    _fitted_power,
+    candidate_features,
+    group_volume,
+    relative_energies,
+    relative_weights,
+    squared_distances,
+)
+from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
+from collalign.synchronization.solvers.blockwise import connectivity_warnings, refinement_weights, reflected_shapes
+from collalign.synchronization.solvers.signs import synchronize_signs
+from collalign.synchronization.solvers.turns import (
+    FORBIDDEN,
+    TurnSet,
+    _add_own_turns,
+    _directed_flips,
+    _modes,
+    _turned_distances,
+    aligned_candidates,
+    turn_costs,
+)
+from data_tools.rotations import rotation_angle_deg
+from pairwise.problem.pattern import RotationPattern
+from tests.synchronization_problems import (
+    complete_edges,
+    exact_pairs,
+    random_rotations,
+    small_rotations,
+)
+
+THIRD = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # a turn that is not its own inverse
+
+
+def noisy_graph(num: int, noise_deg: float, *, seed: int = 0, **options) -> tuple[PairGraph, np.ndarray]:
+    """All pairs of random poses with small noise; returns the graph and ``R_common_i``."""
+    rng = np.random.default_rng(seed)
+    edges, truth = complete_edges(num), random_rotations(rng, num)
+    pairs = exact_pairs(truth, edges) @ small_rotations(rng, (len(edges),), noise_deg)
+    return PairGraph.from_user(edges, pairs, **options), truth
+
+
+def test_squared_distances_are_frobenius() -> None:
+    graph, truth = noisy_graph(5, 20.0)
+    frames = transposed(truth)
+    expected = graph.candidates[:, 0] - relative(frames, graph.edges)
+    found = squared_distances(graph, frames)[:, 0]
+    np.testing.assert_allclose(found, (expected**2).sum(axis=(1, 2)), atol=1e-12)
+
+
+def test_reflections_double_the_volume_and_halve_the_chance_of_an_outlier() -> None:
+    graph, _ = noisy_graph(4, 10.0)
+    proper = EdgeModel(graph=graph)
+    either = EdgeModel(graph=replace(graph, pattern=RotationPattern.from_user(None, 3, "O")))
+    assert proper._volume == group_volume(3)
+    assert either._volume == 2.0 * group_volume(3)
+    np.testing.assert_allclose(either.log_uniform - proper.log_uniform, -np.log(2.0), atol=1e-12)
+
+
+def test_costs_are_the_log_of_a_mixture_and_shares_its_parts() -> None:
+    graph, _ = noisy_graph(4, 10.0)
+    model = EdgeModel(graph=graph)
+    for distance in (0.0, 0.3, 8.0):
+        squared = np.full((graph.num_edges, 1), distance)
+        inlier, outlier = np.exp(model.log_terms(squared))[:, 0], np.exp(model.log_uniform)
+        np.testing.assert_allclose(model.costs(squared), -np.log(inlier + outlier), atol=1e-12)
+        np.testing.assert_allclose(model.responsibilities(squared)[:, 0], inlier / (inlier + outlier), atol=1e-12)
+
+
+def test_noise_is_estimated_with_the_freedom_of_the_frames_discounted() -> None:
+    # The frames of a least squares solution absorb part of the noise; what is left must be scaled up again.
+    estimates = []
+    for seed in range(12):
+        graph, _ = noisy_graph(8, 10.0, seed=seed)
+        found = synchronize(graph.edges, graph.candidates[:, 0])
+        squared = squared_distances(graph, transposed(found.rotations))
+        share = np.ones((graph.num_edges, 1))
+        estimates.append(np.rad2deg(_fitted_noise(EdgeModel(graph=graph), share, squared)))
+    # 10 degrees over three axes; the prior pulls a little
+    assert np.median(estimates) == pytest.approx(10.0 / np.sqrt(3.0), rel=0.1)
+
+
+def test_the_power_of_the_energy_is_found() -> None:
+    rng = np.random.default_rng(1)
+    edges = complete_edges(12)
+    energies = np.exp(rng.uniform(-1.5, 1.5, len(edges)))
+    graph = PairGraph.from_user(edges, np.tile(np.eye(3), (len(edges), 1, 1)), energies=energies)
+    ones = np.ones((len(edges), 1))
+    model = EdgeModel(graph=graph)
+    assert _fitted_power(model, ones, 0.01 * (energies[:, None] ** 2)) == pytest.approx(1.0, abs=0.05)
+    assert _fitted_power(model, ones, 0.01 * energies[:, None]) == pytest.approx(0.5, abs=0.05)
+    assert _fitted_power(model, ones, np.full((len(edges), 1), 0.01)) == pytest.approx(0.0, abs=0.05)
+
+
+def test_features_energies_and_weights_are_relative() -> None:
+    edges = np.array([[0, 1], [1, 2], [0, 2]])
+    energies = np.array([[1.0, np.e], [2.0, 2.0 * np.e], [4.0 * np.e, 4.0]])
+    graph = PairGraph.from_user(edges, np.tile(np.eye(3), (3, 2, 1, 1)), energies=energies, weights=[1.0, 2.0, 8.0])
+    features = candidate_features(graph)
+    assert features[..., 0].tolist() == [[0, 1], [0, 1], [1, 0]]
+    np.testing.assert_allclose(features[..., 1], [[0, 1], [0, 1], [1, 0]], atol=1e-12)
+    np.testing.assert_allclose(relative_energies(graph), [0.5, 1.0, 2.0])
+    np.testing.assert_allclose(relative_weights(graph), [0.5, 1.0, 4.0])
+    held = replace(graph, held=np.array([False, False, True]))
+    assert relative_weights(held)[2] == pytest.approx(1e3 * relative_weights(held)[:2].max())
+
+
+def turned_by(turn: np.ndarray, shape: int, num: int) -> tuple[EdgeModel, np.ndarray]:
+    """All pairs of ``num`` shapes in the pose that the frames say, but for one shape that is turned."""
+    rng = np.random.default_rng(2)
+    edges, frames = complete_edges(num), random_rotations(rng, num)
+    posed = frames.copy()
+    posed[shape] = frames[shape] @ turn
+    pairs = exact_pairs(transposed(posed), edges)
+    return EdgeModel(graph=PairGraph.from_user(edges, pairs)), aligned_candidates(
+        PairGraph.from_user(edges, pairs), frames
+    )
+
+
+@pytest.mark.parametrize("shape", [0, 2, 4])
+def test_a_turned_shape_proposes_its_own_turn_whichever_side_of_its_pairs_it_is(shape: int) -> None:
+    model, aligned = turned_by(THIRD, shape, 5)
+    turns, offered = np.tile(np.eye(3), (5, 3, 1, 1)), np.zeros((5, 3), dtype=bool)
+    offered[:, 0] = True
+    _add_own_turns(model, aligned, turns, offered, 1, np.zeros(10))
+    assert offered[shape, 1]
+    # the pairs ask for one turn, the same from both of their ends
+    assert min(rotation_angle_deg(turns[shape, 1], THIRD), rotation_angle_deg(turns[shape, 1], THIRD.T)) < 1.0
+    one_sided = aligned.copy()
+    swap = model.graph.edges[:, 1] == shape
+    asked = np.where(swap[:, None, None], np.swapaxes(aligned[:, 0], 1, 2), one_sided[:, 0])
+    mine = asked[(model.graph.edges == shape).any(axis=1)]
+    assert rotation_angle_deg(turns[shape, 1], mine[0]) < 1.0
+
+
+def test_modes_are_apart_and_the_heaviest_first() -> None:
+    rng = np.random.default_rng(3)
+    flip = np.diag([1.0, -1.0, -1.0])
+    turns = np.concatenate([THIRD @ small_rotations(rng, (20,), 3.0), flip @ small_rotations(rng, (10,), 3.0)])
+    found = _modes(turns, np.ones(30), 0.02, 5, np.eye(3)[None], RotationPattern.from_user(None, 3, "SO"), 48)
+    assert len(found) == 2
+    assert rotation_angle_deg(found[0], THIRD) < 3.0
+    assert rotation_angle_deg(found[1], flip) < 3.0
+
+
+def turn_set(*turns: np.ndarray, num: int = 3, rate: float = 0.1) -> TurnSet:
+    common = np.array(turns)
+    every = np.tile(np.concatenate([np.eye(3)[None], common]), (num, 1, 1, 1))
+    return TurnSet(
+        turns=every, offered=np.ones(every.shape[:2], dtype=bool), common=common, rates=np.full(len(common), rate)
+    )
+
+
+def test_flips_go_both_ways_unless_they_are_their_own_inverse() -> None:
+    both = _directed_flips(turn_set(THIRD))
+    assert [rate for _, rate in both] == [0.05, 0.05]
+    assert np.allclose(both[0][0], both[1][0].T)
+    assert not np.allclose(both[0][0], both[1][0])
+    assert len(_directed_flips(turn_set(np.diag([1.0, -1.0, -1.0])))) == 1
+    assert _directed_flips(turn_set(THIRD, rate=1e-6)) == []
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_turned_distances_are_those_of_their_definition(shared: bool) -> None:
+    rng = np.random.default_rng(4)
+    graph, truth = noisy_graph(3, 30.0)
+    aligned = aligned_candidates(graph, transposed(truth))
+    alternatives = turn_set(*random_rotations(rng, 2))
+    if not shared:
+        turns = np.concatenate([alternatives.turns, random_rotations(rng, 3)[:, None]], axis=1)
+        alternatives = replace(alternatives, turns=turns, offered=np.ones(turns.shape[:2], dtype=bool))
+    for flip in (None, THIRD):
+        found = _turned_distances(graph, aligned, alternatives, flip=flip)
+        target = np.eye(3) if flip is None else flip
+        for e, (i, j) in enumerate(graph.edges):
+            for a, b in itertools.product(range(alternatives.turns.shape[1]), repeat=2):
+                T = alternatives.turns[i, a].T @ aligned[e, 0] @ alternatives.turns[j, b]
+                assert found[e, 0, a, b] == pytest.approx(((T - target) ** 2).sum(), abs=1e-9)
+
+
+def test_turns_that_are_not_offered_cost_too_much() -> None:
+    graph, truth = noisy_graph(3, 5.0)
+    aligned = aligned_candidates(graph, transposed(truth))
+    alternatives = turn_set(THIRD)
+    offered = alternatives.offered.copy()
+    offered[1, 1] = False
+    costs = turn_costs(EdgeModel(graph=graph), aligned, replace(alternatives, offered=offered))
+    for e, (i, j) in enumerate(graph.edges):
+        for a, b in itertools.product(range(2), repeat=2):
+            assert (costs[e, a, b] == FORBIDDEN) == (not offered[i, a] or not offered[j, b])
+
+
+def test_affinity_is_the_closure_rate_times_a_trust_that_never_exceeds_one() -> None:
+    edges = complete_edges(4)
+    truth = random_rotations(np.random.default_rng(5), 4)
+    pairs = exact_pairs(truth, edges)
+    pairs[0] = pairs[0] @ np.diag([1.0, -1.0, -1.0])  # the pair (0, 1) closes no triangle
+    energies = np.array([1.0, 0.5, 1.0, 1.0, 4.0, 1.0])
+    affinity = pair_affinity(PairGraph.from_user(edges, pairs, energies=energies))
+    assert np.array_equal(affinity, affinity.T)
+    closed = {(0, 1): 0, (0, 2): 1, (0, 3): 1, (1, 2): 1, (1, 3): 1, (2, 3): 2}
+    for (i, j), energy in zip(edges, energies, strict=True):
+        assert affinity[i, j] == pytest.approx((closed[i, j] + 1e-3) / 3.0 * min(1.0, 1.0 / energy))
+
+
+def test_parts_are_numbered_by_their_first_shape() -> None:
+    member = np.array([1, 0, 0, 1, 2, 2, 1, 0])
+    affinity = np.where(member[:, None] == member, 1.0, 0.01) - np.eye(8)
+    expected = [0, 1, 1, 0, 2, 2, 0, 1]
+    assert spectral_clusters(affinity, 3).tolist() == expected
+
+
+def test_parts_are_turned_to_each_other() -> None:
+    edges = complete_edges(6)
+    truth = random_rotations(np.random.default_rng(6), 6)
+    graph = PairGraph.from_user(edges, exact_pairs(truth, edges))
+    parts = (np.arange(3), np.arange(3, 6))
+    results = tuple(synchronize(*_within(graph, part)) for part in parts)
+    poses, agreement = _aligned_parts(graph, parts, results)
+    np.testing.assert_allclose(exact_pairs(poses, edges), graph.candidates[:, 0], atol=1e-8)
+    assert agreement[1] == 1.0
+
+
+def _within(graph: PairGraph, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    sub, _ = graph.subgraph(part)
+    return sub.edges, sub.candidates[:, 0]
+
+
+def test_last_weights_fall_with_the_square_of_the_relative_variance() -> None:
+    edges = complete_edges(6)
+    energies = np.geomspace(0.25, 4.0, len(edges))
+    graph = PairGraph.from_user(edges, np.tile(np.eye(3), (len(edges), 1, 1)), energies=energies)
+    model = EdgeModel(graph=graph, noise_power=0.5)
+    squared = np.zeros((len(edges), 1))
+    weights = refinement_weights(model, squared, np.zeros(len(edges), dtype=np.int64))
+    variance = model.variances / model.noise_rad**2
+    np.testing.assert_allclose(variance, energies / np.median(energies))
+    share = model.responsibilities(squared)[:, 0]
+    expected = share / variance**2
+    np.testing.assert_allclose(weights, expected / expected.max(), rtol=1e-12)
+    held = replace(graph, held=np.arange(len(edges)) == 3)
+    assert refinement_weights(replace(model, graph=held), squared, np.zeros(len(edges), dtype=np.int64)).argmax() == 3
+
+
+def test_shapes_that_are_fixed_stay_and_the_reference_is_the_identity() -> None:
+    rng = np.random.default_rng(7)
+    rotations, given = random_rotations(rng, 4), random_rotations(rng, 1)[0]
+    pattern = RotationPattern.from_user(None, 3, "SO")
+    groups = [np.array([0, 1, 2]), np.array([3])]
+    free = fix_gauge(rotations, groups, reference=2, pattern=pattern)
+    np.testing.assert_allclose(free[2], np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(free[3], np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(free[0].T @ free[1], rotations[0].T @ rotations[1], atol=1e-12)
+    fixed = fix_gauge(rotations, groups, fixed={1: given, 2: given}, pattern=pattern)
+    assert np.array_equal(fixed[1], given)
+    assert np.array_equal(fixed[2], given)
+
+
+def test_the_first_axis_has_the_largest_variance_and_nothing_is_mirrored() -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(8):
+        cloud = rng.exponential(1.0, (60, 3)) * rng.permutation([3.0, 2.0, 1.0])
+        turns = principal_axes_gauge([cloud], random_rotations(rng, 1))
+        moved = (cloud - cloud.mean(axis=0)) @ turns[0].T
+        assert np.linalg.det(turns[0]) == pytest.approx(1.0)
+        assert (np.diff(moved.var(axis=0)) < 0).all()
+        assert ((moved**3).mean(axis=0)[:2] > 0).all()
+
+
+def test_fixed_poses_are_those_that_were_given() -> None:
+    edges = complete_edges(5)
+    truth = random_rotations(np.random.default_rng(9), 5)
+    pairs = exact_pairs(truth, edges)
+    found = synchronize(edges, pairs, fixed={1: truth[1], 3: truth[3]})
+    np.testing.assert_allclose(found.rotations, truth, atol=1e-7)
+
+
+def test_signs_are_relative_to_the_first_shape_and_contradictions_are_named() -> None:
+    truth = np.array([-1.0, 1.0, 1.0, -1.0, 1.0])
+    edges = complete_edges(5)
+    signs = truth[edges[:, 0]] * truth[edges[:, 1]]
+    found = synchronize_signs(edges, signs)
+    assert found.mirrored.tolist() == [False, True, True, False, True]
+    assert not found.contradicted.any()
+    assert found.optimal
+    signs[2] *= -1.0
+    wrong = synchronize_signs(edges, signs)
+    assert np.flatnonzero(wrong.contradicted).tolist() == [2]
+    assert wrong.mirrored.tolist() == found.mirrored.tolist()
+
+
+def test_poses_that_a_pair_knows_or_cannot_afford_are_not_added() -> None:
+    edges = complete_edges(3)
+    pairs = np.tile(np.eye(3), (3, 1, 1))
+    graph = with_room(PairGraph.from_user(edges, pairs, energies=np.ones(3)))
+    poses = [THIRD, np.eye(3), THIRD]
+    _, accepted = with_resolved(graph, np.arange(3), poses, [1.9, 1.0, 2.1])
+    assert accepted.tolist() == [True, False, False]
+
+
+def test_pairs_within_a_degree_do_not_disagree() -> None:
+    edges = complete_edges(3)
+    turns = [np.eye(3)]
+    for angle in np.deg2rad([0.5, 2.0]):
+        c, s = np.cos(angle), np.sin(angle)
+        turns.append(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+    graph = PairGraph.from_user(edges, np.tile(np.eye(3), (3, 1, 1)))
+    found, asked = disagreeing_pairs(graph, np.array(turns))
+    assert edges[found].tolist() == [[0, 2], [1, 2]]
+    np.testing.assert_allclose(asked[0], turns[2], atol=1e-12)
+
+
+def test_sentences_and_signs_of_poses() -> None:
+    assert connectivity_warnings(1) == ()
+    assert "2 groups" in connectivity_warnings(2)[0]
+    mirror = np.diag([1.0, 1.0, -1.0])
+    poses = np.stack([np.eye(3), mirror])
+    assert reflected_shapes(poses, RotationPattern.from_user(None, 3, "O")).tolist() == [False, True]

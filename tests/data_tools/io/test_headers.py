@@ -1,0 +1,141 @@
+"""What headers promise, PCD files, and the parts of scenes, on files made by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from data_tools.errors import InputError
+from data_tools.io.headers import check_ply, check_stl
+from data_tools.io.mesh_formats import _concatenate, _part
+from data_tools.io.pcd import read_pcd
+from data_tools.io.source import read_source, sibling_path
+
+FILE = Path("a.ply")
+HEADER = b"ply\nformat %s 1.0\nelement vertex %d\nproperty float x\nproperty double y\nproperty uchar z\n"
+FACES = b"element face %d\nproperty list uchar int vertex_indices\n"
+
+
+def ply(kind: bytes, vertices: int, faces: int | None, body: bytes) -> bytes:
+    return HEADER % (kind, vertices) + (b"" if faces is None else FACES % faces) + b"end_header\n" + body
+
+
+def test_binary_ply_bodies_are_counted_to_the_byte() -> None:
+    size = 4 + 8 + 1
+    assert check_ply(FILE, ply(b"binary_little_endian", 3, None, b"\0" * 3 * size)) == {"vertex": 3}
+    with pytest.raises(InputError, match=f"at least {3 * size} bytes of data and {3 * size - 1} follow"):
+        check_ply(FILE, ply(b"binary_little_endian", 3, None, b"\0" * (3 * size - 1)))
+    # a list has at least its count, of the first type named
+    assert check_ply(FILE, ply(b"binary_little_endian", 1, 2, b"\0" * (size + 2))) == {"vertex": 1, "face": 2}
+    with pytest.raises(InputError, match="truncated"):
+        check_ply(FILE, ply(b"binary_little_endian", 1, 2, b"\0" * (size + 1)))
+
+
+def test_text_ply_lines_are_counted() -> None:
+    assert check_ply(FILE, ply(b"ascii", 2, 1, b"1 2 3\n4 5 6\n3 0 1 0\n"))["face"] == 1
+    with pytest.raises(InputError, match="at least 3 lines of data and 2 follow"):
+        check_ply(FILE, ply(b"ascii", 2, 1, b"1 2 3\n4 5 6\n"))
+
+
+def test_ply_headers_must_list_vertices() -> None:
+    with pytest.raises(InputError, match="no vertices"):
+        check_ply(FILE, ply(b"ascii", 0, None, b""))
+    with pytest.raises(InputError, match="malformed"):
+        check_ply(FILE, b"ply\nformat ascii 1.0\nelement vertex many\nend_header\n")
+
+
+def stl(triangles: int) -> bytes:
+    facet = b"facet normal 0 0 1\nouter loop\n" + b"vertex 0 0 0\n" * 3 + b"endloop\nendfacet\n"
+    return b"solid a\n" + facet * triangles + b"endsolid a\n"
+
+
+def test_text_stl_must_be_whole() -> None:
+    check_stl(FILE, stl(2))
+    with pytest.raises(InputError, match="6 vertices in 1 complete"):
+        check_stl(FILE, stl(2).replace(b"endfacet", b"", 1))
+    with pytest.raises(InputError, match="truncated STL text"):
+        check_stl(FILE, stl(2).replace(b"endsolid", b""))
+    with pytest.raises(InputError, match="5 vertices in 2"):
+        check_stl(FILE, stl(2).replace(b"vertex 0 0 0\n", b"", 1))
+
+
+def test_binary_stl_has_50_bytes_a_triangle() -> None:
+    content = b"\0" * 80 + (3).to_bytes(4, "little") + b"\0" * 150
+    check_stl(FILE, content)
+    with pytest.raises(InputError, match="promises 3 triangles"):
+        check_stl(FILE, content[:-1])
+
+
+def pcd(body: bytes, *, fields: str = "x y z", counts: str = "1 1 1", points: int = 3, data: str = "ascii") -> bytes:
+    num = len(fields.split())
+    sizes, types = " ".join(["4"] * num), " ".join(["F"] * num)
+    lines = [f"FIELDS {fields}", f"SIZE {sizes}", f"TYPE {types}", f"COUNT {counts}", f"POINTS {points}"]
+    return ("\n".join(["VERSION 0.7", *lines, f"DATA {data}"]) + "\n").encode() + body
+
+
+def read(tmp_path: Path, content: bytes) -> np.ndarray:
+    (tmp_path / "a.pcd").write_bytes(content)
+    return read_pcd(read_source(tmp_path / "a.pcd"))[0]
+
+
+def test_only_points_without_any_coordinate_are_left_out(tmp_path: Path) -> None:
+    points = read(tmp_path, pcd(b"1 2 3\nnan nan nan\n4 nan 6\n"))
+    np.testing.assert_array_equal(points, [[1, 2, 3], [4, np.nan, 6]])
+
+
+def test_fields_with_several_numbers_shift_the_columns(tmp_path: Path) -> None:
+    content = pcd(b"9 8 7 1 2 3\n", fields="normal x y z", counts="3 1 1 1", points=1)
+    np.testing.assert_array_equal(read(tmp_path, content), [[1, 2, 3]])
+    body = np.array([9, 8, 7, 1, 2, 3], dtype="<f4").tobytes()
+    content = pcd(body, fields="normal x y z", counts="3 1 1 1", points=1, data="binary")
+    np.testing.assert_array_equal(read(tmp_path, content), [[1, 2, 3]])
+
+
+def test_binary_clouds_that_are_cut_off_are_refused(tmp_path: Path) -> None:
+    body = np.arange(9, dtype="<f4").tobytes()
+    assert len(read(tmp_path, pcd(body, data="binary"))) == 3
+    with pytest.raises(InputError, match="truncated, 3 points need 36 bytes, 35 follow"):
+        read(tmp_path, pcd(body[:-1], data="binary"))
+
+
+def part(transform: np.ndarray, faces: object = ((0, 1, 2),)) -> tuple[np.ndarray, np.ndarray]:
+    geometry = SimpleNamespace(vertices=np.eye(3), faces=np.array(faces))
+    return _part(FILE, geometry, transform)
+
+
+def test_parts_of_a_scene_are_moved_and_mirrored_ones_turned_round() -> None:
+    move = np.eye(4)
+    move[:3, :3] = [[0.0, -2.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 2.0]]
+    move[:3, 3] = [1.0, 2.0, 3.0]
+    vertices, faces = part(move)
+    np.testing.assert_allclose(vertices, np.eye(3) @ move[:3, :3].T + move[:3, 3])
+    assert faces.tolist() == [[0, 1, 2]]
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
+    assert part(mirror)[1].tolist() == [[2, 1, 0]]
+
+
+@pytest.mark.parametrize("wrong", [3, -1])
+def test_faces_must_name_vertices(wrong: int) -> None:
+    with pytest.raises(InputError, match=f"names vertex {wrong}, there are 3"):
+        part(np.eye(4), [[0, 1, wrong]])
+
+
+def test_faces_of_later_parts_are_counted_on() -> None:
+    faces = np.array([[0, 1, 2]])
+    vertices, joined = _concatenate([(np.eye(3), faces), (2.0 * np.eye(3), faces)])
+    assert joined.tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert len(vertices) == 6
+
+
+def test_buffers_are_named_in_their_own_folder_only(tmp_path: Path) -> None:
+    inside = tmp_path / "in"
+    inside.mkdir()
+    (inside / "a.bin").write_bytes(b"1")
+    (tmp_path / "secret.bin").write_bytes(b"2")
+    assert sibling_path(inside / "a.gltf", "a.bin").name == "a.bin"
+    for name in ("../secret.bin", str(tmp_path / "secret.bin")):
+        with pytest.raises(InputError, match="outside of its folder"):
+            sibling_path(inside / "a.gltf", name)

@@ -1,0 +1,40 @@
+"""Puts every fault of the list into the code and runs its tests: ``python -m tests.mutants``.
+
+Prints each verdict, the survivors and the killed share; exits 1 where that is below the goal. ``--only TEXT`` takes
+the mutants whose description holds the text, ``--every N`` each N-th of the list.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tests.mutants.places import MUTANTS
+from tests.mutants.runner import TIME_LIMIT_S, run_mutants
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Share of the mutants that tests without data must kill.
+GOAL = 0.85
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", default="")
+    parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--time-limit-s", type=float, default=TIME_LIMIT_S)
+    options = parser.parse_args()
+    chosen = [mutant for mutant in MUTANTS if options.only in str(mutant)][:: options.every]
+    verdicts = []
+    for verdict in run_mutants(chosen, ROOT, time_limit_s=options.time_limit_s):
+        verdicts.append(verdict)
+        print(f"{verdict.ending:10} {verdict.seconds:5.1f} s  {verdict.mutant}", flush=True)
+    num_killed = sum(verdict.ending == "killed" for verdict in verdicts)
+    for verdict in verdicts:
+        if verdict.ending != "killed":
+            print(f"  {verdict.ending}: {verdict.mutant}")
+    print(f"{num_killed} of {len(verdicts)} mutants killed, {num_killed / max(len(verdicts), 1):.1%}")
+    return int(num_killed < GOAL * len(verdicts))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

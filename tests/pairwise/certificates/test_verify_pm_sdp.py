@@ -1,0 +1,247 @@
+"""Every step of PM-SDP's verifier against its definition: nothing exceeds its bound, and something reaches it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from data_tools.errors import InputError
+from pairwise.certificates.verify import proven_bound
+from pairwise.certificates.verify_pm_sdp import (
+    _add_cofactor,
+    _eigenvalue_floor,
+    _quadratic_upper_bounds,
+    _quaternion_slope,
+    _rotation_basis,
+    _rotation_maximum,
+    _unmatched_lower_bounds,
+)
+from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations
+from pairwise.problem.pattern import RotationPattern
+from pairwise.problem.problem import Problem
+from pairwise.relaxations import solve_pm_sdp
+from tests.oracles import brute_force
+
+FULL = np.ones((3, 3), dtype=bool)
+NONE = (np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((1, 4, 4)))
+
+
+def vec(matrix: np.ndarray) -> np.ndarray:
+    """[R]: the entries in column-major order."""
+    return matrix.T.ravel()
+
+
+def rotation_maximum(F, u, multipliers=NONE, blocks=(0,)) -> float:
+    basis = _rotation_basis(FULL, ((0, 3),))
+    return _rotation_maximum(FULL, basis, list(blocks), np.array(F), np.array(u), multipliers)
+
+
+def test_what_the_multipliers_do_not_explain_costs_its_norm() -> None:
+    rho = vec(random_rotations(3, 1, np.random.default_rng(0))[0])
+    quadratic = rotation_maximum([np.outer(rho, rho)], [np.zeros(9)])
+    assert 9.0 <= quadratic <= 9.0 * 1.001
+    linear = rotation_maximum([np.zeros((9, 9))], [rho])
+    assert 6.0 <= linear <= 6.0 * 1.001
+
+
+def test_sums_that_lose_a_term_are_bounded_all_the_same() -> None:
+    rho = vec(random_rotations(3, 1, np.random.default_rng(1))[0])
+    huge, small = 1e17 * np.outer(rho, rho), np.outer(rho, rho)
+    assert rotation_maximum([huge, small, -huge], np.zeros((3, 9))) >= 9.0
+    assert rotation_maximum(np.zeros((3, 9, 9)), [1e17 * rho, rho, -1e17 * rho]) >= 6.0
+
+
+def test_multipliers_of_orthogonality_give_their_traces() -> None:
+    rng = np.random.default_rng(2)
+    columns, rows = (a + a.T for a in rng.standard_normal((2, 3, 3)))
+    # rho^T F rho = tr(L1 R^T R) + tr(L2 R R^T) for F = L1 (x) I + I (x) L2 in column-major order
+    F = np.kron(columns, np.eye(3)) + np.kron(np.eye(3), rows)
+    found = rotation_maximum([F], [np.zeros(9)], (columns, rows, NONE[2], NONE[3]))
+    assert found == pytest.approx(np.trace(columns) + np.trace(rows), abs=1e-9)
+
+
+def test_constant_entries_of_rotations_are_subtracted() -> None:
+    mask, blocks = np.eye(2, dtype=bool), ((0, 1), (1, 2))
+    multipliers = (np.diag([3.0, 4.0]), np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((0, 4, 4)))
+    found = _rotation_maximum(
+        mask, _rotation_basis(mask, blocks), [], np.zeros((1, 0, 0)), np.zeros((1, 0)), multipliers
+    )
+    assert found == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_slope_of_the_quaternion_matrix() -> None:
+    rng = np.random.default_rng(3)
+    t, s = np.nonzero(FULL.T)
+    for _ in range(20):
+        Y = rng.standard_normal((4, 4))
+        Y, x = Y + Y.T, rng.standard_normal(4)
+        x /= np.linalg.norm(x)
+        R = quaternions_to_rotations(x[None])[0]
+        slope = _quaternion_slope(s, t, 0, Y)
+        assert 0.25 * np.trace(Y) + slope @ R[s, t] == pytest.approx(x @ Y @ x, abs=1e-12)
+
+
+def test_multipliers_of_the_hull_are_paid_for() -> None:
+    rng = np.random.default_rng(4)
+    t, s = np.nonzero(FULL.T)
+    x = rng.standard_normal((300, 4))
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    rotations = quaternions_to_rotations(x)[:, s, t]
+    for Y in (np.diag([1.0, 0.0, 0.0, 0.0]), -np.eye(4), np.diag([1.0, -2.0, 0.0, 0.5])):
+        u = -0.5 * _quaternion_slope(s, t, 0, Y)
+        found = rotation_maximum([np.zeros((9, 9))], [u], (*NONE[:3], Y[None]))
+        truth = float((2.0 * rotations @ u).max())
+        assert truth <= found
+    orthogonal = np.diag([1.0, 0.0, 0.0, 0.0])
+    u = -0.5 * _quaternion_slope(s, t, 0, orthogonal)
+    assert rotation_maximum([np.zeros((9, 9))], [u], (*NONE[:3], orthogonal[None])) == pytest.approx(0.25, rel=1e-6)
+
+
+def test_cofactors_vanish_on_rotations() -> None:
+    rng = np.random.default_rng(5)
+    position = {(i, j): 1 + 3 * j + i for i in range(3) for j in range(3)}
+    R = random_rotations(3, 1, rng)[0]
+    for i, j in np.ndindex(3, 3):
+        form = np.zeros((10, 10))
+        _add_cofactor(form, position, 0, i, j, 0.7)
+        form[1:, 0] = form[0, 1:]
+        assert np.abs(form).sum() > 0
+        z = np.concatenate([[1.0], vec(R)])
+        assert z @ form @ z == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "special"), [((3, 2), ((0, 3), (3, 5))), ((2, 1), ((0, 2), (2, 3))), ((2, 2), ()), ((1, 1), ((0, 1),))]
+)
+def test_the_basis_writes_every_rotation_of_the_pattern(sizes, special) -> None:
+    rng = np.random.default_rng(6)
+    dim = sum(sizes)
+    labels = np.repeat(np.arange(len(sizes)), sizes)
+    mask = labels[:, None] == labels
+    basis = _rotation_basis(mask, special)
+    t, s = np.nonzero(mask.T)
+    for _ in range(5):
+        R = RotationPattern(mask, special).project(np.where(mask, rng.standard_normal((dim, dim)), 0.0))
+        entries = R[s, t] - basis[:, 0]
+        rho = np.linalg.lstsq(basis[:, 1:], entries, rcond=None)[0]
+        np.testing.assert_allclose(basis[:, 1:] @ rho, entries, atol=1e-12)
+
+
+def test_eigenvalues_of_singular_matrices_are_not_called_positive() -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(300):
+        v = rng.integers(-9, 10, size=(3, 6)).astype(float)
+        assert _eigenvalue_floor(v.T @ v) <= 0.0  # exact in integers, of rank 3
+        assert _eigenvalue_floor(v.T @ v) >= -1e-9
+    for size in (1e-6, 1.0, 1e6):
+        assert 0.5 * size <= _eigenvalue_floor(size * np.eye(4)) <= size
+        assert _eigenvalue_floor(-size * np.eye(4)) <= -size
+
+
+def test_quadratic_forms_are_bounded_for_vectors_known_in_part() -> None:
+    rng = np.random.default_rng(8)
+    for condition in (1.0, 1e6, 1e12):
+        Q = np.linalg.qr(rng.standard_normal((4, 4)))[0]
+        F = Q @ np.diag(np.geomspace(1.0 / condition, 1.0, 4)) @ Q.T
+        F = 0.5 * (F + F.T)
+        w = rng.standard_normal((50, 4))
+        error = 0.1 * np.abs(w)
+        upper = _quadratic_upper_bounds(F, w, error, _eigenvalue_floor(F))
+        exact = np.einsum("ia,ab,ib->i", w, np.linalg.inv(F), w)
+        assert (upper >= exact * (1 - 1e-3)).all()
+        if condition == 1.0:
+            moved = w + error * rng.choice([-1.0, 1.0], w.shape)
+            assert (upper >= np.einsum("ia,ab,ib->i", moved, np.linalg.inv(F), moved)).all()
+
+
+@pytest.fixture(scope="module")
+def solved():
+    rng = np.random.default_rng(9)
+    problem = Problem.from_user(rng.random((5, 3)), rng.random((5, 3)))
+    return problem, dict(solve_pm_sdp(problem).certificate.arrays)
+
+
+def test_matrices_must_be_symmetric_and_betas_not_positive(solved) -> None:
+    problem, arrays = solved
+    upper = {
+        "F": np.triu(np.ones((9, 9)), 1),
+        "column_multipliers": np.triu(np.ones((3, 3)), 1),
+        "row_multipliers": np.triu(np.ones((3, 3)), 1),
+        "quaternion_multipliers": np.triu(np.ones((4, 4)), 1),
+    }
+    for name, change in upper.items():
+        with pytest.raises(InputError, match="must be symmetric"):
+            proven_bound(problem, "pm-sdp", {**arrays, name: arrays[name] + 1e-9 * change})
+    with pytest.raises(InputError, match="must not be positive"):
+        proven_bound(problem, "pm-sdp", {**arrays, "beta": arrays["beta"] + 1.0})
+    with pytest.raises(InputError, match="not positive definite"):
+        proven_bound(problem, "pm-sdp", {**arrays, "F": -arrays["F"]})
+
+
+def test_huge_potentials_do_not_round_the_bound_upwards(solved) -> None:
+    problem, arrays = solved
+    optimum = brute_force(problem).energy
+    rng = np.random.default_rng(10)
+    for exponent in range(8, 18):
+        for _ in range(5):
+            beta = arrays["beta"] - 10.0**exponent * (1.0 + rng.random(5))
+            assert proven_bound(problem, "pm-sdp", {**arrays, "beta": beta}) <= optimum
+            beta = arrays["beta"] - 10.0**exponent * rng.random()
+            assert proven_bound(problem, "pm-sdp", {**arrays, "beta": beta}) <= optimum
+
+
+@pytest.mark.parametrize("max_unmatched", [1, 2, 4])
+def test_any_dual_point_of_partial_matching_gives_a_valid_bound(max_unmatched: int) -> None:
+    rng = np.random.default_rng(11)
+    for seed in range(3):
+        problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)) + (3.0 if seed == 2 else 0.0))
+        problem = replace(problem, max_unmatched=max_unmatched, unmatched_cost=0.05)
+        result = solve_pm_sdp(problem)
+        optimum = brute_force(problem).energy
+        arrays = dict(result.certificate.arrays)
+        assert proven_bound(problem, "pm-sdp", arrays) <= optimum
+        for size in (1e-2, 1.0):
+            for _ in range(10):
+                beta = arrays["beta"].copy()
+                beta[-1] -= 10.0 * size * rng.random()
+                u = arrays["u"] + size * rng.standard_normal(arrays["u"].shape)
+                assert proven_bound(problem, "pm-sdp", {**arrays, "beta": beta}) <= optimum
+                assert proven_bound(problem, "pm-sdp", {**arrays, "beta": beta, "u": u}) <= optimum
+
+
+def test_a_match_that_leaves_others_unmatched_is_possible() -> None:
+    rng = np.random.default_rng(12)
+    candidates = np.array([[1, 1, 0], [0, 1, 1], [0, 1, 0]], dtype=bool)  # 2 to 1 leaves only 0 and 1 for rows 0, 2
+    problem = Problem.from_user(rng.random((3, 3)), rng.random((3, 3)), candidates=candidates)
+    arrays = dict(solve_pm_sdp(replace(problem, max_unmatched=1, unmatched_cost=0.1)).certificate.arrays)
+    for i, j in np.argwhere(candidates):
+        with pytest.raises(InputError, match="possible match"):
+            proven_bound(
+                replace(problem, max_unmatched=1, unmatched_cost=0.1),
+                "pm-sdp",
+                {**arrays, "impossible": np.array([[i, j]])},
+            )
+
+
+@pytest.mark.parametrize("unmatched_cost", [0.01, 0.3])
+def test_bounds_of_partial_matching_are_close_where_nothing_turns(unmatched_cost: float) -> None:
+    rng = np.random.default_rng(13)
+    diagonal = RotationPattern(np.eye(3, dtype=bool), ((0, 1), (1, 2), (2, 3)))  # R is the identity
+    problem = Problem.from_user(rng.random((5, 3)), rng.random((4, 3)), rotation_pattern=diagonal)
+    problem = replace(problem, max_unmatched=2, unmatched_cost=unmatched_cost)
+    result = solve_pm_sdp(problem)
+    optimum = brute_force(problem).energy
+    assert optimum * (1 - 1e-9) <= result.lower_bound <= optimum
+
+
+def test_what_staying_unmatched_costs_at_least() -> None:
+    rng = np.random.default_rng(14)
+    problem = replace(Problem.from_user(rng.random((4, 3)), rng.random((4, 3))), max_unmatched=1, unmatched_cost=0.3)
+    F = np.stack([A @ A.T + np.eye(9) for A in rng.standard_normal((4, 9, 9))])
+    u = rng.standard_normal((4, 9))
+    exact = 0.3 - (problem.source**2).sum(axis=1) - np.einsum("ja,ja->j", u, np.linalg.solve(F, u[..., None])[..., 0])
+    lows = _unmatched_lower_bounds(problem, F, u)
+    assert (lows <= exact + 1e-15).all()
+    np.testing.assert_allclose(lows, exact, rtol=1e-9)

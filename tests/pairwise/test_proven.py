@@ -1,0 +1,88 @@
+"""When a pose counts as proven: never without its bound, and never by more than was asked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pairwise import MatchOptions, match, solve_relaxation, verify_certificate
+from pairwise import match as match_function
+from pairwise.match import _proven, match_problem
+from pairwise.problem.problem import Problem
+from pairwise.relaxations import solve_pm_sdp
+from pairwise.results import Candidate
+from pairwise.status import Status
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    rng = np.random.default_rng(3)
+    return Problem.from_user(rng.random((6, 3)), rng.random((6, 3)))
+
+
+def judged(problem: Problem, bound: float, energy: float, **options) -> tuple[float, Status]:
+    """What is said about a pose of that energy once a relaxation has that bound."""
+    relaxation = replace(solve_pm_sdp(problem, max_iterations=1), lower_bound=bound)
+    pose = Candidate(
+        R_target_source=np.eye(3), map_target_source=np.arange(6), energy=energy, reflected=False, origin="test"
+    )
+    return _proven(problem, relaxation, pose, MatchOptions(**options))
+
+
+def test_a_pose_is_proven_to_the_tolerance_and_not_beyond(problem) -> None:
+    assert judged(problem, 0.9995, 1.0)[1] is Status.PROVEN_OPTIMAL
+    assert judged(problem, 0.998, 1.0)[1] is Status.LOCAL_OPTIMUM
+    assert judged(problem, 0.95, 1.0)[1] is Status.LOCAL_OPTIMUM
+    assert judged(problem, 0.0, 1.0)[1] is Status.LOCAL_OPTIMUM
+    assert judged(problem, 0.95, 1.0, gap_tol=0.1)[1] is Status.PROVEN_OPTIMAL
+    assert judged(problem, float("nan"), 1.0)[1] is Status.LOCAL_OPTIMUM
+
+
+def test_only_rounding_is_forgiven_beside_the_tolerance(problem) -> None:
+    size = float((problem.source**2).sum() + (problem.target**2).sum())
+    assert judged(problem, 0.0, 1e-10 * size)[1] is Status.PROVEN_OPTIMAL
+    assert judged(problem, 0.0, 1e-4 * size)[1] is Status.LOCAL_OPTIMUM
+
+
+def test_bounds_are_reported_between_zero_and_the_energy(problem) -> None:
+    assert judged(problem, -3.0, 1.0)[0] == 0.0
+    assert judged(problem, 0.4, 1.0)[0] == 0.4
+    assert judged(problem, 1.0 + 1e-9, 1.0)[0] == 1.0
+
+
+def test_banded_patterns_have_no_bound_for_their_poses() -> None:
+    rng = np.random.default_rng(4)
+    banded = Problem.from_user(rng.random((6, 3)), rng.random((6, 3)), rotation_pattern=1, group="O")
+    bound, status = judged(banded, 1.0, 1.0)
+    assert np.isnan(bound)
+    assert status is Status.LOCAL_OPTIMUM
+
+
+def test_the_pose_that_the_dense_points_prefer_is_not_the_one_that_is_proven(problem, monkeypatch) -> None:
+    options = MatchOptions(certify=True, candidate_factor=100.0, num_rotations=60)
+    dense = (None, None)
+    module = __import__("sys").modules["pairwise.match"]
+    monkeypatch.setattr(module, "refine_candidates", lambda ranked, *_: ranked[::-1])
+    other = match_problem(problem, options, dense=dense)
+    assert other.energy > other.candidates[-1].energy
+    assert other.status is Status.LOCAL_OPTIMUM
+    monkeypatch.setattr(module, "refine_candidates", lambda ranked, *_: ranked)
+    assert match_problem(problem, options, dense=dense).status is Status.PROVEN_OPTIMAL
+
+
+def test_the_relaxation_hands_its_certificate_on(problem) -> None:
+    result = match(problem.target, problem.source, strategy="relaxation")
+    assert verify_certificate(problem.target, problem.source, result.certificate, problem=problem) >= 0.0
+    assert result.lower_bound == pytest.approx(max(result.certificate.bound, 0.0))
+    assert match_function(problem.target, problem.source, strategy="search").certificate is None
+
+
+def test_a_loose_relaxation_proves_nothing() -> None:
+    rng = np.random.default_rng(5)
+    target, source = rng.random((8, 3)), rng.random((8, 3))
+    result = match(target, source, strategy="relaxation")
+    bound = solve_relaxation(target, source).lower_bound
+    assert bound < 0.99 * result.energy  # noise has no close relaxation
+    assert result.status is Status.LOCAL_OPTIMUM

@@ -1,0 +1,100 @@
+"""The list of mutants fits the code, and the runner tells killed ones from survivors."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.mutants.place import MODULE, Mutant, applied, mutated
+from tests.mutants.places import MUTANTS
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = """LIMIT = 3
+
+
+class Box:
+    def holds(self, n):
+        return n <= LIMIT
+
+
+def twice(n):
+    return n + n
+"""
+
+
+def test_places_are_there_and_are_tried_by_tests_that_are_there() -> None:
+    assert len({str(mutant) for mutant in MUTANTS}) == len(MUTANTS)
+    gone = [mutant for mutant in MUTANTS if not is_there(mutant)]
+    assert len(MUTANTS) - len(gone) >= 150
+    assert len(gone) <= 0.05 * len(MUTANTS), "\n".join(map(str, gone))  # bring the list up to date with the code
+
+
+def is_there(mutant: Mutant) -> bool:
+    try:
+        applied(mutant, ROOT)
+    except ValueError:
+        return False
+    return bool(mutant.tests) and all((ROOT / test).is_file() for test in mutant.tests)
+
+
+def fault(function: str, old: str, new: str, tests: tuple[str, ...] = ()) -> Mutant:
+    return Mutant("box.py", function, old, new, tests)
+
+
+def test_faults_are_put_into_one_function_only() -> None:
+    assert "return n < LIMIT" in mutated(SOURCE, fault("Box.holds", "<=", "<"))
+    assert mutated(SOURCE, fault(MODULE, "3", "4")).startswith("LIMIT = 4")
+    assert mutated(SOURCE, fault("twice", "n + n", "n")).endswith("return n\n")
+
+
+@pytest.mark.parametrize(
+    ("function", "old", "new", "message"),
+    [
+        ("thrice", "n", "m", "no such function"),
+        ("twice", "LIMIT", "4", "occurs 0 times"),
+        ("twice", "n + n", "(n + n)", "changes nothing"),
+        (MODULE, "LIMIT)", "", "occurs 0 times"),
+    ],
+)
+def test_faults_that_are_none_are_refused(function: str, old: str, new: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        mutated(SOURCE, fault(function, old, new))
+
+
+def test_the_runner_tells_killed_from_survived_and_from_tests_that_fail_anyway(tmp_path: Path) -> None:
+    (tmp_path / "pyproject.toml").write_text("[tool.pytest.ini_options]\nmarkers = ['data: needs data']\n")
+    folder = tmp_path / "tests"
+    folder.mkdir()
+    (folder / "box.py").write_text(SOURCE)
+    names = ("good", "blind", "broken", "slow")
+    bodies = {
+        "good": "assert box.Box().holds(3)",
+        "blind": "assert box.twice(0) == 0",
+        "broken": "assert False",
+        "slow": "import time; time.sleep(0 if box.LIMIT == 3 else 60)",
+    }
+    loader = (
+        "import importlib.util, pathlib\n"
+        "spec = importlib.util.spec_from_file_location('box', pathlib.Path(__file__).parent / 'box.py')\n"
+        "box = importlib.util.module_from_spec(spec)\nspec.loader.exec_module(box)\n"
+    )
+    for name in names:
+        (folder / f"test_{name}.py").write_text(f"{loader}\n\ndef test_it():\n    {bodies[name]}\n")
+    changes = {"good": ("Box.holds", "<=", "<"), "blind": ("twice", "n + n", "n"), "broken": ("twice", "n + n", "n")}
+    changes["slow"] = (MODULE, "3", "4")
+    mutants = [Mutant("tests/box.py", *changes[name], (f"tests/test_{name}.py",)) for name in names]
+    script = "\n".join(
+        [
+            "from pathlib import Path",
+            "from tests.mutants.place import Mutant",
+            "from tests.mutants.runner import run_mutants",
+            f"for verdict in run_mutants({mutants!r}, Path({str(tmp_path)!r}), time_limit_s=20):",
+            "    print(verdict.ending)",
+        ]
+    )
+    found = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert found.stdout.split("\n")[:4] == ["killed", "survived", "no verdict", "killed"]
+    assert (folder / "box.py").read_text() == SOURCE
