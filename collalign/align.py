@@ -170,7 +170,12 @@ def align_listing(
         groups=solution.groups,
         excluded=(*shapes.excluded, *failed),
         skipped=tuple(readable_name(path) for path in listing.skipped),
-        notes=(*solution.warnings, *shapes.notes, *filter(None, notes), *_unknown_confidence(solution.confidence)),
+        notes=(
+            *solution.warnings,
+            *shapes.notes,
+            *filter(None, notes),
+            *_unknown_confidence(solution.confidence, options.synchronization),
+        ),
         shape_notes=tuple(item.notes for item in samples),
         options=asked,
         group=choice.group,
@@ -178,11 +183,11 @@ def align_listing(
     )
 
 
-def _unknown_confidence(confidence: FloatArray) -> tuple[str, ...]:
+def _unknown_confidence(confidence: FloatArray, method: str) -> tuple[str, ...]:
     """Return the sentence that says that nothing is known about the poses, where that is so."""
     if not np.isnan(confidence).all():
         return ()
-    return ("No confidence is known for any pose: the spectral synchronization does not estimate it.",)
+    return (f"No confidence is known for any pose: the {method} synchronization does not estimate it.",)
 
 
 def _constraints(

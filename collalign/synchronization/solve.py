@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,10 +26,12 @@ from data_tools.threads import one_blas_thread
 from pairwise.problem.pattern import PatternLike
 from pairwise.status import Status
 
-METHODS = ("robust", "spectral")
+#: Methods that find the frames of a connected graph, (N, d, d), from one rotation per pair, (E, d, d), and weights.
+BASELINES: dict[str, Callable[[PairGraph, FloatArray, FloatArray], FloatArray]] = {"spectral": spectral_frames}
+METHODS = ("robust", *BASELINES)
 
-#: The spectral baseline calls a pair an inlier within this angle of its answer.
-SPECTRAL_INLIER_RAD = np.deg2rad(30.0)
+#: A baseline calls a pair an inlier within this angle of its answer.
+BASELINE_INLIER_RAD = np.deg2rad(30.0)
 
 
 @one_blas_thread()
@@ -118,13 +120,18 @@ def synchronize_graph(
     fixed : mapping of int to ndarray (d, d), optional
     reference : int
     """
-    if method == "spectral":
-        return _spectral(graph, fixed or {}, reference)
+    if method in BASELINES:
+        return _baseline(graph, BASELINES[method], fixed or {}, reference)
     return robust_synchronization(graph, fixed or {}, reference)
 
 
-def _spectral(graph: PairGraph, fixed: Mapping[int, FloatArray], reference: int) -> SynchronizationResult:
-    """Return the baseline: eigenprojection of the best candidates, group by group."""
+def _baseline(
+    graph: PairGraph,
+    find_frames: Callable[[PairGraph, FloatArray, FloatArray], FloatArray],
+    fixed: Mapping[int, FloatArray],
+    reference: int,
+) -> SynchronizationResult:
+    """Return what a baseline makes of the best candidates, one connected part after the other."""
     frames = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
     components = graph.connected_groups()
     chosen = graph.chosen(graph.best_choice)
@@ -132,14 +139,14 @@ def _spectral(graph: PairGraph, fixed: Mapping[int, FloatArray], reference: int)
     for members in components:
         part, kept = graph.subgraph(members)
         if part.num_edges:
-            frames[members] = spectral_frames(part, chosen[kept], part.weights)
+            frames[members] = find_frames(part, chosen[kept], part.weights)
             certificates.append(certify_frames(part, chosen[kept], part.weights, frames[members]))
     poses = fix_gauge(transposed(frames), components, reference=reference, fixed=fixed, pattern=graph.pattern)
     misfit = angles_rad(transposed(chosen) @ relative(transposed(poses), graph.edges))
     return SynchronizationResult(
         rotations=read_only(poses),
         confidence=read_only(np.full(graph.num_shapes, np.nan)),
-        edge_inlier=read_only(misfit <= SPECTRAL_INLIER_RAD),
+        edge_inlier=read_only(misfit <= BASELINE_INLIER_RAD),
         edge_choice=read_only(graph.best_choice),
         edge_inconsistency_rad=read_only(misfit),
         edge_weights=read_only(graph.weights.copy()),
