@@ -15,7 +15,7 @@ import numpy as np
 from cyclopts import Parameter
 
 import collalign
-from collalign.analysis.label_table import read_labels
+from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.interruption import resumable
 from collalign.collection import AlignedCollection
 from collalign.engine.jobs.progress import ProgressBar
@@ -74,8 +74,7 @@ def align(
         collection = collalign.align_collection(
             folder, options=options, run=run, fixed=fixed, progress=progress_display()
         )
-        columns = table.columns_for(collection.names) if table is not None else None
-        written = save_collection(collection, output, report=report, labels=columns)
+        written = _save(collection, output, table, report=report)
     return _finish(collection, written)
 
 
@@ -106,8 +105,7 @@ def add(
     load_view(result)
     with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=[folder]) as output:
         collection = collalign.add_to_collection(result, folder, run=run, progress=progress_display())
-        columns = table.columns_for(collection.names) if table is not None else None
-        written = save_collection(collection, output, report=report, labels=columns)
+        written = _save(collection, output, table, report=report)
     return _finish(collection, written)
 
 
@@ -148,6 +146,15 @@ def demo(
     for path in (out / "shapes", out / "aligned", out / "aligned" / REPORT_FILE):
         print(path)
     return code
+
+
+def _save(
+    collection: AlignedCollection, output: OutputFolder, table: Labels | None, *, report: bool
+) -> tuple[Path, ...]:
+    """Write the outputs, with a progress bar where somebody watches a terminal."""
+    columns = table.columns_for(collection.names) if table is not None else None
+    with ProgressBar("outputs", len(collection.names), disable=not sys.stderr.isatty()) as bar:
+        return save_collection(collection, output, report=report, labels=columns, advance=bar.advance)
 
 
 def _errors_deg(alignment: Path, planted: PlantedCollection) -> FloatArray:

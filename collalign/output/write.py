@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -59,6 +59,7 @@ def save_collection(
     *,
     report: bool = True,
     labels: Mapping[str, tuple[str, ...]] | None = None,
+    advance: Callable[[], None] | None = None,
 ) -> tuple[Path, ...]:
     """Write every output of a collection.
 
@@ -74,6 +75,8 @@ def save_collection(
         Write ``report.html`` as well.
     labels : mapping of str to tuple of str, optional
         Columns of labels, one value per shape, for the report.
+    advance : callable, optional
+        Called after each shape, for a display of the progress.
 
     Returns
     -------
@@ -91,7 +94,7 @@ def save_collection(
         output.refuse_foreign(output_names(collection.names))
         _write_tables(collection, output)
         write_certificates(collection, output)
-        _write_shapes(collection, output, report=report, labels=labels)
+        _write_shapes(collection, output, report=report, labels=labels, advance=advance)
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
         raise InputError(f"{output.folder}: the results cannot be written ({error.strerror or error})") from error
@@ -164,6 +167,7 @@ def _write_shapes(
     *,
     report: bool,
     labels: Mapping[str, tuple[str, ...]] | None,
+    advance: Callable[[], None] | None,
 ) -> None:
     """Write what needs the shapes themselves, which are read once each, one in memory at a time."""
     num = len(collection.names)
@@ -179,6 +183,8 @@ def _write_shapes(
         write_mesh(output.stage(MESH_FOLDER, f"{stems[i]}.ply"), shape.transformed(collection.transforms[i]))
         if i in drawn:
             tiles.append(tile_of(shape, collection.transforms[i], float(collection.confidence[i])))
+        if advance is not None:
+            advance()
         return shape
 
     view = view_collection(collection, read_next, labels=labels)

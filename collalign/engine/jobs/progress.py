@@ -44,7 +44,11 @@ class ProgressBar:
         if outcome.failure is not None:
             self._num_failed += 1
             self._bar.set_postfix(failed=self._num_failed, refresh=False)
-        self._bar.update(1)
+        self.advance()
+
+    def advance(self, num: int = 1) -> None:
+        """Count so many results."""
+        self._bar.update(num)
 
     def __enter__(self) -> ProgressBar:
         return self

@@ -202,9 +202,10 @@ def test_a_table_that_cannot_be_written_leaves_no_file(tmp_path: Path) -> None:
 
 def test_progress_is_told_of_every_result() -> None:
     text = io.StringIO()
-    with ProgressBar("pairs", 5, done=2, file=text) as progress:
+    with ProgressBar("pairs", 6, done=2, file=text) as progress:
         collect(misbehave, [("a", ("return", 1)), ("b", ("raise", 1)), ("c", ("return", 1))], progress=progress)
-    assert "5/5" in text.getvalue()
+        progress.advance()
+    assert "6/6" in text.getvalue()
     assert "failed=1" in text.getvalue()
 
 
