@@ -93,7 +93,12 @@ def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
         pair_costs=trial.pair_costs,
         num_jobs=run.num_workers,
         further=later_work(
-            trial, len(listing.names), num_pairs, job.options, pilot=is_auto and missing_pairs > num_pairs // 2
+            trial,
+            len(listing.names),
+            num_pairs,
+            job.options,
+            missing_pairs=missing_pairs,
+            pilot=is_auto and missing_pairs > num_pairs // 2,
         ),
     )
 

@@ -14,6 +14,8 @@ from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.chirality.pilot import MOST_SHAPES
+from collalign.stages.evidence.decide import wants_maps
+from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.pairs.match import match_pairs
 from collalign.stages.pairs.select import all_pairs
 from collalign.stages.poses.refinement import NUM_NEIGHBOURS, NUM_ROUNDS, dense_points
@@ -47,6 +49,8 @@ class Trial:
         Until the workers had started.
     refinement_s, read_s : float
         Of one pair on its dense samples, and of one file.
+    surface_costs, map_costs : Costs
+        Of preparing a shape for maps and of a pair's maps; of none where the collection needs none.
     """
 
     shape_costs: Costs
@@ -54,6 +58,8 @@ class Trial:
     start_s: float
     refinement_s: float
     read_s: float
+    surface_costs: Costs
+    map_costs: Costs
 
 
 def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -> Trial:
@@ -70,7 +76,9 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
         shapes = prepare_shapes(session, few)
         prepared_s = time.perf_counter() - started
         pairs, _ = match_pairs(session, shapes, all_pairs(len(shapes.names)))
-        costs = session.store.costs("shapes"), session.store.costs("pairs")
+        if wants_maps(options, pairs):
+            weigh_pairs(session, shapes, pairs)
+        costs = [session.store.costs(kind) for kind in ("shapes", "pairs", "surfaces", "evidence")]
     busy_s = costs[0].mean_seconds * len(shapes.names) / min(run.num_workers, len(shapes.names))
     return Trial(
         shape_costs=costs[0],
@@ -78,11 +86,15 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
         start_s=max(0.0, prepared_s - busy_s),
         refinement_s=_refinement_s(shapes, pairs) if options.refine else 0.0,
         read_s=_read_s(shapes, options),
+        surface_costs=costs[2],
+        map_costs=costs[3],
     )
 
 
-def later_work(trial: Trial, num_shapes: int, num_pairs: int, options: AlignOptions, *, pilot: bool) -> list[Work]:
-    """Return the work beside shapes and pairs, of which nothing is kept for another run.
+def later_work(
+    trial: Trial, num_shapes: int, num_pairs: int, options: AlignOptions, *, missing_pairs: int, pilot: bool
+) -> list[Work]:
+    """Return the work beside shapes and pairs.
 
     Parameters
     ----------
@@ -90,6 +102,8 @@ def later_work(trial: Trial, num_shapes: int, num_pairs: int, options: AlignOpti
     num_shapes, num_pairs : int
         Of the whole collection.
     options : AlignOptions
+    missing_pairs : int
+        Pairs that no store holds; these need maps as well, where the collection does.
     pilot : bool
         Whether the run must find out whether shapes are mirrored.
     """
@@ -97,6 +111,11 @@ def later_work(trial: Trial, num_shapes: int, num_pairs: int, options: AlignOpti
     work = [Work(stage="start", number=1, each_s=trial.start_s, spread=False)]
     if pilot:
         work.append(Work(stage="pairs", number=PILOT_PAIRS * min(num_shapes, MOST_SHAPES), each_s=match_s))
+    if missing_pairs and trial.map_costs.num_records:
+        work += [
+            Work(stage="maps", number=num_shapes, each_s=trial.surface_costs.mean_seconds),
+            Work(stage="maps", number=missing_pairs, each_s=trial.map_costs.mean_seconds),
+        ]
     if options.synchronization == "robust":
         local = min(num_pairs, LOCAL_SHARE * NUM_NEIGHBOURS * num_shapes)
         work += [
