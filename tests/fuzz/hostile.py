@@ -67,13 +67,28 @@ def judge(problem: Problem, forged: Certificate, states_problem: bool) -> str:
         return "refused"
     except Exception as error:
         return f"unclear error: {type(error).__name__}: {error}"
-    with np.errstate(over="ignore"):
-        squares = (about.target**2).sum() + (about.weights * (about.source**2).sum(axis=1)).sum()
+    unit, about = in_own_unit(about)
+    squares = (about.target**2).sum() + (about.weights * (about.source**2).sum(axis=1)).sum()
     scale = float(squares + np.abs(about.constant_cost).max(initial=0.0))
     optimum = brute_force(about).energy
-    if not bound <= optimum + TOL * scale:
-        return f"false: proves {bound:.12g} where the optimum is {optimum:.12g}"
+    if not np.ldexp(bound, -unit) <= optimum + TOL * scale:
+        return (
+            f"false: proves {np.ldexp(bound, -unit):.12g} where the optimum is {optimum:.12g}, in units of 2^{unit}"
+        )
     return "true"
+
+
+def in_own_unit(problem: Problem) -> tuple[int, Problem]:
+    """Return a power of two and the problem with energies in its unit, which brute force can add without overflow."""
+    exponent = int(
+        np.frexp(max(problem.weights.max(), np.abs(problem.constant_cost).max(), problem.unmatched_cost))[1]
+    )
+    return exponent, replace(
+        problem,
+        weights=np.ldexp(problem.weights, -exponent),
+        constant_cost=np.ldexp(problem.constant_cost, -exponent),
+        unmatched_cost=float(np.ldexp(problem.unmatched_cost, -exponent)),
+    )
 
 
 @cache

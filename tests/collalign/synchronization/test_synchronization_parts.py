@@ -304,6 +304,16 @@ def test_signs_are_relative_to_the_first_shape_and_contradictions_are_named() ->
     assert wrong.mirrored.tolist() == found.mirrored.tolist()
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_the_first_shape_of_every_group_is_not_mirrored(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    truth = rng.choice([-1.0, 1.0], 9)
+    edges = np.concatenate([complete_edges(5), 5 + complete_edges(4)])
+    found = synchronize_signs(edges, truth[edges[:, 0]] * truth[edges[:, 1]])
+    assert np.array_equal(found.mirrored[:5], truth[:5] != truth[0])
+    assert np.array_equal(found.mirrored[5:], truth[5:] != truth[5])
+
+
 def test_poses_that_a_pair_knows_or_cannot_afford_are_not_added() -> None:
     edges = complete_edges(3)
     pairs = np.tile(np.eye(3), (3, 1, 1))

@@ -8,11 +8,11 @@ from scipy.optimize import linear_sum_assignment
 from data_tools.errors import InputError
 from pairwise.certificates.certificate import Certificate
 from pairwise.certificates.verify import proven_bound, verify_certificate
-from pairwise.certificates.verify_tight import _assignment_floor, _constant_floor, _lift, _sum_floor
+from pairwise.certificates.verify_tight import _assignment_floor, _constant_floor, _forced_floor, _lift, _sum_floor
 from pairwise.problem.problem import Problem
 from pairwise.tight.lift import make_lift
 from pairwise.tight.solve import solve_tight
-from tests.oracles import brute_force
+from tests.oracles import brute_force, injective_maps
 from tests.tight_problems import planted_cube
 
 
@@ -118,7 +118,7 @@ def test_both_chiralities_must_be_proven(certified):
 def test_sums_of_multipliers_are_bounded_by_what_they_are_not_by_what_floats_make_of_them():
     _, identities, trace = _lift(3, 4)
     for size in (1e3, 1e9, 1e15):
-        lost = 0.4 * np.finfo(np.float64).eps * size
+        lost = 0.2 * np.finfo(np.float64).eps * size
         A = np.stack([size * np.eye(4), -lost * np.eye(4), -size * np.eye(4)])
         assert _constant_floor(A, np.zeros((3, 4, 4)), identities, trace) <= -lost
 
@@ -209,3 +209,15 @@ def test_stages_only_drop_matches_and_each_drops_some():
     none[:, 2] = False
     with pytest.raises(InputError, match="other matches than those left"):
         proven_bound(problem, "quaternion", {**arrays, **again, "proper_1_allowed": none})
+
+
+def test_the_cheapest_of_all_dropped_matches_counts():
+    rng = np.random.default_rng(11)
+    for n, k in ((4, 4), (4, 3), (1, 1)):
+        costs = rng.random((n, k))
+        dropped = rng.random((n, k)) < 0.5
+        dropped[0, 0] = True
+        maps = injective_maps(np.ones((n, k), dtype=bool))
+        totals = costs[maps, np.arange(k)].sum(axis=1)
+        least = totals[dropped[maps, np.arange(k)].any(axis=1)].min()
+        assert least + 3.0 - 1e-12 <= _forced_floor(costs, 3.0, dropped) <= least + 3.0

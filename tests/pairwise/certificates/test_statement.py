@@ -1,0 +1,120 @@
+"""What a certificate states, field by field: read as strictly as what a caller gives, and hashed as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from data_tools.errors import InputError
+from pairwise import Problem
+from pairwise.certificates.arrays import LARGEST, CertificateArrays, in_unit
+from pairwise.certificates.certificate import hash_problem, problem_arrays
+from pairwise.certificates.statement import build_problem
+from pairwise.problem.pattern import RotationPattern
+
+
+@pytest.fixture
+def problem(rng: np.random.Generator) -> Problem:
+    return Problem.from_user(rng.random((5, 3)), rng.random((4, 3)), weights=[1.0, 2.0, 0.5, 0.0])
+
+
+def built(problem: Problem, **arrays) -> Problem:
+    return build_problem(problem.target, problem.source, {**problem_arrays(problem), **arrays})
+
+
+def test_a_problem_survives_its_arrays(problem: Problem) -> None:
+    partial = replace(problem, max_unmatched=2, unmatched_cost=0.3)
+    for one in (problem, partial):
+        again = build_problem(one.target, one.source, problem_arrays(one))
+        assert hash_problem(again) == hash_problem(one)
+        assert (again.max_unmatched, again.unmatched_cost) == (one.max_unmatched, one.unmatched_cost)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("weights", np.array([1.0, 1.0, 1.0, -1e-9]), "weights must not be negative"),
+        ("weights", np.zeros(4), "nor all zero"),
+        ("weights", np.array([1.0, 1.0, 1.0, np.nan]), "weights contains values that are not finite"),
+        ("weights", np.ones(5), r"weights has shape \(5,\), expected \(4\)"),
+        ("weights", np.ones(4, dtype=np.int64), "weights has the wrong type"),
+        ("candidates", np.zeros((5, 4), dtype=bool), "no injective map"),
+        ("candidates", np.ones((5, 4)), "candidates has the wrong type"),
+        ("special_blocks", np.array([[0, 2]]), r"has \[0, 2\], which is no block"),
+        ("special_blocks", np.array([[-1, 3]]), "outside"),
+        ("special_blocks", np.array([[0, 4]]), "outside"),
+        ("special_blocks", np.array([[0, 3], [1, 3]]), "no block"),
+        ("special_blocks", np.array([[0, 3], [0, 3]]), r"has \[0, 3\], which is no block"),
+        ("special_blocks", np.array([[0, 3], [2, 2]]), r"has \[2, 2\]"),
+    ],
+)
+def test_fields_are_refused_by_name(problem: Problem, name: str, values: np.ndarray, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        built(problem, **{name: values})
+
+
+def test_singular_patterns_are_refused(problem: Problem) -> None:
+    pattern = np.array([[1, 1, 1], [0, 0, 1], [0, 0, 1]], dtype=bool)
+    with pytest.raises(InputError, match="singular"):
+        built(problem, pattern=pattern, special_blocks=np.zeros((0, 2), dtype=np.int64))
+
+
+def test_one_point_too_many_may_not_stay_unmatched(problem: Problem) -> None:
+    candidates = np.zeros((5, 4), dtype=bool)
+    candidates[0] = True  # three of four source points are left over
+    unmatched = {"unmatched_costs": np.full(4, 0.1), "candidates": candidates}
+    assert built(problem, **unmatched, max_unmatched=np.array(3)).max_unmatched == 3
+    with pytest.raises(InputError, match="no injective map"):
+        built(problem, **unmatched, max_unmatched=np.array(2))
+
+
+@pytest.mark.parametrize(
+    ("costs", "number"), [([0.1] * 4, 0), ([-0.1] * 4, 1), ([0.1, 0.1, 0.1, 0.2], 1), ([0.1] * 4, 5), ([0.1] * 4, -1)]
+)
+def test_unmatched_points_are_described_in_one_way(problem: Problem, costs: list[float], number: int) -> None:
+    with pytest.raises(InputError, match="unmatched"):
+        built(problem, unmatched_costs=np.array(costs), max_unmatched=np.array(number))
+
+
+def test_the_hash_sees_every_field(problem: Problem) -> None:
+    candidates, cost = problem.candidates.copy(), problem.constant_cost.copy()
+    candidates[0, 0], cost[0, 0] = False, 1e-300
+    others = [
+        replace(problem, target=problem.target + 1e-15),
+        replace(problem, source=problem.source + 1e-15),
+        replace(problem, weights=problem.weights + 1e-15),
+        replace(problem, candidates=candidates),
+        replace(problem, constant_cost=cost),
+        replace(problem, pattern=RotationPattern(problem.pattern.mask)),
+        replace(problem, pattern=RotationPattern(np.eye(3, dtype=bool), problem.pattern.special_blocks)),
+        replace(problem, max_unmatched=1),
+        replace(problem, max_unmatched=1, unmatched_cost=1e-300),
+    ]
+    assert len({hash_problem(one) for one in [problem, *others]}) == 1 + len(others)
+
+
+def test_numbers_come_in_the_unit_and_not_beyond_its_range() -> None:
+    values = np.array([3.0, -5.0], dtype=">f4")
+    given = CertificateArrays({"F": values, "i": np.array([0, 2], dtype=np.uint8)}, exponent=2)
+    found = given.floats("F", (2,))
+    assert found.dtype == np.dtype("=f8")
+    assert found.tolist() == [0.75, -1.25]
+    with pytest.raises(InputError, match="does not have: i"):
+        given.refuse_rest("tight")
+    assert given.indices("i", (2,), upper=3).dtype == np.int64
+    given.refuse_rest("tight")
+    with pytest.raises(InputError, match="outside"):
+        given.indices("i", (2,), upper=2)
+    for wrong in (np.array([0, -1]), np.array([3])):
+        with pytest.raises(InputError, match="outside"):
+            CertificateArrays({"i": wrong}).indices("i", (None,), upper=3)
+    with pytest.raises(InputError, match="too large"):
+        in_unit(np.array([2.0 * LARGEST]), 0, "x")
+    with pytest.raises(InputError, match="too large"):
+        CertificateArrays({"F": np.array([1e50])}, exponent=-400).floats("F", (1,))
+    for bad in (np.nan, np.inf):
+        with pytest.raises(InputError, match="not finite"):
+            CertificateArrays({"F": np.array([bad])}, exponent=0).floats("F", (1,))
+    assert in_unit(np.array([1e-300]), 900, "x").tolist() == [0.0]
