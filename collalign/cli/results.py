@@ -10,7 +10,8 @@ from cyclopts import Parameter
 
 from collalign.analysis.classify import Singles, classify_leave_one_out
 from collalign.analysis.label_table import read_labels
-from collalign.analysis.procrustes import procrustes_distances
+from collalign.analysis.surface_distance import surface_distances
+from collalign.output.evidence.clouds import posed_clouds
 from collalign.output.evidence.file import load_view
 from collalign.output.exports import FORMATS, Space
 from collalign.output.exports import export as write_export
@@ -71,7 +72,10 @@ def classify(
     singles: Singles = "leave-out",
     as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
-    """Classify every shape by its nearest neighbour in Procrustes distance, leaving it out.
+    """Classify every shape by its nearest neighbour, leaving it out.
+
+    The distance of two shapes is that of their surfaces, by closest points at their poses, of all pairs of near
+    neighbours after turning, shifting and scaling to fit best.
 
     Parameters
     ----------
@@ -88,7 +92,7 @@ def classify(
     """
     view = load_view(result)
     values = read_labels(labels).column(by, view.names)
-    distances = procrustes_distances(view.aligned_samples)
+    distances = surface_distances(posed_clouds(view), view.groups)
     found = classify_leave_one_out(distances, values, names=view.names, singles=singles)
     print(json.dumps(found.as_dict(), indent=1) if as_json else found.table())
     return 0

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import functools
-import itertools
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.spatial import cKDTree
 
 from collalign.align import align_collection
 from collalign.analysis.procrustes import best_rotations, procrustes_distances
+from collalign.analysis.surface_distance import (
+    distances_at_poses,
+    near_pairs,
+    refined_distance,
+    surface_distances,
+)
 from collalign.engine.options import RunOptions
 from collalign.engine.store.records import Record
 from data_tools.arrays import FloatArray
@@ -24,7 +28,6 @@ from experiments.clock import stopwatch
 from experiments.experiment import Cell
 from experiments.peers.principal_axes import normalised_points
 from pairwise.dense.points import DensePoints
-from pairwise.dense.refine import refine_pose
 from pairwise.local.local_search import minimise
 from pairwise.match import match
 from pairwise.options import MatchOptions
@@ -84,7 +87,7 @@ def measure_pairs(cell: Cell) -> Record:
     for i in range(first, last):
         for j in range(i + 1, len(samples)):
             pose, matched = match_alone(clouds[i], clouds[j], num_coarse=cell.settings["coarse"])
-            closest, pose = closest_distance(points[i], points[j], pose)
+            closest, pose = refined_distance(points[i], points[j], pose)
             flipped = np.diag(sign_flip(signs[i])) @ pose @ np.diag(sign_flip(signs[j]))
             error_deg = rotation_angle_deg(flipped, _dataset(cell.data).rotation(i, j, group="O"))
             rows[:, i - first, j] = matched, closest, error_deg
@@ -105,23 +108,12 @@ def measure_at_poses(cell: Cell) -> Record:
     poses = np.array(cell.settings["poses"])
     shapes = _shapes(cell.data, len(poses))
     clouds = [normalised_points(shape, NUM_DENSE) @ pose.T for shape, pose in zip(shapes, poses, strict=True)]
-    trees = [cKDTree(cloud) for cloud in clouds]
-    closest, posed = np.zeros((len(poses), len(poses))), np.full((len(poses), len(poses)), np.nan)
-    for i, j in itertools.combinations(range(len(poses)), 2):
-        squares = [trees[i].query(clouds[j])[0] ** 2, trees[j].query(clouds[i])[0] ** 2]
-        closest[i, j] = closest[j, i] = np.sqrt(np.concatenate(squares).mean() * NUM_DENSE)
-    points = [DensePoints.from_user(cloud) for cloud in clouds]
-    for i, j in near_pairs(closest, cell.settings["near"]):
+    coarse = distances_at_poses(clouds)
+    posed = np.full_like(coarse, np.nan)
+    for i, j in near_pairs(coarse, cell.settings["near"]):
         posed[i, j] = posed[j, i] = one_to_one_distance(clouds[i], clouds[j])
-        closest[i, j] = closest[j, i] = closest_distance(points[i], points[j], np.eye(3))[0]
-    return {"posed": posed, "closest": closest}
-
-
-def near_pairs(distances: FloatArray, num: int) -> list[tuple[int, int]]:
-    """Return the pairs (i < j) of which one is among the ``num`` nearest of the other."""
-    nearest = np.argsort(distances + np.diag(np.full(len(distances), np.inf)), axis=1, kind="stable")[:, :num]
-    pairs = {(min(i, j), max(i, j)) for i, row in enumerate(nearest.tolist()) for j in row if i != j}
-    return sorted(pairs)
+    groups = np.zeros(len(clouds), dtype=np.int64)
+    return {"posed": posed, "closest": surface_distances(clouds, groups, num_near=cell.settings["near"])}
 
 
 def match_alone(target: FloatArray, source: FloatArray, *, num_coarse: int) -> tuple[FloatArray, float]:
@@ -142,21 +134,6 @@ def match_alone(target: FloatArray, source: FloatArray, *, num_coarse: int) -> t
     poses = match(few[0], few[1], options=options).candidates
     best = minimise(Problem.from_user(target, source), np.stack([pose.R_target_source for pose in poses]))
     return best.rotations[0], float(2.0 * np.arcsin(min(1.0, np.sqrt(best.energies[0]) / 2.0)))
-
-
-def closest_distance(target: DensePoints, source: DensePoints, rotation: FloatArray) -> tuple[float, FloatArray]:
-    """Refine a pose by closest points, both ways, with shift and scale.
-
-    Returns
-    -------
-    distance : float
-        Root mean square of the distances of closest points, in parts of the root mean square radius and in the units
-        of the geometric mean of both sizes, so that target and source may be exchanged.
-    rotation : ndarray, shape (3, 3)
-        The refined ``R_target_source``.
-    """
-    refined = refine_pose(target, source, rotation)
-    return float(np.sqrt(refined.energy / refined.scale)) / target.radius, np.array(refined.R_target_source)
 
 
 def one_to_one_distance(target: FloatArray, source: FloatArray) -> float:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from collalign.analysis.surface_distance import near_pairs, refined_distance
 from collalign.engine.store.records import decode, encode
 from collalign.engine.store.store import Store
 from data_tools.arrays import FloatArray
@@ -172,12 +173,12 @@ def test_distances_vanish_for_the_same_surface_only(rng: np.random.Generator) ->
     turn = random_rotation(rng)
     one, same = DensePoints.from_user(points), DensePoints.from_user(points[rng.permutation(60)] @ turn)
     assert tooth_distances.one_to_one_distance(one.points, same.points @ turn.T) == pytest.approx(0, abs=1e-6)
-    assert tooth_distances.closest_distance(one, same, turn)[0] == pytest.approx(0, abs=1e-9)
+    assert refined_distance(one, same, turn)[0] == pytest.approx(0, abs=1e-9)
     bent = points * [1.4, 1.0, 0.8]
     other = DensePoints.from_user((bent - bent.mean(axis=0)) / np.linalg.norm(bent - bent.mean(axis=0)))
     one_to_one = tooth_distances.one_to_one_distance(one.points, other.points)
     assert one_to_one == pytest.approx(tooth_distances.one_to_one_distance(other.points, one.points))
-    there, back = (tooth_distances.closest_distance(*pair, np.eye(3))[0] for pair in ((one, other), (other, one)))
+    there, back = (refined_distance(*pair, np.eye(3))[0] for pair in ((one, other), (other, one)))
     assert there == pytest.approx(back, rel=0.02)
     assert min(one_to_one, there) > 0.05
 
@@ -223,7 +224,7 @@ def test_teeth_are_classified_from_their_meshes(layouts: Path) -> None:
 
 def test_near_pairs_are_near_for_one_of_the_two() -> None:
     places = np.array([0.0, 1.0, 1.5, 9.0])
-    assert tooth_distances.near_pairs(np.abs(places[:, None] - places), 1) == [(0, 1), (1, 2), (2, 3)]
+    assert near_pairs(np.abs(places[:, None] - places), 1) == [(0, 1), (1, 2), (2, 3)]
 
 
 def test_blocks_of_rows_make_one_symmetric_matrix() -> None:
