@@ -32,8 +32,8 @@ __all__ = ["adaptive_pairs", "all_pairs", "extend_pairs", "select_pairs"]
 STRATEGIES = ("all", "sparse", "adaptive")
 #: Mean number of pairs that contain a shape, in sparse selections.
 DEFAULT_DEGREE = 12
-#: Shapes below this confidence get further pairs; lower than what is called doubtful in the end, because few pairs say
-#: less than they will.
+#: Shapes below this confidence get further pairs; lower than what is called doubtful in the end, because few pairs
+#: say less than they will.
 UNCERTAIN = 0.9
 #: Pairs per uncertain shape that one round of :func:`adaptive_pairs` adds.
 DEFAULT_ADDED = 6
