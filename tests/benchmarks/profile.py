@@ -53,7 +53,7 @@ KERNELS = {
         "surface.normals:outward_normals",
     ),
     "pairs": (
-        "stages.chirality.pilot:choose_group",
+        "stages.chirality.pilot:decide_group",
         "stages.pairs.match:match_pairs",
         "local.search:explore",
         "local.search:look_around",
@@ -61,8 +61,9 @@ KERNELS = {
         "stages.pairs.select:select_pairs",
     ),
     "poses": (
-        "synchronization.solve:synchronize",
-        "synchronization.resolve:refine_with_pairs",
+        "stages.evidence.weigh:weigh_pairs",
+        "synchronization.solve:synchronize_graph",
+        "stages.poses.agreement:resolve_pairs",
         "stages.poses.refinement:refine_rotations",
         "dense.refine:refine_pose",
         "stages.poses.placement:common_labels",
@@ -110,11 +111,16 @@ def our_modules() -> dict[str, Any]:
     return found
 
 
-def install(kernel: str, modules: dict[str, Any]) -> Clock:
-    """Put a clock around a function, wherever it has been imported to."""
+def find(kernel: str, modules: dict[str, Any]) -> tuple[Any, str]:
+    """Return the module or class that holds a function, and its name there."""
     place, _, name = kernel.partition(":")
     owner, _, method = name.rpartition(".")
-    holder = getattr(modules[place], owner) if owner else modules[place]
+    return getattr(modules[place], owner) if owner else modules[place], method
+
+
+def install(kernel: str, modules: dict[str, Any]) -> Clock:
+    """Put a clock around a function, wherever it has been imported to."""
+    holder, method = find(kernel, modules)
     function = getattr(holder, method)
     clock = Clock(function)
     for home in [holder, *modules.values()]:
