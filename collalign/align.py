@@ -22,6 +22,7 @@ from collalign.products.pair import FormerPairs
 from collalign.products.shapes import Constraints, Shapes
 from collalign.stages.chirality.pilot import decide_group
 from collalign.stages.evidence.decide import wants_maps
+from collalign.stages.evidence.rivals import try_rivals
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs
 from collalign.stages.pairs.match import match_pairs, num_reused_pairs
@@ -133,7 +134,7 @@ def align_listing(
             notes.append(str(report))
     if wants_maps(session.options, pairs):
         with _timed(times_s, "maps"):
-            pairs, solution = weigh_pairs(session, shapes, pairs), None
+            pairs, solution = try_rivals(session, shapes, weigh_pairs(session, shapes, pairs)), None
     options, samples = session.options, shapes.samples
     with _timed(times_s, "synchronization"):
         parts, linked = split_shapes(options, samples, pairs)

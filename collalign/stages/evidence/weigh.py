@@ -6,9 +6,8 @@ more than they mislead maps. Each candidate keeps what every kind of evidence sa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -42,14 +41,18 @@ SURFACE_NORMAL_WEIGHT = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EvidenceTask:
-    """What a worker needs to weigh the poses of one pair; samples and surfaces come from the shared table."""
+    """What a worker needs to weigh poses of one pair; samples and surfaces come from the shared table.
+
+    ``starts`` are the poses that start maps, shape (m, 3, 3); ``with_axes`` adds those of the principal axes.
+    """
 
     target_key: str
     source_key: str
     target_surface: str
     source_surface: str
     group: str
-    rotations: FloatArray
+    starts: FloatArray
+    with_axes: bool
 
 
 def weigh_pair(task: EvidenceTask, shared: SharedTable) -> Record:
@@ -58,17 +61,18 @@ def weigh_pair(task: EvidenceTask, shared: SharedTable) -> Record:
     Returns
     -------
     dict
-        ``rotations`` (m, 3, 3), ``maps`` (m, k), ``energies`` (m,), ``evidence`` (m, 7), the best candidate first.
+        ``rotations`` (m, 3, 3), ``maps`` (m, k), ``evidence`` (m, 7), the best candidate first.
     """
     samples = [samples_from_record(shared[key], key) for key in (task.target_key, task.source_key)]
     surfaces = [surface_from_record(shared[key], key) for key in (task.target_surface, task.source_surface)]
     weigher = PoseWeigher(samples[0], samples[1], PoseMapper(surfaces[0], surfaces[1]))
-    starts = np.concatenate([task.rotations, axis_poses(surfaces[0], surfaces[1], mirrored=task.group == "O")])
+    starts = task.starts
+    if task.with_axes:
+        starts = np.concatenate([starts, axis_poses(surfaces[0], surfaces[1], mirrored=task.group == "O")])
     found = distinct([weigher.candidate_from(start) for start in starts])
     return {
         "rotations": np.stack([candidate.rotation for candidate in found]),
         "maps": np.stack([candidate.point_map for candidate in found]).astype(np.int32),
-        "energies": np.array([candidate.evidence[0] for candidate in found]),
         "evidence": np.stack([candidate.evidence for candidate in found]),
     }
 
@@ -170,31 +174,56 @@ def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) ->
     pairs : sequence of Pair
         With their first, rigid candidates.
     """
+    own = {e: np.ascontiguousarray(pair.rotations[:, :3, :3]) for e, pair in enumerate(pairs)}
+    records = weigh_starts(session, shapes, pairs, own, with_axes=True)
+    weighed = [by_energy(pair) for pair in pairs]
+    for e, record in records.items():
+        weighed[e] = with_evidence(pairs[e], record, shapes.label(pairs[e].target, pairs[e].source))
+    return weighed
+
+
+def weigh_starts(
+    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], starts: Mapping[int, FloatArray], *, with_axes: bool
+) -> dict[int, Record]:
+    """Return what maps of some pairs make of some poses, by position of the pair, as :func:`weigh_pair` does.
+
+    Parameters
+    ----------
+    session : Session
+    shapes : Shapes
+    pairs : sequence of Pair
+    starts : mapping of int to ndarray (m, 3, 3)
+        Poses of each pair that is to be weighed; pairs without surfaces are left out.
+    with_axes : bool
+        Start from the pairings of the principal axes as well.
+    """
     surfaces = prepare_surfaces(session, shapes)
-    keyed = {
-        e: (_key(pair, surfaces, session.options.group), pair)
-        for e, pair in enumerate(pairs)
-        if pair.target in surfaces and pair.source in surfaces
-    }
+    tasks = {}
+    for e, poses in starts.items():
+        pair = pairs[e]
+        if pair.target in surfaces and pair.source in surfaces:
+            tasks[e] = EvidenceTask(
+                target_key=shapes.keys[pair.target],
+                source_key=shapes.keys[pair.source],
+                target_surface=surfaces[pair.target],
+                source_surface=surfaces[pair.source],
+                group=session.options.group,
+                starts=poses,
+                with_axes=with_axes,
+            )
+    keys = {e: _key(task) for e, task in tasks.items()}
     require = session.store.require
-    records = chain(
-        ((key, require("shapes", key)) for key in sorted(set(shapes.keys))),
-        ((key, require("surfaces", key)) for key in sorted(set(surfaces.values()))),
-    )
-    with SharedTable.create(records) as table:
+    used = [("shapes", set(shapes.keys)), ("surfaces", set(surfaces.values()))]
+    with SharedTable.create((key, require(kind, key)) for kind, names in used for key in sorted(names)) as table:
         failures = session.compute(
             "evidence",
             weigh_pair,
-            {key: (_label(shapes, pair), _task(session, shapes, surfaces, pair)) for key, pair in keyed.values()},
+            {keys[e]: (shapes.label(pairs[e].target, pairs[e].source), task) for e, task in tasks.items()},
             time_limit_s=session.run.pair_time_limit_s,
             strict=session.options.strict,
             shared=table,
         )
-    weighed = [by_energy(pair) for pair in pairs]
-    for e, (key, pair) in keyed.items():
-        if key not in failures:
-            weighed[e] = with_evidence(pair, require("evidence", key), _label(shapes, pair))
-    return weighed
+    return {e: require("evidence", key) for e, key in keys.items() if key not in failures}
 
 
 def by_energy(pair: Pair) -> Pair:
@@ -205,11 +234,12 @@ def by_energy(pair: Pair) -> Pair:
 
 
 def with_evidence(pair: Pair, record: Record, label: str) -> Pair:
-    """Return the pair with the candidates of its maps behind its own.
+    """Return the pair with the candidates of its maps behind its own, which no longer take part.
 
     Parameters
     ----------
     pair : Pair
+        With its rigid candidates alone.
     record : dict
         From :func:`weigh_pair`, or anything else.
     label : str
@@ -220,47 +250,51 @@ def with_evidence(pair: Pair, record: Record, label: str) -> Pair:
     StoreError
         If a field of the record is missing, of another shape, or impossible.
     """
+    silent = replace(by_energy(pair), log_odds=read_only(np.full(len(pair.energies), -np.inf)))
+    return with_candidates(silent, weighed_poses(record, pair.maps.shape[1], label))
+
+
+def with_candidates(pair: Pair, found: Sequence[WeighedPose]) -> Pair:
+    """Return a weighed pair with further candidates at its end."""
+    rotations = np.tile(np.eye(pair.rotations.shape[-1]), (len(found), 1, 1))
+    rotations[:, :3, :3] = [candidate.rotation for candidate in found]
+    evidence = np.stack([candidate.evidence for candidate in found])
+    energies = evidence[:, EVIDENCE.index("energy")]
+    return replace(
+        pair,
+        rotations=read_only(np.concatenate([pair.rotations, rotations])),
+        maps=read_only(np.concatenate([pair.maps, [candidate.point_map for candidate in found]])),
+        energies=read_only(np.concatenate([pair.energies, energies])),
+        log_odds=read_only(np.concatenate([pair.log_odds, evidence_score(evidence)])),
+        evidence=read_only(np.concatenate([pair.evidence, evidence])),
+    )
+
+
+def weighed_poses(record: Record, num_samples: int, label: str) -> list[WeighedPose]:
+    """Check a record of :func:`weigh_pair` and return its poses, at least one.
+
+    Raises
+    ------
+    StoreError
+        If a field is missing, of another shape, or impossible.
+    """
     try:
         evidence = as_floats(record["evidence"], "evidence", shape=(None, len(EVIDENCE)))
-        num, own = len(evidence), len(pair.energies)
+        num = len(evidence)
         poses = as_rotations(as_floats(record["rotations"], "rotations", shape=(num, 3, 3)), "rotations")
-        maps = as_indices(record["maps"], "maps", upper=pair.maps.shape[1], shape=(num, pair.maps.shape[1]))
-        energies = as_floats(record["energies"], "energies", shape=(num,))
+        maps = as_indices(record["maps"], "maps", upper=num_samples, shape=(num, num_samples))
         if not num:
             raise InputError("holds no pose")
     except KeyError as error:
         raise StoreError(f"stored evidence of {label}: {error} is missing") from None
     except (InputError, TypeError, ValueError) as error:
         raise StoreError(f"stored evidence of {label}: {error}") from None
-    rotations = np.tile(np.eye(pair.rotations.shape[-1]), (num, 1, 1))
-    rotations[:, :3, :3] = poses
-    unknown = np.full((own, len(EVIDENCE)), np.nan)
-    unknown[:, 0] = pair.energies
-    return replace(
-        pair,
-        rotations=read_only(np.concatenate([pair.rotations, rotations])),
-        maps=read_only(np.concatenate([pair.maps, maps])),
-        energies=read_only(np.concatenate([pair.energies, energies])),
-        log_odds=read_only(np.concatenate([np.full(own, -np.inf), evidence_score(evidence)])),
-        evidence=read_only(np.concatenate([unknown, evidence])),
-    )
+    return [
+        WeighedPose(rotation=pose, point_map=point_map, evidence=row)
+        for pose, point_map, row in zip(poses, maps, evidence, strict=True)
+    ]
 
 
-def _key(pair: Pair, surfaces: dict[int, str], group: str) -> str:
-    settings = {"group": group, "poses": pair.rotations[:, :3, :3].tolist()}
-    return fingerprint(EVIDENCE_VERSION, settings, surfaces[pair.target], surfaces[pair.source])
-
-
-def _label(shapes: Shapes, pair: Pair) -> str:
-    return shapes.label(pair.target, pair.source)
-
-
-def _task(session: AlignSession, shapes: Shapes, surfaces: dict[int, str], pair: Pair) -> EvidenceTask:
-    return EvidenceTask(
-        target_key=shapes.keys[pair.target],
-        source_key=shapes.keys[pair.source],
-        target_surface=surfaces[pair.target],
-        source_surface=surfaces[pair.source],
-        group=session.options.group,
-        rotations=np.ascontiguousarray(pair.rotations[:, :3, :3]),
-    )
+def _key(task: EvidenceTask) -> str:
+    settings = {"group": task.group, "starts": task.starts.tolist(), "with_axes": task.with_axes}
+    return fingerprint(EVIDENCE_VERSION, settings, task.target_surface, task.source_surface)

@@ -92,7 +92,7 @@ def resolve_pairs(
     with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(samples)) as table:
         for _ in range(MAX_ROUNDS):
             edges, asked = disagreeing_pairs(graph, solution.rotations)
-            poses = _resolved(session, [pairs[e] for e in edges], asked, table)
+            poses = solve_again(session, [pairs[e] for e in edges], asked, table)
             graph, accepted = with_resolved(
                 graph,
                 edges,
@@ -109,7 +109,7 @@ def resolve_pairs(
     return agreed, replace(solution, edge_choice=read_only(np.where(is_resolved, last, solution.edge_choice)))
 
 
-def _resolved(session: AlignSession, pairs: Sequence[Pair], asked: FloatArray, table: SharedTable) -> list[Record]:
+def solve_again(session: AlignSession, pairs: Sequence[Pair], asked: FloatArray, table: SharedTable) -> list[Record]:
     """Return the poses of pairs that were solved again from the rotations that the collection asks for."""
     tasks = {
         f"{pair.target} {pair.source}": ResolveTask(

@@ -14,6 +14,7 @@ from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.stages.evidence.decide import BENT_ENERGY, wants_maps
 from collalign.stages.evidence.odds import EVIDENCE, evidence_score
+from collalign.stages.evidence.rivals import missing_poses, rival_poses, votes_of
 from collalign.stages.evidence.weigh import MAX_CANDIDATES, WeighedPose, by_energy, distinct, with_evidence
 from collalign.stages.poses.synchronize import pair_graph
 from data_tools.datasets.synthetic import bent
@@ -41,7 +42,6 @@ def a_record(num: int) -> dict[str, object]:
     return {
         "rotations": np.stack([random_rotation(rng) for _ in range(num)]),
         "maps": np.tile(np.arange(5, dtype=np.int32), (num, 1)),
-        "energies": rng.random(num),
         "evidence": rng.random((num, len(EVIDENCE))),
     }
 
@@ -98,7 +98,7 @@ def test_candidates_of_maps_follow_the_rigid_ones_and_alone_take_part() -> None:
     assert graph.best_choice.tolist() == [int(np.argmax(pair.log_odds)), 0]
 
 
-@pytest.mark.parametrize("field", ["rotations", "maps", "energies", "evidence"])
+@pytest.mark.parametrize("field", ["rotations", "maps", "evidence"])
 def test_damaged_evidence_is_refused(field: str) -> None:
     record = a_record(2)
     with pytest.raises(StoreError, match="a - b"):
@@ -123,3 +123,23 @@ def test_bent_figures_are_put_right_by_maps(tmp_path: Path) -> None:
     again = align_collection(folder, options=options, run=run)
     assert np.array_equal(aligned.rotations, again.rotations)
     assert all(np.isfinite(pair.log_odds).any() for pair in aligned.pairs)
+
+
+def test_the_strongest_votes_are_rivals_and_asked_of_every_partner() -> None:
+    rng = np.random.default_rng(7)
+    poses = np.stack([random_rotation(rng) for _ in range(4)])
+    flip = np.diag([-1.0, 1.0, -1.0])
+    pairs = []
+    for i in range(4):
+        for j in range(i + 1, 4):
+            right = poses[i].T @ poses[j]
+            # The pairs of shape 3 but one know its flipped pose alone.
+            own = right @ flip if j == 3 and i > 0 else right
+            pair = replace(a_pair([0.1]), target=i, source=j, rotations=own[None], log_odds=np.zeros(1))
+            pairs.append(pair)
+    rivals = rival_poses(votes_of(pairs, poses)[3], poses[3])
+    assert rotation_angle_deg(rivals[1], poses[3] @ flip.T) < 1e-3
+    asked = missing_poses(pairs, poses)
+    by_ends = {(pairs[e].target, pairs[e].source): starts for e, starts in asked.items()}
+    assert rotation_angle_deg(by_ends[0, 3][0], poses[0].T @ poses[3] @ flip) < 1e-3
+    assert rotation_angle_deg(by_ends[1, 3][0], poses[1].T @ poses[3]) < 1e-3

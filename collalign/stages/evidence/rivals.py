@@ -1,0 +1,143 @@
+"""The collection asks back: rival poses of every shape are tried against all its partners, until nothing is new.
+
+A pair alone proposes the poses that it can find. The other pairs of a shape may agree on a pose that a pair never
+tried; then its maps are started there, and what they say counts as much as what the pair found first. Every rival is
+tried against all partners, the wrong ones like the right one, so that none is favoured by being asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from collalign.options import AlignSession
+from collalign.products.pair import Pair
+from collalign.products.shapes import Shapes
+from collalign.stages.evidence.weigh import SAME_CANDIDATE_DEG, weigh_starts, weighed_poses, with_candidates
+from collalign.stages.poses.synchronize import synchronize_pairs
+from data_tools.arrays import FloatArray
+from data_tools.rotations import rotation_angle_deg
+
+#: Poses of a shape within this angle are one rival, and how many are tried beside the present pose.
+SAME_RIVAL_DEG, NUM_RIVALS = 25.0, 3
+#: Rounds of synchronizing and asking.
+MAX_ROUNDS = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Votes:
+    """What the pairs of one shape say about its pose in the common frame.
+
+    Attributes
+    ----------
+    poses : ndarray, shape (v, 3, 3)
+    weights : ndarray, shape (v,)
+        Probability of the candidate, by its pair alone.
+    """
+
+    poses: FloatArray
+    weights: FloatArray
+
+
+def try_rivals(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> list[Pair]:
+    """Return the pairs with the candidates that maps make of the rival poses of their shapes.
+
+    Parameters
+    ----------
+    session : Session
+        Its group is decided.
+    shapes : Shapes
+    pairs : sequence of Pair
+        Weighed.
+    """
+    tried = list(pairs)
+    for _ in range(MAX_ROUNDS):
+        poses = synchronize_pairs(session.options, len(shapes.names), tried).rotations
+        starts = missing_poses(tried, poses)
+        if not starts:
+            break
+        grown = False
+        for e, record in weigh_starts(session, shapes, tried, starts, with_axes=False).items():
+            pair = tried[e]
+            found = weighed_poses(record, pair.maps.shape[1], shapes.label(pair.target, pair.source))
+            fresh = [candidate for candidate in found if not _is_known(pair, candidate.rotation, SAME_CANDIDATE_DEG)]
+            if fresh:
+                tried[e], grown = with_candidates(pair, fresh), True
+        if not grown:
+            break
+    return tried
+
+
+def missing_poses(pairs: Sequence[Pair], poses: FloatArray) -> dict[int, FloatArray]:
+    """Return the relative rotations that the shapes' poses and rivals ask for and a pair has no candidate near.
+
+    Parameters
+    ----------
+    pairs : sequence of Pair
+    poses : ndarray, shape (N, 3, 3)
+        ``R_common_shape``.
+
+    Returns
+    -------
+    dict of int to ndarray (m, 3, 3)
+        By position of the pair.
+    """
+    rivals = [rival_poses(votes, pose) for votes, pose in zip(votes_of(pairs, poses), poses, strict=True)]
+    asked = {}
+    for e, pair in enumerate(pairs):
+        of_target = np.swapaxes(rivals[pair.target], 1, 2) @ poses[pair.source]
+        of_source = poses[pair.target].T @ rivals[pair.source]
+        fresh: list[FloatArray] = []
+        for pose in np.concatenate([of_target, of_source]):
+            if not _is_known(pair, pose, SAME_RIVAL_DEG) and not _is_near(fresh, pose, SAME_RIVAL_DEG):
+                fresh.append(pose)
+        if fresh:
+            asked[e] = np.stack(fresh)
+    return asked
+
+
+def votes_of(pairs: Sequence[Pair], poses: FloatArray) -> list[Votes]:
+    """Return what the pairs' candidates say about every shape, given the poses of their other shapes."""
+    found: list[list[tuple[FloatArray, FloatArray]]] = [[] for _ in poses]
+    for pair in pairs:
+        chance = np.exp(pair.log_odds - pair.log_odds.max())
+        chance /= chance.sum()
+        relative = pair.rotations[:, :3, :3]
+        found[pair.target].append((poses[pair.source] @ np.swapaxes(relative, 1, 2), chance))
+        found[pair.source].append((poses[pair.target] @ relative, chance))
+    return [
+        Votes(
+            poses=np.concatenate([votes for votes, _ in own] or [np.empty((0, 3, 3))]),
+            weights=np.concatenate([weights for _, weights in own] or [np.empty(0)]),
+        )
+        for own in found
+    ]
+
+
+def rival_poses(votes: Votes, pose: FloatArray) -> FloatArray:
+    """Return the pose of a shape and the strongest other ones that its pairs vote for, shape (at most 4, 3, 3)."""
+    flat = votes.poses.reshape(-1, 9)
+    close = 1.0 + 2.0 * np.cos(np.deg2rad(SAME_RIVAL_DEG))
+    near = flat @ flat.T >= close
+    support = near @ votes.weights
+    kept = [pose]
+    for vote in np.argsort(-support, kind="stable"):
+        if len(kept) > NUM_RIVALS:
+            break
+        if not _is_near(kept, votes.poses[vote], SAME_RIVAL_DEG):
+            kept.append(votes.poses[vote])
+    return np.stack(kept)
+
+
+def _is_known(pair: Pair, pose: FloatArray, angle_deg: float) -> bool:
+    """Whether a candidate of a pair that takes part is near a rotation."""
+    return _is_near(list(pair.rotations[np.isfinite(pair.log_odds), :3, :3]), pose, angle_deg)
+
+
+def _is_near(known: Sequence[FloatArray], pose: FloatArray, angle_deg: float) -> bool:
+    if not len(known):
+        return False
+    angles = rotation_angle_deg(np.stack(known), np.tile(pose, (len(known), 1, 1)))
+    return bool((np.asarray(angles) <= angle_deg).any())
