@@ -42,6 +42,14 @@ def test_records_survive_closing(path: Path) -> None:
         assert np.isnan(store.costs("shapes").mean_bytes)
 
 
+def test_records_that_must_be_there_are_missed(path: Path) -> None:
+    with Store.open(path) as store:
+        store.put("pairs", "k", RECORD)
+        assert store.require("pairs", "k")["energy"] == 0.25
+        with pytest.raises(StoreError, match="has vanished"):
+            store.require("pairs", "other")
+
+
 def test_a_store_in_memory_behaves_the_same() -> None:
     with Store.memory() as store:
         store.put("shapes", "k", RECORD)

@@ -207,6 +207,19 @@ def test_csv_tables(view: CollectionView, tmp_path: Path) -> None:
     assert files["tree.nwk"].read_text().count("shape_") == 6
 
 
+def test_the_table_of_pairs_names_target_and_source_and_shapes_have_their_sizes(
+    view: CollectionView, tmp_path: Path
+) -> None:
+    files = {path.name: path for path in export(view, "csv", tmp_path)}
+    found = [(row["target"], row["source"], row["status"]) for row in rows(files["pairs.csv"])]
+    assert found == [(view.names[pair.target], view.names[pair.source], pair.status) for pair in view.pairs]
+    assert any(target != source for target, source, _ in found)
+    shapes = rows(files["shapes.csv"])
+    assert [float(row["centroid_size"]) for row in shapes] == view.centroid_sizes.tolist()
+    assert [float(row["scale"]) for row in shapes] == view.scales.tolist()
+    assert not np.allclose(view.centroid_sizes, view.scales)
+
+
 def test_parquet_says_the_same_as_csv(view: CollectionView, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
     files = {path.stem: path for path in export(view, "parquet", tmp_path)}

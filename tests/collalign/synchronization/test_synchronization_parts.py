@@ -10,6 +10,7 @@ import pytest
 
 from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
 from collalign.synchronization.clusters import _aligned_parts, pair_affinity, spectral_clusters
+from collalign.synchronization.doubt.certificate import SynchronizationCertificate, combine_certificates
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.geometry import relative, transposed
 from collalign.synchronization.problem.model import (
@@ -302,6 +303,29 @@ def test_signs_are_relative_to_the_first_shape_and_contradictions_are_named() ->
     wrong = synchronize_signs(edges, signs)
     assert np.flatnonzero(wrong.contradicted).tolist() == [2]
     assert wrong.mirrored.tolist() == found.mirrored.tolist()
+
+
+def test_groups_are_optimal_together_only_if_each_is() -> None:
+    parts = [
+        SynchronizationCertificate(objective=1.0, min_eigenvalue=value, suboptimality=0.5, optimal=value > -1.0)
+        for value in (0.0, -2.0)
+    ]
+    both = combine_certificates(parts)
+    assert (both.objective, both.min_eigenvalue, both.suboptimality, both.optimal) == (2.0, -2.0, 1.0, False)
+    assert combine_certificates(parts[:1]).optimal
+
+
+def test_the_least_eigenvalue_of_signs_is_a_lower_bound() -> None:
+    rng = np.random.default_rng(10)
+    for _ in range(20):
+        edges, weights = complete_edges(12), rng.random(66)
+        signs = rng.choice([-1.0, 1.0], 66)
+        found = synchronize_signs(edges, signs, weights=weights)
+        own = np.where(found.mirrored, -1.0, 1.0)
+        matrix = np.zeros((12, 12))
+        matrix[edges[:, 0], edges[:, 1]] = matrix[edges[:, 1], edges[:, 0]] = weights * signs
+        exact = np.linalg.eigvalsh(np.diag(own * (matrix @ own)) - matrix)[0]
+        assert found.min_eigenvalue <= exact + 1e-12
 
 
 @pytest.mark.parametrize("seed", range(12))
