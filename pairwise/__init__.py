@@ -1,5 +1,6 @@
 """Procrustes matching of two point sets: relaxations, certificates, search, refinement. Arrays in, results out."""
 
+from pairwise.branch_and_bound.poses import PoseList, PoseRegion, all_poses
 from pairwise.branch_and_bound.prove import Proof, prove
 from pairwise.certificates.certificate import Certificate
 from pairwise.certificates.verify import verify_certificate
@@ -18,9 +19,12 @@ __all__ = [
     "DenseOptions",
     "DensePoints",
     "MatchOptions",
+    "PoseList",
+    "PoseRegion",
     "Problem",
     "Proof",
     "Status",
+    "all_poses",
     "exact_solutions",
     "match",
     "optimal_rotations",

@@ -7,8 +7,7 @@ definitions. ``tests/test_oracles.py`` shows that each oracle rejects a wrong an
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,45 +33,41 @@ def injective_maps(candidates: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def brute_force(problem: Problem) -> Optimum:
-    """The global optimum over all maps; R in closed form for each. For patterns made of blocks, n <= 7.
-
-    In partial matching also over which source points stay unmatched, -1 in the map.
-    """
-    if problem.max_unmatched:
-        return min(_with_left_out(problem), key=lambda optimum: optimum.energy)
-    maps = injective_maps(problem.candidates)
-    images = problem.target[maps]
-    correlations = np.einsum("mka,k,kb->mab", images, problem.weights, problem.source)
-    rotations = np.zeros_like(correlations)
-    for start, stop, special in _blocks(problem):
-        part = slice(start, stop)
-        rotations[:, part, part] = _best_rotations(correlations[:, part, part], special)
-    residuals = np.einsum("mab,kb->mka", rotations, problem.source) - images
-    constants = problem.constant_cost[maps, np.arange(problem.num_source)].sum(axis=1)
-    energies = (problem.weights * (residuals**2).sum(axis=2)).sum(axis=1) + constants
+    """The global optimum over all maps; R in closed form for each. For patterns made of blocks, n <= 7."""
+    energies, rotations, maps = every_pose(problem)
     best = int(np.argmin(energies))
     return Optimum(float(energies[best]), rotations[best], maps[best])
 
 
-def _with_left_out(problem: Problem) -> Iterator[Optimum]:
-    """The optimum for every set of source points that may stay unmatched, if it leaves a map."""
-    everybody = np.arange(problem.num_source)
-    for number in range(problem.max_unmatched + 1):
-        for left_out in itertools.combinations(range(problem.num_source), number):
-            kept = np.delete(everybody, left_out)
-            part = replace(
-                problem,
-                source=problem.source[kept],
-                candidates=problem.candidates[:, kept],
-                weights=problem.weights[kept],
-                constant_cost=problem.constant_cost[:, kept],
-                max_unmatched=0,
-            )
-            if not len(injective_maps(part.candidates)):
-                continue
-            best, point_map = brute_force(part), np.full(problem.num_source, -1, dtype=np.int64)
-            point_map[kept] = best.point_map
-            yield Optimum(best.energy + number * problem.unmatched_cost, best.rotation, point_map)
+def every_pose(problem: Problem) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """The best pose of every map, -1 where a source point stays unmatched: energies, rotations and maps."""
+    k, spare = problem.num_source, problem.max_unmatched
+    parts = []
+    for size in [k - spare] if spare < k else range(k + 1):
+        for chosen in map(list, itertools.combinations(range(k), size)):
+            energies, rotations, images = _poses_of(problem, chosen)
+            maps = np.full((len(images), k), -1)
+            maps[:, chosen] = images
+            parts.append((energies + (k - size) * problem.unmatched_cost, rotations, maps))
+    energies, rotations, maps = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return energies, rotations, maps
+
+
+def _poses_of(
+    problem: Problem, chosen: list[int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """The best pose of every map of some source points, without what the others cost."""
+    source, weights = problem.source[chosen], problem.weights[chosen]
+    maps = injective_maps(problem.candidates[:, chosen])
+    images = problem.target[maps]
+    correlations = np.einsum("mka,k,kb->mab", images, weights, source)
+    rotations = np.zeros_like(correlations)
+    for start, stop, special in _blocks(problem):
+        part = slice(start, stop)
+        rotations[:, part, part] = _best_rotations(correlations[:, part, part], special)
+    residuals = np.einsum("mab,kb->mka", rotations, source) - images
+    constants = problem.constant_cost[maps, chosen].sum(axis=1)
+    return (weights * (residuals**2).sum(axis=2)).sum(axis=1) + constants, rotations, maps
 
 
 def check_pose(

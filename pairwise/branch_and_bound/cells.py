@@ -4,6 +4,10 @@ SO(3) is the projective sphere of unit quaternions. Each of its four coordinates
 the others, divided by it, fill the cube [-1, 1]^3 (gnomonic projection), and ``x = tan(pi u / 4)`` makes cubes in u
 nearly equal in size. Caps of the sphere are convex in the gnomonic projection, so the farthest point of a box from
 its centre is a corner. SO(2) is the interval ``angle = pi u``.
+
+Cells are halved along one axis after the other, so a cell is named by its face and the bits of its path: which half
+at each split. The leaves of a tree of halvings tile the group exactly when the intervals
+``[path, path + 1) / 2^depth`` of each face tile [0, 1).
 """
 
 from __future__ import annotations
@@ -18,6 +22,8 @@ from pairwise.local.rotation_sets import quaternions_to_rotations
 
 #: Added to radii: covers the rounding of centres, corners and arc cosines.
 _RADIUS_MARGIN = 1e-7
+#: Cells of this depth are not split: their path would not fit 63 bits; their rotations differ by 1e-6 rad.
+MAX_DEPTH = 60
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,37 +34,63 @@ class Cells:
     ----------
     faces : ndarray of int, shape (m,)
         Which quaternion coordinate is the largest; 0 for d = 2.
-    centres : ndarray, shape (m, c)
-        Centres u in [-1, 1]^c; c is 3 for d = 3 and 1 for d = 2.
-    halves : ndarray, shape (m,)
-        Half the side of each box.
+    depths : ndarray of int, shape (m,)
+        How often the face was halved.
+    paths : ndarray of int, shape (m,)
+        The halves taken, as the bits of a number, the first split's bit the highest.
+    centres, halves : ndarray, shape (m, c)
+        Centres u in [-1, 1]^c and half the sides of each box; c is 3 for d = 3 and 1 for d = 2.
     """
 
     faces: IntArray
+    depths: IntArray
+    paths: IntArray
     centres: FloatArray
     halves: FloatArray
 
     @classmethod
     def whole(cls, dim: int) -> Cells:
         """Return the boxes that tile all rotations of dimension 2 or 3."""
-        faces = np.arange(4 if dim == 3 else 1)
-        return cls(faces=faces, centres=np.zeros((len(faces), dim * (dim - 1) // 2)), halves=np.ones(len(faces)))
+        num, axes = (1, 1) if dim == 2 else (4, 3)
+        zeros = np.zeros(num, dtype=np.int64)
+        return cls(
+            faces=np.arange(num),
+            depths=zeros,
+            paths=zeros,
+            centres=np.zeros((num, axes)),
+            halves=np.ones((num, axes)),
+        )
 
     def __len__(self) -> int:
         return len(self.faces)
 
     def take(self, index: IntArray) -> Cells:
         """Return the cells at the given positions."""
-        return Cells(faces=self.faces[index], centres=self.centres[index], halves=self.halves[index])
+        return Cells(
+            faces=self.faces[index],
+            depths=self.depths[index],
+            paths=self.paths[index],
+            centres=self.centres[index],
+            halves=self.halves[index],
+        )
 
     def split(self) -> Cells:
-        """Halve every side: 8 (or 2) children of each cell, those of one cell next to each other."""
-        offsets = _signs(self.centres.shape[1])
-        centres = self.centres[:, None] + 0.5 * self.halves[:, None, None] * offsets
+        """Halve each cell along the axis whose turn it is: two children of each cell, next to each other."""
+        axes, rows = self.depths % self.centres.shape[1], np.arange(len(self))
+        halves = self.halves.copy()
+        halves[rows, axes] *= 0.5
+        centres = np.repeat(self.centres, 2, axis=0)
+        step = halves[rows, axes]
+        centres[2 * rows, axes] -= step
+        centres[2 * rows + 1, axes] += step
+        paths = np.repeat(2 * self.paths, 2)
+        paths[1::2] += 1
         return Cells(
-            faces=np.repeat(self.faces, len(offsets)),
-            centres=centres.reshape(-1, offsets.shape[1]),
-            halves=np.repeat(0.5 * self.halves, len(offsets)),
+            faces=np.repeat(self.faces, 2),
+            depths=np.repeat(self.depths + 1, 2),
+            paths=paths,
+            centres=centres,
+            halves=np.repeat(halves, 2, axis=0),
         )
 
     def balls(self) -> tuple[FloatArray, FloatArray]:
@@ -67,9 +99,9 @@ class Cells:
             angles = np.pi * self.centres[:, 0]
             cos, sin = np.cos(angles), np.sin(angles)
             rotations = np.stack([np.stack([cos, -sin], axis=1), np.stack([sin, cos], axis=1)], axis=1)
-            return rotations, np.pi * self.halves + _RADIUS_MARGIN
+            return rotations, np.minimum(np.pi * self.halves[:, 0] + _RADIUS_MARGIN, np.pi)
         middle = _quaternions(self.faces, self.centres)
-        corners = (self.centres[:, None] + self.halves[:, None, None] * _signs(3)).reshape(-1, 3)
+        corners = (self.centres[:, None] + self.halves[:, None] * _SIGNS).reshape(-1, 3)
         far = _quaternions(np.repeat(self.faces, 8), corners).reshape(len(self), 8, 4)
         chords = np.linalg.norm(far - middle[:, None], axis=2).max(axis=1)
         return quaternions_to_rotations(middle), 4.0 * np.arcsin(0.5 * chords) + _RADIUS_MARGIN
@@ -79,18 +111,21 @@ def join(parts: list[Cells]) -> Cells:
     """Return all cells of all parts."""
     return Cells(
         faces=np.concatenate([p.faces for p in parts]),
+        depths=np.concatenate([p.depths for p in parts]),
+        paths=np.concatenate([p.paths for p in parts]),
         centres=np.concatenate([p.centres for p in parts]),
         halves=np.concatenate([p.halves for p in parts]),
     )
 
 
-def _signs(dim: int) -> FloatArray:
-    return np.array(list(product([-1.0, 1.0], repeat=dim)))
+#: The corners of a box around its centre.
+_SIGNS = np.array(list(product([-1.0, 1.0], repeat=3)))
+#: The coordinates of a quaternion other than that of its face.
+_OTHERS = np.array([[c for c in range(4) if c != face] for face in range(4)])
 
 
 def _quaternions(faces: IntArray, centres: FloatArray) -> FloatArray:
     """Return the unit quaternions of points in the cubes, the coordinate of the face being positive."""
     quaternions = np.ones((len(faces), 4))
-    others = np.array([[c for c in range(4) if c != face] for face in range(4)])
-    np.put_along_axis(quaternions, others[faces], np.tan(0.25 * np.pi * centres), axis=1)
+    np.put_along_axis(quaternions, _OTHERS[faces], np.tan(0.25 * np.pi * centres), axis=1)
     return quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)

@@ -1,9 +1,8 @@
 """Certified optimum of Procrustes matching in the plane and in space, by branch and bound over the rotations.
 
 Boxes of rotations (:mod:`pairwise.branch_and_bound.cells`) are split, the least bounded first, until none can hold
-a pose better than the best one found by more than the tolerance (:mod:`pairwise.branch_and_bound.bounds`). Where
-this does not end within half of the time, the tight relaxation bounds the whole group once and rules out matches
-for what follows.
+a pose better than the best one found by more than the tolerance (:mod:`pairwise.branch_and_bound.bounds`). Where all
+points of a shape lie on one line through the origin the best rotations fill curves: small tolerances then take long.
 """
 
 from __future__ import annotations
@@ -15,18 +14,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_tools.arrays import read_only
+from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import OptionsError
 from data_tools.threads import one_blas_thread
-from pairwise.branch_and_bound.search import ChiralitySearch
+from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.local.rotation_sets import rotation_set
+from pairwise.local.screening import screen
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate
 from pairwise.status import Status
 from pairwise.tight.problem import chiralities
 
-#: Rotations from which the best pose is sought before anything is bounded.
-_NUM_STARTS = 64
+#: Rotations that are screened before anything is bounded, and how many of them the best pose is sought from.
+_NUM_SCREENED, _NUM_STARTS = 256, 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,9 +64,9 @@ class Proof:
 
 
 def can_certify(problem: Problem) -> bool:
-    """Whether :func:`certify` is for this problem: dimension 2 or 3, full R, no partial matching."""
+    """Whether :func:`certify` is for this problem: dimension 2 or 3 and full R."""
     try:
-        chiralities(problem)
+        chiralities(problem, partial=True)
     except OptionsError:
         return False
     return True
@@ -98,7 +98,7 @@ def prove(
     Parameters
     ----------
     problem : Problem
-        Dimension 2 or 3, full R; k <= n, candidates, weights and constant costs as you like.
+        Dimension 2 or 3, full R; k <= n, candidates, weights, constant costs and unmatched points as you like.
     candidates : sequence of Candidate
         Poses already known; good ones save time.
     tol : float
@@ -111,29 +111,63 @@ def prove(
     OptionsError
         If the tolerance or limit is not positive, or the problem is of another kind (:func:`can_certify`).
     """
+    started = time.monotonic()
+    deadline = deadline_of(started, tol, time_limit_s)
+    rotations = [c.R_target_source for c in candidates]
+    searches = searches_of(problem, np.array(rotations) if rotations else None, tol)
+    return finish(searches, started, deadline)
+
+
+def deadline_of(started: float, tol: float, time_limit_s: float | None) -> float:
+    """Check the options and return when to stop.
+
+    Raises
+    ------
+    OptionsError
+        If the tolerance or limit is not positive.
+    """
     for name, number in (("tol", tol), ("time_limit_s", time_limit_s or 1.0)):
         if not number > 0:
             raise OptionsError(f"{name}: expected a positive number, got {number}")
-    started = time.monotonic()
-    limit = math.inf if time_limit_s is None else time_limit_s
-    searches = [ChiralitySearch(part, reflected=reflected, tol=tol) for reflected, part in chiralities(problem)]
+    return started + (math.inf if time_limit_s is None else time_limit_s)
+
+
+def searches_of(problem: Problem, known: FloatArray | None, tol: float) -> list[RotationSearch]:
+    """Return a search of each chirality, the one with the better pose first.
+
+    Parameters
+    ----------
+    problem : Problem
+    known : ndarray, shape (m, d, d), optional
+        Poses to descend from, beside those of an even set that look best.
+    tol : float
+
+    Raises
+    ------
+    OptionsError
+        If the problem is not for this (:func:`can_certify`).
+    """
+    searches = []
+    for reflected, part in chiralities(problem, partial=True):
+        search = RotationSearch(part, reflected=reflected, tol=tol)
+        starts, _, _ = screen(part, rotation_set(problem.dim, _NUM_SCREENED))
+        starts = starts[:_NUM_STARTS]
+        if known is not None:
+            own = known[(np.linalg.det(known) < 0) == reflected]
+            starts = np.concatenate([starts, own * search.signs])
+        search.descend(starts)
+        searches.append(search)
+    return sorted(searches, key=lambda search: search.energy)
+
+
+def finish(searches: list[RotationSearch], started: float, deadline: float) -> Proof:
+    """Run searches of a problem's chiralities to the end, or to the deadline."""
     for search in searches:
-        known = [c.R_target_source * search.signs for c in candidates if c.reflected == search.reflected]
-        search.descend(np.concatenate([rotation_set(problem.dim, _NUM_STARTS), *(r[None] for r in known)]))
-    searches.sort(key=lambda search: search.energy)
-    for share, is_last in ((0.5, False), (1.0, True)):
-        for search in searches:
-            search.run(started + share * limit, min(other.energy for other in searches))
-        best = min(search.energy for search in searches)
-        unfinished = [search for search in searches if not search.is_done(best)]
-        if is_last or not unfinished:
-            break
-        for number, search in enumerate(unfinished, start=1):
-            search.use_relaxation(started + (0.5 + 0.25 * number / len(unfinished)) * limit, best)
+        search.run(deadline, min(other.energy for other in searches))
     return _proof(searches, time.monotonic() - started)
 
 
-def _proof(searches: list[ChiralitySearch], time_s: float) -> Proof:
+def _proof(searches: list[RotationSearch], time_s: float) -> Proof:
     best = min(searches, key=lambda search: search.energy)
     bounds = {search.reflected: search.bound for search in searches}
     is_proven = all(search.is_done(best.energy) for search in searches)

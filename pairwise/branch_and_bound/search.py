@@ -3,35 +3,30 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, read_only
-from pairwise.branch_and_bound.bounds import BallBounds
-from pairwise.branch_and_bound.cells import Cells, join
+from data_tools.arrays import FloatArray, IntArray
+from pairwise.branch_and_bound.bounds import CellBounds, QuasiBounds
+from pairwise.branch_and_bound.cells import MAX_DEPTH, Cells, join
 from pairwise.local.local_search import minimise
 from pairwise.problem.problem import Problem
-from pairwise.tight.lift import make_lift
 from pairwise.tight.problem import energy_scale, mirror
-from pairwise.tight.run import TightRun
 
-#: Entries of the cost matrices of the cells that are split at once.
-_BATCH_ENTRIES = 1_000_000
-#: Poses at cell centres from which each batch looks for a better one.
+#: Entries of the cost matrices of the cells that are split at once, and cells at most.
+_BATCH_ENTRIES, _MOST_CELLS = 4_000_000, 512
+#: Poses at cell centres from which each batch looks for a better one, where their own energies are lower.
 _NUM_DESCENTS = 2
-#: Cells are not split below this half side: their rotations differ by 1e-6 rad.
-_SMALLEST_HALF = 2.0**-21
 #: Relative to the energy's scale: what counts as no gap where the energy is zero.
 _ZERO_GAP = 1e-9
-#: Most matches for which the tight relaxation is tried.
-_MOST_MATCHES = 5_000
-#: Most steps of the tight relaxation's splitting; time usually ends it before.
-_MAX_STEPS = 10_000
 
 
-class ChiralitySearch:
-    """The cells that may still hold a better pose, and the best pose so far.
+class RotationSearch:
+    """The cells that may still hold a pose that is sought, and the best pose so far.
+
+    Sought is either a pose better than the best one by more than the tolerance, or, after :meth:`collect`, every pose
+    that is best for its own map and within a factor of the best energy.
 
     Parameters
     ----------
@@ -57,17 +52,25 @@ class ChiralitySearch:
         self.num_cells = 0
         self.is_stuck = False
         self._tol = tol
+        self._within, self._resolution_rad = 0.0, 0.0
         self._zero_gap = _ZERO_GAP * energy_scale(problem)
-        self._root_bound = 0.0 if (problem.constant_cost >= 0).all() else -np.inf
         self._settled_bound = np.inf
-        self._evaluate = BallBounds(problem)
-        self._cells = Cells.whole(problem.dim)
-        self._bounds = np.full(len(self._cells), self._root_bound)
+        self._evaluate = QuasiBounds(problem)
+        whole = Cells.whole(problem.dim)
+        self._potentials = np.zeros((1, self._evaluate.num_columns))
+        self._open = OpenCells(
+            cells=whole,
+            radii=np.full(len(whole), np.pi),
+            bounds=np.full(len(whole), 0.0 if (problem.constant_cost >= 0).all() else -np.inf),
+            sources=np.zeros(len(whole), dtype=np.int64),
+        )
+        self._collected = self._open.take(np.zeros(0, dtype=np.int64))
 
     @property
     def bound(self) -> float:
-        """The lower bound of this chirality: the least of all cells, or of the relaxation if that is higher."""
-        return max(self._root_bound, min(self._settled_bound, self._bounds.min(initial=np.inf)))
+        """The lower bound of this chirality: the least of all cells."""
+        waiting = np.append(self._open.bounds, self._collected.bounds)
+        return min(self._settled_bound, float(waiting.min(initial=np.inf)))
 
     def threshold(self, best: float) -> float:
         """Return the bound at which a cell is settled if ``best`` is the energy to beat.
@@ -75,11 +78,25 @@ class ChiralitySearch:
         It lies below this chirality's own best energy by the tolerance, but need not exceed the other's: beyond that
         the mirror decision is proven.
         """
+        if self._within:
+            return self._within * best + self._zero_gap
         return min(self.energy * (1.0 - self._tol) - self._zero_gap, best + self._zero_gap)
 
     def is_done(self, best: float) -> bool:
         """Whether nothing here can beat the energy ``best`` by more than the tolerance."""
         return self.bound >= self.threshold(best)
+
+    def collect(self, within: float, resolution_rad: float) -> None:
+        """Seek all poses of at most ``within`` times the best energy, in cells of at most that radius."""
+        self._within, self._resolution_rad = within, resolution_rad
+
+    def collected(self, best: float) -> OpenCells:
+        """Return the cells that hold all of these poses, and seek a better one inside them from now on."""
+        found = self._open.join(self._collected)
+        found = found.take(np.flatnonzero(found.bounds < self.threshold(best)))
+        self._within, self._resolution_rad, self.is_stuck = 0.0, 0.0, False
+        self._open, self._collected = found, found.take(np.zeros(0, dtype=np.int64))
+        return found
 
     def descend(self, rotations: FloatArray) -> None:
         """Minimise locally from rotations (m, d, d) and keep the best pose."""
@@ -97,49 +114,83 @@ class ChiralitySearch:
         best : float
             Best energy of either chirality.
         """
-        per_cell = self.problem.num_target * self.problem.num_source * 2 ** self._cells.centres.shape[1]
-        batch = max(1, _BATCH_ENTRIES // per_cell)
+        per_cell = self.problem.num_source * self._evaluate.num_columns * 2
+        batch = int(np.clip(_BATCH_ENTRIES // per_cell, 1, _MOST_CELLS))
         self._settle(min(best, self.energy))
-        while not self.is_done(min(best, self.energy)) and len(self._cells) and time.monotonic() < deadline:
+        while len(self._open.bounds) and time.monotonic() < deadline:
             self._split(batch, min(best, self.energy))
             self._settle(min(best, self.energy))
 
-    def use_relaxation(self, deadline: float, best: float) -> None:
-        """Bound all rotations by the tight relaxation, and forget the matches that it rules out.
-
-        Larger problems go without: there it takes longer than the cells.
-        """
-        if self.problem.candidates.sum() > _MOST_MATCHES:
-            return
-        lift = make_lift("tight", self.problem.dim)
-        run = TightRun(problem=self.problem, lift=lift, tol=0.1 * self._tol, cutoff=best)
-        run.solve(_MAX_STEPS, deadline)
-        self._root_bound = max(self._root_bound, run.bound)
-        if run.upper < self.energy:
-            self.energy, self.rotation, self.map = run.upper, run.rotation, run.map
-        self.problem = replace(self.problem, candidates=read_only(run.remaining))
-        self._evaluate = BallBounds(self.problem)
-
     def _split(self, batch: int, best: float) -> None:
         """Replace the cells of least bound by their children."""
-        chosen = (
-            np.argpartition(self._bounds, batch)[:batch] if len(self._cells) > batch else np.arange(len(self._cells))
-        )
-        rest = np.delete(np.arange(len(self._cells)), chosen)
-        children = self._cells.take(chosen).split()
-        inherited = np.repeat(self._bounds[chosen], len(children) // len(chosen))
+        num = len(self._open.bounds)
+        order = np.argpartition(self._open.bounds, batch) if num > batch else np.arange(num)
+        chosen, rest = self._open.take(order[:batch]), self._open.take(order[batch:])
+        children, starts = chosen.cells.split(), np.repeat(chosen.sources, 2)
         rotations, radii = children.balls()
-        bounds, energies, _ = self._evaluate(rotations, radii, self.threshold(best))
+        found = self._evaluate(rotations, radii, self.threshold(best), self._potentials, starts)
         self.num_cells += len(children)
-        self.descend(rotations[np.argsort(energies, kind="stable")[:_NUM_DESCENTS]])
-        self._cells = join([self._cells.take(rest), children])
-        self._bounds = np.concatenate([self._bounds[rest], np.maximum(bounds, inherited)])
+        lowest = np.argsort(found.energies, kind="stable")[:_NUM_DESCENTS]
+        lowest = lowest[found.energies[lowest] < self.energy]
+        if len(lowest):
+            self.descend(rotations[lowest])
+        bounds = np.maximum(found.bounds, np.repeat(chosen.bounds, 2))
+        sources = self._keep(found, starts)
+        self._open = rest.join(OpenCells(cells=children, radii=radii, bounds=bounds, sources=sources))
+
+    def _keep(self, found: CellBounds, starts: IntArray) -> IntArray:
+        """Add improved potentials to the pool and return the place of every cell's."""
+        is_new = found.is_improved
+        places = np.where(is_new, len(self._potentials) + np.cumsum(is_new) - 1, starts)
+        self._potentials = np.concatenate([self._potentials, found.potentials[is_new]])
+        return places
 
     def _settle(self, best: float) -> None:
-        """Set aside the cells that cannot hold a better pose, or are too small to be split."""
-        is_small = self._cells.halves <= _SMALLEST_HALF
-        is_settled = self._bounds >= self.threshold(best)
-        self.is_stuck |= bool((is_small & ~is_settled).any())
-        aside = is_small | is_settled
-        self._settled_bound = min(self._settled_bound, self._bounds[aside].min(initial=np.inf))
-        self._cells, self._bounds = self._cells.take(np.flatnonzero(~aside)), self._bounds[~aside]
+        """Set aside the cells that cannot hold a pose that is sought, or are too small to be split."""
+        cells = self._open
+        is_settled = cells.bounds >= self.threshold(best)
+        self._settled_bound = min(self._settled_bound, float(cells.bounds[is_settled].min(initial=np.inf)))
+        is_smallest = cells.cells.depths >= MAX_DEPTH
+        is_small = ~is_settled & (is_smallest | (cells.radii <= self._resolution_rad))
+        self.is_stuck |= bool((is_small & is_smallest).any())
+        self._collected = self._collected.join(cells.take(np.flatnonzero(is_small)))
+        self._open = cells.take(np.flatnonzero(~is_settled & ~is_small))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OpenCells:
+    """Cells with what is known about them.
+
+    Attributes
+    ----------
+    cells : Cells
+    radii : ndarray, shape (m,)
+        Of the balls around them, in radians.
+    bounds : ndarray, shape (m,)
+        Quasi-bounds.
+    sources : ndarray of int, shape (m,)
+        Where in the pool their potentials are.
+    """
+
+    cells: Cells
+    radii: FloatArray
+    bounds: FloatArray
+    sources: IntArray
+
+    def take(self, index: IntArray) -> OpenCells:
+        """Return the cells at the given positions."""
+        return OpenCells(
+            cells=self.cells.take(index),
+            radii=self.radii[index],
+            bounds=self.bounds[index],
+            sources=self.sources[index],
+        )
+
+    def join(self, other: OpenCells) -> OpenCells:
+        """Return these cells and the other ones."""
+        return OpenCells(
+            cells=join([self.cells, other.cells]),
+            radii=np.concatenate([self.radii, other.radii]),
+            bounds=np.concatenate([self.bounds, other.bounds]),
+            sources=np.concatenate([self.sources, other.sources]),
+        )

@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from pairwise.branch_and_bound.cells import Cells, join
+from pairwise.local.rotation_sets import random_rotations, rotation_angles
+
+
+def split_at_random(dim, rng, num=40):
+    """Leaves of a tree in which random cells were split."""
+    cells = Cells.whole(dim)
+    for _ in range(num):
+        chosen = rng.integers(len(cells))
+        rest = np.delete(np.arange(len(cells)), chosen)
+        cells = join([cells.take(rest), cells.take(np.array([chosen])).split()])
+    return cells
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_every_rotation_lies_in_the_ball_of_a_leaf(dim, rng):
+    cells = split_at_random(dim, rng)
+    centres, radii = cells.balls()
+    rotations = random_rotations(dim, 400, rng)
+    assert (rotation_angles(rotations[:, None], centres) <= radii).any(axis=1).all()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_paths_of_leaves_tile_their_faces(dim, rng):
+    cells = split_at_random(dim, rng)
+    for face in range(4 if dim == 3 else 1):
+        own = cells.faces == face
+        starts = cells.paths[own] / 2.0 ** cells.depths[own]
+        order = np.argsort(starts)
+        ends = starts + 0.5 ** cells.depths[own]
+        np.testing.assert_array_equal(ends[order], np.append(starts[order][1:], 1.0))
+
+
+def test_balls_shrink_with_the_cells():
+    cells = Cells.whole(3)
+    for _ in range(3):
+        children = cells.split().split().split()
+        assert children.balls()[1].max() < 0.75 * cells.balls()[1].max()
+        cells = children
+
+
+def test_siblings_are_apart():
+    cells = Cells.whole(3)
+    for _ in range(6):
+        cells = cells.split()
+    assert len(np.unique(np.hstack([cells.faces[:, None], cells.centres]), axis=0)) == len(cells) == 4 * 2**6

@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+
+from data_tools.datasets.public import read_teeth
+from data_tools.embedding.sampling import farthest_points
+from data_tools.errors import OptionsError
+from pairwise.branch_and_bound.prove import can_certify, certify, prove
+from pairwise.problem.problem import Problem
+from pairwise.results import Candidate
+from pairwise.status import Status
+from pairwise.tight.problem import chiralities, energy_scale
+from tests.oracles import brute_force, check_pose
+from tests.tight_problems import is_pointed, planted_cube, rigid_problem
+
+
+@pytest.mark.parametrize("seed", range(42))
+def test_small_problems_are_proven_and_agree_with_brute_force(seed):
+    problem = rigid_problem(seed)
+    proof = prove(problem, tol=1e-4, time_limit_s=None if is_pointed(problem) else 0.3)
+    optimum, scale = brute_force(problem).energy, energy_scale(problem)
+    assert proof.status is Status.PROVEN_OPTIMAL or not is_pointed(problem)
+    assert proof.lower_bound <= optimum + 1e-12 * scale
+    assert proof.candidate.energy == pytest.approx(optimum, rel=2e-4, abs=1e-8 * scale)
+    pose = proof.candidate
+    if not problem.max_unmatched:
+        assert check_pose(problem, pose.R_target_source, pose.map_target_source, pose.energy) == []
+    if proof.is_chirality_proven:
+        assert problem.pattern.special_blocks == ()
+        worse = [p for mirrored, p in chiralities(problem, partial=True) if mirrored != pose.reflected]
+        assert brute_force(worse[0]).energy > pose.energy
+
+
+def test_mirror_decisions_are_proven_only_where_there_is_one():
+    target, source = planted_cube(10, 0.05, 4)
+    chiral = prove(Problem.from_user(target, -source, group="O"))
+    assert chiral.candidate.reflected
+    assert chiral.is_chirality_proven
+    assert chiral.proper_bound > chiral.candidate.energy
+    flat = target * [1.0, 1.0, 0.0]
+    assert not prove(Problem.from_user(flat, flat[::-1], group="O")).is_chirality_proven
+    assert not prove(Problem.from_user(target, source)).is_chirality_proven
+
+
+def test_noisy_problem_of_twenty_points_is_proven():
+    problem = Problem.from_user(*planted_cube(20, 0.1, 0))
+    bound, best, status = certify(problem, tol=1e-3, time_limit_s=60)
+    assert status is Status.PROVEN_OPTIMAL
+    assert bound >= (1 - 1e-3) * best.energy - 1e-8
+    assert bound <= best.energy
+
+
+def test_known_poses_are_used_and_the_time_limit_keeps_bounds_valid():
+    problem = Problem.from_user(*planted_cube(16, 0.3, 2))
+    full = prove(problem)
+    short = prove(problem, [full.candidate], time_limit_s=1e-3)
+    assert short.status is Status.TIME_LIMIT
+    assert short.candidate.energy <= full.candidate.energy * (1 + 1e-9)
+    assert 0.0 <= short.lower_bound <= full.candidate.energy
+
+
+def test_any_tolerance_is_reached():
+    problem = Problem.from_user(*planted_cube(16, 0.05, 2))
+    proof = prove(problem, tol=1e-9)
+    assert proof.status is Status.PROVEN_OPTIMAL
+    assert proof.lower_bound >= (1 - 1e-9) * proof.candidate.energy - 2e-9 * energy_scale(problem)
+
+
+@pytest.mark.data
+def test_a_pair_of_teeth_is_proven_with_its_chirality(shared_data):
+    teeth = read_teeth(shared_data / "teeth_pnas116")
+    left, right = (int(np.flatnonzero(teeth.chirality == side)[0]) for side in (1, -1))
+    clouds = []
+    for index in (left, right):
+        shape = teeth.shape(index)
+        points = shape.vertices[farthest_points(shape, 16, metric="euclidean")]
+        points = points - points.mean(axis=0)
+        clouds.append(points / np.linalg.norm(points))
+    proof = prove(Problem.from_user(*clouds, group="O"), time_limit_s=60)
+    assert proof.status is Status.PROVEN_OPTIMAL
+    assert proof.is_chirality_proven
+
+
+def test_what_cannot_be_certified_is_refused():
+    target, source = planted_cube(6, 0.1, 0)
+    problem = Problem.from_user(target, source)
+    assert can_certify(problem)
+    four = Problem.from_user(np.eye(4), np.eye(4))
+    assert not can_certify(four)
+    with pytest.raises(OptionsError, match="dimension 2 or 3"):
+        prove(four)
+    with pytest.raises(OptionsError, match="tol"):
+        prove(problem, tol=0.0)
+    with pytest.raises(OptionsError, match="time_limit_s"):
+        prove(problem, time_limit_s=-1.0)
+
+
+def test_a_bad_candidate_does_no_harm():
+    problem = Problem.from_user(*planted_cube(8, 0.05, 2))
+    bad = Candidate(
+        R_target_source=np.eye(3), map_target_source=np.arange(8), energy=99.0, reflected=False, origin="start"
+    )
+    assert prove(problem, [bad]).candidate.energy == pytest.approx(prove(problem).candidate.energy)
