@@ -8,14 +8,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from collalign.collection import AlignedCollection
 from collalign.engine.options import RunOptions
-from collalign.engine.session import ProgressFactory, Session
+from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.collection import ConsistentMaps, RunRecord
 from collalign.products.pair import FormerPairs
@@ -37,7 +36,8 @@ from collalign.stages.shapes import prepare_shapes
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.errors import InputError
 from data_tools.io.files import readable_name
-from data_tools.io.shapes import FolderListing, read_folder
+from data_tools.io.objects import ShapesLike, list_shapes
+from data_tools.io.shapes import FolderListing
 from data_tools.threads import one_blas_thread
 
 _LIBRARIES = ("collalign", "numpy", "scipy", "trimesh", "potpourri3d", "robust-laplacian", "joblib")
@@ -45,29 +45,28 @@ _LIBRARIES = ("collalign", "numpy", "scipy", "trimesh", "potpourri3d", "robust-l
 
 @one_blas_thread()
 def align_collection(
-    folder: str | Path,
+    shapes: ShapesLike,
     *,
     options: AlignOptions | None = None,
     run: RunOptions | None = None,
     fixed: Mapping[str, ArrayLike] | None = None,
-    progress: ProgressFactory | None = None,
+    progress: ProgressFactory | bool = True,
 ) -> AlignedCollection:
-    """Align all shapes of a folder consistently.
+    """Align shapes consistently: one rigid pose for each, and maps between all of them.
 
     Parameters
     ----------
-    folder : str or Path
-        Meshes (PLY, OFF, OBJ, STL, GLB) and point clouds (PLY, PCD, XYZ, TXT, CSV, NPZ) in arbitrary poses; other
-        files are skipped and named in the result.
+    shapes : str, Path, iterable or mapping of name to shape
+        A folder of meshes (PLY, OFF, OBJ, STL, GLB) and point clouds (PLY, PCD, XYZ, TXT, CSV, NPZ), or several of:
+        files, arrays (n, 3), pairs (V, F), trimesh and Open3D objects.
     options : AlignOptions, optional
         What decides the result.
     run : RunOptions, optional
         Processes, store, limits: how the work is done.
     fixed : mapping of name to array_like (3, 3), optional
         ``R_common_shape`` of shapes whose orientation a person has decided; they come out exactly so.
-    progress : callable, optional
-        Makes a progress display per stage; :class:`collalign.engine.jobs.progress.ProgressBar` is one. Silent by
-        default.
+    progress : bool or callable
+        A bar per stage in terminals and notebooks; False is silent; a callable makes another display.
 
     Returns
     -------
@@ -77,7 +76,7 @@ def align_collection(
     Raises
     ------
     InputError
-        If the folder holds no shapes, or ``fixed`` or ``options.reference`` names a shape that is not there.
+        If there are no shapes, or ``fixed`` or ``options.reference`` names a shape that is not there.
     CollectionError
         If fewer than two shapes, or no pair, could be used.
     StoreError
@@ -85,11 +84,14 @@ def align_collection(
 
     Examples
     --------
-    >>> collection = align_collection("teeth")  # doctest: +SKIP
-    >>> collection.maps["tooth1", "tooth2"]     # doctest: +SKIP
+    >>> points = np.random.default_rng(0).random((40, 3))
+    >>> turned = points @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> aligned = align_collection({"still": points, "turned": turned}, progress=False)
+    >>> bool(np.allclose(aligned.transforms[1, :3, :3] @ [0, 1, 0], [1, 0, 0], atol=1e-6))
+    True
     """
-    listing = read_folder(folder)
-    with Session.open(options or AlignOptions(), run or RunOptions(), progress) as session:
+    listing = list_shapes(shapes)
+    with Session.open(options or AlignOptions(), run or RunOptions(), progress_display(progress)) as session:
         return align_listing(session, listing, fixed=fixed or {})
 
 

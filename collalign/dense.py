@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign.engine.options import RunOptions
-from collalign.engine.session import ProgressFactory, Session
+from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.options import options_from_record
 from collalign.output.evidence.file import load_view
 from collalign.output.write import ALIGNMENT_FILE
@@ -27,7 +27,7 @@ def dense_correspondence(
     *,
     options: RegistrationOptions | None = None,
     run: RunOptions | None = None,
-    progress: ProgressFactory | None = None,
+    progress: ProgressFactory | bool = True,
 ) -> DenseCorrespondence:
     """Lay one triangulation onto every shape of a result, by smooth registration from the poses.
 
@@ -43,7 +43,8 @@ def dense_correspondence(
     options : RegistrationOptions, optional
     run : RunOptions, optional
         With a store, finished registrations are kept.
-    progress : callable, optional
+    progress : bool or callable
+        As in :func:`collalign.align_collection`.
 
     Raises
     ------
@@ -60,8 +61,8 @@ def dense_correspondence(
     files = [
         PosedFile(
             name=view.names[at],
-            path=Path(view.files[at]),
-            digest=hash_source(view.files[at]),
+            path=view.file(at),
+            digest=hash_source(view.file(at)),
             transform=view.transforms[at],
             cleaning=cleaning,
         )
@@ -69,7 +70,7 @@ def dense_correspondence(
     ]
     samples = [view.aligned_samples[at] for at in members]
     reference = medoid([cloud[np.isfinite(cloud).all(axis=1)] for cloud in samples])
-    with Session.open(options or RegistrationOptions(), run or RunOptions(), progress) as session:
+    with Session.open(options or RegistrationOptions(), run or RunOptions(), progress_display(progress)) as session:
         return correspond(session, files, reference)
 
 

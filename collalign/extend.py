@@ -11,26 +11,27 @@ import numpy as np
 from collalign.align import align_listing
 from collalign.collection import AlignedCollection
 from collalign.engine.options import RunOptions
-from collalign.engine.session import ProgressFactory, Session
+from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.options import options_from_record
 from collalign.output.evidence.file import load_view
 from collalign.output.write import ALIGNMENT_FILE
 from collalign.products.pair import FormerPairs
 from collalign.products.shapes import Excluded
 from data_tools.errors import InputError
-from data_tools.io.shapes import FolderListing, read_folder
+from data_tools.io.objects import ShapesLike, list_shapes
+from data_tools.io.shapes import FolderListing
 from data_tools.threads import one_blas_thread
 
 
 @one_blas_thread()
 def add_to_collection(
     result: str | Path,
-    folder: str | Path,
+    shapes: ShapesLike,
     *,
     run: RunOptions | None = None,
-    progress: ProgressFactory | None = None,
+    progress: ProgressFactory | bool = True,
 ) -> AlignedCollection:
-    """Align the shapes of a folder to an existing result, with the options of that result.
+    """Align more shapes to an existing result, with the options of that result.
 
     Whether shapes may be mirrored stays as it was decided for the result. A specimen of the other side that comes to
     a collection without mirror images is therefore not mirrored; a note says that it looks like one.
@@ -39,11 +40,12 @@ def add_to_collection(
     ----------
     result : str or Path
         Folder that :meth:`AlignedCollection.save` wrote.
-    folder : str or Path
-        The new shapes; their names must be new as well.
+    shapes : str, Path, iterable or mapping
+        The new shapes, as :func:`collalign.align_collection` takes them; their names must be new as well.
     run : RunOptions, optional
         With the store of the first run, no old pair is matched again.
-    progress : callable, optional
+    progress : bool or callable
+        As in :func:`collalign.align_collection`.
 
     Returns
     -------
@@ -64,17 +66,17 @@ def add_to_collection(
         group = options.group if options.group != "auto" else str(content["decided"]["group"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{record}: not the summary of an alignment ({error})") from None
-    files = tuple(Path(file) for file in view.files)
+    files = tuple(view.file(at) for at in range(view.num_shapes))
     for file in files:
         if not file.is_file():
             raise InputError(f"{file}: a shape of the collection is not there any more; put it back to add to it")
-    new = read_folder(folder)
+    new = list_shapes(shapes)
     taken = sorted(set(view.names) & set(new.names))
     if taken:
-        raise InputError(f"{folder}: the collection has a shape called {taken[0]!r} already; rename the new file")
+        raise InputError(f"the collection has a shape called {taken[0]!r} already; rename the new one")
     listing = FolderListing(files=files + new.files, names=view.names + new.names, skipped=new.skipped)
     edges = np.array([sorted((pair.target, pair.source)) for pair in view.pairs], dtype=np.int64).reshape(-1, 2)
-    with Session.open(options, run or RunOptions(), progress) as session:
+    with Session.open(options, run or RunOptions(), progress_display(progress)) as session:
         aligned = align_listing(
             session,
             listing,

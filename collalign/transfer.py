@@ -31,7 +31,7 @@ def transfer_landmarks(
     *,
     options: RegistrationOptions | None = None,
     run: RunOptions | None = None,
-    progress: ProgressFactory | None = None,
+    progress: ProgressFactory | bool = True,
 ) -> TransferredLandmarks:
     """Carry landmarks from the specimens that have them to all others.
 
@@ -43,7 +43,8 @@ def transfer_landmarks(
         In file coordinates. A file ``A.mrk.json``, ``A.fcsv`` or ``A.csv`` belongs to the shape called A.
     options : RegistrationOptions, optional
     run : RunOptions, optional
-    progress : callable, optional
+    progress : bool or callable
+        As in :func:`collalign.align_collection`.
 
     Raises
     ------
@@ -186,7 +187,7 @@ class _Transfer:
         """Landmarks of a specimen and their spread, in the common frame."""
         row, at = self._rows[name], self._view.index(name)
         points, spreads = fuse(templates, row, self._dense.vertices, self._dense.quality)
-        shape = read_shape(self._view.files[at], name=name).transformed(self._view.transforms[at])
+        shape = read_shape(self._view.file(at), name=name).transformed(self._view.transforms[at])
         return on_surface(points, templates, SurfaceLocator(shape.vertices, shape.faces)), spreads
 
     def _posed(self, name: str, points: FloatArray) -> FloatArray:

@@ -18,14 +18,12 @@ import collalign
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.interruption import resumable
 from collalign.collection import AlignedCollection
-from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.options import RunOptions
-from collalign.engine.session import ProgressFactory
 from collalign.engine.store.layout import STORE_FILE
 from collalign.options import AlignOptions
 from collalign.output.corrections import read_corrections
 from collalign.output.evidence.file import load_view
-from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE, WRITER, output_names, save_collection
+from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE, WRITER, inputs_of, output_names, save_collection
 from collalign.products.collection import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
@@ -69,11 +67,12 @@ def align(
     table = read_labels(labels) if labels is not None else None
     store = run.store or out / STORE_FILE
     run = replace(run, store=store)
-    with resumable(store), OutputFolder.open(out, writer=WRITER, inputs=[folder, *listing.files]) as output:
+    with (
+        resumable(store),
+        OutputFolder.open(out, writer=WRITER, inputs={folder, *inputs_of(listing.files)}) as output,
+    ):
         output.refuse_foreign(output_names(listing.names))
-        collection = collalign.align_collection(
-            folder, options=options, run=run, fixed=fixed, progress=progress_display()
-        )
+        collection = collalign.align_collection(folder, options=options, run=run, fixed=fixed)
         written = _save(collection, output, table, report=report)
     return _finish(collection, written)
 
@@ -104,7 +103,7 @@ def add(
     run = replace(run, store=store)
     load_view(result)
     with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=[folder]) as output:
-        collection = collalign.add_to_collection(result, folder, run=run, progress=progress_display())
+        collection = collalign.add_to_collection(result, folder, run=run)
         written = _save(collection, output, table, report=report)
     return _finish(collection, written)
 
@@ -172,11 +171,6 @@ def _errors_deg(alignment: Path, planted: PlantedCollection) -> FloatArray:
             for i, j in itertools.combinations(frames, 2)
         ]
     )
-
-
-def progress_display() -> ProgressFactory | None:
-    """Return the progress bar where somebody watches a terminal."""
-    return ProgressBar if sys.stderr.isatty() else None
 
 
 def _doubtful(collection: AlignedCollection) -> list[str]:

@@ -9,10 +9,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from collalign.cli.align import INCOMPLETE, progress_display
+from collalign.cli.align import INCOMPLETE
 from collalign.cli.interruption import resumable
 from collalign.engine.options import RunOptions
-from collalign.engine.session import Session
+from collalign.engine.session import Session, progress_display
 from collalign.engine.store.layout import STORE_FILE
 from collalign.nonrigid import NonrigidOptions, SurfaceOptions
 from collalign.products.shapes import Excluded
@@ -47,7 +47,7 @@ def maps(
     options = MapOptions(matching=deformation, surface=surface)
     inputs = [pairs, *(file for pair in listed for file in pair)]
     with resumable(store), OutputFolder.open(out, writer="maps", inputs=inputs) as output:
-        with Session.open(options, run, progress_display()) as session:
+        with Session.open(options, run, progress_display(True)) as session:
             found = match_surfaces(session, listed)
         for (target, source), one in zip(listed, found, strict=True):
             if isinstance(one, Excluded):

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from collalign.cli.align import INCOMPLETE, progress_display
+from collalign.cli.align import INCOMPLETE
 from collalign.cli.interruption import resumable
 from collalign.engine.options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
@@ -51,7 +51,7 @@ def transfer(
         raise InputError("--leave-one-out: one landmark file cannot be predicted from others; give at least two")
     store = run.store or result / STORE_FILE
     with resumable(store):
-        found = transfer_landmarks(result, landmarks, run=with_changes(run, store=store), progress=progress_display())
+        found = transfer_landmarks(result, landmarks, run=with_changes(run, store=store))
     view = with_changes(load_view(result), samples=found.points, landmark_names=found.labels, pairs=())
     paths = write_export(view, format, to, space=space)
     for path in (*paths, *write_transfer(found, to, landmarks, leave_one_out=leave_one_out)):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
+from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
 from collalign.engine.options import RunOptions
 from collalign.engine.store.layout import KINDS, Failure
@@ -17,6 +19,14 @@ from data_tools.errors import InputError, SolveFailed
 ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[[JobResult], None]]]
 
 OptionsT = TypeVar("OptionsT")
+
+
+def progress_display(progress: ProgressFactory | bool) -> ProgressFactory | None:
+    """Return what shows the progress of a run: for True a bar where somebody watches a terminal or a notebook."""
+    if not isinstance(progress, bool):
+        return progress
+    watched = sys.stderr.isatty() or "ipykernel" in sys.modules
+    return ProgressBar if progress and watched else None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

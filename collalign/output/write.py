@@ -21,6 +21,7 @@ from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder, file_stems, refuse_overlap
 from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.io.source import Origin, location
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
@@ -102,9 +103,9 @@ def save_collection(
     return (*(path for path in written if path.parent == output.folder), *sorted(folders))
 
 
-def inputs_of(files: Iterable[Path]) -> set[Path]:
+def inputs_of(files: Iterable[Origin]) -> set[Path]:
     """Return files and their folders, in none of which results may lie, nor they in the results' folder."""
-    return {path for file in files for path in (file, file.parent)}
+    return {path for file in files if isinstance(file, Path) for path in (file, file.parent)}
 
 
 def output_names(names: Sequence[str]) -> list[str]:
@@ -131,7 +132,7 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
         "shapes": [
             {
                 "name": name,
-                "file": file.name,
+                "file": Path(location(file)).name,
                 "transform": transform.tolist(),
                 "reflected": bool(reflected),
                 "confidence": _number(confidence),
@@ -176,7 +177,7 @@ def _write_shapes(
     order = iter(range(num))
     stems = file_stems(collection.names)
 
-    def read_next(file: Path) -> Shape:
+    def read_next(file: Origin) -> Shape:
         """Read a shape, write its aligned copy and draw it, in the order of the collection."""
         i = next(order)
         shape = read_shape(file, collection.options.cleaning, name=collection.names[i], digest=collection.digests[i])
@@ -191,7 +192,13 @@ def _write_shapes(
     save_view(view, output.staging)
     draw_contact_sheet(tiles, output.stage(CONTACT_SHEET_FILE))
     if report:
-        write_report(view, output.stage(REPORT_FILE), title=f"Aligned collection {collection.files[0].parent.name}")
+        write_report(view, output.stage(REPORT_FILE), title=f"Aligned collection {_folder_name(collection)}".rstrip())
+
+
+def _folder_name(collection: Collection) -> str:
+    """Return the name of the folder that the shapes lie in, empty for shapes of memory."""
+    first = collection.files[0]
+    return first.parent.name if isinstance(first, Path) else ""
 
 
 def _run_record(collection: Collection) -> dict[str, Any]:

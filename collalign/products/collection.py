@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from collalign.products.pair import Alternative, Pair
 from collalign.products.shapes import Excluded
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.io.source import Origin
 
 #: Poses below this confidence are called doubtful, on the command line, in the contact sheet and in the report.
 DOUBT = 0.95
@@ -78,8 +78,8 @@ class Collection:
     Attributes
     ----------
     names : tuple of str, length N
-    files : tuple of Path
-        Where each shape was read from.
+    files : tuple of Path or Source
+        Where each shape was read from; a source in memory where it came from no file.
     digests : tuple of str
         Of the files' contents when they were read; saving refuses a file that has changed since.
     transforms : ndarray, shape (N, 4, 4)
@@ -121,7 +121,7 @@ class Collection:
     """
 
     names: tuple[str, ...]
-    files: tuple[Path, ...]
+    files: tuple[Origin, ...]
     digests: tuple[str, ...]
     transforms: FloatArray
     rotations: FloatArray

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ class CollectionView:
     names : tuple of str
         N names, unique.
     files : tuple of str
-        Where each shape was read from.
+        Where each shape was read from; empty where it came from memory.
     transforms : ndarray, shape (N, 4, 4)
         Take file coordinates to the common frame, scale and reflection included.
     confidence : ndarray, shape (N,)
@@ -158,6 +159,20 @@ class CollectionView:
         centres = filled.sum(axis=1) / np.maximum(counts, 1)[:, None]
         squares = np.where(known, ((filled - centres[:, None]) ** 2).sum(axis=2), 0.0).sum(axis=1)
         return np.asarray(np.sqrt(np.where(counts > 0, squares, np.nan)))
+
+    def file(self, at: int) -> Path:
+        """Return the file of one shape.
+
+        Raises
+        ------
+        InputError
+            If the shape came from memory.
+        """
+        if not self.files[at]:
+            raise InputError(
+                f"{self.names[at]}: came from memory, not from a file; save the shapes as files and align these"
+            )
+        return Path(self.files[at])
 
     def index(self, name: str) -> int:
         """Position of a shape.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
+from data_tools.io.source import Origin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,7 @@ class Shapes:
     Attributes
     ----------
     names : tuple of str
-    files : tuple of Path
+    files : tuple of Path or Source
     digests : tuple of str
         Of the files' contents.
     keys : tuple of str
@@ -47,7 +47,7 @@ class Shapes:
     """
 
     names: tuple[str, ...]
-    files: tuple[Path, ...]
+    files: tuple[Origin, ...]
     digests: tuple[str, ...]
     keys: tuple[str, ...]
     samples: tuple[Samples, ...]

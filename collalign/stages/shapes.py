@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import FolderListing, read_shape
-from data_tools.io.source import hash_source
+from data_tools.io.source import Origin, Source, hash_source
 from data_tools.options import MIN_POINTS, CleaningOptions, EmbeddingOptions, SamplingOptions
 
 #: Changes whenever the same file and options would give other samples.
@@ -37,7 +36,7 @@ class ShapeTask:
         Of the content that the key of the result stands for: a file that has changed since is refused.
     """
 
-    path: Path
+    path: Origin
     name: str
     digest: str | None
     cleaning: CleaningOptions
@@ -49,7 +48,7 @@ class ShapeTask:
 class KeyedFile:
     """A file, the digest of its content and the key of its record in the store."""
 
-    file: Path
+    file: Origin
     digest: str
     key: str
 
@@ -172,15 +171,15 @@ def _prepare(session: AlignSession, listing: FolderListing, options: AlignOption
     )
 
 
-def _excluded(file: Path, reason: str) -> Excluded:
+def _excluded(file: Origin, reason: str) -> Excluded:
     """Return the file and why it is left out; the reason does not say again where it lies."""
-    for path in (file.absolute(), file):
+    for path in (file.path,) if isinstance(file, Source) else (file.absolute(), file):
         reason = reason.removeprefix(f"{path}: ")
     return Excluded(file=file.name, reason=reason)
 
 
 def shape_task(
-    file: Path, name: str, options: AlignOptions | TwoShapeOptions, *, digest: str | None = None
+    file: Origin, name: str, options: AlignOptions | TwoShapeOptions, *, digest: str | None = None
 ) -> ShapeTask:
     """Return what has to be done for one file."""
     return ShapeTask(

@@ -183,7 +183,7 @@ def read_faust(folder: Path | str) -> Dataset:
     The registrations share their vertices; labels are the subject and the pose, ten of each.
     """
     listing = read_folder(Path(folder) / "training" / "registrations")
-    numbers = [_trailing_number(path) for path in listing.files]
+    numbers = [_trailing_number(name) for name in listing.names]
     return Dataset(
         names=listing.names,
         loaders=tuple(partial(read_shape, file, AS_STORED) for file in listing.files),
@@ -296,10 +296,10 @@ def _order(folder: Path, names: tuple[str, ...], stored: list[str]) -> IntArray:
     return np.array([stored.index(name) for name in names], dtype=np.int64)
 
 
-def _trailing_number(path: Path) -> int:
-    digits = path.stem[len(path.stem.rstrip("0123456789")) :]
+def _trailing_number(name: str) -> int:
+    digits = name[len(name.rstrip("0123456789")) :]
     if not digits:
-        raise InputError(f"{path}: expected a name that ends in the number of subject and pose")
+        raise InputError(f"{name}: expected a name that ends in the number of subject and pose")
     return int(digits)
 
 

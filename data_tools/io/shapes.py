@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from data_tools.errors import CollalignError, InputError, UnavailableError
 from data_tools.io.files import natural_key, readable_name, write_atomic
 from data_tools.io.mesh_formats import READERS as MESH_READERS
 from data_tools.io.points import READERS as POINT_READERS
-from data_tools.io.source import Source, read_source
+from data_tools.io.source import Origin, Source, read_source
 from data_tools.options import CleaningOptions
 from data_tools.surface.cleaning import clean, drop_non_finite
 from data_tools.surface.shape import Shape
@@ -29,11 +29,11 @@ WRITABLE = (".ply", ".off", ".obj", ".stl", ".glb")
 
 @dataclass(frozen=True, kw_only=True)
 class FolderListing:
-    """The shape files of a folder; nothing has been read yet.
+    """The shapes of a collection, mostly files of a folder that nothing has read yet.
 
     Attributes
     ----------
-    files : tuple of Path
+    files : tuple of Path or Source
         In natural order, with distinct ``names``.
     names : tuple of str
         The stem of each file, as readable text; the whole file name where two stems are equal.
@@ -41,13 +41,13 @@ class FolderListing:
         Other files and folders, in natural order.
     """
 
-    files: tuple[Path, ...]
+    files: tuple[Origin, ...]
     names: tuple[str, ...]
-    skipped: tuple[Path, ...]
+    skipped: tuple[Path, ...] = ()
 
 
 def read_shape(
-    path: Path | str,
+    path: Origin | str,
     cleaning: CleaningOptions | None = None,
     *,
     name: str | None = None,
@@ -60,7 +60,7 @@ def read_shape(
 
     Parameters
     ----------
-    path : Path or str
+    path : Path, str or Source
     cleaning : CleaningOptions, optional
     name : str, optional
         The file's stem by default.
@@ -81,11 +81,12 @@ def read_shape(
         Naming the file and the reason: empty, truncated, another content than its suffix says, values that
         are not finite, indices out of range, no points.
     """
-    path = Path(path)
     try:
         return shape_from_source(read_source(path), cleaning, name=name, digest=digest)
     except MemoryError as error:
-        raise UnavailableError(f"{path}: does not fit in memory") from error
+        raise UnavailableError(
+            f"{path.path if isinstance(path, Source) else path}: does not fit in memory"
+        ) from error
 
 
 def shape_from_source(
@@ -93,7 +94,7 @@ def shape_from_source(
 ) -> Shape:
     """Return the shape that a file holds; see :func:`read_shape`."""
     path = source.path
-    reader = READERS.get(path.suffix.lower())
+    reader = READERS.get(source.suffix)
     if reader is None:
         raise InputError(f"{path}: unknown suffix {path.suffix!r}; readable are {', '.join(sorted(READERS))}")
     try:
@@ -103,13 +104,13 @@ def shape_from_source(
     except (CollalignError, MemoryError):
         raise
     except Exception as error:  # readers of damaged files fail in every way there is
-        kind = path.suffix[1:].upper()
+        kind = source.suffix[1:].upper()
         raise InputError(
             f"{path}: not a readable {kind} file ({type(error).__name__}: {_one_line(error)})"
         ) from error
     if digest is not None and source.digest != digest:
         raise UnavailableError(f"{path}: has changed since the run began; run again")
-    return clean(_checked(path, vertices, faces, name or path.stem), cleaning)
+    return clean(_checked(source, vertices, faces, name or path.stem), cleaning)
 
 
 def read_folder(folder: Path | str) -> FolderListing:
@@ -134,7 +135,9 @@ def read_folder(folder: Path | str) -> FolderListing:
         raise InputError(f"{folder}: cannot be read ({error.strerror or error})") from None
     if not files:
         raise InputError(f"{folder}: holds no shape file; readable are {', '.join(sorted(READERS))}")
-    return FolderListing(files=files, names=_names(files), skipped=tuple(p for p in entries if p not in files))
+    return FolderListing(
+        files=files, names=distinct_names(files), skipped=tuple(p for p in entries if p not in files)
+    )
 
 
 def write_mesh(path: Path | str, shape: Shape) -> Path:
@@ -161,7 +164,7 @@ def write_mesh(path: Path | str, shape: Shape) -> Path:
     return write_atomic(path, content.encode() if isinstance(content, str) else content)
 
 
-def _names(files: tuple[Path, ...]) -> tuple[str, ...]:
+def distinct_names(files: Sequence[Path]) -> tuple[str, ...]:
     """Return distinct names: stems where they are unlike, whole file names where even these could be taken."""
     whole = [readable_name(path) for path in files]
     stems = [name.removesuffix(path.suffix) for name, path in zip(whole, files, strict=True)]
@@ -170,7 +173,8 @@ def _names(files: tuple[Path, ...]) -> tuple[str, ...]:
     return names if len(set(names)) == len(names) else tuple(whole)
 
 
-def _checked(path: Path, vertices: FloatArray, faces: IntArray, name: str) -> Shape:
+def _checked(source: Source, vertices: FloatArray, faces: IntArray, name: str) -> Shape:
+    path = source.path
     vertices = np.asarray(vertices)
     if vertices.size == 0:
         raise InputError(f"{path}: holds no points")
@@ -185,7 +189,7 @@ def _checked(path: Path, vertices: FloatArray, faces: IntArray, name: str) -> Sh
         ):
             vertices, faces, kept, note = drop_non_finite(name, vertices, faces)
             notes = (note,)
-        shape = Shape.from_arrays(vertices, faces, name=name, file=path, notes=notes)
+        shape = Shape.from_arrays(vertices, faces, name=name, file=path if source.is_file else None, notes=notes)
     except InputError as error:
         raise InputError(f"{path}: {str(error).removeprefix(f'{name}: ')}") from error
     extent = float(np.abs(shape.vertices).max())

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from functools import cached_property
 from io import BufferedReader
 from pathlib import Path
+from typing import TypeAlias
 
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.files import existing_file
@@ -32,13 +33,29 @@ class Source:
     Attributes
     ----------
     path : Path
+        What messages call it.
     content : bytes
+    suffix : str
+        Of the format, in lower case: the path's own, unless another one is given.
+    is_file : bool
+        Whether it came from the disk; otherwise the path is only the name of a shape that the caller holds.
     """
 
-    def __init__(self, path: Path, content: bytes) -> None:
+    def __init__(self, path: Path, content: bytes, *, suffix: str | None = None) -> None:
         self.path = path
         self.content = content
+        self.suffix = (path.suffix if suffix is None else suffix).lower()
+        self.is_file = suffix is None
         self._siblings: dict[str, bytes] = {}
+
+    def absolute(self) -> Source:
+        """Return the source itself: it is in memory, wherever it came from."""
+        return self
+
+    @property
+    def name(self) -> str:
+        """The file's name, or the shape's."""
+        return self.path.name if self.is_file else str(self.path)
 
     def __getitem__(self, name: str) -> bytes:
         """Return the content of a buffer that this file names, from its folder only (trimesh calls it a resolver).
@@ -78,8 +95,19 @@ class Source:
             return ""
 
 
-def read_source(path: Path | str) -> Source:
-    """Read a file.
+#: Where a shape comes from: a file, or what was read of it or made of an object in memory.
+Origin: TypeAlias = Path | Source
+
+
+def location(origin: Origin) -> str:
+    """Return the file of a shape as text; empty for a shape that came from memory."""
+    if isinstance(origin, Source):
+        return str(origin.path) if origin.is_file else ""
+    return str(origin)
+
+
+def read_source(path: Origin | str) -> Source:
+    """Read a file; a source is returned as it is.
 
     Raises
     ------
@@ -88,11 +116,13 @@ def read_source(path: Path | str) -> Source:
     InputError
         If it is empty or larger than :data:`MAX_FILE_BYTES`.
     """
+    if isinstance(path, Source):
+        return path
     path = existing_file(Path(path))
     return Source(path, _read(path))
 
 
-def hash_source(path: Path | str) -> str:
+def hash_source(path: Origin | str) -> str:
     """Return the digest of a file and of those that it names, 40 hexadecimal digits, without holding it in memory.
 
     Raises
@@ -100,6 +130,8 @@ def hash_source(path: Path | str) -> str:
     InputError
         As :func:`read_source`.
     """
+    if isinstance(path, Source):
+        return path.digest
     path = existing_file(Path(path))
     own, siblings = _digest(path), []
     if path.suffix.lower() == ".gltf":

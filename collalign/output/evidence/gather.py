@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from collalign.products.collection import DOUBT, Collection
 from collalign.products.evidence import CollectionView
 from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.io.source import Origin, location
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
@@ -28,7 +28,7 @@ MOST_PAIR_POSES = 4
 @one_blas_thread()
 def view_collection(
     collection: Collection,
-    read_shape: Callable[[Path], Shape],
+    read_shape: Callable[[Origin], Shape],
     *,
     labels: Mapping[str, tuple[str, ...]] | None = None,
     notes: tuple[str, ...] = (),
@@ -61,7 +61,7 @@ def view_collection(
     sample_labels = collection.maps.labels
     return CollectionView(
         names=collection.names,
-        files=tuple(str(file) for file in collection.files),
+        files=tuple(location(file) for file in collection.files),
         transforms=collection.transforms,
         confidence=collection.confidence,
         samples=by_label(raw, sample_labels),

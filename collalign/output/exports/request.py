@@ -14,7 +14,7 @@ from collalign.products.evidence import CollectionView
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.output_folder import output_path
-from data_tools.io.shapes import read_shape
+from data_tools.io.shapes import READERS, read_shape
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
 
@@ -99,8 +99,14 @@ class ExportRequest:
         InputError
             If it is no longer there.
         """
-        listed = Path(self.view.files[at])
-        path = self.sources / listed.name if self.sources is not None else listed
+        name, listed = self.view.names[at], self.view.files[at]
+        if self.sources is None:
+            path = self.view.file(at)
+        elif listed:
+            path = self.sources / Path(listed).name
+        else:  # a shape that came from memory, saved under its name
+            found = [file for file in self.sources.glob("*") if file.stem == name and file.suffix.lower() in READERS]
+            path = found[0] if found else self.sources / f"{name}.ply"
         if not path.is_file():
             raise InputError(
                 f"{path}: this file was aligned but is no longer there. "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
@@ -13,6 +12,7 @@ from collalign.products.shapes import Shapes
 from data_tools.arrays import as_floats, as_points, read_only
 from data_tools.errors import InputError, StoreError
 from data_tools.io.shapes import read_shape
+from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
 
 #: Changes whenever the same file would give another surface.
@@ -25,7 +25,7 @@ _ROWS = ("functions", "mass", "agd", "curvature", "orientation")
 class SurfaceTask:
     """What a worker needs to prepare one surface; a file that has changed since its digest was taken is refused."""
 
-    path: Path
+    path: Origin
     name: str
     digest: str
     cleaning: CleaningOptions

@@ -1,0 +1,132 @@
+"""Shapes that a caller holds: arrays and the objects of other libraries become sources, as if they had been read."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.errors import InputError
+from data_tools.io.files import natural_key
+from data_tools.io.shapes import FolderListing, distinct_names, read_folder
+from data_tools.io.source import Origin, Source
+
+#: One shape: a file, an array (n, 3) of points, a pair (V, F), or an object of trimesh, Open3D or of this project.
+ShapeLike: TypeAlias = Any
+#: A folder, shapes in a list, or shapes by name.
+ShapesLike: TypeAlias = str | Path | Iterable[ShapeLike] | Mapping[str, ShapeLike]
+
+_KNOWN = "a file, an array (n, 3), a pair (vertices, faces), or a mesh or point cloud of trimesh or Open3D"
+
+
+def list_shapes(shapes: ShapesLike) -> FolderListing:
+    """List the shapes of a collection, whatever form they come in; files are not read yet.
+
+    Parameters
+    ----------
+    shapes : str, Path, iterable or mapping
+        A folder; or files, arrays (n, 3), pairs (V, F), trimesh and Open3D objects, in any mixture. A mapping gives
+        their names; files are called by their stems and other shapes ``shape1``, ``shape2``, ... by position.
+
+    Raises
+    ------
+    InputError
+        If it is no folder and no several shapes, two shapes carry the same name, or an object is none that is known.
+    """
+    if isinstance(shapes, str | Path):
+        return read_folder(shapes)
+    named = _named(shapes)
+    if not named:
+        raise InputError("shapes: there are none")
+    names = sorted(named, key=natural_key)
+    return FolderListing(files=tuple(as_origin(named[name], name) for name in names), names=tuple(names))
+
+
+def as_origin(shape: ShapeLike, name: str) -> Origin:
+    """Return the file of a shape, or a source that holds the arrays of one in memory.
+
+    Parameters
+    ----------
+    shape : str, Path, Source, array_like (n, 3), pair of array_like (V, F), or object
+        Of trimesh, Open3D, or :class:`data_tools.surface.shape.Shape`.
+    name : str
+        What an object in memory is called.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    if isinstance(shape, str | Path):
+        return Path(shape)
+    if isinstance(shape, Source):
+        return shape
+    vertices, faces = _arrays(shape, name)
+    buffer = io.BytesIO()
+    np.savez(buffer, vertices=vertices, faces=faces)
+    return Source(Path(name), buffer.getvalue(), suffix=".npz")
+
+
+def _named(shapes: Any) -> dict[str, ShapeLike]:
+    """Return the shapes by name."""
+    if isinstance(shapes, Mapping):
+        if not all(isinstance(name, str) and name for name in shapes):
+            raise InputError("shapes: their names must be text that is not empty")
+        return dict(shapes)
+    if isinstance(shapes, np.ndarray) and shapes.ndim != 3:
+        raise InputError(f"shapes: one array of shape {shapes.shape}; a collection is several shapes in a list")
+    try:
+        given = list(shapes)
+    except TypeError:
+        raise InputError(f"shapes: expected a folder, a list or a dict of shapes, got {_kind(shapes)}") from None
+    files = {i: Path(shape) for i, shape in enumerate(given) if isinstance(shape, str | Path)}
+    names = dict(zip(files, distinct_names(list(files.values())), strict=True))
+    named = {names.get(i, getattr(shape, "name", None) or f"shape{i + 1}"): shape for i, shape in enumerate(given)}
+    if len(named) < len(given):
+        raise InputError("shapes: two of them have the same name; give a dict of distinct names")
+    return named
+
+
+def _arrays(shape: Any, name: str) -> tuple[FloatArray, IntArray]:
+    """Return vertices (n, 3) and triangles (m, 3), of which a point cloud has none."""
+    vertices, faces = _parts(shape, name)
+    try:
+        points = np.asarray(vertices, dtype=np.float64)
+        triangles = np.asarray([] if faces is None else faces)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: not arrays of numbers ({error})") from None
+    if points.ndim != 2 or points.shape[1] != 3:
+        turned = "; points are rows: give its transpose" if points.ndim == 2 and points.shape[0] == 3 else ""
+        raise InputError(f"{name}: expected points of shape (n, 3), got {points.shape}{turned}")
+    if triangles.size == 0:
+        return points, np.empty((0, 3), dtype=np.int64)
+    if triangles.dtype.kind not in "iu" or triangles.ndim != 2 or triangles.shape[1] != 3:
+        raise InputError(
+            f"{name}: expected faces as integers of shape (m, 3), got {triangles.dtype} of shape {triangles.shape}"
+        )
+    return points, triangles.astype(np.int64)
+
+
+def _parts(shape: Any, name: str) -> tuple[Any, Any]:
+    """Take an object of any of the known kinds apart."""
+    if isinstance(shape, tuple | list) and len(shape) == 2 and np.ndim(shape[0]) == 2:
+        return shape[0], shape[1]
+    if isinstance(shape, np.ndarray | list | tuple):
+        return shape, None
+    if hasattr(shape, "vertices"):  # trimesh, Open3D's meshes, and our own
+        return shape.vertices, getattr(shape, "faces", getattr(shape, "triangles", None))
+    if hasattr(shape, "vertex"):  # Open3D's tensor meshes
+        return shape.vertex.positions.numpy(), shape.triangle.indices.numpy()
+    if hasattr(shape, "point"):  # Open3D's tensor clouds
+        return shape.point.positions.numpy(), None
+    if hasattr(shape, "points"):  # Open3D's clouds
+        return shape.points, None
+    raise InputError(f"{name}: expected {_KNOWN}, got {_kind(shape)}")
+
+
+def _kind(value: object) -> str:
+    return f"{type(value).__module__}.{type(value).__qualname__}"

@@ -1,0 +1,108 @@
+"""Arrays and the objects of other libraries are listed and read like files."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.errors import InputError
+from data_tools.io.objects import as_origin, list_shapes
+from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.io.source import Source, hash_source, location
+from data_tools.surface.shape import Shape
+
+
+@pytest.fixture
+def shape(rng: np.random.Generator) -> Shape:
+    return blob(rng, num_vertices=60)
+
+
+def read(given: Any) -> Shape:
+    return read_shape(as_origin(given, "it"), name="it")
+
+
+def test_every_kind_of_mesh_gives_the_same_shape(shape: Shape, tmp_path: Path) -> None:
+    mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+    tensors = SimpleNamespace(  # as Open3D's tensor meshes, which keep their arrays behind numpy()
+        vertex=SimpleNamespace(positions=SimpleNamespace(numpy=lambda: shape.vertices)),
+        triangle=SimpleNamespace(indices=SimpleNamespace(numpy=lambda: shape.faces)),
+    )
+    file = tmp_path / "it.npz"
+    np.savez(file, vertices=shape.vertices, faces=shape.faces)
+    for given in (mesh, tensors, shape, (shape.vertices, shape.faces), [shape.vertices.tolist(), shape.faces], file):
+        found = read(given)
+        np.testing.assert_array_equal(found.vertices, shape.vertices)
+        np.testing.assert_array_equal(found.faces, shape.faces)
+    assert read(mesh).file is None
+    assert read(file).file == file
+
+
+def test_every_kind_of_cloud_gives_its_points(shape: Shape) -> None:
+    points = shape.vertices
+    for given in (
+        points,
+        points.tolist(),
+        trimesh.PointCloud(points),
+        SimpleNamespace(points=points),
+        (points, None),
+    ):
+        found = read(given)
+        assert not found.is_mesh
+        np.testing.assert_array_equal(found.vertices, points)
+
+
+def test_objects_of_open3d_are_read(shape: Shape, open3d: Any) -> None:
+    points = open3d.utility.Vector3dVector(shape.vertices.copy())
+    triangles = open3d.utility.Vector3iVector(shape.faces.astype(np.int32))
+    mesh = open3d.geometry.TriangleMesh(points, triangles)
+    np.testing.assert_array_equal(read(mesh).faces, shape.faces)
+    np.testing.assert_array_equal(read(open3d.geometry.PointCloud(points)).vertices, shape.vertices)
+    tensor = open3d.t.geometry.TriangleMesh.from_legacy(mesh)
+    np.testing.assert_allclose(read(tensor).vertices, shape.vertices, atol=1e-6)
+
+
+def test_the_content_of_a_source_decides_its_digest_and_travels_to_workers(shape: Shape) -> None:
+    first, again = (as_origin(shape, name) for name in ("a", "b"))
+    moved = as_origin((shape.vertices + 1.0, shape.faces), "a")
+    assert hash_source(first) == hash_source(again) != hash_source(moved)
+    copy = pickle.loads(pickle.dumps(first))
+    assert isinstance(copy, Source)
+    assert copy.digest == hash_source(first)
+    assert (location(first), location(Path("a.ply"))) == ("", "a.ply")
+
+
+def test_a_list_names_shapes_by_file_own_name_or_position(shape: Shape, tmp_path: Path) -> None:
+    file = write_mesh(tmp_path / "tooth2.ply", shape)
+    listing = list_shapes([shape.vertices, file, trimesh.Trimesh(shape.vertices, shape.faces)])
+    assert listing.names == ("shape1", "shape3", "tooth2")
+    assert listing.files[2] == file
+    assert list_shapes({"b10": shape.vertices, "b2": file}).names == ("b2", "b10")
+    assert list_shapes(np.stack([shape.vertices] * 3)).names == ("shape1", "shape2", "shape3")
+    assert list_shapes(tmp_path).names == ("tooth2",)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (np.zeros((5, 3)), "several shapes in a list"),
+        (3, "expected a folder, a list or a dict"),
+        ([], "there are none"),
+        ({1: np.zeros((5, 3))}, "names must be text"),
+        ([object()], "shape1: expected a file, an array"),
+        ([np.zeros((3, 50))], "give its transpose"),
+        ([np.zeros((5, 2))], r"expected points of shape \(n, 3\)"),
+        ([(np.zeros((5, 3)), np.zeros((2, 3)))], "faces as integers"),
+        ([[["a", "b", "c"]]], "not arrays of numbers"),
+        (["a/x.ply", "b/x.ply"], "two of them have the same name"),
+    ],
+)
+def test_what_is_no_collection_is_refused(given: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        list_shapes(given)

@@ -1,0 +1,75 @@
+"""A collection that lies in memory is aligned exactly like the same collection in a folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from collalign import AlignedCollection, AlignOptions, RunOptions, add_to_collection, align_collection
+from collalign.output.exports import export
+from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection
+from data_tools.datasets.synthetic_shapes import chair
+from data_tools.errors import InputError
+from data_tools.io.shapes import read_shape
+from data_tools.options import SamplingOptions
+
+OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
+
+
+@pytest.fixture(scope="module")
+def planted() -> PlantedCollection:
+    rng = np.random.default_rng(5)
+    return planted_collection(deformed_family(chair(rng, resolution=1), 3, rng, rms=0.02), rng)
+
+
+def align(shapes: Any, **run: Any) -> AlignedCollection:
+    return align_collection(shapes, options=OPTIONS, run=RunOptions(jobs=1, **run), progress=False)
+
+
+@pytest.fixture(scope="module")
+def from_memory(planted: PlantedCollection) -> AlignedCollection:
+    meshes = [trimesh.Trimesh(s.vertices, s.faces, process=False) for s in planted.shapes[1:]]
+    first = planted.shapes[0]
+    return align({"a": (first.vertices, first.faces), "b": meshes[0], "c": meshes[1]})
+
+
+def test_memory_and_folder_give_the_same_result(
+    planted: PlantedCollection, from_memory: AlignedCollection, tmp_path: Path
+) -> None:
+    for name, shape in zip("abc", planted.shapes, strict=True):
+        np.savez(tmp_path / f"{name}.npz", vertices=shape.vertices, faces=shape.faces)
+    for given in (tmp_path, sorted(tmp_path.iterdir(), reverse=True)):
+        found = align(given)
+        assert found.names == from_memory.names
+        np.testing.assert_array_equal(found.transforms, from_memory.transforms)
+        np.testing.assert_array_equal(found.maps.labels, from_memory.maps.labels)
+        assert found.digests == from_memory.digests
+
+
+def test_the_store_knows_shapes_by_their_content(planted: PlantedCollection, tmp_path: Path) -> None:
+    store = tmp_path / "store.sqlite"
+    align(list(planted.shapes), store=store)
+    assert align(list(planted.shapes), store=store).run.num_reused == 6
+
+
+def test_saved_results_say_that_there_are_no_files(from_memory: AlignedCollection, tmp_path: Path) -> None:
+    out, to = tmp_path / "out", tmp_path / "to"
+    from_memory.save(out)
+    assert [shape["file"] for shape in json.loads((out / "alignment.json").read_text())["shapes"]] == ["", "", ""]
+    assert len(read_shape(out / "meshes" / "b.ply").vertices)
+    export(out, "tps", to)
+    with pytest.raises(InputError, match="a: came from memory"):
+        export(out, "ply", to)
+    with pytest.raises(InputError, match="a: came from memory"):
+        add_to_collection(out, tmp_path, progress=False)
+    assert len(export(out, "ply", to, sources=out / "meshes", space="raw")) == 3
+
+
+def test_a_bad_shape_is_left_out_by_its_name(planted: PlantedCollection) -> None:
+    found = align([*planted.shapes, np.full((30, 3), 2.0)])
+    assert [(item.file, item.reason) for item in found.excluded] == [("shape4", "all points lie in one place")]
