@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collalign.align import align_collection
-    from collalign.collection import AlignedCollection
+    from collalign.collection import AlignedCollection, LoadedCollection, load
     from collalign.dense import dense_correspondence
     from collalign.engine.options import RunOptions
     from collalign.extend import add_to_collection
@@ -25,10 +25,12 @@ __version__ = version("collalign")
 __all__ = [
     "AlignOptions",
     "AlignedCollection",
+    "LoadedCollection",
     "RunOptions",
     "add_to_collection",
     "align_collection",
     "dense_correspondence",
+    "load",
     "match_shapes",
     "synchronize",
     "transfer_landmarks",
@@ -38,10 +40,12 @@ __all__ = [
 _HOMES = {
     "AlignOptions": "collalign.options",
     "AlignedCollection": "collalign.collection",
+    "LoadedCollection": "collalign.collection",
     "RunOptions": "collalign.engine.options",
     "add_to_collection": "collalign.extend",
     "align_collection": "collalign.align",
     "dense_correspondence": "collalign.dense",
+    "load": "collalign.collection",
     "match_shapes": "collalign.nonrigid",
     "synchronize": "collalign.synchronization",
     "transfer_landmarks": "collalign.transfer",

@@ -1,17 +1,42 @@
-"""The result of an alignment, with the one method that reaches from it to the disk."""
+"""The result of an alignment as a user holds it: just made, or read from its folder."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 
-from collalign.output.write import WRITER, inputs_of, save_collection
+from collalign.output.browsing import Browsable
+from collalign.output.evidence.file import load_view
+from collalign.output.evidence.gather import group_numbers
+from collalign.output.write import MESH_FOLDER, WRITER, inputs_of, save_collection
 from collalign.products.collection import Collection
-from data_tools.io.output_folder import OutputFolder
+from collalign.products.evidence import CollectionView
+from data_tools.arrays import IntArray
+from data_tools.io.output_folder import OutputFolder, file_stems
+from data_tools.io.shapes import read_shape
+from data_tools.io.source import location
+from data_tools.options import CleaningOptions
+from data_tools.surface.shape import Shape
 
 
-class AlignedCollection(Collection):
-    """The result of :func:`collalign.align_collection`: a :class:`~collalign.products.collection.Collection`."""
+class AlignedCollection(Browsable, Collection):
+    """The result of :func:`collalign.align_collection`: a :class:`~collalign.products.collection.Collection`.
+
+    ``len``, indexing and iteration give the shapes; notebooks show a table and a picture.
+    """
+
+    def _locations(self) -> tuple[str, ...]:
+        return tuple(location(file) for file in self.files)
+
+    def _group_of(self) -> IntArray:
+        return group_numbers(self.groups, len(self))
+
+    def _shape(self, at: int) -> Shape:
+        return read_shape(self.files[at], self.options.cleaning, name=self.names[at], digest=self.digests[at])
+
+    def _aligned_shape(self, at: int) -> Shape:
+        return self._shape(at).transformed(self.transforms[at])
 
     def save(
         self, folder: str | Path, *, report: bool = True, labels: Mapping[str, tuple[str, ...]] | None = None
@@ -36,3 +61,62 @@ class AlignedCollection(Collection):
         """
         with OutputFolder.open(folder, writer=WRITER, inputs=inputs_of(self.files)) as output:
             return save_collection(self, output, report=report, labels=labels)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class LoadedCollection(Browsable, CollectionView):
+    """A result that was read from its folder; see :func:`load`.
+
+    ``len``, indexing and iteration give the shapes; notebooks show a table and a picture.
+
+    Attributes
+    ----------
+    folder : Path
+    """
+
+    folder: Path
+
+    def _locations(self) -> tuple[str, ...]:
+        return self.files
+
+    def _group_of(self) -> IntArray:
+        return self.groups
+
+    def _shape(self, at: int) -> Shape:
+        return Shape(name=self.names[at], vertices=self.vertices[at], faces=self.faces[at])
+
+    def _aligned_shape(self, at: int) -> Shape:
+        stem = file_stems(self.names)[at]
+        as_written = CleaningOptions(merge_vertices=False, largest_component=False)
+        return read_shape(self.folder / MESH_FOLDER / f"{stem}.ply", as_written, name=self.names[at])
+
+
+def load(folder: str | Path) -> LoadedCollection:
+    """Read the result that ``collalign align`` or :meth:`AlignedCollection.save` wrote.
+
+    Parameters
+    ----------
+    folder : str or Path
+
+    Returns
+    -------
+    LoadedCollection
+
+    Raises
+    ------
+    InputError
+        If the folder holds no result, or a damaged one.
+
+    Examples
+    --------
+    >>> import collalign, tempfile, numpy as np
+    >>> points = np.random.default_rng(0).random((40, 3))
+    >>> aligned = collalign.align_collection([points, points[::-1]], progress=False)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = aligned.save(folder)
+    ...     collalign.load(folder)["shape2"].reflected
+    False
+    """
+    view = load_view(folder)
+    content = {field.name: getattr(view, field.name) for field in fields(view)}
+    return LoadedCollection(**content, folder=Path(folder))

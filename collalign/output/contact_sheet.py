@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from collalign.output.evidence.display_mesh import display_mesh
 from collalign.products.collection import DOUBT
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.surface.shape import Shape
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _LIGHT = np.array([0.3, 0.5, 0.81])
 _VIEW = np.array([[0.9, 0.0, -0.44], [-0.2, 0.89, -0.41], [0.39, 0.46, 0.8]])
@@ -60,6 +63,16 @@ def draw_contact_sheet(tiles: Iterable[Tile], path: Path) -> None:
     path : Path
         The PNG to write.
     """
+    contact_sheet(tiles).savefig(path, format="png", metadata={"Software": None})
+
+
+def contact_sheet(tiles: Iterable[Tile]) -> Figure:
+    """Return a figure of all tiles, each before (left) and after (right) alignment.
+
+    Parameters
+    ----------
+    tiles : iterable of Tile
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -90,7 +103,7 @@ def draw_contact_sheet(tiles: Iterable[Tile], path: Path) -> None:
     for panel in panels:
         if not panel.faces:
             axes.scatter(panel.corners[:, 0], panel.corners[:, 1], s=1, c=panel.shades, cmap="bone", linewidths=0)
-    figure.savefig(path, format="png", metadata={"Software": None})
+    return figure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
