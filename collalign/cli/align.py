@@ -18,6 +18,7 @@ import collalign
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.interruption import resumable
 from collalign.collection import AlignedCollection
+from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.options import AlignOptions
