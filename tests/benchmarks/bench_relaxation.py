@@ -2,7 +2,8 @@
 
 Uniform points in the unit cube, noise 0.1, one thread, processor time of this process (so that other users of the
 machine count less). SCS runs at 1e-4; the set-up of CVXPY is not counted. Without arguments everything but SCS at 50
-points runs, which takes minutes by itself; ``growth`` also writes a plot with ``--plot``.
+points runs, which takes minutes by itself; ``growth`` also writes a plot with ``--plot``, and ``seeds`` prints both
+ends of the ratio at 20 and 30 points over several problems, the dual's least time of three beside the wanted one.
 """
 
 from __future__ import annotations
@@ -28,9 +29,14 @@ from pairwise.results import RelaxationResult
 TOL = 4e-6
 
 
-def uniform(num_target: int, num_source: int, dim: int, **options) -> Problem:
-    """Noisy turned points, always the same ones."""
-    return planted_problem(np.random.default_rng(0), num_target, num_source, dim, **options)
+#: Processor seconds wanted at (3, n).
+WANTED_S = {20: 0.03, 30: 0.06}
+NUM_SEEDS = 3
+
+
+def uniform(num_target: int, num_source: int, dim: int, *, seed: int = 0, **options) -> Problem:
+    """Noisy turned points, the same ones for a seed."""
+    return planted_problem(np.random.default_rng(seed), num_target, num_source, dim, **options)
 
 
 CASES: dict[str, Callable[[], Problem]] = {
@@ -95,6 +101,24 @@ def accuracy() -> None:
     print(f"d3-n20: relative difference from Clarabel's value {abs(value - reference) / abs(reference):.1e}")
 
 
+def seeds() -> None:
+    """Print how the times at 20 and 30 points, and their ratios to those of SCS, differ between problems."""
+    for num, wanted_s in WANTED_S.items():
+        ratios, times = [], []
+        for seed in range(NUM_SEEDS):
+            problem = uniform(num, num, 3, seed=seed)
+            dual = min(timed(lambda problem=problem: solve_pm_sdp(problem, tol=TOL))[0] for _ in range(3))
+            scs = timed(lambda problem=problem: solve_reference(problem, solver="scs", tol=1e-4))[0]
+            times.append(dual)
+            ratios.append(scs / dual)
+        reached = "reached" if max(times) <= wanted_s else "missed"
+        print(
+            f"n = {num}: dual {min(times):.3f} to {max(times):.3f} s (figure: {wanted_s:g} s, {reached}), "
+            f"SCS / dual {min(ratios):.1f} to {max(ratios):.1f} over {NUM_SEEDS} problems",
+            flush=True,
+        )
+
+
 def growth(plot: str | None) -> None:
     """Fit the exponent of time against n at d = 3."""
     sizes = np.array([20, 30, 50, 80, 120, 160, 200])
@@ -121,7 +145,7 @@ def growth(plot: str | None) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    choices = [*CASES, "accuracy", "growth"]
+    choices = [*CASES, "accuracy", "growth", "seeds"]
     default = [name for name in choices if name != "d3-n50"]
     parser.add_argument("cases", nargs="*", default=default, metavar="case", help=", ".join(choices))
     parser.add_argument("--plot", help="file for the plot of the growth")
@@ -138,6 +162,8 @@ def main() -> None:
         accuracy()
     if "growth" in arguments.cases:
         growth(arguments.plot)
+    if "seeds" in arguments.cases:
+        seeds()
 
 
 if __name__ == "__main__":
