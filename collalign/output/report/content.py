@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions
+from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import offered_poses, own_disagreements_deg
 from collalign.output.report.statistics import cycle_histogram, main_group, shape_map, variation
 from collalign.products.evidence import CollectionView, json_types
@@ -50,6 +51,9 @@ def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]
         "shapes": _shapes(view),
         "numSamples": view.samples.shape[1],
         "numGroups": len(np.unique(view.groups)),
+        "mainGroup": int(view.groups[main_group(view)[0]]),
+        "run": _run_key(view),
+        "labelColors": np.round(sample_colors(view.aligned_samples), 3),
         "doubtThreshold": view.doubt_threshold,
         "labels": view.labels,
         "categories": categories(view),
@@ -66,6 +70,12 @@ def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]
         "timings": view.timings_s,
     }
     return json_types(document), blobs
+
+
+def _run_key(view: CollectionView) -> str:
+    """Digest of names and poses: decisions that a browser remembers belong to one result only."""
+    names = "\0".join(view.names).encode("utf-8", "surrogatepass")
+    return hashlib.sha256(names + np.round(view.transforms, 9).tobytes()).hexdigest()[:32]
 
 
 def categories(view: CollectionView) -> list[str]:

@@ -86,8 +86,8 @@ def _summary(view: CollectionView, notes: tuple[str, ...]) -> str:
         (doubtful, "doubtful", doubtful > 0),
         (int(view.reflected.sum()), "mirrored", False),
         (len(view.pairs), "pairs compared", False),
-        (other, "pairs used at another than their best pose", False),
-        (left, "pairs left out as inconsistent", False),
+        (other, "pairs that agree by a second choice", False),
+        (left, "pairs that contradict the common poses", False),
         (len(view.excluded), "files or pairs excluded", len(view.excluded) > 0),
     ]
     if groups > 1:

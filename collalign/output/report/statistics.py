@@ -35,9 +35,22 @@ def main_group(view: CollectionView) -> IntArray:
     return np.flatnonzero(view.groups == values[counts.argmax()])
 
 
+def joined_shapes(view: CollectionView) -> IntArray:
+    """Positions of the shapes that agreeing pairs join to the largest group, ascending.
+
+    Groups that are joined ambiguously are in doubt, and stay beside the others, marked; only those that no agreeing
+    pair joins are apart.
+    """
+    joined = {int(view.groups[main_group(view)[0]])}
+    links = [{int(view.groups[pair.target]), int(view.groups[pair.source])} for pair in view.pairs if pair.inlier]
+    while grown := [link for link in links if link & joined and not link <= joined]:
+        joined = joined.union(*grown)
+    return np.flatnonzero(np.isin(view.groups, sorted(joined)))
+
+
 def shape_map(view: CollectionView) -> dict[str, Any]:
     """Coordinates by principal components and by multidimensional scaling, and the cophenetic tree."""
-    members = main_group(view)
+    members = joined_shapes(view)
     samples = view.aligned_samples[members]
     distances = procrustes_distances(samples)
     if len(members) < 2 or np.isnan(distances).any():
@@ -71,8 +84,15 @@ def _map_words(view: CollectionView, num_members: int, num_labels: int) -> str:
     words = f"Procrustes distances of {num_members} shapes; {num_labels} sample points are common to all."
     if num_members < view.num_shapes:
         others = view.num_shapes - num_members
-        words += f" The other {others} shapes are in other groups, whose pose towards these is unknown or ambiguous."
-    return words
+        words += f" The other {others} shapes are in groups that no agreeing pair joins to these."
+    return words + doubt_words(view, joined_shapes(view))
+
+
+def doubt_words(view: CollectionView, members: IntArray) -> str:
+    """Return a sentence about the shapes in doubt among those drawn; empty where there are none."""
+    in_doubt = np.nan_to_num(view.confidence) < view.doubt_threshold
+    count = int(np.sum(in_doubt[members] | (view.groups[members] != view.groups[main_group(view)[0]])))
+    return f" {count} of them are in doubt, and marked wherever they are drawn." if count else ""
 
 
 def variation(view: CollectionView) -> tuple[dict[str, Any], dict[str, tuple[dict[str, Any], str]]]:
@@ -85,7 +105,7 @@ def variation(view: CollectionView) -> tuple[dict[str, Any], dict[str, tuple[dic
     meshes : dict of str to (info, text)
         Packed by :func:`collalign.output.report.payload.pack_mesh`.
     """
-    members = main_group(view)
+    members = joined_shapes(view)
     samples = view.aligned_samples[members]
     labels = common_labels(samples)
     if len(members) < MIN_LABELS or labels.sum() < _MIN_WARP_LABELS:
@@ -102,7 +122,7 @@ def variation(view: CollectionView) -> tuple[dict[str, Any], dict[str, tuple[dic
     content["words"] = (
         f"The surface of {view.names[typical]}, the shape nearest the mean, carried along by a smoothing "
         f"thin-plate spline to the mean and to {DEVIATIONS:g} standard deviations on either side. "
-        "Brighter: moved further."
+        "Brighter: moved further." + doubt_words(view, members)
     )
     return content, meshes
 

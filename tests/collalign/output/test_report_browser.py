@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from collalign.output.corrections import read_corrections
 from collalign.output.report import write_report
@@ -76,11 +77,16 @@ class Page:
         self.page.set_default_timeout(20_000)
         self.problems: list[str] = []
         self.requests: list[str] = []
-        self.page.on("console", lambda message: message.type == "error" and self.problems.append(message.text))
+        self.page.on("console", self.note)
         self.page.on("pageerror", lambda error: self.problems.append(str(error)))
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.goto(path.as_uri())
         self.page.wait_for_selector("html[data-ready]", state="attached")
+
+    def note(self, message: Any) -> None:
+        """Keep errors, and what three.js warns of: a colour that it cannot read is drawn white."""
+        if message.type == "error" or "THREE." in message.text:
+            self.problems.append(message.text)
 
     def canvas(self, selector: str, at: int = 0) -> Any:
         canvas = self.page.locator(selector).nth(at)
@@ -94,9 +100,10 @@ class Page:
     def image(self, selector: str, at: int = 0) -> str:
         return self.canvas(selector, at).evaluate("canvas => canvas.toDataURL()")
 
-    def wait_until_changed(self, selector: str, before: str) -> None:
+    def wait_until_changed(self, selector: str, before: str, at: int = 0) -> None:
         self.page.wait_for_function(
-            "([selector, before]) => document.querySelector(selector).toDataURL() !== before", arg=[selector, before]
+            "([selector, at, before]) => document.querySelectorAll(selector)[at].toDataURL() !== before",
+            arg=[selector, at, before],
         )
 
 
@@ -370,3 +377,106 @@ def test_a_page_that_was_cut_short_says_so(browser: Any, small_file: Path, tmp_p
     page.goto((tmp_path / "cut.html").as_uri())
     assert "could not be opened" in page.get_by_role("alert").inner_text()
     context.close()
+
+
+def test_more_shapes_than_the_fixed_colours_are_drawn_in_colours_of_their_own(opened: Page) -> None:
+    overlay = opened.page.locator("#overlay")
+    overlay.get_by_label("Show").select_option("all")
+    colours = overlay.locator(".chip .dot").evaluate_all(
+        "all => all.map(one => getComputedStyle(one).backgroundColor)"
+    )
+    assert len(set(colours)) == 10
+    overlay.get_by_label("Show").select_option("sure")
+    before = opened.image("#overlay canvas")
+    overlay.get_by_label("corresponding points").check()
+    opened.wait_until_changed("#overlay canvas", before)
+
+
+def test_corresponding_points_carry_one_colour_on_all_shapes(opened: Page) -> None:
+    before, plain = opened.image(".tile canvas", 1), opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS)
+    opened.page.locator("#gallery").get_by_label("corresponding points").check()
+    opened.wait_until_changed(".tile canvas", before, 1)
+    assert opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS) > plain + 100
+
+
+def test_chances_of_a_shape_add_up(opened: Page) -> None:
+    """The doubtful shape is right with chance 21 %; its other pose, of log-odds 0.7, with 0.21 exp(-0.7) = 10 %."""
+    opened.page.locator("#confidence").get_by_role("button", name="shape_001").click()
+    text = opened.page.locator("dialog[open]").inner_text()
+    assert "present pose: chance about 21 %" in text
+    assert "pose 1: turned by 180.0°, chance about 10 %" in text
+    assert "neither it nor another proposed pose is, 68 %" in text
+    assert "log-odds" not in text
+
+
+def test_decisions_survive_a_reload_and_belong_to_one_result(browser: Any, tmp_path: Path) -> None:
+    page = Page(browser, write_report(view_of(4), tmp_path / "one.html"))
+    page.page.locator("#confidence").get_by_role("button", name="shape_001").click()
+    page.page.get_by_role("button", name="Use this pose").first.click()
+    page.page.keyboard.press("Escape")
+    page.page.reload()
+    page.page.wait_for_selector("html[data-ready]", state="attached")
+    assert "set to pose 1" in page.page.locator(".decisions").inner_text()
+    assert "set to pose 1" in page.page.locator(".card").first.inner_text()
+    page.page.goto(write_report(view_of(4, seed=1), tmp_path / "two.html").as_uri())
+    page.page.wait_for_selector("html[data-ready]", state="attached")
+    assert not page.page.locator(".decisions").is_visible()
+    page.context.close()
+
+
+def test_decisions_survive_a_reload_where_files_get_no_storage(browser: Any, tmp_path: Path) -> None:
+    page = Page(browser, write_report(view_of(4), tmp_path))
+    page.context.add_init_script(
+        "Object.defineProperty(window, 'localStorage', { get() { throw new Error('no'); } })"
+    )
+    page.page.reload()
+    page.page.wait_for_selector("html[data-ready]", state="attached")
+    page.page.locator("#confidence").get_by_role("button", name="shape_001").click()
+    page.page.get_by_role("button", name="This pose is right").click()
+    page.page.keyboard.press("Escape")
+    assert "keeps nothing" in page.page.locator(".decisions").inner_text()
+    page.page.on("dialog", lambda dialog: dialog.accept())
+    page.page.reload()
+    page.page.wait_for_selector("html[data-ready]", state="attached")
+    assert "pose confirmed" in page.page.locator(".decisions").inner_text()
+    page.context.close()
+
+
+def test_a_shape_is_turned_by_hand(opened: Page, small: CollectionView, tmp_path: Path) -> None:
+    """Three steps of 7.5 degrees to the right turn the shape about the upright axis of the screen."""
+    opened.page.locator("#confidence").get_by_role("button", name="shape_001").click()
+    figure = opened.page.locator("dialog[open] figure", has_text="turn the shape by hand")
+    figure.locator("canvas").focus()
+    for _ in range(3):
+        opened.page.keyboard.press("ArrowRight")
+    figure.get_by_role("button", name="Use this pose").click()
+    opened.page.keyboard.press("Escape")
+    assert "turned by hand by 22.5°" in opened.page.locator(".decisions").inner_text()
+    with opened.page.expect_download() as download:
+        opened.page.get_by_role("button", name="Download decisions").click()
+    download.value.save_as(tmp_path / "corrections.json")
+    (decision,) = read_corrections(tmp_path / "corrections.json").decisions
+    turn = Rotation.from_euler("y", 22.5, degrees=True).as_matrix()
+    np.testing.assert_allclose(decision.R_common_shape, turn @ small.rotations[1], atol=1e-9)
+
+
+def test_shapes_in_doubt_stay_on_map_and_tree_and_are_marked(browser: Any, tmp_path: Path) -> None:
+    plain = view_of(10)
+    view = dataclasses.replace(plain, groups=np.array([0] * 8 + [1] * 2))
+    page = Page(browser, write_report(view, tmp_path))
+    assert page.page.locator("#map g.dot").count() == page.page.locator("#tree text").count() == 10
+    assert page.page.locator("#map g.doubtful").count() >= 3
+    assert "shape_009 · " in page.page.locator("#tree").text_content()
+    assert page.page.locator("#tree text", has_text="not surely joined").count() >= 1
+    assert "in doubt, and marked" in page.page.locator("#components").inner_text()
+    page.context.close()
+
+
+def test_charts_fit_a_narrow_window(browser: Any, small_file: Path) -> None:
+    page = Page(browser, small_file, viewport={"width": 400, "height": 800})
+    for part in ("map", "tree", "cycles"):
+        picture = page.page.locator(f"#{part} svg").locator("..")
+        assert picture.evaluate("box => box.scrollWidth <= box.clientWidth"), part
+        shown = page.page.locator(f"#{part} svg text").first.evaluate("one => one.getBoundingClientRect().height")
+        assert shown > 9, part
+    page.context.close()

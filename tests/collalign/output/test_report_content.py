@@ -123,12 +123,24 @@ def test_angles_between_poses() -> None:
     assert angle_deg(-turn, np.eye(3)) == float("inf")
 
 
-def test_map_and_tree_speak_of_the_largest_group() -> None:
-    view = dataclasses.replace(view_of(9), groups=np.array([1, 0, 0, 0, 0, 0, 0, 0, 1]))
+def test_map_and_tree_keep_groups_that_agreeing_pairs_join() -> None:
+    view = dataclasses.replace(view_of(9), groups=np.array([1, 0, 0, 0, 0, 0, 0, 0, 2]))
+    assert shape_map(view)["members"] == list(range(9))
+    assert "3 of them are in doubt" in shape_map(view)["words"]
+
+
+def test_map_and_tree_leave_out_groups_that_no_agreeing_pair_joins() -> None:
+    groups = np.array([1, 0, 0, 0, 0, 0, 0, 0, 1])
+    plain = view_of(9)
+    kept = tuple(
+        dataclasses.replace(pair, inlier=pair.inlier and bool(groups[pair.target] == groups[pair.source]))
+        for pair in plain.pairs
+    )
+    view = dataclasses.replace(plain, groups=groups, pairs=kept)
     found = shape_map(view)
     assert found["members"] == [1, 2, 3, 4, 5, 6, 7]
     assert len(found["points"]["PCA"]) == len(found["points"]["MDS"]) == len(found["tree"]["order"]) == 7
-    assert "other 2 shapes are in other groups" in found["words"]
+    assert "other 2 shapes are in groups that no agreeing pair joins" in found["words"]
     assert list(build_content(view)[0]["orders"]) == ["similarity", "name", "confidence", "taxon", "side"]
     for order in build_content(view)[0]["orders"].values():
         assert sorted(order) == list(range(9))
@@ -168,7 +180,8 @@ def test_cycle_histogram_counts_every_cycle() -> None:
 
 @pytest.mark.parametrize("num_shapes", [2, 3])
 def test_tiny_collections_say_what_they_cannot_show(num_shapes: int) -> None:
-    view = dataclasses.replace(view_of(num_shapes), samples=view_of(num_shapes).samples[:, :2])
+    plain = view_of(num_shapes)
+    view = dataclasses.replace(plain, samples=plain.samples[:, :2], landmark_names=plain.landmark_names[:2])
     document, _ = build_content(view)
     assert "problem" in document["map"]
     assert "problem" in document["variation"]

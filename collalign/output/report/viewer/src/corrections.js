@@ -1,7 +1,13 @@
-// Decisions made by hand: which pose of a shape is right. They are kept until downloaded as a file for `--corrections`.
+// Decisions made by hand: which pose of a shape is right. The browser keeps them for this result, until they are downloaded as a
+// file for `--corrections`.
 
-import { rotationMatrix } from "./data.js";
-import { button, el } from "./dom.js";
+import { angleDeg, rotationMatrix } from "./data.js";
+import { button, degrees, el } from "./dom.js";
+import { keep, kept } from "./kept.js";
+
+// What a decision says: the present pose is right, or this pose of those offered, or one turned by hand.
+export const CONFIRMED = -1;
+export const BY_HAND = -2;
 
 export class Corrections {
   constructor(collection) {
@@ -9,6 +15,10 @@ export class Corrections {
     this.chosen = new Map();
     this.listeners = [];
     this.saved = true;
+    for (const [name, decision] of Object.entries(kept(collection.run) ?? {})) {
+      const index = collection.shapes.findIndex((shape) => shape.name === name);
+      if (index >= 0) this.chosen.set(index, decision);
+    }
     addEventListener("beforeunload", (event) => !this.saved && event.preventDefault());
   }
 
@@ -16,22 +26,27 @@ export class Corrections {
     this.listeners.push(listener);
   }
 
-  // `pose` counts the shape's alternatives; -1 says that the present pose is right; null takes the decision back.
-  decide(index, pose) {
+  // `pose` counts the shape's alternatives, or is CONFIRMED, or BY_HAND with the rows of R; null takes the decision back.
+  decide(index, pose, R = null) {
     if (pose === null) this.chosen.delete(index);
-    else this.chosen.set(index, pose);
-    this.saved = this.chosen.size === 0;
+    else this.chosen.set(index, { pose, R: R ?? this.offered(index, pose) });
+    const decisions = [...this.chosen].map(([at, decision]) => [this.collection.shapes[at].name, decision]);
+    this.remembered = keep(this.collection.run, Object.fromEntries(decisions));
+    this.saved = this.chosen.size === 0 || this.remembered;
     this.listeners.forEach((listener) => listener(index));
   }
 
+  offered(index, pose) {
+    const shape = this.collection.shapes[index];
+    return pose < 0 ? shape.R : shape.alternatives[pose].R;
+  }
+
   poseOf(index) {
-    return this.chosen.get(index) ?? -1;
+    return this.chosen.get(index)?.pose ?? null;
   }
 
   rows(index) {
-    const shape = this.collection.shapes[index];
-    const pose = this.poseOf(index);
-    return pose < 0 ? shape.R : shape.alternatives[pose].R;
+    return this.chosen.get(index)?.R ?? this.collection.shapes[index].R;
   }
 
   rotation(index) {
@@ -39,9 +54,14 @@ export class Corrections {
   }
 
   words(index) {
-    if (!this.chosen.has(index)) return "";
-    const pose = this.chosen.get(index);
-    return pose < 0 ? "pose confirmed" : `set to pose ${pose + 1}`;
+    const pose = this.poseOf(index);
+    if (pose === null) return "";
+    if (pose === CONFIRMED) return "pose confirmed";
+    if (pose === BY_HAND) {
+      const { angle } = angleDeg(rotationMatrix(this.collection.shapes[index].R), this.rotation(index));
+      return `turned by hand by ${degrees(angle)}`;
+    }
+    return `set to pose ${pose + 1}`;
   }
 
   text() {
@@ -51,7 +71,7 @@ export class Corrections {
     const anchors = others.filter((index, rank) => rank === 0 || shapes[index].confidence >= doubtThreshold);
     const decisions = made.map((index) => ({
       shape: shapes[index].name,
-      decision: this.chosen.get(index) < 0 ? "confirmed" : "pose",
+      decision: this.poseOf(index) === CONFIRMED ? "confirmed" : "pose",
       rotation: this.rows(index),
     }));
     const frame = Object.fromEntries(anchors.map((index) => [shapes[index].name, shapes[index].R]));
@@ -70,19 +90,23 @@ export class Corrections {
 export function correctionBar(corrections, collection) {
   const list = el("ul", { class: "chips", "aria-label": "Decisions so far" });
   const count = el("strong", { role: "status" });
+  const where = el("span", { class: "muted" });
   const advice = el("span", { class: "muted" }, "Then run ", el("code", null, "collalign align … --corrections corrections.json"));
   const save = button("Download decisions", () => corrections.download(), { class: "primary", id: "download-decisions" });
-  const bar = el("section", { class: "decisions", "aria-label": "Corrections", hidden: true }, count, list, save, advice);
-  corrections.onchange(() => {
+  const bar = el("section", { class: "decisions", "aria-label": "Corrections", hidden: true }, count, list, save, advice, where);
+  const show = () => {
     const made = [...corrections.chosen.keys()];
     bar.hidden = made.length === 0;
     count.textContent = `${made.length} ${made.length === 1 ? "decision" : "decisions"}`;
+    where.textContent = corrections.remembered === false ? "This browser keeps nothing for files: download before you close the page." : "Kept in this browser when the page is closed.";
     const chips = made.map((index) => {
       const { name } = collection.shapes[index];
       const undo = button("×", () => corrections.decide(index, null), { "aria-label": `Take back the decision on ${name}` });
       return el("li", { class: "chip" }, `${name}: ${corrections.words(index)} `, undo);
     });
     list.replaceChildren(...chips);
-  });
+  };
+  corrections.onchange(show);
+  show();
   return bar;
 }

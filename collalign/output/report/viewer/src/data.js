@@ -1,6 +1,6 @@
 // Decodes what Python packed: JSON for the small, gzip + base64 of typed arrays for the large, each decoded when first asked for.
 
-import { Matrix3, Matrix4, Quaternion, Vector3 } from "three";
+import { Color, Matrix3, Matrix4, Quaternion, SRGBColorSpace, Vector3 } from "three";
 import { degrees } from "./dom.js";
 
 const TYPES = { int8: Int8Array, uint8: Uint8Array, int16: Int16Array, uint16: Uint16Array, int32: Int32Array, uint32: Uint32Array, float32: Float32Array };
@@ -68,12 +68,22 @@ export class Collection {
     this.pairs = { ...arrays, starts, at };
   }
 
+  // One colour per corresponding point, by its mean place on the aligned shapes: the same on every shape.
+  get pointColors() {
+    this.pointColorCache ??= this.labelColors.map((rgb) => new Color().setRGB(...rgb, SRGBColorSpace));
+    return this.pointColorCache;
+  }
+
+  // Why a shape's pose is marked, in a word; empty where it is not.
+  mark(index) {
+    const { confidence, group } = this.shapes[index];
+    if (confidence < this.doubtThreshold) return "doubtful";
+    return group === this.mainGroup ? "" : "not surely joined";
+  }
+
   // Shapes of the largest group, the most certain first, without those in `left`.
   certain(left) {
-    const sizes = new Map();
-    for (const { group } of this.shapes) sizes.set(group, (sizes.get(group) ?? 0) + 1);
-    const main = [...sizes.entries()].reduce((best, entry) => (entry[1] > best[1] ? entry : best))[0];
-    const members = this.shapes.map((_, at) => at).filter((at) => this.shapes[at].group === main && !left.has(at));
+    const members = this.shapes.map((_, at) => at).filter((at) => this.shapes[at].group === this.mainGroup && !left.has(at));
     return members.sort((a, b) => this.shapes[b].confidence - this.shapes[a].confidence);
   }
 
@@ -102,7 +112,7 @@ export class Collection {
   use(pair) {
     const { inlier, choice } = this.pairs;
     if (!inlier[pair]) return "left out";
-    return choice[pair] > 0 ? `used at alternative ${choice[pair]}` : "used";
+    return choice[pair] > 0 ? `used by its alternative ${choice[pair]}` : "used";
   }
 
   // Label on shape i of each sample of shape j by the pair's own matching; equal labels where it kept none.

@@ -2,8 +2,10 @@
 
 import { degrees, el, modal, number, table, button } from "./dom.js";
 import { angleDeg, rotationMatrix } from "./data.js";
-import { GREY, categorical, positionColors } from "./colors.js";
+import { CONFIRMED } from "./corrections.js";
+import { GREY, categorical } from "./colors.js";
 import { after, before, percent, posed } from "./layers.js";
+import { turnByHand } from "./by_hand.js";
 
 const WORST = 8;
 
@@ -11,12 +13,12 @@ const WORST = 8;
 function figures(stage) {
   const tiles = [];
   return {
-    add(parent, caption, layers) {
+    add(parent, caption, layers, options = {}) {
       const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": `${caption}; arrow keys turn, plus and minus zoom` });
       const text = el("figcaption", null, caption);
       const figure = el("figure", null, canvas, text);
       parent.append(figure);
-      const tile = stage.add(canvas, layers, { zoomable: true });
+      const tile = stage.add(canvas, layers, { zoomable: true, ...options });
       tiles.push(tile);
       return { tile, figure, text };
     },
@@ -42,16 +44,13 @@ export function pairDialog(app) {
       { R: agreed, energy: NaN, text: "agreed by the collection" }];
     let pose = poses[0];
     const map = collection.pairMap(pair);
-    const colors = async () => positionColors((await collection.mesh(shapes[i].mesh)).samples);
-    const matched = async () => {
-      const own = await colors();
-      return Array.from(map, (label) => (label < 0 ? null : own[label]));
-    };
+    const colors = collection.pointColors;
+    const matched = Array.from(map, (label) => (label < 0 ? null : colors[label]));
     const poseOfJ = () => common.clone().multiply(pose.R);
     const row = el("div", { class: "figures three" });
-    drawn.add(row, shapes[i].name, async () => [posed(app, i, common, { points: await colors() })]);
+    drawn.add(row, shapes[i].name, () => [posed(app, i, common, { points: colors })]);
     const moving = [
-      drawn.add(row, shapes[j].name, async () => [posed(app, j, poseOfJ(), { points: await matched() })]),
+      drawn.add(row, shapes[j].name, () => [posed(app, j, poseOfJ(), { points: matched })]),
       drawn.add(row, "both", () => [
         posed(app, i, common, { color: categorical(0), opacity: 0.55 }), posed(app, j, poseOfJ(), { color: categorical(1), opacity: 0.55 })]),
     ];
@@ -66,7 +65,7 @@ export function pairDialog(app) {
     const facts = [
       Number.isNaN(bound) ? "No lower bound was asked for." : `Lower bound ${number(bound)}: no pose has a smaller energy (gap ${number(100 * (1 - bound / pairs.energy[pair]))} %).`,
       pairs.chiralityProven[pair] ? "Every pose of the other handedness is proven to be worse." : "",
-      `Synchronization: ${collection.use(pair)}.`,
+      `This pair is ${collection.use(pair)}.`,
       collection.statuses[pairs.status[pair]],
     ];
     box.body.replaceChildren(
@@ -88,10 +87,20 @@ function pairRows(app, index, openPair) {
   });
 }
 
-// Log-odds against the present pose, in words first.
-function plausibility(score) {
-  const words = score > -1 ? "about as likely" : score > -5 ? "less likely" : "far less likely";
-  return `${words} (log-odds ${number(score)})`;
+function chanceInWords(chance) {
+  return chance < 0.01 ? "chance below 1 %" : `chance about ${percent(chance)}`;
+}
+
+// Chances of a shape's other poses, NaN where no pair proposed one. A pose's log-odds compare it with the present pose.
+function chances({ confidence, alternatives }) {
+  return alternatives.map(({ score }) => (score === null ? NaN : Math.min(1 - confidence, confidence * Math.exp(score))));
+}
+
+function chancesInWords(shape) {
+  const others = chances(shape).reduce((sum, chance) => sum + (chance || 0), 0);
+  const none = 1 - shape.confidence - others;
+  const rest = none >= 0.01 ? `; that neither it nor another proposed pose is, ${percent(none)}` : "";
+  return `The chance that the present pose is right is ${percent(shape.confidence)}${rest}. Grey and clear: a certain shape to compare with.`;
 }
 
 export function shapeDialog(app) {
@@ -104,23 +113,25 @@ export function shapeDialog(app) {
     const state = [];
     const add = (caption, layers, pose) => {
       const { figure } = drawn.add(row, caption, layers);
-      const choose = button(pose < 0 ? "This pose is right" : "Use this pose", () => {
-        const same = corrections.chosen.has(index) && corrections.poseOf(index) === pose;
+      const choose = button(pose === CONFIRMED ? "This pose is right" : "Use this pose", () => {
+        const same = corrections.poseOf(index) === pose;
         corrections.decide(index, same ? null : pose);
         state.forEach((update) => update());
       });
-      const update = () => choose.setAttribute("aria-pressed", String(corrections.chosen.get(index) === pose));
+      const update = () => choose.setAttribute("aria-pressed", String(corrections.poseOf(index) === pose));
       state.push(update);
       update();
       figure.append(choose);
     };
-    add("present pose", () => [posed(app, index, rotationMatrix(shape.R)), ...ghost()], -1);
-    shape.alternatives.forEach(({ R, score, origin }, at) => {
+    add(`present pose: ${chanceInWords(shape.confidence)}`, () => [posed(app, index, rotationMatrix(shape.R)), ...ghost()], CONFIRMED);
+    const chance = chances(shape);
+    shape.alternatives.forEach(({ R, origin }, at) => {
       const { angle, mirrored } = angleDeg(rotationMatrix(shape.R), rotationMatrix(R));
       const turned = origin === "candidates" ? (mirrored ? "mirrored" : `turned by ${degrees(angle)}`) : origin;
-      const words = [`pose ${at + 1}: ${turned}`, score !== null && plausibility(score)];
-      add(words.filter(Boolean).join(", "), () => [posed(app, index, rotationMatrix(R)), ...ghost()], at);
+      const words = Number.isNaN(chance[at]) ? "no pair proposes it" : chanceInWords(chance[at]);
+      add(`pose ${at + 1}: ${turned}, ${words}`, () => [posed(app, index, rotationMatrix(R)), ...ghost()], at);
     });
+    state.push(turnByHand(app, drawn, row, index, ghost, () => state.forEach((update) => update())));
   };
 
   return (index) => {
@@ -137,9 +148,9 @@ export function shapeDialog(app) {
     const rows = pairRows(app, index, (a, b) => { box.dialog.close(); app.openPair(a, b); });
     box.body.replaceChildren(
       el("p", null, facts.filter(Boolean).join(" · ")),
-      el("p", { class: "muted" }, "Grey and clear: a certain shape to compare with. Which pose lies like it? Choose it, then download the decisions at the bottom of the page. Certain shapes will stay as they are, doubtful ones may follow."),
+      el("p", { class: "muted" }, `${chancesInWords(shape)} Which pose lies like it? Choose it, or turn the shape by hand until it does, then download the decisions at the bottom of the page. Certain shapes will stay as they are, doubtful ones may follow.`),
       row,
-      rows.length ? table("Its pairs that disagree most", ["With", "Disagreement", "Energy", "Synchronization"], rows) : "");
+      rows.length ? table("Its pairs that disagree most", ["With", "Disagreement", "Energy", "For the common poses"], rows) : "");
     box.show(shape.name);
   };
 }

@@ -71,6 +71,15 @@ export function modal(onclose) {
 }
 modal.count = 0;
 
+// Draws into `box` again whenever the window becomes narrow or wide: `draw(narrow)` returns what it holds.
+export function responsive(box, draw) {
+  const narrow = matchMedia("(max-width: 40rem)");
+  const show = () => box.replaceChildren(...draw(narrow.matches).filter(Boolean));
+  narrow.addEventListener("change", show);
+  show();
+  return show;
+}
+
 export function number(value, digits = 3) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   if (value !== 0 && (Math.abs(value) < 1e-3 || Math.abs(value) >= 1e5)) return value.toExponential(digits - 1);

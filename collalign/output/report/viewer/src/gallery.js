@@ -18,6 +18,7 @@ export function tags(app, index) {
   const words = [];
   if (shape.confidence < app.collection.doubtThreshold) words.push(["doubtful", "warn"]);
   if (shape.reflected) words.push(["mirrored", ""]);
+  if (app.collection.mark(index) === "not surely joined") words.push(["not surely joined", "warn"]);
   if (app.collection.numGroups > 1) words.push([`group ${shape.group + 1}`, ""]);
   const decided = app.corrections.words(index);
   if (decided) words.push([decided, "good"]);
@@ -32,7 +33,8 @@ function card(app, index) {
   const tile = button("", () => app.openShape(index), { class: "tile", "aria-label": label });
   tile.append(...canvases);
   stage.add(canvases[0], () => [before(app, index)], { handle: tile });
-  const right = stage.add(canvases[1], () => [after(app, index)], { handle: null });
+  const right = stage.add(canvases[1], () => [after(app, index, { points: app.showPoints && collection.pointColors })], { handle: null });
+  app.galleryTiles.push(right);
   const box = el("input", { type: "checkbox", onchange: (event) => app.overlay.toggle(index, event.target.checked) });
   app.overlay.onchange((chosen) => (box.checked = chosen.has(index)));
   const marks = el("span", { class: "tags" }, ...tags(app, index));
@@ -64,11 +66,15 @@ export function gallerySection(app) {
   };
   const search = el("input", { type: "search", oninput: (event) => filter(event.target.value), placeholder: "part of a name" });
   const choices = [["doubt", "most doubtful first"], ["name", "name"], ...categories.map((column) => [`label ${column}`, column])];
+  const points = el("input", { type: "checkbox", onchange: (event) => {
+    app.showPoints = event.target.checked;
+    app.galleryTiles.forEach((tile) => app.stage.refresh(tile));
+  } });
   order("doubt");
   filter("");
   return [
-    el("p", { class: "muted" }, "Grey: as in the file. Bone: aligned. Drag a shape, or focus it and use the arrow keys, to turn all of them together; click or press Enter to open it."),
-    el("div", { class: "row tools" }, el("label", { class: "field" }, el("span", null, "Find"), search), select("Order by", choices, order, "doubt"), shown),
+    el("p", { class: "muted" }, "Grey: as in the file. Bone: aligned. Drag a shape, or focus it and use the arrow keys, to turn all of them together; click or press Enter to open it. Corresponding points carry the same colour on every shape."),
+    el("div", { class: "row tools" }, el("label", { class: "field" }, el("span", null, "Find"), search), select("Order by", choices, order, "doubt"), el("label", { class: "check" }, points, "corresponding points"), shown),
     list,
   ];
 }

@@ -64,7 +64,7 @@ async function start() {
   const collection = new Collection();
   await collection.loadPairs();
   const stage = new Stage(collection);
-  const app = { collection, stage, corrections: new Corrections(collection), overlay: new Overlay(collection) };
+  const app = { collection, stage, corrections: new Corrections(collection), overlay: new Overlay(collection), galleryTiles: [], showPoints: false };
   app.openPair = pairDialog(app);
   app.openShape = shapeDialog(app);
   const main = document.querySelector("main");

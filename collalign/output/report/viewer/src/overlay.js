@@ -3,7 +3,6 @@
 import { button, el, select } from "./dom.js";
 import { categorical } from "./colors.js";
 import { after } from "./layers.js";
-import { Color } from "three";
 
 const FIRST = 8;
 
@@ -58,7 +57,7 @@ export function overlaySection(app) {
   const layers = () => [...overlay.chosen].map((index) => after(app, index, {
     color: colorOf(index),
     opacity: overlay.chosen.size > 1 ? opacity : 1,
-    points: points && Array(collection.numSamples).fill(new Color(colorOf(index))),
+    points: points && collection.pointColors,
   }));
   const tile = stage.add(canvas, layers, { zoomable: true });
   const chips = el("ul", { class: "chips", "aria-label": "Shapes in the overlay" });
@@ -85,7 +84,7 @@ export function overlaySection(app) {
     el("div", { class: "row tools" },
       select("Show", presets.map(([key, text]) => [key, text]), choose, "sure"),
       el("label", { class: "field" }, el("span", null, "Opacity"), range),
-      el("label", { class: "check" }, dots, "sample points"), say),
+      el("label", { class: "check" }, dots, "corresponding points"), say),
     canvas,
     chips,
   ];

@@ -1,9 +1,11 @@
 // Scatter of the shapes by Procrustes distance, coloured by a label. One stop for the tab key; arrow keys walk from shape to shape.
 
 import { categorical } from "./colors.js";
-import { el, select, svg } from "./dom.js";
+import { el, responsive, select, svg } from "./dom.js";
 
-const [WIDTH, HEIGHT, MARGIN] = [900, 560, 46];
+const MARGIN = 46;
+const WIDE = [900, 560];
+const NARROW = [380, 420];
 const NAMED = 60;
 
 export function labelColors(values) {
@@ -11,11 +13,11 @@ export function labelColors(values) {
   return { kinds, color: (value) => (value ? categorical(kinds.indexOf(value)) : "var(--muted)") };
 }
 
-function scaler(points) {
+function scaler(points, [width, height]) {
   const bounds = [0, 1].map((axis) => [Math.min(...points.map((p) => p[axis])), Math.max(...points.map((p) => p[axis]))]);
-  const unit = Math.min(...bounds.map(([low, high], axis) => ([WIDTH, HEIGHT][axis] - 2 * MARGIN) / (high - low || 1)));
+  const unit = Math.min(...bounds.map(([low, high], axis) => ([width, height][axis] - 2 * MARGIN) / (high - low || 1)));
   const middle = bounds.map(([low, high]) => (low + high) / 2);
-  return ([x, y]) => [WIDTH / 2 + (x - middle[0]) * unit, HEIGHT / 2 - (y - middle[1]) * unit];
+  return ([x, y]) => [width / 2 + (x - middle[0]) * unit, height / 2 - (y - middle[1]) * unit];
 }
 
 // The closest point in the direction of the arrow, sideways distance counting double.
@@ -28,20 +30,22 @@ function neighbour(places, from, [dx, dy]) {
   return best;
 }
 
-function scatter(app, method, column) {
+function scatter(app, method, column, size) {
+  const [width, height] = size;
   const { members, axes, points } = app.collection.map;
   const { shapes, labels } = app.collection;
   const values = members.map((index) => (column ? labels[column][index] : ""));
   const { color } = labelColors(values);
-  const place = scaler(points[method]);
+  const place = scaler(points[method], size);
   const places = points[method].map(place);
   const dots = places.map(([x, y], at) => {
     const shape = shapes[members[at]];
     const name = [shape.name, values[at]].filter(Boolean).join(", ");
-    const doubtful = shape.confidence < app.collection.doubtThreshold;
+    const mark = app.collection.mark(members[at]);
+    const aside = x > 0.75 * width ? { x: -9, y: 4, "text-anchor": "end" } : { x: 9, y: 4 };
     const fill = column ? color(values[at]) : "var(--accent)";
-    return svg("g", { class: doubtful ? "dot doubtful" : "dot", role: "button", tabindex: at ? -1 : 0, "aria-label": `${name}${doubtful ? ", doubtful" : ""}`, transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})` },
-      svg("title", null, name), svg("circle", { r: 6, fill }), svg("text", { x: 9, y: 4 }, shape.name));
+    return svg("g", { class: mark ? "dot doubtful" : "dot", role: "button", tabindex: at ? -1 : 0, "aria-label": [name, mark].filter(Boolean).join(", "), transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})` },
+      svg("title", null, [name, mark].filter(Boolean).join(", ")), svg("circle", { r: 6, fill }), svg("text", aside, mark ? `${shape.name} ?` : shape.name));
   });
   const focus = (at) => {
     dots.forEach((dot, other) => dot.setAttribute("tabindex", other === at ? 0 : -1));
@@ -57,10 +61,10 @@ function scatter(app, method, column) {
       event.preventDefault();
     });
   });
-  const titles = [svg("text", { x: WIDTH / 2, y: HEIGHT - 8, "text-anchor": "middle", class: "axis" }, axes[method][0]),
-    svg("text", { x: 14, y: HEIGHT / 2, "text-anchor": "middle", class: "axis", transform: `rotate(-90 14 ${HEIGHT / 2})` }, axes[method][1])];
-  const kind = members.length > NAMED ? "map crowded" : "map";
-  return svg("svg", { class: kind, viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "group", "aria-label": `Shape map, ${members.length} shapes` }, ...titles, ...dots);
+  const titles = [svg("text", { x: width / 2, y: height - 8, "text-anchor": "middle", class: "axis" }, axes[method][0]),
+    svg("text", { x: 14, y: height / 2, "text-anchor": "middle", class: "axis", transform: `rotate(-90 14 ${height / 2})` }, axes[method][1])];
+  const kind = members.length > NAMED || width < WIDE[0] ? "map crowded" : "map";
+  return svg("svg", { class: kind, viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": `Shape map, ${members.length} shapes` }, ...titles, ...dots);
 }
 
 function legend(app, column) {
@@ -75,9 +79,8 @@ export function mapSection(app) {
   if (!map.members) return [el("p", null, map.problem)];
   let [method, column] = [Object.keys(map.points)[0], columns[0] ?? ""];
   const picture = el("div", { class: "picture" });
-  const show = () => picture.replaceChildren(scatter(app, method, column), column ? legend(app, column) : "");
+  const show = responsive(picture, (narrow) => [scatter(app, method, column, narrow ? NARROW : WIDE), column && legend(app, column)]);
   const methods = Object.keys(map.points).map((key) => [key, key]);
-  show();
   return [
     el("div", { class: "row tools" },
       select("Method", methods, (key) => { method = key; show(); }, method),

@@ -1,9 +1,9 @@
 // Hidden WebGL renderers for any number of 2D canvases: a browser keeps only 16 WebGL contexts. A canvas is drawn when
 // it is visible and something changed; the others follow when nothing moves, so that printing finds them drawn.
 
-import { AmbientLight, DirectionalLight, Group, OrthographicCamera, Quaternion, Scene, Vector3, WebGLRenderer } from "three";
+import { AmbientLight, DirectionalLight, Group, OrthographicCamera, Quaternion, Scene, WebGLRenderer } from "three";
 import { Assets } from "./assets.js";
-import { makeTurnable } from "./turning.js";
+import { makeTurnable, turnOnScreen } from "./turning.js";
 
 const SMALL = 512;
 const FRAME_BUDGET_MS = 40;
@@ -48,15 +48,15 @@ export class Stage {
     this.scene.add(new AmbientLight(0xffffff, 0.75), sun, fill, this.root);
   }
 
-  // Show on `canvas` what the (possibly asynchronous) `layers` returns; turning one canvas turns all.
-  add(canvas, layers, { zoomable = false, handle = canvas } = {}) {
+  // Show on `canvas` what the (possibly asynchronous) `layers` returns; turning one canvas turns all, unless `turn` takes the turns.
+  add(canvas, layers, { zoomable = false, handle = canvas, turn = null } = {}) {
     const tile = { canvas, layers, zoom: 1, dirty: true, visible: false, group: null, loading: null };
     canvas.tile = tile;
     canvas.width = 0;
     this.tiles.add(tile);
     if (handle) {
       makeTurnable(handle, {
-        turn: (dx, dy) => this.turn(dx, dy),
+        turn: turn ?? ((dx, dy) => this.turn(dx, dy)),
         setMoving: (moving) => this.setMoving(moving),
         zoom: zoomable ? (factor) => this.zoom(tile, factor) : null,
       });
@@ -107,9 +107,7 @@ export class Stage {
   }
 
   turn(dx, dy) {
-    const about = (axis, angle) => new Quaternion().setFromAxisAngle(axis, angle);
-    const delta = about(new Vector3(0, 1, 0), dx).multiply(about(new Vector3(1, 0, 0), dy));
-    this.orientation.premultiply(delta).normalize();
+    this.orientation.premultiply(turnOnScreen(dx, dy)).normalize();
     this.invalidate();
   }
 

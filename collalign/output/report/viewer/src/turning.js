@@ -1,8 +1,16 @@
 // Mouse, touch and keyboard on a drawing: dragging and arrow keys turn, wheel and + - zoom.
 
+import { Quaternion, Vector3 } from "three";
+
 const STEP = Math.PI / 24;
 const KEYS = { ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0], ArrowUp: [0, -STEP], ArrowDown: [0, STEP] };
 const DRAG_PIXELS = 4;
+
+// Rotation of what is seen: `dx` about the upright axis of the screen, `dy` about its level one, `roll` about the line of sight.
+export function turnOnScreen(dx, dy, roll = 0) {
+  const about = (x, y, z, angle) => new Quaternion().setFromAxisAngle(new Vector3(x, y, z), angle);
+  return about(0, 1, 0, dx).multiply(about(1, 0, 0, dy)).multiply(about(0, 0, 1, roll));
+}
 
 // A drag that ends on a button is not a click on it.
 function swallowClick() {
