@@ -33,6 +33,8 @@ from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_shapes
 from collalign.stages.proofs import certify_pairs
 from collalign.stages.shapes import prepare_shapes
+from collalign.stages.trust.assess import gather_trust, with_trust
+from collalign.stages.trust.words import trust_notes
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.errors import InputError
 from data_tools.io.files import readable_name
@@ -140,14 +142,20 @@ def align_listing(
     options, samples = session.options, shapes.samples
     with _timed(times_s, "synchronization"):
         parts, linked = split_shapes(options, samples, pairs)
-        solution = synchronize_shapes(options, samples, linked, constraints, known=solution if not parts else None)
-        linked, solution = resolve_pairs(session, samples, linked, solution, constraints)
+        first = synchronize_shapes(options, samples, linked, constraints, known=solution if not parts else None)
+        matched, (linked, solution) = linked, resolve_pairs(session, samples, linked, first, constraints)
         pairs, solution = join_parts(options, parts, pairs, linked, solution, constraints)
         rotations = refine_poses(session, samples, pairs, solution, constraints)
         rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
         pairs = with_common_match(samples, pairs, solution, rotations)
         labels = common_labels(samples, pairs, rotations)
         transforms = place_and_scale(samples, rotations, labels, options.scaling, placed=constraints.placed)
+    trust = None
+    if options.synchronization == "robust":
+        with _timed(times_s, "confidence"):
+            trust = gather_trust(session, samples, matched, rotations, solution.components)
+            solution = with_trust(solution, trust, constraints)
+            notes.extend(trust_notes(shapes.names, trust, solution.confidence, first, rotations, constraints.fixed))
     record = RunRecord(
         times_s=times_s,
         versions={"python": platform.python_version()} | {name: version(name) for name in _LIBRARIES},
@@ -183,6 +191,7 @@ def align_listing(
         options=asked,
         group=choice.group,
         run=record,
+        trust=trust,
     )
 
 

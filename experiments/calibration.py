@@ -18,11 +18,14 @@ import numpy as np
 from collalign.align import align_collection
 from collalign.engine.options import RunOptions
 from collalign.options import AlignOptions
+from collalign.stages.trust import model as trust_model
 from collalign.synchronization.problem import model
 from data_tools.errors import OptionsError
 from data_tools.rotations import rotation_angle_deg
 from experiments.collections.aligning import pose_some
-from experiments.collections.landmarked import RIGHT_DEG
+from experiments.collections.landmarked import COLLECTIONS, RIGHT_DEG
+from experiments.confidence.families import FAMILIES
+from experiments.confidence.fit import measure_weights
 from experiments.tables import Column, Table
 
 #: Measures constants by name, from the folder of the public collections and the names of those to be used.
@@ -92,6 +95,15 @@ CALIBRATIONS = {
         },
         measure=measure_model,
         collections=("teeth", "glasses", "ant"),
+    ),
+    "confidence": Calibration(
+        module="collalign.stages.trust.model",
+        constants={
+            "CONSTANT": trust_model.CONSTANT,
+            **{f"WEIGHTS[{name}]": float(w) for name, w in zip(trust_model.TERMS, trust_model.WEIGHTS, strict=True)},
+        },
+        measure=measure_weights,
+        collections=(*COLLECTIONS, *(name for name, family in FAMILIES.items() if not family.symmetric)),
     ),
 }
 

@@ -16,6 +16,7 @@ from collalign.output.evidence.file import EVIDENCE_FILE, save_view
 from collalign.output.evidence.gather import view_collection
 from collalign.output.report.page import write_report
 from collalign.products.collection import Collection
+from collalign.products.trust import KINDS
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
@@ -113,6 +114,14 @@ def output_names(names: Sequence[str]) -> list[str]:
     return [*_TABLES, REPORT_FILE, *(f"{MESH_FOLDER}/{stem}.ply" for stem in file_stems(names))]
 
 
+def _evidence(collection: Collection, shape: int) -> dict[str, float | None]:
+    """Return what speaks for a pose, by kind; empty where nothing was gathered."""
+    if collection.trust is None:
+        return {}
+    row = collection.trust.evidence[shape]
+    return {kind: _number(value) for kind, value in zip(KINDS, row, strict=True)}
+
+
 def alignment_record(collection: Collection) -> dict[str, Any]:
     """Return the contents of ``alignment.json``: what the result is, without anything that differs between runs."""
     from collalign import __version__
@@ -136,8 +145,9 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
                 "transform": transform.tolist(),
                 "reflected": bool(reflected),
                 "confidence": _number(confidence),
+                "evidence": _evidence(collection, i),
             }
-            for name, file, transform, reflected, confidence in shapes
+            for i, (name, file, transform, reflected, confidence) in enumerate(shapes)
         ],
         "groups": [[collection.names[i] for i in group] for group in collection.groups],
         "excluded": [{"file": item.file, "reason": item.reason} for item in collection.excluded],

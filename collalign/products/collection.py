@@ -9,6 +9,7 @@ import numpy as np
 from collalign.options import AlignOptions
 from collalign.products.pair import Alternative, Pair
 from collalign.products.shapes import Excluded
+from collalign.products.trust import Trust
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.io.source import Origin
@@ -96,6 +97,8 @@ class Collection:
         The samples in the common frame.
     coordinates, invariants : ndarray, shapes (N, k, d) and (N, k, m)
         The samples as they were matched: embedded, centred and scaled, and what no rotation changes.
+    trust : Trust or None
+        The evidence behind the confidences; None where none was gathered.
     maps : ConsistentMaps
     consensus : ndarray, shape (num_labels, 3)
         Mean position of every universe label in the common frame.
@@ -143,6 +146,7 @@ class Collection:
     options: AlignOptions
     group: str
     run: RunRecord
+    trust: Trust | None = None
 
     @property
     def complete(self) -> bool:

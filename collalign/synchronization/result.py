@@ -76,7 +76,9 @@ class SynchronizationResult:
         Of the least-squares objective at the final weights; says nothing about consistently wrong pairs.
     status : Status
     warnings : tuple of str
-        What a user must know before trusting the poses, one sentence each.
+        Which poses cannot be compared, one sentence each.
+    doubts : tuple of str
+        What the pairs leave open about the poses, one sentence each.
     """
 
     rotations: FloatArray
@@ -96,3 +98,4 @@ class SynchronizationResult:
     certificate: SynchronizationCertificate
     status: Status
     warnings: tuple[str, ...]
+    doubts: tuple[str, ...]

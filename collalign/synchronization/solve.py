@@ -161,6 +161,7 @@ def _baseline(
         certificate=combine_certificates(certificates),
         status=Status.CONVERGED,
         warnings=connectivity_warnings(len(components)),
+        doubts=(),
     )
 
 

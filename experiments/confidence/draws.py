@@ -37,7 +37,7 @@ def measure_collection(cell: Cell) -> Record:
     -------
     dict
         One array per fact, over the shapes of all runs: ``run``, ``stated`` confidence, ``error_deg``, ``right``,
-        ``intruder``, ``named`` (in doubt, or named by a note); ``size`` of each run.
+        ``intruder``, ``named`` (in doubt, or named by a note); and ``evidence``, one row per shape.
     """
     settings = cell.settings
     rng = np.random.default_rng(settings["seed"])
@@ -59,6 +59,7 @@ def measure_collection(cell: Cell) -> Record:
 
 def shape_facts(aligned: AlignedCollection, posed: PosedCollection, kind: str) -> list[dict[str, Any]]:
     """Return what was stated and what is true of every shape of a run."""
+    assert aligned.trust is not None  # the robust synchronization always gathers it
     known = [index for index, name in enumerate(aligned.names) if name in posed.names]
     errors = np.full(len(aligned.names), np.nan)
     if kind not in FAMILIES or FAMILIES[kind].related:
@@ -68,6 +69,7 @@ def shape_facts(aligned: AlignedCollection, posed: PosedCollection, kind: str) -
     return [
         {
             "stated": float(aligned.confidence[i]),
+            "evidence": aligned.trust.evidence[i],
             "error_deg": float(errors[i]),
             "right": bool(errors[i] <= RIGHT_DEG),
             "intruder": i not in known,

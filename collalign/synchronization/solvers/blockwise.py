@@ -177,7 +177,7 @@ class _Draft:
     symmetries: list[tuple[int, FloatArray]] = field(default_factory=list)
     noise: list[float] = field(default_factory=list)
     certificates: list[SynchronizationCertificate] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
 
     @classmethod
     def empty(cls, graph: PairGraph) -> _Draft:
@@ -227,7 +227,7 @@ def _note_doubts(draft: _Draft, doubts: Doubts, members: IntArray) -> None:
         )
         for cut in doubts.cuts
     )
-    draft.warnings.extend(s for s in doubt_sentences(doubts) if s not in draft.warnings)
+    draft.doubts.extend(s for s in doubt_sentences(doubts) if s not in draft.doubts)
 
 
 def _result(
@@ -264,7 +264,8 @@ def _result(
         noise_rad=max(draft.noise, default=float("nan")),
         certificate=combine_certificates(draft.certificates),
         status=Status.CONVERGED,
-        warnings=(*connectivity_warnings(len(components)), *draft.warnings),
+        warnings=connectivity_warnings(len(components)),
+        doubts=tuple(draft.doubts),
     )
 
 

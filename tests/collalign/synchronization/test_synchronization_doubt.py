@@ -39,7 +39,7 @@ def test_a_block_flipped_by_most_of_its_pairs_is_flagged() -> None:
     assert set(cut.members) == set(np.flatnonzero(block))
     assert len(found.groups) == 2
     assert found.confidence[block].max() < 0.95
-    assert any("Blocks" in line for line in found.warnings)
+    assert any("Blocks" in line for line in found.doubts)
     turned = found.rotations.copy()
     turned[cut.members] = cut.rotation @ turned[cut.members]
     assert pose_errors_deg(turned, problem.truth).max() < 20.0
@@ -90,9 +90,9 @@ def test_confidence_is_calibrated_and_ranks_wrong_shapes() -> None:
 def test_too_few_pairs_for_the_flips_are_called_unreliable() -> None:
     problem = flipped_pairs(np.random.default_rng(3), complete_edges(8), 8, wrong=0.5)
     found = _solve(problem)
-    assert any("too little" in line for line in found.warnings)
+    assert any("too little" in line for line in found.doubts)
     clean = flipped_pairs(np.random.default_rng(3), complete_edges(8), 8, wrong=0.0)
-    assert not _solve(clean).warnings
+    assert not _solve(clean).doubts
 
 
 def test_a_symmetric_collection_is_reported() -> None:

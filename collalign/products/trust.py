@@ -1,0 +1,35 @@
+"""What speaks for and against the pose of every shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from data_tools.arrays import FloatArray
+
+#: Kinds of evidence about a pose, the columns of :attr:`Trust.evidence`.
+KINDS = ("votes", "margin", "collection votes")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trust:
+    """Evidence about the poses of a collection that its poses did not make.
+
+    Attributes
+    ----------
+    evidence : ndarray, shape (N, len(KINDS))
+        One row per shape, NaN where nothing is known (a shape without a pair).
+
+        * votes: share of its pairs, as first matched, whose most plausible candidate asks for the pose, with one vote
+          added on either side;
+        * margin: log of what the cheapest other pose costs on dense points over what the pose costs, mean over the
+          partners that match best;
+        * collection votes: mean of the votes over the shapes that it can be compared with.
+    rivals : tuple of ndarray, each (r, 3, 3)
+        Other poses of each shape, ``R_common_shape``.
+    excess : tuple of ndarray, each (r,)
+        The margin of each of them.
+    """
+
+    evidence: FloatArray
+    rivals: tuple[FloatArray, ...]
+    excess: tuple[FloatArray, ...]

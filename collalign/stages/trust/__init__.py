@@ -1,0 +1,1 @@
+"""How far each pose can be trusted, from evidence that the answer did not make."""

@@ -1,0 +1,146 @@
+"""The stage: pairs as first matched vote on each pose, and its rivals are tried on dense points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from collalign.engine.jobs.run import SharedTable
+from collalign.options import AlignSession
+from collalign.products.pair import Alternative, Pair
+from collalign.products.shapes import Constraints
+from collalign.products.trust import KINDS, Trust
+from collalign.stages.stored_types import samples_to_record
+from collalign.stages.trust.model import pose_confidence
+from collalign.stages.trust.rivals import MAX_PARTNERS, Partner, RivalTask, pose_costs, rival_poses
+from collalign.synchronization import SynchronizationResult
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.embedding.embedding import Samples
+from data_tools.rotations import rotation_angle_deg
+
+#: A pair votes for a pose that is within this angle of what its most plausible candidate asks for.
+VOTE_DEG = 20.0
+#: Added to the votes on either side: few pairs settle little (Laplace's rule of succession).
+PRIOR_VOTES = 1.0
+#: Differences below this, in squared radii, say nothing.
+RESOLUTION = 0.01
+#: Odds of a rival against the others fall by this power of what it costs.
+RIVAL_POWER = 6.0
+#: Alternatives reported per shape.
+MAX_ALTERNATIVES = 3
+
+
+def gather_trust(
+    session: AlignSession,
+    samples: Sequence[Samples],
+    pairs: Sequence[Pair],
+    rotations: FloatArray,
+    components: Sequence[IntArray],
+) -> Trust:
+    """Gather the evidence about every pose.
+
+    Parameters
+    ----------
+    session : Session
+        Its group is decided.
+    samples : sequence of Samples
+    pairs : sequence of Pair
+        As first matched: none was solved again from the answer.
+    rotations : ndarray, shape (N, 3, 3)
+        The reported ``R_common_shape``.
+    components : sequence of ndarray of int
+        Shapes whose poses can be compared.
+    """
+    partners = partners_of(pairs, rotations)
+    mirrored = session.options.group == "O"
+    poses = [
+        np.concatenate([rotations[i][None], rival_poses(samples[i], rotations[i], partners[i], mirrored=mirrored)])
+        for i in range(len(samples))
+    ]
+    costs = _costs(session, samples, rotations, partners, poses)
+    votes = np.array([_votes(pose, own) for pose, own in zip(rotations, partners, strict=True)])
+    evidence = np.full((len(samples), len(KINDS)), np.nan)
+    excess = []
+    for i, cost in enumerate(costs):
+        rises = np.log(cost[1:].mean(axis=1) / cost[0].mean()) if cost.size else np.zeros(0)
+        excess.append(rises)
+        if cost.size:
+            evidence[i, :2] = votes[i], rises.min()
+    for members in components:
+        known = members[~np.isnan(evidence[members, 0])]
+        evidence[known, 2] = evidence[known, 0].mean() if len(known) else np.nan
+    return Trust(
+        evidence=read_only(evidence),
+        rivals=tuple(read_only(pose[1:]) for pose in poses),
+        excess=tuple(read_only(rises) for rises in excess),
+    )
+
+
+def partners_of(pairs: Sequence[Pair], rotations: FloatArray) -> list[list[Partner]]:
+    """Return for each shape the shapes that it was matched with, the best match first."""
+    partners: list[list[Partner]] = [[] for _ in rotations]
+    for pair in pairs:
+        doubt = -pair.log_odds if len(pair.log_odds) else np.log(pair.energies)
+        order = np.argsort(doubt, kind="stable")
+        order = order[np.isfinite(doubt[order])]
+        turns, excess = pair.rotations[order, :3, :3], doubt[order] - doubt[order[0]]
+        energy = float(pair.energies[order[0]])
+        for own, other, relative in (
+            (pair.source, pair.target, turns),
+            (pair.target, pair.source, np.swapaxes(turns, 1, 2)),
+        ):
+            partners[own].append(
+                Partner(shape=other, poses=rotations[other] @ relative, excess=excess, energy=energy)
+            )
+    return [sorted(own, key=lambda partner: (partner.energy, partner.shape)) for own in partners]
+
+
+def _votes(pose: FloatArray, partners: Sequence[Partner]) -> float:
+    """Return the share of the pairs whose most plausible candidate asks for the pose, few pairs near one half."""
+    asked = np.array([partner.poses[0] for partner in partners]).reshape(-1, 3, 3)
+    angles = rotation_angle_deg(asked, np.broadcast_to(pose, asked.shape))
+    return float(((angles <= VOTE_DEG).sum() + PRIOR_VOTES) / (len(partners) + 2.0 * PRIOR_VOTES))
+
+
+def _costs(
+    session: AlignSession,
+    samples: Sequence[Samples],
+    rotations: FloatArray,
+    partners: Sequence[Sequence[Partner]],
+    poses: Sequence[FloatArray],
+) -> list[FloatArray]:
+    """Return what every pose of every shape costs against its partners, each (1 + r, p); empty without partners.
+
+    :data:`RESOLUTION` is added.
+    """
+    tasks = {}
+    for i, own in enumerate(partners):
+        chosen = tuple(partner.shape for partner in own[:MAX_PARTNERS])
+        if chosen:
+            tasks[str(i)] = RivalTask(shape=i, poses=poses[i], partners=chosen, partner_poses=rotations[list(chosen)])
+    with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(samples)) as table:
+        found = session.spread("poses tried", pose_costs, tasks, shared=table)
+    return [found[str(i)]["costs"] + RESOLUTION if str(i) in found else np.zeros((0, 0)) for i in range(len(samples))]
+
+
+def with_trust(solution: SynchronizationResult, trust: Trust, constraints: Constraints) -> SynchronizationResult:
+    """Return the solution with confidences and alternatives as the evidence has them; poses set by hand are certain.
+
+    The odds of the rivals share what the reported pose leaves, by what they cost on dense points.
+    """
+    confidence = pose_confidence(trust)
+    alternatives = []
+    for i, (rivals, excess) in enumerate(zip(trust.rivals, trust.excess, strict=True)):
+        share = np.exp(-RIVAL_POWER * (excess - excess.min())) if len(excess) else excess
+        chances = (1.0 - confidence[i]) * share / share.sum() if len(share) else share
+        alternatives.append(
+            tuple(
+                Alternative(rotation=read_only(rivals[r]), log_odds=float(np.log(confidence[i] / chances[r])))
+                for r in np.argsort(-chances, kind="stable")[:MAX_ALTERNATIVES]
+                if confidence[i] > 0 and chances[r] > 0
+            )
+        )
+    confidence[list(constraints.fixed)] = 1.0
+    return replace(solution, confidence=read_only(confidence), alternatives=tuple(alternatives))

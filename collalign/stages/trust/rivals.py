@@ -1,0 +1,158 @@
+"""Other poses of a shape, and what dense points say of them against the reported one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from collalign.engine.jobs.run import SharedTable
+from collalign.engine.store.records import Record
+from collalign.stages.stored_types import samples_from_record
+from data_tools.arrays import BoolArray, FloatArray
+from data_tools.embedding.embedding import Samples
+
+#: Poses within this angle are the same.
+SAME_DEG = 30.0
+#: Rivals that are tried, the most supported ones.
+MAX_RIVALS = 7
+#: Partners that a pose is tried against, the ones that match best.
+MAX_PARTNERS = 8
+#: Dense points of each shape that are compared, of one shape the even and of the other the odd ones: otherwise copies
+#: that share their samples would tell poses apart that look the same.
+NUM_POINTS = 250
+#: Weight of unit normals beside positions of root mean square radius 1.
+NORMAL_WEIGHT = 0.3
+#: Support of a candidate falls by this power of its energy over the pair's lowest.
+SUPPORT_POWER = 4.0
+#: Excess energy at which a half turn that no pair proposed is counted.
+HALF_TURN_EXCESS = 1.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Partner:
+    """A shape that another one was matched with, and the poses that their pair offers.
+
+    Attributes
+    ----------
+    shape : int
+    poses : ndarray, shape (m, 3, 3)
+        ``R_common_shape`` of the *other* shape that each candidate asks for, the most plausible first.
+    excess : ndarray, shape (m,)
+        How much less plausible each is than the first, 0 and more.
+    energy : float
+        How badly the two match at best.
+    """
+
+    shape: int
+    poses: FloatArray
+    excess: FloatArray
+    energy: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RivalTask:
+    """What a worker needs to compare the poses of one shape; samples come from the shared table, by position.
+
+    Attributes
+    ----------
+    shape : int
+    poses : ndarray, shape (r, 3, 3)
+        ``R_common_shape``, the reported pose first.
+    partners : tuple of int
+    partner_poses : ndarray, shape (p, 3, 3)
+    """
+
+    shape: int
+    poses: FloatArray
+    partners: tuple[int, ...]
+    partner_poses: FloatArray
+
+
+def rival_poses(samples: Samples, pose: FloatArray, partners: Sequence[Partner], *, mirrored: bool) -> FloatArray:
+    """Return the poses that a shape could have instead, the most supported first.
+
+    They are the candidates of its pairs, and the half turns about its principal axes, which wrong pairs mostly are;
+    where shapes may be mirrored, the mirror images in the planes of these axes as well.
+
+    Parameters
+    ----------
+    samples : Samples
+    pose : ndarray, shape (3, 3)
+        The reported one.
+    partners : sequence of Partner
+    mirrored : bool
+
+    Returns
+    -------
+    ndarray, shape (r, 3, 3)
+    """
+    axes = np.linalg.svd(samples.positions, full_matrices=False)[2]
+    turns = [2.0 * np.outer(axis, axis) - np.eye(3) for axis in axes]
+    turns += [-turn for turn in turns] if mirrored else []
+    offered = [candidate for partner in partners for candidate in partner.poses]
+    poses = np.array([*offered, *(pose @ turn for turn in turns)])
+    excess = np.concatenate([*(partner.excess for partner in partners), np.full(len(turns), HALF_TURN_EXCESS)])
+    apart = ~_near(poses, pose[None])[:, 0]
+    return _representatives(poses[apart], np.exp(-SUPPORT_POWER * excess[apart]))
+
+
+def _near(poses: FloatArray, others: FloatArray) -> BoolArray:
+    """Return which poses are within :data:`SAME_DEG` of each other; mirror images never are."""
+    same: BoolArray = np.einsum("aij,bij->ab", poses, others) >= 1.0 + 2.0 * np.cos(np.deg2rad(SAME_DEG))
+    return same
+
+
+def _representatives(poses: FloatArray, support: FloatArray) -> FloatArray:
+    """Return one pose of each cluster, greedily by the support of all that are near it."""
+    near, left = _near(poses, poses), np.ones(len(poses), dtype=bool)
+    chosen: list[int] = []
+    while left.any() and len(chosen) < MAX_RIVALS:
+        total = np.where(left, near @ (support * left), -1.0)
+        best = int(np.argmax(total))
+        chosen.append(best)
+        left &= ~near[best]
+    return poses[chosen]
+
+
+def pose_costs(task: RivalTask, shared: SharedTable) -> Record:
+    """Return what every pose costs against every partner; runs inside a worker.
+
+    Returns
+    -------
+    dict
+        ``costs``, shape (r, p): mean squared distance of closest points and normals, both ways, in squared radii.
+    """
+    own = _points_and_normals(samples_from_record(shared[str(task.shape)], str(task.shape)), first=0)
+    costs = np.empty((len(task.poses), len(task.partners)))
+    for p, (partner, partner_pose) in enumerate(zip(task.partners, task.partner_poses, strict=True)):
+        other = _points_and_normals(samples_from_record(shared[str(partner)], str(partner)), first=1)
+        for r, pose in enumerate(task.poses):
+            costs[r, p] = surface_cost(other, own, partner_pose.T @ pose)
+    return {"costs": costs}
+
+
+def surface_cost(
+    target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], rotation: FloatArray
+) -> float:
+    """Return the mean squared distance of closest points, normals included where both have any, both ways."""
+    gaps = cdist(target[0], source[0] @ rotation.T, "sqeuclidean")
+    if len(target[1]) and len(source[1]):
+        gaps += NORMAL_WEIGHT**2 * (2.0 - 2.0 * target[1] @ (source[1] @ rotation.T).T)
+    return max(0.0, float(0.5 * (gaps.min(axis=0).mean() + gaps.min(axis=1).mean())))
+
+
+def _points_and_normals(samples: Samples, *, first: int) -> tuple[FloatArray, FloatArray]:
+    """Return every second dense point, in radii about the mean of all, and their normals; all samples without any."""
+    if len(samples.dense_positions) < 2:
+        return _normalised(samples.positions), np.empty((0, 3))
+    chosen = slice(first, 2 * NUM_POINTS, 2)
+    return _normalised(samples.dense_positions)[chosen], samples.dense_normals[chosen]
+
+
+def _normalised(points: FloatArray) -> FloatArray:
+    """Return points of mean zero and root mean square radius 1."""
+    centred = points - points.mean(axis=0)
+    return np.asarray(centred / max(float(np.sqrt((centred**2).sum(axis=1).mean())), np.finfo(float).tiny))

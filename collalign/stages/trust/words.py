@@ -1,0 +1,122 @@
+"""What a user must know about the poses, in sentences that name shapes and say what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from collalign.products.collection import DOUBT
+from collalign.products.trust import KINDS, Trust
+from collalign.stages.trust.model import TIED
+from collalign.synchronization import SynchronizationResult
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.rotations import rotation_angle_deg
+
+#: Names listed in a sentence; of more shapes the number is said.
+MAX_NAMES = 8
+#: Poses within this angle are the same, where a block is looked for again in the final poses.
+SAME_BLOCK_DEG = 30.0
+#: Collections in which this share of the shapes is tied are called symmetric.
+SYMMETRIC_SHARE = 0.5
+#: Collections whose pairs agree this little, on average, say too little.
+FEWEST_VOTES = 0.5
+#: A pose set by hand that fewer of its pairs than this agree with is contradicted.
+CONTRADICTED_VOTES = 0.3
+
+
+def trust_notes(
+    names: Sequence[str],
+    trust: Trust,
+    confidence: FloatArray,
+    first: SynchronizationResult,
+    rotations: FloatArray,
+    fixed: Mapping[int, FloatArray],
+) -> tuple[str, ...]:
+    """Return the sentences about doubtful poses.
+
+    Parameters
+    ----------
+    names : sequence of str
+    trust : Trust
+    confidence : ndarray, shape (N,)
+    first : SynchronizationResult
+        Of the pairs as first matched, before any was solved again from the answer.
+    rotations : ndarray, shape (N, 3, 3)
+        The reported poses.
+    fixed : mapping of int to ndarray (3, 3)
+        Poses set by hand.
+    """
+    notes = [*_contradicted(names, trust, fixed), *_symmetric(trust), *_blocks(names, first, rotations)]
+    free = [i for i in range(len(names)) if i not in fixed]
+    doubted = [i for i in free if not confidence[i] >= DOUBT]
+    votes = trust.evidence[:, KINDS.index("votes")]
+    if doubted and np.nanmean(votes) < FEWEST_VOTES:
+        notes.append(
+            "Most pairs of shapes contradict the common poses: the shapes may resemble each other too little to be "
+            "aligned. Try more points (--sampling.num-points 128) or leave out what is of another kind."
+        )
+    if doubted:
+        order = sorted(doubted, key=lambda i: float(confidence[i]))
+        notes.append(
+            f"In doubt: {listed([names[i] for i in order])}. The report shows them and offers their other poses."
+        )
+    return tuple(notes)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as a list in a sentence, shortened."""
+    if len(names) > MAX_NAMES:
+        return f"{', '.join(names[:MAX_NAMES])} and {len(names) - MAX_NAMES} more"
+    return ", ".join(names)
+
+
+def _contradicted(names: Sequence[str], trust: Trust, fixed: Mapping[int, FloatArray]) -> list[str]:
+    votes = trust.evidence[:, KINDS.index("votes")]
+    return [
+        f"{names[i]} WAS SET BY HAND, AND ITS PAIRS CONTRADICT IT: few of them ask for this pose. Look at it again."
+        for i in sorted(fixed)
+        if votes[i] < CONTRADICTED_VOTES
+    ]
+
+
+def _symmetric(trust: Trust) -> list[str]:
+    """Return the sentence about collections whose shapes look the same in several poses."""
+    tied = [excess for excess in trust.excess if len(excess) and excess.min() < TIED]
+    if not trust.excess or len(tied) < max(2, SYMMETRIC_SHARE * len(trust.excess)):
+        return []
+    most = max(int((excess < TIED).sum()) for excess in tied)
+    poses = "another pose" if most == 1 else "several other poses"
+    return [
+        f"{len(tied)} of {len(trust.excess)} shapes fit as well in {poses}: poses are defined only up to turns that "
+        "leave such shapes as they are."
+    ]
+
+
+def _blocks(names: Sequence[str], first: SynchronizationResult, rotations: FloatArray) -> list[str]:
+    """Return the sentences about blocks that may be turned as one, where the final poses still have them so."""
+    notes, said = [], set[tuple[int, ...]]()
+    for cut in first.weak_cuts:
+        block = cut.members if 2 * len(cut.members) <= len(names) else _others(cut.members, len(names))
+        key = tuple(block.tolist())
+        if not cut.doubted or len(block) < 2 or key in said or not _still(first.rotations, rotations, block):
+            continue
+        said.add(key)
+        notes.append(
+            f"{listed([names[i] for i in block])} may be turned together against the others: {cut.pairs_for} pairs "
+            f"between them speak for the poses as they are, {cut.pairs_against} for a turn of "
+            f"{float(rotation_angle_deg(cut.rotation)):.0f} deg. Compare one of them with one of the others."
+        )
+    return notes
+
+
+def _others(members: IntArray, num: int) -> IntArray:
+    return np.setdiff1d(np.arange(num), members)
+
+
+def _still(before: FloatArray, after: FloatArray, block: IntArray) -> bool:
+    """Whether most shapes of the block stand to most others as they did before."""
+    others = _others(block, len(before))
+    was = np.swapaxes(before[block], 1, 2)[:, None] @ before[others][None]
+    now = np.swapaxes(after[block], 1, 2)[:, None] @ after[others][None]
+    return bool(np.nanmedian(np.nan_to_num(rotation_angle_deg(was, now), nan=180.0)) <= SAME_BLOCK_DEG)

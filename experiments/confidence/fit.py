@@ -1,0 +1,99 @@
+"""Fits the weights of the confidence: logistic regression on the evidence of many runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from collalign.stages.trust.model import TERMS, terms
+from data_tools.arrays import BoolArray, FloatArray
+from experiments.confidence.draws import measure_collection
+from experiments.experiment import Cell
+
+#: Ridge on the weights of standardised evidence: with few collections, weights that chase one of them are no gain.
+RIDGE = 3.0
+#: Every collection counts as if it had this many shapes.
+COLLECTION_WEIGHT = 50.0
+_NUM_STEPS = 50
+#: Runs of each collection, and their seed: another one than that of the experiment.
+CALIBRATION_RUNS, CALIBRATION_SEED = 4, 7
+
+
+def fit_weights(evidence: FloatArray, right: BoolArray, kind: FloatArray) -> tuple[FloatArray, float]:
+    """Return weights and constant of the logistic model, by Newton's method (iteratively reweighted least squares).
+
+    Weights of evidence that speaks for a pose are not allowed to be negative: where one would be, it is left out and
+    the others are fitted again.
+
+    Parameters
+    ----------
+    evidence : ndarray, shape (n, len(KINDS))
+    right : ndarray of bool, shape (n,)
+    kind : ndarray of int, shape (n,)
+        Which collection each row is from.
+
+    Returns
+    -------
+    weights : ndarray, shape (len(TERMS),)
+    constant : float
+    """
+    seen = terms(evidence)
+    centre, spread = seen.mean(axis=0), np.maximum(seen.std(axis=0), 1e-9)
+    _, which, counts = np.unique(kind, return_inverse=True, return_counts=True)
+    trust = (COLLECTION_WEIGHT / counts)[which]
+    used = np.ones(len(TERMS), dtype=bool)
+    while True:
+        weights = np.zeros(len(TERMS))
+        weights[used], constant = _newton(((seen - centre) / spread)[:, used], right, trust)
+        if not (weights < 0).any():
+            break
+        used &= weights >= 0
+    weights /= spread
+    return weights, float(constant - centre @ weights)
+
+
+def measure_weights(data: Path, collections: Sequence[str]) -> dict[str, float]:
+    """Measure the constants of :mod:`collalign.stages.trust.model` on random sub-collections."""
+    shared = {"seed": CALIBRATION_SEED, "runs": CALIBRATION_RUNS}
+    records = {kind: measure_collection(Cell(data=data, settings={"kind": kind, **shared})) for kind in collections}
+    weights, constant = fit_weights(*training_rows(records))
+    return {"CONSTANT": constant, **{f"WEIGHTS[{name}]": float(w) for name, w in zip(TERMS, weights, strict=True)}}
+
+
+def _newton(columns: FloatArray, right: BoolArray, trust: FloatArray) -> tuple[FloatArray, float]:
+    design = np.column_stack([columns, np.ones(len(columns))])
+    ridge = RIDGE * np.diag([*np.ones(columns.shape[1]), 0.0])
+    solution = np.zeros(design.shape[1])
+    for _ in range(_NUM_STEPS):
+        chance = 1.0 / (1.0 + np.exp(-design @ solution))
+        gradient = design.T @ (trust * (right - chance)) - ridge @ solution
+        hessian = design.T @ (design * (trust * chance * (1.0 - chance))[:, None]) + ridge
+        step = np.linalg.solve(hessian, gradient)
+        solution = solution + step
+        if np.abs(step).max() < 1e-10:
+            break
+    return solution[:-1], float(solution[-1])
+
+
+def left_out(evidence: FloatArray, right: BoolArray, kind: FloatArray) -> FloatArray:
+    """Return the probability of each row by weights that were fitted without its collection, shape (n,)."""
+    found = np.empty(len(right))
+    seen = terms(evidence)
+    for one in np.unique(kind):
+        out = kind == one
+        weights, constant = fit_weights(evidence[~out], right[~out], kind[~out])
+        found[out] = 1.0 / (1.0 + np.exp(-(seen[out] @ weights + constant)))
+    return found
+
+
+def training_rows(records: Mapping[str, Mapping[str, Any]]) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """Return evidence, truth and collection of all shapes that are no intruders and have evidence."""
+    parts = []
+    for number, record in enumerate(records.values()):
+        used = ~record["intruder"] & ~np.isnan(record["evidence"]).any(axis=1)
+        parts.append((record["evidence"][used], record["right"][used], np.full(used.sum(), number)))
+    evidence, right, kind = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return evidence, right, kind
