@@ -21,13 +21,30 @@ from data_tools.threads import one_blas_thread
 MAX_DRAWN = 4
 
 _STYLE = """
-:root { color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif; }
-body { max-width: 75rem; margin: 2rem auto; padding: 0 1rem; }
-img { max-width: 100%; background: white; border-radius: .4rem; }
-table { border-collapse: collapse; } th, td { padding: .2rem .8rem; text-align: right; }
-th:first-child, td:first-child { text-align: left; }
-figure { margin: 1.5rem 0; } figcaption { font-size: .9rem; }
+:root { color-scheme: light dark; --page: #f6f6f3; --card: #fff; --ink: #1d2126; --muted: #5c6670; --line: #dcdcd6;
+  font: 16px/1.5 system-ui, sans-serif; }
+@media (prefers-color-scheme: dark) {
+  :root { --page: #15181c; --card: #1d2126; --ink: #e8e8e4; --muted: #a3adb7; --line: #343b43; }
+  img { filter: brightness(.86); }
+}
+body { max-width: 75rem; margin: 0 auto; padding: 1rem; background: var(--page); color: var(--ink);
+  overflow-wrap: anywhere; }
+h1 { font-size: 1.7rem; line-height: 1.2; } h2 { font-size: 1.2rem; break-after: avoid; }
+figure, .scroll { margin: 1rem 0; padding: .6rem; background: var(--card); border: 1px solid var(--line);
+  border-radius: .5rem; break-inside: avoid; }
+img { display: block; width: 100%; height: auto; background: white; border-radius: .4rem; }
+figcaption { margin-top: .4rem; font-size: .9rem; color: var(--muted); }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
+th, td { padding: .2rem .8rem .2rem 0; text-align: right; border-bottom: 1px solid var(--line);
+  overflow-wrap: normal; }
+th:first-child, td:first-child { text-align: left; overflow-wrap: anywhere; }
+@media (max-width: 40rem) { body { padding: .7rem; } th, td { padding-right: .4rem; font-size: .85rem; } }
+@media print { :root { color-scheme: light; --page: #fff; --card: #fff; --ink: #000; --muted: #444; }
+  img { filter: none; } }
 """
+#: As in report.html: nothing is loaded, nothing is sent; here nothing runs either.
+_POLICY = "default-src 'none'; script-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
 @one_blas_thread()
@@ -56,6 +73,7 @@ def write_match_page(path: Path | str, match: NonrigidMatch, target: Shape, sour
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in match.notes)
     page = f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{_POLICY}"><meta name="color-scheme" content="light dark">
 <title>{title}</title><style>{_STYLE}</style></head><body>
 <h1>{title}</h1>
 <p>Equal colours correspond. Confidence {match.confidence:.2f}; orientation {html.escape(match.orientation)};
@@ -116,10 +134,14 @@ def _figure(caption: str, target: Shape, source: Shape, point_map: IntArray) -> 
 
 
 def _table(match: NonrigidMatch) -> str:
-    head = "<tr><th>origin</th><th>score (lower is better)</th><th>orientation</th><th>energy</th></tr>"
+    columns = ("origin", "score (lower is better)", "orientation", "energy")
+    head = "<tr>" + "".join(f'<th scope="col">{column}</th>' for column in columns) + "</tr>"
     rows = "".join(
         f"<tr><td>{html.escape(c.origin)}</td><td>{c.evidence.score:.3f}</td>"
         f"<td>{html.escape(c.orientation)}</td><td>{c.energy:.3f}</td></tr>"
         for c in match.candidates
     )
-    return f"<table><thead>{head}</thead><tbody>{rows}</tbody></table>"
+    return (
+        '<div class="scroll" tabindex="0" role="region" aria-label="Candidates">'
+        f"<table><thead>{head}</thead><tbody>{rows}</tbody></table></div>"
+    )

@@ -18,7 +18,8 @@ def write(request: ExportRequest) -> tuple[Path, ...]:
 
     Local particles are samples in file coordinates, world particles the same in the common frame, and the alignment
     is the pose (16 numbers, row-major). Only labels that every shape has become particles; a particle file ends in a
-    line end, without which its last point would be lost.
+    line end, without which its last point would be lost. ShapeWorks reads every section as maps from text to
+    text (``JsonProjectReader``), so that numbers are written as text too.
     """
     view = request.view
     common = complete_labels(view)

@@ -22,7 +22,8 @@ def write(request: ExportRequest) -> tuple[Path, ...]:
     """Write ``NAME.mrk.json`` per shape; missing landmarks have the status ``undefined``.
 
     Coordinates are the mesh's own numbers, declared LPS: Slicer takes PLY and OBJ files without a declaration as LPS
-    too, so that landmarks and meshes coincide.
+    too, so that landmarks and meshes coincide. No unit is declared: neither the formats that are read here nor the
+    common frame say which one theirs is, and the schema does not ask for one.
     """
     labels, coordinates = request.landmarks()
     files = zip(file_stems(request.view.names), coordinates, strict=True)
@@ -47,7 +48,6 @@ def _markups(labels: tuple[str, ...], points: FloatArray) -> dict[str, Any]:
     markup = {
         "type": "Fiducial",
         "coordinateSystem": "LPS",
-        "coordinateUnits": "mm",
         "controlPoints": controls,
     }
     return {"@schema": SCHEMA, "markups": [markup]}

@@ -160,6 +160,37 @@ def test_shapeworks_project_holds_together(view: CollectionView, tmp_path: Path)
         np.testing.assert_allclose(local.reshape(-1, 3) @ T[:3, :3].T + T[:3, 3], world, rtol=1e-9, atol=1e-9)
 
 
+#: Columns that ShapeWorks knows (prefixes and their domain, by its sources of 2024, ``Libs/Project/ProjectReader.cpp`` and
+#: ``ProjectUtils.cpp``): those it needs to show poses and particles, and those that may stand beside them.
+SHAPEWORKS_KEYS = {"name", "shape_1", "groomed_1", "alignment_1", "local_particles_1", "world_particles_1"}
+SHAPEWORKS_PREFIXES = ("group_", "procrustes_", "landmarks_file_", "constraints_", "image_", "feature_")
+SHAPEWORKS_SECTIONS = {"data", "groom", "optimize", "studio", "project", "analysis", "deepssm", "landmarks"}
+
+
+def shapeworks_problems(project: dict[str, Any]) -> list[str]:
+    """What the reader of ShapeWorks would refuse or silently ignore: it reads every section as maps of strings."""
+    found = [f"section {name}" for name in project.keys() - SHAPEWORKS_SECTIONS]
+    found += [f"optimize {key}" for key, value in project["optimize"].items() if not isinstance(value, str)]
+    for entry in project["data"]:
+        found += [f"missing {key}" for key in SHAPEWORKS_KEYS - entry.keys()]
+        found += [
+            f"unknown {key}" for key in entry.keys() - SHAPEWORKS_KEYS if not key.startswith(SHAPEWORKS_PREFIXES)
+        ]
+        found += [f"no text {key}" for key, value in entry.items() if not isinstance(value, str)]
+        found += ["alignment"] * (len(entry.get("alignment_1", "").split()) != 16)
+    return found
+
+
+def test_shapeworks_project_follows_its_schema(view: CollectionView, tmp_path: Path) -> None:
+    project = json.loads(export(view, "shapeworks", tmp_path)[0].read_text())
+    assert shapeworks_problems(project) == []
+    wrong = json.loads(json.dumps(project))
+    wrong["data"][0]["alignment_1"] = "1 0 0"
+    wrong["data"][1]["extra"] = 3
+    del wrong["data"][2]["groomed_1"]
+    assert shapeworks_problems(wrong) == ["alignment", "unknown extra", "no text extra", "missing groomed_1"]
+
+
 @pytest.mark.parametrize("format", ["ply", "obj", "stl"])
 @pytest.mark.parametrize("space", ["aligned", "unscaled", "raw"])
 def test_meshes_by_trimesh(view: CollectionView, tmp_path: Path, format: str, space: Any) -> None:
