@@ -156,12 +156,12 @@ def pair_from_record(record: Record, name: str, target: int = 0, source: int = 1
         )
 
 
-def proof_to_record(proof: Proof, certificate: Certificate | None) -> Record:
-    """Return what was proven as a record, with a certificate where there is one; its bound may be the higher one."""
-    pose = proof.candidate
-    bounds = [proof.lower_bound] if certificate is None else [proof.lower_bound, certificate.bound]
+def proof_to_record(proof: Proof) -> Record:
+    """Return what was proven as a record; where there is a certificate, the bound is what that proves."""
+    pose, certificate = proof.candidate, proof.certificate
+    bound = proof.lower_bound if certificate is None else certificate.bound
     return {
-        "lower_bound": float(min(max(bounds), pose.energy)),
+        "lower_bound": float(min(bound, pose.energy)),
         "status": proof.status.name,
         "energy": float(pose.energy),
         "rotation": np.array(pose.R_target_source, dtype=np.float64),

@@ -10,14 +10,16 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import OptionsError
 from data_tools.threads import one_blas_thread
+from pairwise.branch_and_bound.record import make_certificate
 from pairwise.branch_and_bound.search import RotationSearch
+from pairwise.certificates.certificate import Certificate
 from pairwise.local.rotation_sets import rotation_set
 from pairwise.local.screening import screen
 from pairwise.problem.problem import Problem
@@ -46,6 +48,9 @@ class Proof:
     num_cells : int
         How many cells were bounded.
     time_s : float
+    certificate : Certificate or None
+        Where it was asked for: the leaves of the tree with what closes each, which
+        :func:`pairwise.verify_certificate` checks by code of its own.
     """
 
     lower_bound: float
@@ -55,6 +60,7 @@ class Proof:
     reflected_bound: float
     num_cells: int
     time_s: float
+    certificate: Certificate | None = None
 
     @property
     def is_chirality_proven(self) -> bool:
@@ -92,6 +98,7 @@ def prove(
     *,
     tol: float = 1e-3,
     time_limit_s: float | None = None,
+    record: bool = False,
 ) -> Proof:
     """Find the best pose and prove it to a tolerance, or say how far the proof has come.
 
@@ -105,6 +112,8 @@ def prove(
         Proven means a lower bound of at least ``(1 - tol)`` times the energy (plus 1e-9 of the problem's scale).
     time_limit_s : float, optional
         Stop about then; no limit by default.
+    record : bool
+        Write the proof down.
 
     Raises
     ------
@@ -115,7 +124,10 @@ def prove(
     deadline = deadline_of(started, tol, time_limit_s)
     rotations = [c.R_target_source for c in candidates]
     searches = searches_of(problem, np.array(rotations) if rotations else None, tol)
-    return finish(searches, started, deadline)
+    proof = finish(searches, started, deadline)
+    if record:
+        proof = replace(proof, certificate=make_certificate(problem, searches), time_s=time.monotonic() - started)
+    return proof
 
 
 def deadline_of(started: float, tol: float, time_limit_s: float | None) -> float:

@@ -57,7 +57,7 @@ class RotationSearch:
         self._settled_bound = np.inf
         self._evaluate = QuasiBounds(problem)
         whole = Cells.whole(problem.dim)
-        self._potentials = np.zeros((1, self._evaluate.num_columns))
+        self._pool, self._num_pooled = np.zeros((1, self._evaluate.num_columns)), 1
         self._open = OpenCells(
             cells=whole,
             radii=np.full(len(whole), np.pi),
@@ -65,6 +65,18 @@ class RotationSearch:
             sources=np.zeros(len(whole), dtype=np.int64),
         )
         self._collected = self._open.take(np.zeros(0, dtype=np.int64))
+        self._settled: list[OpenCells] = []
+
+    @property
+    def leaves(self) -> OpenCells:
+        """All cells that were not split; they tile the rotations."""
+        everything = self._open.join(self._collected)
+        return everything.join(*self._settled)
+
+    @property
+    def potentials(self) -> FloatArray:
+        """The pool of potentials that the cells' ``sources`` speak of, shape (t, N)."""
+        return self._pool[: self._num_pooled]
 
     @property
     def bound(self) -> float:
@@ -93,7 +105,9 @@ class RotationSearch:
     def collected(self, best: float) -> OpenCells:
         """Return the cells that hold all of these poses, and seek a better one inside them from now on."""
         found = self._open.join(self._collected)
-        found = found.take(np.flatnonzero(found.bounds < self.threshold(best)))
+        is_sought = found.bounds < self.threshold(best)
+        self._settled.append(found.take(np.flatnonzero(~is_sought)))
+        found = found.take(np.flatnonzero(is_sought))
         self._within, self._resolution_rad, self.is_stuck = 0.0, 0.0, False
         self._open, self._collected = found, found.take(np.zeros(0, dtype=np.int64))
         return found
@@ -128,7 +142,7 @@ class RotationSearch:
         chosen, rest = self._open.take(order[:batch]), self._open.take(order[batch:])
         children, starts = chosen.cells.split(), np.repeat(chosen.sources, 2)
         rotations, radii = children.balls()
-        found = self._evaluate(rotations, radii, self.threshold(best), self._potentials, starts)
+        found = self._evaluate(rotations, radii, self.threshold(best), self._pool, starts)
         self.num_cells += len(children)
         lowest = np.argsort(found.energies, kind="stable")[:_NUM_DESCENTS]
         lowest = lowest[found.energies[lowest] < self.energy]
@@ -141,8 +155,14 @@ class RotationSearch:
     def _keep(self, found: CellBounds, starts: IntArray) -> IntArray:
         """Add improved potentials to the pool and return the place of every cell's."""
         is_new = found.is_improved
-        places = np.where(is_new, len(self._potentials) + np.cumsum(is_new) - 1, starts)
-        self._potentials = np.concatenate([self._potentials, found.potentials[is_new]])
+        places = np.where(is_new, self._num_pooled + np.cumsum(is_new) - 1, starts)
+        end = self._num_pooled + int(is_new.sum())
+        if end > len(self._pool):
+            larger = np.empty((2 * end, self._pool.shape[1]))
+            larger[: self._num_pooled] = self.potentials
+            self._pool = larger
+        self._pool[self._num_pooled : end] = found.potentials[is_new]
+        self._num_pooled = end
         return places
 
     def _settle(self, best: float) -> None:
@@ -150,6 +170,7 @@ class RotationSearch:
         cells = self._open
         is_settled = cells.bounds >= self.threshold(best)
         self._settled_bound = min(self._settled_bound, float(cells.bounds[is_settled].min(initial=np.inf)))
+        self._settled.append(cells.take(np.flatnonzero(is_settled)))
         is_smallest = cells.cells.depths >= MAX_DEPTH
         is_small = ~is_settled & (is_smallest | (cells.radii <= self._resolution_rad))
         self.is_stuck |= bool((is_small & is_smallest).any())
@@ -186,11 +207,12 @@ class OpenCells:
             sources=self.sources[index],
         )
 
-    def join(self, other: OpenCells) -> OpenCells:
-        """Return these cells and the other ones."""
+    def join(self, *others: OpenCells) -> OpenCells:
+        """Return these cells and all other ones."""
+        parts = (self, *others)
         return OpenCells(
-            cells=join([self.cells, other.cells]),
-            radii=np.concatenate([self.radii, other.radii]),
-            bounds=np.concatenate([self.bounds, other.bounds]),
-            sources=np.concatenate([self.sources, other.sources]),
+            cells=join([part.cells for part in parts]),
+            radii=np.concatenate([part.radii for part in parts]),
+            bounds=np.concatenate([part.bounds for part in parts]),
+            sources=np.concatenate([part.sources for part in parts]),
         )

@@ -15,6 +15,7 @@ from data_tools.threads import one_blas_thread
 from pairwise.certificates.arrays import CertificateArrays, in_unit
 from pairwise.certificates.certificate import PARTIAL_ARRAYS, PROBLEM_ARRAYS, Certificate
 from pairwise.certificates.statement import cost_deviation, read_problem
+from pairwise.certificates.verify_cells import cells_bound
 from pairwise.certificates.verify_pm_sdp import pm_sdp_bound
 from pairwise.certificates.verify_tight import tight_bound
 from pairwise.problem.problem import Problem
@@ -29,6 +30,7 @@ _UNDERFLOW = 1e-100
 #: For every kind of certificate, what bounds a problem by its arrays. Both are in a unit in which the points have
 #: about size 1; the arrays must all be read. A kind is added here and nowhere else.
 VERIFIERS: dict[str, Callable[[Problem, CertificateArrays], float]] = {
+    "cells": cells_bound,
     "pm-sdp": pm_sdp_bound,
     "quaternion": tight_bound,
     "tight": tight_bound,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from data_tools.errors import InputError
 from pairwise import Certificate, Problem, verify_certificate
+from pairwise.branch_and_bound.prove import prove
 from pairwise.certificates.certificate import MAX_BYTES
 from pairwise.certificates.statement import read_problem
 from pairwise.certificates.verify import VERIFIERS, proven_bound
@@ -27,6 +29,7 @@ def problem() -> Problem:
 @pytest.fixture(scope="module")
 def proofs(problem) -> dict[str, Certificate]:
     return {
+        "cells": prove(problem, tol=1e-2, record=True).certificate,
         "pm-sdp": solve_pm_sdp(problem).certificate,
         "tight": solve_tight(problem, eliminate=False).certificate,
         "quaternion": solve_tight(problem, form="quaternion", eliminate=False).certificate,
@@ -62,7 +65,7 @@ def test_sums_do_not_lose_small_multipliers_beside_huge_ones(problem, proofs, ki
             assert dtype is np.float16  # overflows
 
 
-@pytest.mark.parametrize("kind", ["pm-sdp", "tight", "quaternion"])
+@pytest.mark.parametrize("kind", ["cells", "pm-sdp", "tight", "quaternion"])
 def test_a_certificate_in_single_precision_proves_what_its_numbers_prove(problem, proofs, kind) -> None:
     if kind == "pm-sdp":  # at convergence F is so close to singular that single precision makes it indefinite
         proofs = {kind: solve_pm_sdp(problem, max_iterations=4).certificate}
@@ -76,7 +79,7 @@ def test_a_certificate_in_single_precision_proves_what_its_numbers_prove(problem
     assert bound <= brute_force(problem).energy
 
 
-@pytest.mark.parametrize("kind", ["pm-sdp", "tight", "quaternion"])
+@pytest.mark.parametrize("kind", ["cells", "pm-sdp", "tight", "quaternion"])
 @pytest.mark.parametrize(
     ("name", "values"),
     [
@@ -96,7 +99,7 @@ def test_arrays_of_another_kind_are_refused(problem, proofs, kind, name, values)
         proven_bound(problem, kind, arrays)
 
 
-@pytest.mark.parametrize("kind", ["pm-sdp", "tight", "quaternion"])
+@pytest.mark.parametrize("kind", ["cells", "pm-sdp", "tight", "quaternion"])
 @pytest.mark.parametrize(
     "change",
     [
@@ -184,7 +187,7 @@ def test_numbers_that_overflow_prove_nothing(problem, proofs) -> None:
 @pytest.mark.parametrize("unit", [1e-60, 1e-12, 1.0, 1e12, 1e60])
 def test_every_unit_of_length_is_proven_alike(problem, unit) -> None:
     optimum = brute_force(problem).energy
-    for solve in (solve_pm_sdp, solve_tight):
+    for solve in (solve_pm_sdp, solve_tight, partial(prove, record=True)):
         scaled = replace(problem, target=unit * problem.target, source=unit * problem.source)
         result = solve(scaled)
         share = check(scaled, result.certificate) / unit / unit / optimum
