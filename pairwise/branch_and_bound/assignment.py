@@ -22,8 +22,6 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 
 #: Most rounds of the auction, of N bids each.
 _MOST_ROUNDS = 10
-#: What a row bids for its only column beyond what it is worth, relative to the costs.
-_ANY_PRICE = 1e3
 _EPS = float(np.finfo(np.float64).eps)
 
 
@@ -249,7 +247,7 @@ def _bid(costs: FloatArray, v: FloatArray, row_of: IntArray, free: IntArray, ste
         if holder >= 0:
             queue[end] = holder
             end += 1
-        v[best] -= (second - least if second < np.inf else _ANY_PRICE * abs(least)) + step
+        v[best] -= (second - least if second < np.inf else 0.0) + step
         row_of[best] = row
     return queue[first_free:end].copy()
 

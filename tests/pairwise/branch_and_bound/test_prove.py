@@ -30,6 +30,17 @@ def test_small_problems_are_proven_and_agree_with_brute_force(seed):
         assert brute_force(worse[0]).energy > pose.energy
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_points_with_a_single_candidate_do_not_spoil_the_potentials(seed):
+    rng = np.random.default_rng(seed)
+    target, source = rng.random((2, 5, 3))
+    target[:2], source[:1] = 0.0, 0.0
+    candidates = (rng.random((5, 5)) < 0.4) | np.eye(5, dtype=bool)
+    proof = prove(Problem.from_user(target, source, candidates=candidates), time_limit_s=20)
+    assert proof.status is Status.PROVEN_OPTIMAL
+    assert proof.num_cells < 20000
+
+
 def test_mirror_decisions_are_proven_only_where_there_is_one():
     target, source = planted_cube(10, 0.05, 4)
     chiral = prove(Problem.from_user(target, -source, group="O"))
