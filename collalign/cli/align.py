@@ -31,6 +31,7 @@ from data_tools.datasets.synthetic import PlantedCollection, demo_collection, wr
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import read_folder
+from data_tools.percent import percent
 from data_tools.rotations import rotation_angle_deg
 
 #: Exit code of a run that left shapes or pairs out.
@@ -180,7 +181,7 @@ def _doubtful(collection: AlignedCollection) -> list[str]:
     if not known.any():
         return []
     order = np.argsort(np.where(known, collection.confidence, -1.0), kind="stable")
-    words = [f"{c:.2f}" if sure else "unknown" for c, sure in zip(collection.confidence, known, strict=True)]
+    words = [percent(confidence) for confidence in collection.confidence]
     return [f"{collection.names[i]} ({words[i]})" for i in order if not collection.confidence[i] >= DOUBT]
 
 

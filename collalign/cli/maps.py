@@ -19,6 +19,7 @@ from collalign.products.shapes import Excluded
 from collalign.stages.maps import MapOptions, match_surfaces, read_pairs
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
+from data_tools.percent import percent
 
 
 def maps(
@@ -53,7 +54,7 @@ def maps(
             if isinstance(one, Excluded):
                 print(f"Left out: {one.file}: {one.reason}", file=sys.stderr)
                 continue
-            print(f"{target.name} <- {source.name}: confidence {one.confidence:.2f}")
+            print(f"{target.name} <- {source.name}: confidence {percent(one.confidence)}")
             write_atomic(output.stage(f"{target.stem}__{source.stem}.npz"), one.npz)
             write_atomic(output.stage(f"{target.stem}__{source.stem}.txt"), one.text)
         output.publish(complete=True)

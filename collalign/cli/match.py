@@ -23,6 +23,7 @@ from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
 from data_tools.options import CleaningOptions
+from data_tools.percent import percent
 from pairwise.dense.refine import RefinedPose
 from pairwise.match import match_problem
 from pairwise.options import DenseOptions
@@ -95,7 +96,9 @@ def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOpti
         _draw_nonrigid(result, target, source, output)
         written = output.publish()
     best = result.candidates[0]
-    print(f"{result.source_name} -> {result.target_name}: confidence {result.confidence:.2f}, {best.orientation}")
+    print(
+        f"{result.source_name} -> {result.target_name}: confidence {percent(result.confidence)}, {best.orientation}"
+    )
     print(f"{result.bijectivity:.0%} of the samples come back near themselves; {len(result.candidates)} candidates")
     for note in result.notes:
         print(f"Note: {note}")

@@ -14,6 +14,7 @@ from collalign.nonrigid.pictures import draw_match
 from collalign.nonrigid.result import NonrigidCandidate, NonrigidMatch
 from data_tools.arrays import IntArray
 from data_tools.io.files import write_atomic
+from data_tools.percent import percent
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
@@ -76,7 +77,7 @@ def write_match_page(path: Path | str, match: NonrigidMatch, target: Shape, sour
 <meta http-equiv="Content-Security-Policy" content="{_POLICY}"><meta name="color-scheme" content="light dark">
 <title>{title}</title><style>{_STYLE}</style></head><body>
 <h1>{title}</h1>
-<p>Equal colours correspond. Confidence {match.confidence:.2f}; orientation {html.escape(match.orientation)};
+<p>Equal colours correspond. Confidence {percent(match.confidence)}; orientation {html.escape(match.orientation)};
 {match.bijectivity:.0%} of the samples come back near themselves by map and inverse.
 {html.escape(match.status.value)}</p>
 <ul>{notes}</ul>

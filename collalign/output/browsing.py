@@ -17,6 +17,7 @@ from collalign.products.collection import DOUBT
 from collalign.products.pair import Alternative, Pair
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import CollalignError, InputError, OptionsError, UnavailableError
+from data_tools.percent import percent
 from data_tools.surface.shape import Shape
 
 #: Shapes that a notebook shows by themselves, drawn and in a table.
@@ -239,6 +240,6 @@ def _html_table(shapes: Iterable[AlignedShape]) -> str:
 
 def _cells(shape: AlignedShape) -> tuple[str, str, str]:
     row: Mapping[str, Any] = _shape_row(shape)
-    confidence = "unknown" if np.isnan(shape.confidence) else f"{shape.confidence:.2f}"
+    confidence = percent(shape.confidence)
     said = ", ".join(word for word in ("doubtful", "mirrored") if row[word])
     return html.escape(shape.name), confidence, said

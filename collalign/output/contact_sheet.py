@@ -12,6 +12,7 @@ import numpy as np
 from collalign.output.evidence.display_mesh import display_mesh
 from collalign.products.collection import DOUBT
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.percent import percent
 from data_tools.surface.shape import Shape
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
         if not np.isnan(tile.confidence):
             right = corner[0] + 2.0 - _MARGIN
             axes.text(
-                right, corner[1] + 1.0, f"{tile.confidence:.2f}", ha="right", color=_colour(tile.confidence), **words
+                right, corner[1] + 1.0, percent(tile.confidence), ha="right", color=_colour(tile.confidence), **words
             )
     _draw(axes, [panel for panel in panels if panel.faces])
     for panel in panels:

@@ -160,8 +160,8 @@ def test_shapeworks_project_holds_together(view: CollectionView, tmp_path: Path)
         np.testing.assert_allclose(local.reshape(-1, 3) @ T[:3, :3].T + T[:3, 3], world, rtol=1e-9, atol=1e-9)
 
 
-#: Columns that ShapeWorks knows (prefixes and their domain, by its sources of 2024, ``Libs/Project/ProjectReader.cpp`` and
-#: ``ProjectUtils.cpp``): those it needs to show poses and particles, and those that may stand beside them.
+#: Columns that ShapeWorks knows (``Libs/Project/ProjectReader.cpp`` and ``ProjectUtils.cpp`` of its sources, commits
+#: 13b61921 and 087cc66e): those it needs to show poses and particles, and those that may stand beside them.
 SHAPEWORKS_KEYS = {"name", "shape_1", "groomed_1", "alignment_1", "local_particles_1", "world_particles_1"}
 SHAPEWORKS_PREFIXES = ("group_", "procrustes_", "landmarks_file_", "constraints_", "image_", "feature_")
 SHAPEWORKS_SECTIONS = {"data", "groom", "optimize", "studio", "project", "analysis", "deepssm", "landmarks"}

@@ -20,5 +20,5 @@ export function posed(app, index, R, look = {}) {
 }
 
 export function percent(confidence) {
-  return `${Math.floor(100 * confidence)} %`;
+  return `${Math.floor(100 * confidence + 1e-9)} %`;
 }

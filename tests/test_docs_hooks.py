@@ -1,0 +1,34 @@
+"""The documentation's equations and roles, as mkdocs writes them."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("latex2mathml", reason="the extra docs is not installed")
+FOLDER = Path(__file__).resolve().parents[1]
+PAGE = (
+    r'<span class="arithmatex">\(a &lt; b\)</span> <div class="arithmatex">\[ x^2 \]</div> '
+    ":func:<code>~match</code>"
+)
+
+
+def test_equations_become_mathml_and_roles_plain_code() -> None:
+    spec = importlib.util.spec_from_file_location("hooks", FOLDER / "docs" / "hooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    hooks = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hooks)
+    found = hooks.on_page_content(PAGE)
+    assert found.count("<math") == 2
+    assert 'display="block"' in found
+    assert found.endswith(" <code>match</code>")
+    assert "arithmatex" not in found
+
+
+def test_nothing_of_the_site_comes_from_elsewhere() -> None:
+    settings = (FOLDER / "mkdocs.yml").read_text(encoding="utf-8")
+    assert "http" not in settings
+    assert "font: false" in settings
