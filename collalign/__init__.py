@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from collalign.engine.options import RunOptions
     from collalign.extend import add_to_collection
     from collalign.nonrigid import match_shapes
-    from collalign.options import AlignOptions
+    from collalign.options import AlignOptions, TwoShapeOptions
+    from collalign.rigid import RigidMatch, match_rigid
     from collalign.synchronization import synchronize
     from collalign.transfer import transfer_landmarks
 
@@ -26,11 +27,14 @@ __all__ = [
     "AlignOptions",
     "AlignedCollection",
     "LoadedCollection",
+    "RigidMatch",
     "RunOptions",
+    "TwoShapeOptions",
     "add_to_collection",
     "align_collection",
     "dense_correspondence",
     "load",
+    "match_rigid",
     "match_shapes",
     "synchronize",
     "transfer_landmarks",
@@ -41,11 +45,14 @@ _HOMES = {
     "AlignOptions": "collalign.options",
     "AlignedCollection": "collalign.collection",
     "LoadedCollection": "collalign.collection",
+    "RigidMatch": "collalign.rigid",
     "RunOptions": "collalign.engine.options",
+    "TwoShapeOptions": "collalign.options",
     "add_to_collection": "collalign.extend",
     "align_collection": "collalign.align",
     "dense_correspondence": "collalign.dense",
     "load": "collalign.collection",
+    "match_rigid": "collalign.rigid",
     "match_shapes": "collalign.nonrigid",
     "synchronize": "collalign.synchronization",
     "transfer_landmarks": "collalign.transfer",

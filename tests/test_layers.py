@@ -79,6 +79,7 @@ ROOMS = {
     "align": {"collection", "engine", "options", "products", "stages"},
     "extend": {"align", "collection", "engine", "options", "output", "products"},
     "batch": {"engine", "options", "stages"},
+    "rigid": {"options", "stages"},
     "dense": {"engine", "options", "output", "products", "registration", "stages"},
     "transfer": {"dense", "engine", "landmarks", "output", "products", "registration"},
 }

@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
-import json
+import json as json_text
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 from cyclopts import Parameter
+from scipy.spatial import cKDTree
 
 from collalign.nonrigid import NonrigidOptions, SurfaceOptions, match_shapes
 from collalign.nonrigid.page import vertices_map, write_match_page
 from collalign.nonrigid.pictures import draw_match
 from collalign.nonrigid.result import NonrigidMatch
 from collalign.options import TwoShapeOptions
-from collalign.stages.pairs.match import pair_problem
-from collalign.stages.poses.refinement import dense_points
-from collalign.stages.shapes import sample_file, shape_task
-from data_tools.arrays import FloatArray
-from data_tools.embedding.embedding import Samples
+from collalign.rigid import RigidMatch, match_rigid
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
 from data_tools.options import CleaningOptions
 from data_tools.percent import percent
-from pairwise.dense.refine import RefinedPose
-from pairwise.match import match_problem
+from data_tools.rotations import rotation_angle_deg
 from pairwise.options import DenseOptions
-from pairwise.results import Candidate, MatchResult
+from pairwise.status import Status
 
 #: The command whose files these are, in the manifest of an output folder.
 WRITER = "match"
@@ -39,6 +34,7 @@ def match(
     source: Path,
     *,
     out: Path | None = None,
+    json: Annotated[bool, Parameter(negative=())] = False,
     nonrigid: Annotated[bool, Parameter(negative=())] = False,
     num_matches: int | None = None,
     unmatched_penalty: float | None = None,
@@ -57,8 +53,10 @@ def match(
     target, source
         Two mesh or point cloud files; the result takes the source to the target.
     out
-        Folder for the result: match.json, or map.npz, map.txt, map.png and map.html. A pose is printed as well;
-        its first "transform" is the answer, those of the candidates are about the samples alone.
+        Folder for the result: match.json and match.png, or map.npz, map.txt, map.png and map.html. In match.json the
+        first "transform" is the answer, those of the candidates are about the samples alone.
+    json
+        Print match.json instead of a summary.
     nonrigid
         Match deformable shapes; the options of deformation and surface belong to this.
     num_matches
@@ -68,22 +66,44 @@ def match(
     """
     if nonrigid:
         return _match_nonrigid(target, source, out or Path("."), deformation, surface)
-    samples = [sample_file(shape_task(file, file.stem, options)) for file in (target, source)]
-    problem = pair_problem(
-        samples[0], samples[1], options.group, num_matches=num_matches, unmatched_penalty=unmatched_penalty
+    found = match_rigid(
+        target, source, num_matches=num_matches, unmatched_penalty=unmatched_penalty, options=options, dense=dense
     )
-    clouds = None
-    if options.refine and options.sampling.num_dense_points:
-        clouds = dense_points(samples[0]), dense_points(samples[1])
-    result = match_problem(problem, options.seeded(), dense=clouds, dense_options=dense)
-    text = json.dumps(_record(target, source, samples, result), indent=1)
-    print(text)
+    text = json_text.dumps(found.record(), indent=1)
+    print(text if json else _summary(found))
     if out is not None:
         with OutputFolder.open(out, writer=WRITER) as output:
             output.stage("match.json").write_text(text, encoding="utf-8")
-            (path,) = output.publish()
-        print(path)
+            _draw_rigid(found, target, source, output, options.cleaning)
+            for path in output.publish():
+                print(path)
     return 0
+
+
+def _summary(found: RigidMatch) -> str:
+    """Return five lines: the pose, what stands against it, and the transform."""
+    poses = found.result.candidates
+    words = f"{found.source.name} -> {found.target.name}: energy {poses[0].energy:.4g}"
+    words += ", mirrored" if poses[0].reflected else ""
+    words += ", proven to be the best pose" if found.result.status is Status.PROVEN_OPTIMAL else ""
+    if len(poses) > 1:
+        first, other = (pose.R_target_source[:3, :3] for pose in poses[:2])
+        turned = (
+            "mirrored"
+            if poses[0].reflected != poses[1].reflected
+            else f"{rotation_angle_deg(first.T @ other):.0f} deg away"
+        )
+        words += f"; the next best of {len(poses)} poses: {poses[1].energy:.4g}, {turned}"
+    return "\n".join([words, *("".join(f"{value:14.6g}" for value in row) for row in found.transform)])
+
+
+def _draw_rigid(
+    found: RigidMatch, target: Path, source: Path, output: OutputFolder, cleaning: CleaningOptions
+) -> None:
+    """Stage a picture of both shapes in one pose, equal colours where they come to lie on each other."""
+    left, right = (read_shape(file, cleaning) for file in (target, source))
+    nearest = cKDTree(left.vertices).query(right.transformed(found.transform).vertices)[1]
+    draw_match(output.stage("match.png"), left, right, nearest)
 
 
 def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOptions, surface: SurfaceOptions) -> int:
@@ -114,51 +134,3 @@ def _draw_nonrigid(result: NonrigidMatch, target: Path, source: Path, output: Ou
     point_map = vertices_map(result.point_map_target_source, left, right)
     draw_match(output.stage("map.png"), left, right, point_map)
     write_match_page(output.stage("map.html"), result, left, right)
-
-
-def _record(target: Path, source: Path, samples: list[Samples], result: MatchResult) -> dict[str, Any]:
-    """Return the result with poses as 4 x 4 transforms from the source file's coordinates to the target file's."""
-    to, of = samples
-    return {
-        "target": str(target),
-        "source": str(source),
-        "status": result.status.name,
-        "advice": result.status.value,
-        "energy": result.energy,
-        "lower_bound": None if np.isnan(result.lower_bound) else result.lower_bound,
-        "transform": _transform(to, of, result.refined or result.candidates[0]).tolist(),
-        "candidates": [
-            {
-                "transform": _transform(to, of, candidate).tolist(),
-                "energy": candidate.energy,
-                "refined": None if candidate.refined is None else _refined(to, of, candidate.refined),
-                "reflected": candidate.reflected,
-                "map_target_source": [
-                    int(to.vertex_indices[i]) if i >= 0 else -1 for i in candidate.map_target_source
-                ],
-            }
-            for candidate in result.candidates
-        ],
-        "source_vertices": of.vertex_indices.tolist(),
-    }
-
-
-def _refined(to: Samples, of: Samples, pose: RefinedPose) -> dict[str, Any]:
-    """Return what the dense samples say of a candidate: mean costs per point before and after refinement."""
-    return {
-        "transform": _transform(to, of, pose).tolist(),
-        "initial_energy": pose.initial_energy,
-        "energy": pose.energy,
-        "iterations": pose.iterations,
-        "status": pose.status.name,
-    }
-
-
-def _transform(to: Samples, of: Samples, pose: Candidate | RefinedPose) -> FloatArray:
-    """Return x -> scale_to * (scale * R (x - offset_of) / scale_of + shift) + offset_to as a 4 x 4 matrix."""
-    linear = pose.R_target_source[:3, :3] * (pose.scale * to.scale / of.scale)
-    shift = np.zeros(3) if pose.translation is None else to.scale * pose.translation[:3]
-    transform = np.eye(4)
-    transform[:3, :3] = linear
-    transform[:3, 3] = to.offset + shift - linear @ of.offset
-    return transform

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -16,7 +15,8 @@ from collalign.nonrigid.refine import dense_point_maps
 from collalign.nonrigid.result import NonrigidCandidate, NonrigidMatch
 from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import IntArray, read_only
-from data_tools.errors import InputError, OptionsError
+from data_tools.errors import InputError
+from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.threads import one_blas_thread
 
 #: Difference of scores at which the better candidate is taken to be right e times as often as the other.
@@ -31,10 +31,9 @@ ENERGY_DIM = 30
 
 @one_blas_thread()
 def match_shapes(
-    target_file: Path | str,
-    source_file: Path | str,
+    target: ShapeLike,
+    source: ShapeLike,
     *,
-    nonrigid: bool = True,
     options: NonrigidOptions | None = None,
     surface_options: SurfaceOptions | None = None,
 ) -> NonrigidMatch:
@@ -42,10 +41,8 @@ def match_shapes(
 
     Parameters
     ----------
-    target_file, source_file : Path or str
-        Meshes or point clouds; vertex indices are those of the files.
-    nonrigid : bool
-        Must be true here; rigid poses are the task of :func:`pairwise.match.match`.
+    target, source : file, array (n, 3), pair (V, F), or trimesh or Open3D object
+        Vertex indices are those of the shapes as given. Rigid poses: :func:`collalign.match_rigid`.
     options : NonrigidOptions, optional
     surface_options : SurfaceOptions, optional
 
@@ -56,22 +53,21 @@ def match_shapes(
     Raises
     ------
     InputError
-        If a file cannot be read or is too small for the functions asked for.
-    OptionsError
-        If ``nonrigid`` is false.
+        If a shape cannot be read or is too small for the functions asked for.
 
     Examples
     --------
-    >>> result = match_shapes("sitting.off", "standing.off")  # doctest: +SKIP
-    >>> result.point_map_target_source                        # doctest: +SKIP
+    >>> from data_tools.datasets.synthetic_shapes import figure
+    >>> body = figure(resolution=1)
+    >>> small = SurfaceOptions(num_functions=30, num_dense=100)
+    >>> len(match_shapes(body, body, surface_options=small).point_map_target_source) == len(body.vertices)
+    True
     """
-    if not nonrigid:
-        raise OptionsError("match_shapes: rigid poses come from pairwise.match, or from collalign match A B")
     started = time.perf_counter()
-    target = prepare_file(target_file, surface_options)
-    source = prepare_file(source_file, surface_options)
+    to = prepare_file(as_origin(target, "target"), surface_options)
+    of = prepare_file(as_origin(source, "source"), surface_options)
     prepared = time.perf_counter() - started
-    return match_prepared(target, source, options, prepared_s=prepared)
+    return match_prepared(to, of, options, prepared_s=prepared)
 
 
 @one_blas_thread()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 from collalign.nonrigid.options import SurfaceOptions
 from collalign.nonrigid.surface.spectral import SpectralShape, prepare_surface
 from collalign.nonrigid.symmetry import self_maps
 from data_tools.io.shapes import read_shape
+from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
@@ -32,7 +32,7 @@ def prepare_shape(shape: Shape, options: SurfaceOptions | None = None) -> Spectr
 
 @one_blas_thread()
 def prepare_file(
-    file: Path | str, options: SurfaceOptions | None = None, *, digest: str | None = None
+    file: Origin | str, options: SurfaceOptions | None = None, *, digest: str | None = None
 ) -> SpectralShape:
     """Read and prepare a file: any mesh or point cloud that :func:`data_tools.io.shapes.read_shape` reads.
 

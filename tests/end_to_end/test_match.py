@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from collalign import TwoShapeOptions, match_rigid
 from collalign.cli import main
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 
@@ -30,10 +32,27 @@ def test_rigid_match_prints_and_writes_the_transform(
     target, source, turn = files
     assert main(["match", str(target), str(source), "--out", str(tmp_path / "out")]) == 0
     record = json.loads((tmp_path / "out" / "match.json").read_text())
-    assert json.loads(capsys.readouterr().out.rsplit("}", 1)[0] + "}") == record
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].startswith("b -> a: energy")
+    np.testing.assert_allclose(
+        [[float(word) for word in line.split()] for line in printed[1:5]], record["transform"], rtol=1e-4
+    )
+    assert printed[5:] == [str(tmp_path / "out" / name) for name in ("match.json", "match.png")]
     transform = np.array(record["candidates"][0]["transform"])
     assert rotation_angle_deg(transform[:3, :3] * 3.0, turn) < 2.0
     assert np.linalg.det(transform[:3, :3]) == pytest.approx(1 / 27, rel=0.05)
+
+
+def test_objects_match_like_their_files(files: tuple[Path, Path, np.ndarray]) -> None:
+    few = TwoShapeOptions(sampling=SamplingOptions(num_points=16))
+    from_files = match_rigid(*files[:2], options=few)
+    first, second = (read_shape(file) for file in files[:2])
+    from_memory = match_rigid(first, (second.vertices, second.faces), options=few)
+    np.testing.assert_array_equal(from_memory.transforms, from_files.transforms)
+    np.testing.assert_array_equal(from_memory.transform, from_memory.transforms[0])
+    assert rotation_angle_deg(from_memory.transform[:3, :3] * 3.0, files[2]) < 1.0
+    assert (from_memory.source_file, from_files.source_file) == ("", str(files[1]))
+    assert repr(from_files).startswith("<RigidMatch: b on a, energy")
 
 
 def test_the_answer_is_refined_on_dense_samples(files: tuple[Path, Path, np.ndarray], tmp_path: Path) -> None:
@@ -85,7 +104,7 @@ def test_partial_match_leaves_samples_out(
     files: tuple[Path, Path, np.ndarray], capsys: pytest.CaptureFixture[str]
 ) -> None:
     target, source, _ = files
-    flags = ["--num-matches", "12", "--sampling.num-points", "20", "--embedding.kind", "xyz"]
+    flags = ["--json", "--num-matches", "12", "--sampling.num-points", "20", "--embedding.kind", "xyz"]
     assert main(["match", str(target), str(source), *flags]) == 0
     found = json.loads(capsys.readouterr().out)["candidates"][0]["map_target_source"]
     assert sum(vertex >= 0 for vertex in found) == 12

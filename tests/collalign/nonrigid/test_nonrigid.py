@@ -17,7 +17,7 @@ from data_tools.datasets.public import read_registered_archive
 from data_tools.datasets.synthetic import bent, mirrored, point_cloud, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.shapes import write_mesh
+from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments.maps.evaluation import MapEvaluator
@@ -110,8 +110,9 @@ def test_files_in_files_out(tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray
         assert np.array_equal(stored["point_map_target_source"], match.point_map_target_source)
         assert len(stored["candidate_maps"]) == len(match.candidates)
     assert np.array_equal(np.loadtxt(text, dtype=np.int64), match.point_map_target_source)
-    with pytest.raises(OptionsError, match="pairwise"):
-        match_shapes(*files, nonrigid=False)
+    target, source = (read_shape(file) for file in files)
+    again = match_shapes(target, (source.vertices, source.faces), options=QUICK, surface_options=SMALL)
+    assert np.array_equal(again.point_map_target_source, match.point_map_target_source)
 
 
 def test_loose_parts_have_no_counterpart(pair: tuple[Shape, Shape, np.ndarray]) -> None:
