@@ -18,6 +18,7 @@ from data_tools.io.shapes import read_shape
 from data_tools.io.source import location
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
+from data_tools.threads import one_blas_thread
 
 
 class AlignedCollection(Browsable, Collection):
@@ -91,6 +92,7 @@ class LoadedCollection(Browsable, CollectionView):
         return read_shape(self.folder / MESH_FOLDER / f"{stem}.ply", as_written, name=self.names[at])
 
 
+@one_blas_thread()
 def load(folder: str | Path) -> LoadedCollection:
     """Read the result that ``collalign align`` or :meth:`AlignedCollection.save` wrote.
 

@@ -20,8 +20,10 @@ from collalign.stages.dense import PosedFile, correspond
 from data_tools.errors import InputError
 from data_tools.io.source import hash_source
 from data_tools.options import CleaningOptions
+from data_tools.threads import one_blas_thread
 
 
+@one_blas_thread()
 def dense_correspondence(
     result: str | Path,
     *,

@@ -23,8 +23,10 @@ from data_tools.errors import InputError
 from data_tools.io.landmarks import Landmarks, read_landmarks, specimen_of
 from data_tools.io.shapes import read_shape
 from data_tools.surface.closest import SurfaceLocator
+from data_tools.threads import one_blas_thread
 
 
+@one_blas_thread()
 def transfer_landmarks(
     result: str | Path,
     landmarks: Mapping[str, Landmarks] | Sequence[str | Path],

@@ -99,8 +99,9 @@ CALIBRATIONS = {
     "confidence": Calibration(
         module="collalign.stages.trust.model",
         constants={
+            "AGREEMENT_WEIGHT": trust_model.AGREEMENT_WEIGHT,
+            "MARGIN_WEIGHT": trust_model.MARGIN_WEIGHT,
             "CONSTANT": trust_model.CONSTANT,
-            **{f"WEIGHTS[{name}]": float(w) for name, w in zip(trust_model.TERMS, trust_model.WEIGHTS, strict=True)},
         },
         measure=measure_weights,
         collections=(*COLLECTIONS, *(name for name, family in FAMILIES.items() if not family.symmetric)),

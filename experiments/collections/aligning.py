@@ -114,7 +114,7 @@ def candidate_errors_deg(aligned: AlignedCollection, posed: PosedCollection) -> 
     errors = np.full((len(aligned.pairs), 2), np.nan)
     for row, pair in enumerate(aligned.pairs):
         true = posed.relative[index[pair.target], index[pair.source]]
-        found = rotation_angle_deg(pair.rotations, np.tile(true, (len(pair.rotations), 1, 1)))
+        found = rotation_angle_deg(pair.rotations[:, :3, :3], np.tile(true, (len(pair.rotations), 1, 1)))
         errors[row] = found[0], np.nan if np.isnan(found).all() else np.nanmin(found)
     return errors
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.stages.trust.model import TERMS, terms
+from collalign.stages.trust.model import terms
 from data_tools.arrays import BoolArray, FloatArray
 from experiments.confidence.draws import measure_collection
 from experiments.experiment import Cell
@@ -18,6 +18,8 @@ RIDGE = 3.0
 #: Every collection counts as if it had this many shapes.
 COLLECTION_WEIGHT = 50.0
 _NUM_STEPS = 50
+#: Agreement and margin.
+NUM_TERMS = 2
 #: Runs of each collection, and their seed: another one than that of the experiment.
 CALIBRATION_RUNS, CALIBRATION_SEED = 4, 7
 
@@ -37,16 +39,16 @@ def fit_weights(evidence: FloatArray, right: BoolArray, kind: FloatArray) -> tup
 
     Returns
     -------
-    weights : ndarray, shape (len(TERMS),)
+    weights : ndarray, shape (NUM_TERMS,)
     constant : float
     """
     seen = terms(evidence)
     centre, spread = seen.mean(axis=0), np.maximum(seen.std(axis=0), 1e-9)
     _, which, counts = np.unique(kind, return_inverse=True, return_counts=True)
     trust = (COLLECTION_WEIGHT / counts)[which]
-    used = np.ones(len(TERMS), dtype=bool)
+    used = np.ones(NUM_TERMS, dtype=bool)
     while True:
-        weights = np.zeros(len(TERMS))
+        weights = np.zeros(NUM_TERMS)
         weights[used], constant = _newton(((seen - centre) / spread)[:, used], right, trust)
         if not (weights < 0).any():
             break
@@ -60,7 +62,7 @@ def measure_weights(data: Path, collections: Sequence[str]) -> dict[str, float]:
     shared = {"seed": CALIBRATION_SEED, "runs": CALIBRATION_RUNS}
     records = {kind: measure_collection(Cell(data=data, settings={"kind": kind, **shared})) for kind in collections}
     weights, constant = fit_weights(*training_rows(records))
-    return {"CONSTANT": constant, **{f"WEIGHTS[{name}]": float(w) for name, w in zip(TERMS, weights, strict=True)}}
+    return {"AGREEMENT_WEIGHT": float(weights[0]), "MARGIN_WEIGHT": float(weights[1]), "CONSTANT": constant}
 
 
 def _newton(columns: FloatArray, right: BoolArray, trust: FloatArray) -> tuple[FloatArray, float]:

@@ -1,4 +1,9 @@
-"""From evidence to the probability that a pose is right: a logistic model, small enough to read."""
+"""From evidence to the probability that a pose is right: a logistic model, small enough to read.
+
+It weighs two things. *Agreement* is the geometric mean of a shape's own votes and those of its collection: a shape
+that its own pairs contradict is wrong in the best of collections, and votes mean little where all pairs contradict
+each other. *Margin* is what the cheapest other pose costs more on dense points.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +12,13 @@ import numpy as np
 from collalign.products.trust import KINDS, Trust
 from data_tools.arrays import FloatArray
 
-#: What the model weighs: the geometric mean of a shape's own votes and those of its collection (a shape that its own
-#: pairs contradict is wrong in the best of collections, and votes mean little where all pairs contradict each other),
-#: and the margin over the cheapest other pose.
-TERMS = ("agreement", "margin")
-#: Limits of each term: beyond them nothing was seen when the weights were fitted.
+#: Limits of agreement and margin: beyond them nothing was seen when the weights were fitted.
 LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8)])
-#: Weights of the terms, and the constant: fitted on 1270 shapes of 79 runs over eleven real and ten generated
+#: Their weights, and the constant: fitted on 1270 shapes of 79 runs over eleven real and ten generated
 #: collections, as ``python -m experiments calibrate confidence`` does again. With each collection judged by weights
 #: fitted without it, 99.0 % of the shapes at .95 or more were right (in every collection at least 94 %); the
 #: calibration error was .035, right shapes ranked above wrong ones of the same run in 76 %.
-WEIGHTS = np.array([9.33, 3.46])
-CONSTANT = -4.6
+AGREEMENT_WEIGHT, MARGIN_WEIGHT, CONSTANT = 9.33, 3.46, -4.6
 #: A rival whose excess is below this is as good as the reported pose: half turns of boxes, cylinders and spheres.
 TIED = 0.02
 #: No confidence is stated beyond this: the model itself may be wrong.
@@ -26,7 +26,7 @@ MOST_CONFIDENT = 0.995
 
 
 def terms(evidence: FloatArray) -> FloatArray:
-    """Return what the model weighs, shape (N, len(TERMS)); NaN where nothing is known.
+    """Return what the model weighs, shape (N, 2); NaN where nothing is known.
 
     Parameters
     ----------
@@ -38,14 +38,14 @@ def terms(evidence: FloatArray) -> FloatArray:
 
 
 def probability(evidence: FloatArray) -> FloatArray:
-    """Return the probability that poses with this evidence are right, shape (N,); 0 where nothing is known.
+    """Return the probability that poses with this evidence are right, shape (N,); NaN where nothing is known.
 
     Parameters
     ----------
     evidence : ndarray, shape (N, len(KINDS))
     """
-    chance = 1.0 / (1.0 + np.exp(-(terms(evidence) @ WEIGHTS + CONSTANT)))
-    return np.where(np.isnan(chance), 0.0, np.minimum(chance, MOST_CONFIDENT))
+    score = terms(evidence) @ [AGREEMENT_WEIGHT, MARGIN_WEIGHT] + CONSTANT
+    return np.asarray(np.minimum(1.0 / (1.0 + np.exp(-score)), MOST_CONFIDENT))
 
 
 def pose_confidence(trust: Trust) -> FloatArray:
