@@ -77,7 +77,8 @@ def test_tasks_that_kill_workers_cost_only_themselves(cluster: Any) -> None:
     assert results.keys() == dict(tasks).keys()
     assert all(results[f"r{i}"].value == i for i in range(20))
     assert {key for key, result in results.items() if result.failure} == {"raise", "segfault", "fill"}
-    assert {key for key, result in results.items() if result.crashed} == {"segfault"}
+    # Memory is about the machine: another run may succeed.
+    assert {key for key, result in results.items() if result.crashed} == {"segfault", "fill"}
 
 
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
