@@ -66,8 +66,6 @@ class RotationPattern:
             return pattern
         mask, first = _mask_from_user(pattern, dim)
         special = ((0, first),) if group == "SO" else ()
-        if (mask[:first, first:] | mask[first:, :first].T).any():
-            raise InputError("rotation_pattern: the rotation block is not separate from the rest")
         if np.linalg.matrix_rank(_random_filling(mask)) < dim:
             raise InputError("rotation_pattern: every matrix with these non-zero entries is singular")
         return cls(read_only(mask), special)

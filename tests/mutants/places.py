@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from tests.mutants.branch_and_bound import BRANCH_AND_BOUND
 from tests.mutants.collections import COLLECTIONS, ENGINE, NONRIGID, SHAPES
 from tests.mutants.proofs import MATCHING, VERIFIERS
+from tests.mutants.trust import TRUST
 
-MUTANTS = (*VERIFIERS, *MATCHING, *COLLECTIONS, *ENGINE, *NONRIGID, *SHAPES)
+MUTANTS = (*VERIFIERS, *MATCHING, *BRANCH_AND_BOUND, *COLLECTIONS, *TRUST, *ENGINE, *NONRIGID, *SHAPES)

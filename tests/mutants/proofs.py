@@ -206,18 +206,15 @@ MATCHING: tuple[Mutant, ...] = (
     ),
     *faults(
         "pairwise/problem/pattern.py",
-        ("tests/pairwise/problem/test_problem.py", "tests/pairwise/test_match.py"),
+        ("tests/pairwise/problem/test_problem.py",),
         ("_set_determinants", "* wanted < 0", "* wanted > 0"),
-        (
-            "RotationPattern.from_user",
-            "(mask[:first, first:] | mask[first:, :first].T).any()",
-            "mask[:first, first:].any()",
-        ),
+        ("RotationPattern.from_user", "((0, first),) if", "((0, dim),) if"),
+        ("RotationPattern.from_user", "np.linalg.matrix_rank(_random_filling(mask)) < dim", "False"),
         ("_mask_from_user", "np.abs(offsets) <= pattern", "np.abs(offsets) < pattern"),
     ),
     *faults(
         "pairwise/candidates.py",
-        ("tests/pairwise/test_candidates.py", "tests/pairwise/test_match.py"),
+        ("tests/pairwise/test_candidates.py",),
         ("rank", "or c is firsts[c.reflected]", ""),
         ("rank", "options.candidate_factor * ranked[0].energy", "ranked[0].energy"),
         ("with_better", "if better.energy >= ranked[0].energy:", "if False:"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -87,3 +89,41 @@ def test_arrays_that_do_not_fit_are_refused() -> None:
         find_sides([[0, 1]], [[1.0, 1.0], [1.0, 1.0]], 2)
     with pytest.raises(InputError, match="edges"):
         find_sides([[0, 5]], [[1.0, 1.0]], 2)
+
+
+CLEAR = Sides(
+    mirrored=np.arange(6) < 2,
+    num_pairs=100,
+    num_between=40,
+    median_all=0.3,
+    median_between=0.3,
+    contradicted=0.0,
+    balance=1.0,
+)
+
+
+def test_each_condition_alone_decides_whether_sides_are_clear() -> None:
+    assert CLEAR.are_suspected
+    assert CLEAR.are_clear
+    assert CLEAR.are_obvious
+    for change in (
+        {"mirrored": np.arange(5) < 2},
+        {"num_between": 0},
+        {"median_all": 0.12},
+        {"median_between": 0.09},
+        {"contradicted": 0.03},
+        {"balance": 0.6},
+    ):
+        assert not replace(CLEAR, **change).are_clear, change
+        assert not replace(CLEAR, **change).are_obvious, change
+    assert replace(CLEAR, median_all=0.13, median_between=0.11).are_clear
+    assert not replace(CLEAR, median_all=0.19, num_pairs=25).are_clear  # fewer pairs have to say more
+
+
+def test_few_or_weak_pairs_leave_room_for_more() -> None:
+    assert not replace(CLEAR, num_pairs=99).are_obvious
+    assert not replace(CLEAR, median_all=0.19).are_obvious
+    assert not replace(CLEAR, median_between=0.19).are_obvious
+    assert not replace(CLEAR, num_between=0).are_suspected
+    assert not replace(CLEAR, median_all=0.05).are_suspected
+    assert not replace(CLEAR, median_between=0.04).are_suspected

@@ -16,7 +16,7 @@ from collalign.engine.session import Session
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
-from collalign.stages.poses.refinement import local_pairs, refine_poses, refine_rotations
+from collalign.stages.poses.refinement import _weights, local_pairs, refine_poses, refine_rotations
 from collalign.stages.poses.synchronize import synchronize_pairs
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.embedding.embedding import Samples, sample_shape
@@ -122,3 +122,37 @@ def test_of_maps_and_energies_the_more_consistent_decide(
         assert errors_deg(refined, truth).max() < 1e-3
     else:
         assert np.array_equal(refined, solution.rotations)
+
+
+def test_near_pairs_weigh_more_by_the_square_of_their_energy() -> None:
+    weights = _weights(np.array([1.0, 2.0, 4.0, 1e6, 0.0]))
+    np.testing.assert_allclose(weights, [4.0, 1.0, 0.25, 1e-6, 100.0])
+    assert np.isfinite(_weights(np.zeros(3))).all()
+
+
+def test_every_shape_names_its_nearest_pairs_beside_the_tree() -> None:
+    edges = all_edges(5)
+    energies = np.array([1.0, 1.1, 1.2, 1.3, 9.0, 8.0, 7.0, 6.0, 5.0, 9.5])  # a star about shape 0
+    assert len(local_pairs(5, edges, energies, num=1)) == 4
+    named = {tuple(pair) for pair in local_pairs(5, edges, energies, num=2).tolist()}
+    assert named == {(0, 1), (0, 2), (0, 3), (0, 4), (1, 4), (2, 3), (2, 4)}
+
+
+def test_rounds_start_from_the_poses_of_the_round_before(
+    session: AlignSession, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    samples, truth = posed_crowns(rng, 3)
+    disturbed = Rotation.from_rotvec(0.1 * rng.standard_normal((3, 3))).as_matrix() @ truth
+    starts = []
+    spread = session.spread
+
+    def noted(label, function, tasks, **others):
+        starts.append(np.stack([task.start for task in tasks.values()]))
+        return spread(label, function, tasks, **others)
+
+    monkeypatch.setattr(type(session), "spread", staticmethod(noted))
+    refine_rotations(session, samples, disturbed, all_edges(3), np.ones(3), group="O", fixed={0: disturbed[0]})
+    right = np.stack([truth[i].T @ truth[j] for i, j in all_edges(3)])
+    errors = [rotation_angle_deg(found, right).max() for found in starts]
+    assert len(errors) == 2
+    assert errors[1] < 0.2 * errors[0]

@@ -16,9 +16,9 @@ from collalign.products.collection import DOUBT
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
-from collalign.stages.trust.assess import gather_trust, partners_of, with_trust
+from collalign.stages.trust.assess import RIVAL_POWER, gather_trust, partners_of, with_trust
 from collalign.stages.trust.model import MOST_CONFIDENT, pose_confidence, probability
-from collalign.stages.trust.rivals import rival_poses, surface_cost
+from collalign.stages.trust.rivals import Partner, rival_poses, surface_cost
 from collalign.stages.trust.words import listed, trust_notes
 from collalign.synchronization import SynchronizationResult, synchronize
 from collalign.synchronization.result import WeakCut
@@ -83,6 +83,7 @@ def test_right_poses_have_votes_and_margins_and_a_wrong_one_has_neither(rng: np.
     flipped[2] = HALF_TURN @ truth[2]
     trust = trusted(samples, pairs_at(truth), flipped)
     assert column(trust, "votes")[2] == 1 / (NUM + 1)
+    np.testing.assert_allclose(column(trust, "collection votes"), column(trust, "votes").mean())
     assert column(trust, "margin")[2] < 0
     chance = pose_confidence(trust)
     assert chance[2] < 0.2
@@ -133,6 +134,70 @@ def test_evidence_for_a_pose_never_lowers_its_probability() -> None:
         assert probability(low[None]) < probability(high[None])
     assert np.isnan(probability(np.full((1, len(KINDS)), np.nan))).all()
     assert probability(np.array([[1.0, 9.0, 1.0]])) == MOST_CONFIDENT
+
+
+def trust_of(evidence: list[float], excess: list[float]) -> Trust:
+    turns = np.array([Rotation.from_euler("z", r + 1.0).as_matrix() for r in range(len(excess))]).reshape(-1, 3, 3)
+    return Trust(evidence=np.array([evidence]), rivals=(turns,), excess=(np.array(excess),))
+
+
+def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit() -> None:
+    assert probability(np.array([[0.4, 5.0, 0.4]])) == probability(np.array([[0.4, 0.8, 0.4]]))
+    assert probability(np.array([[0.9, -5.0, 0.9]])) == probability(np.array([[0.9, -0.3, 0.9]]))
+    assert 0.0 < probability(np.array([[0.9, -5.0, 0.9]])) < probability(np.array([[0.9, 0.0, 0.9]])) < 1.0
+
+
+def test_rivals_that_fit_as_well_share_the_confidence() -> None:
+    sure = [1.0, 0.8, 1.0]
+    for excess, share in (([0.0], 1 / 2), ([0.0, 0.01, -0.2], 1 / 4), ([0.5, 0.03], 1.0), ([], 1.0)):
+        assert pose_confidence(trust_of(sure, excess)) == min(share, MOST_CONFIDENT)
+    assert pose_confidence(trust_of([0.1, 0.0, 0.1], [0.0])) < 0.1  # a tie makes nothing likelier
+
+
+def test_cheaper_rivals_are_likelier_and_come_first() -> None:
+    trust = trust_of([0.7, 0.1, 0.7], [0.5, 0.1, 0.3, 0.9])
+    first = solved(pairs_at(np.stack([np.eye(3)] * 2)))
+    solution = with_trust(first, trust, Constraints())
+    (confidence,), (found,) = solution.confidence, solution.alternatives
+    np.testing.assert_array_equal([other.rotation for other in found], trust.rivals[0][[1, 2, 0]])
+    chances = confidence * np.exp([-other.log_odds for other in found])
+    np.testing.assert_allclose(np.diff(np.log(chances)), -RIVAL_POWER * 0.2, rtol=1e-9)
+    assert 0.9 * (1.0 - confidence) < chances.sum() < 1.0 - confidence
+
+
+def test_partners_ask_for_poses_from_both_ends_the_likeliest_and_best_matched_first(rng: np.random.Generator) -> None:
+    truth = np.stack([random_rotation(rng) for _ in range(3)])
+    pairs = pairs_at(truth)
+    pairs[0] = replace(pairs[0], energies=3.0 * pairs[0].energies)
+    pairs[1] = replace(pairs[1], log_odds=np.array([-1.0, 2.0]))  # of shapes 0 and 2; maps say what energies do not
+    partners = partners_of(pairs, truth)
+    assert [[partner.shape for partner in own] for own in partners] == [[2, 1], [2, 0], [1, 0]]
+    for i, own in enumerate(partners):
+        for partner in own:
+            angles = rotation_angle_deg(partner.poses, np.broadcast_to(truth[i], partner.poses.shape))
+            assert np.argmin(angles) == int({i, partner.shape} == {0, 2})
+            assert min(angles) < 1e-4
+            assert partner.excess[0] == 0.0 < partner.excess[1]
+
+
+def test_the_most_supported_rival_comes_first(rng: np.random.Generator) -> None:
+    samples, truth = crowns(rng)
+    same, likely, far = (
+        Rotation.from_euler(axis, angle, degrees=True).as_matrix() @ truth[0]
+        for axis, angle in (("y", 25), ("x", 70), ("z", 70))
+    )
+    partner = Partner(shape=1, poses=np.stack([same, far, likely]), excess=np.array([0.0, 2.0, 0.2]), energy=1.0)
+    rivals = rival_poses(samples[0], truth[0], [partner], mirrored=False)
+    assert rotation_angle_deg(rivals[0], likely) < 1e-4
+    assert min(rotation_angle_deg(rival, truth[0]) for rival in rivals) > 30.0  # less is the same pose
+
+
+def test_the_cost_looks_both_ways(rng: np.random.Generator) -> None:
+    whole, none = rng.standard_normal((40, 3)), np.empty((0, 3))
+    part = whole[:10]
+    costs = [surface_cost((a, none), (b, none), np.eye(3)) for a, b in ((whole, part), (part, whole))]
+    assert costs[0] == pytest.approx(costs[1])
+    assert min(costs) > 0.01
 
 
 def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certain(rng: np.random.Generator) -> None:

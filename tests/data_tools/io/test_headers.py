@@ -32,6 +32,9 @@ def test_binary_ply_bodies_are_counted_to_the_byte() -> None:
     assert check_ply(FILE, ply(b"binary_little_endian", 1, 2, b"\0" * (size + 2))) == {"vertex": 1, "face": 2}
     with pytest.raises(InputError, match="truncated"):
         check_ply(FILE, ply(b"binary_little_endian", 1, 2, b"\0" * (size + 1)))
+    wide = ply(b"binary_little_endian", 1, 2, b"\0" * (size + 2)).replace(b"list uchar", b"list int")
+    with pytest.raises(InputError, match=f"at least {size + 2 * 4} bytes"):
+        check_ply(FILE, wide)
 
 
 def test_text_ply_lines_are_counted() -> None:

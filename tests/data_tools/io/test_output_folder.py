@@ -181,3 +181,24 @@ def test_long_stems_are_cut_and_stay_distinct() -> None:
     assert len(set(stems)) == 3
     assert max(len(stem.encode()) for stem in stems) <= 200
     assert stems[2] == names[2]
+
+
+def test_only_a_complete_run_removes_what_it_wrote_before(tmp_path: Path) -> None:
+    write(tmp_path, {"summary": "1", "report": "1"})
+    with OutputFolder.open(tmp_path, writer="test") as output:
+        output.stage("other").write_text("2")
+        output.publish()
+    assert contents(tmp_path) == {"summary": "1", "report": "1", "other": "2"}
+
+
+def test_a_link_in_place_of_a_file_of_ours_is_somebody_elses(tmp_path: Path) -> None:
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    write(out, {"summary": "1", "report": "1"})
+    elsewhere.write_text("1")
+    (out / "report").unlink()
+    (out / "report").symlink_to(elsewhere)
+    with pytest.raises(InputError, match="move it away"):
+        write(out, {"summary": "2", "report": "2"})
+    write(out, {"summary": "2"})
+    assert (out / "report").is_symlink()
+    assert elsewhere.read_text() == "1"

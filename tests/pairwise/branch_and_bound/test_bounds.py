@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial.transform import Rotation
 
 from pairwise.branch_and_bound.bounds import QuasiBounds
 from pairwise.local.rotation_sets import random_rotations, rotation_angles
@@ -34,6 +35,23 @@ def test_quasi_bounds_are_below_every_procrustes_pose_in_the_ball(seed):
     inside = rotation_angles(poses, rotations[:, None]) <= radii[:, None]
     least = np.where(inside, energies, np.inf).min(axis=1)
     assert (found.bounds <= least + 1e-12 * energy_scale(problem)).all()
+
+
+def test_the_loss_is_all_that_a_turn_about_the_shortest_axis_costs():
+    points = np.array([[3.0, 0, 0], [-3.0, 0, 0], [0, 2.0, 0], [0, -2.0, 0], [0, 0, 1.0], [0, 0, -1.0]])
+    for angle in (1e-3, 0.02, 0.2):
+        turn = Rotation.from_euler("z", angle).as_matrix()
+        for source, unmatched in ((points, {}), (points[:2], {"num_matches": 1})):
+            found = evaluate(Problem.from_user(points, source, **unmatched), turn[None], np.array([angle]))
+            assert found.bounds[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_a_mask_forbids_is_not_what_is_bounded():
+    target, source = planted_cube(6, 0.1, 0)
+    allowed = np.roll(np.eye(6, dtype=bool), 1, axis=0)
+    problem = Problem.from_user(target, source, candidates=allowed)
+    best = least_energy(problem, np.eye(3))
+    assert evaluate(problem, np.eye(3)[None], np.zeros(1)).bounds[0] == pytest.approx(best)
 
 
 def test_the_bound_is_no_bound_of_the_energy_in_the_ball():

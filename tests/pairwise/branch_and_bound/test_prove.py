@@ -4,7 +4,7 @@ import pytest
 from data_tools.datasets.public import read_teeth
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import OptionsError
-from pairwise.branch_and_bound.prove import can_certify, certify, prove
+from pairwise.branch_and_bound.prove import _proof, can_certify, certify, prove, searches_of
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate
 from pairwise.status import Status
@@ -22,6 +22,9 @@ def test_small_problems_are_proven_and_agree_with_brute_force(seed):
     assert proof.lower_bound <= optimum + 1e-12 * scale
     assert proof.candidate.energy == pytest.approx(optimum, rel=2e-4, abs=1e-8 * scale)
     pose = proof.candidate
+    for mirrored, part in chiralities(problem, partial=True):
+        bound = proof.reflected_bound if mirrored else proof.proper_bound
+        assert proof.lower_bound <= bound <= brute_force(part).energy + 1e-12 * scale
     if not problem.max_unmatched:
         assert check_pose(problem, pose.R_target_source, pose.map_target_source, pose.energy) == []
     if proof.is_chirality_proven:
@@ -52,6 +55,35 @@ def test_mirror_decisions_are_proven_only_where_there_is_one():
     assert not prove(Problem.from_user(target, source)).is_chirality_proven
 
 
+def test_a_proof_needs_both_chiralities_and_a_mirror_decision_the_whole_energy():
+    problem = Problem.from_user(*planted_cube(8, 0.3, 1), group="O")
+    searches = sorted(searches_of(problem, None, 1e-3), key=lambda search: search.reflected)
+    best = min(search.energy for search in searches)
+
+    def judged(proper, reflected):
+        for search, bound in zip(searches, (proper, reflected), strict=True):
+            search._open.bounds[:] = bound * best
+        return _proof(searches, 0.0)
+
+    is_reflected = searches[1].energy == best
+    own, other = (1, 0) if is_reflected else (0, 1)
+    for of_own, of_other, is_proven, is_decided in [
+        (0.9995, 1.01, True, True),
+        (0.998, 1.01, False, True),
+        (0.9, 2.0, False, True),
+        (0.9995, 0.9995, False, False),
+        (0.9995, 0.6, False, False),
+        (2.0, 0.6, False, False),
+    ]:
+        bounds = np.empty(2)
+        bounds[[own, other]] = of_own, of_other
+        proof = judged(*bounds)
+        assert (proof.status is Status.PROVEN_OPTIMAL) == is_proven
+        assert proof.is_chirality_proven == is_decided
+        assert proof.lower_bound == pytest.approx(min(of_own, of_other) * best)
+        assert (proof.proper_bound, proof.reflected_bound) == pytest.approx(tuple(bounds * best))
+
+
 def test_noisy_problem_of_twenty_points_is_proven():
     problem = Problem.from_user(*planted_cube(20, 0.1, 0))
     bound, best, status = certify(problem, tol=1e-3, time_limit_s=60)
@@ -66,7 +98,7 @@ def test_known_poses_are_used_and_the_time_limit_keeps_bounds_valid():
     short = prove(problem, [full.candidate], time_limit_s=1e-3)
     assert short.status is Status.TIME_LIMIT
     assert short.candidate.energy <= full.candidate.energy * (1 + 1e-9)
-    assert 0.0 <= short.lower_bound <= full.candidate.energy
+    assert 0.0 <= short.lower_bound < (1 - 1e-3) * full.candidate.energy
 
 
 def test_any_tolerance_is_reached():

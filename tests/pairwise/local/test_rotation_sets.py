@@ -94,3 +94,9 @@ def test_small_turns_have_the_angle_asked_for(dim: int) -> None:
 def test_angles_between_chiralities_are_half_a_turn() -> None:
     assert rotation_angles(np.eye(3), np.diag([1.0, 1.0, -1.0])) == np.pi
     assert rotation_angles(np.eye(3), np.diag([1.0, -1.0, -1.0])) == pytest.approx(np.pi)
+
+
+def test_the_spiral_runs_through_the_middles_of_its_steps() -> None:
+    points = super_fibonacci(40)
+    shares = (points[:, :2] ** 2).sum(axis=1)  # even in the square of the first radius
+    np.testing.assert_allclose(shares, (np.arange(40) + 0.5) / 40)

@@ -9,10 +9,13 @@ from data_tools.errors import OptionsError
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations, rotation_angles
 from pairwise.local.search import (
+    _first,
     distinct,
     explore,
+    initial_rotations,
     leading_problem,
     look_around,
+    mirror_points,
     mirror_rotations,
     of_chirality,
     search,
@@ -128,3 +131,27 @@ def test_distinct_goes_on_until_each_chirality_has_its_share() -> None:
     np.testing.assert_array_equal(distinct(turns, 0.1, 2), [0, 1])
     np.testing.assert_array_equal(distinct(turns, 0.1, 2, mirrored=mirrored), [0, 1])
     np.testing.assert_array_equal(distinct(turns, 0.1, 3, mirrored=mirrored), [0, 1, 2, 3])
+
+
+def test_the_mirror_negates_the_first_coordinate_alone(rng: np.random.Generator) -> None:
+    points = rng.random((4, 3))
+    np.testing.assert_array_equal(mirror_points(points), points * [-1.0, 1.0, 1.0])
+
+
+def test_starts_of_a_planted_pair_hold_its_rotation_in_the_frames_of_its_axes(rng: np.random.Generator) -> None:
+    points = rng.gamma(1.0, size=(30, 3)) * [1.0, 2.0, 4.0]
+    for group in ("SO", "O"):
+        turn = random_rotations(3, 1, rng)[0] * (-1.0 if group == "O" else 1.0)
+        axes, even = initial_rotations(Problem.from_user(points, points @ turn, group=group), 40)
+        assert np.abs(axes - turn).max(axis=(1, 2)).min() < 1e-9
+        # the same set in the frames of both shapes: it turns with each of them
+        left, right = random_rotations(3, 2, rng)
+        moved = Problem.from_user(points @ left.T, points @ turn @ right.T, group=group)
+        np.testing.assert_allclose(initial_rotations(moved, 40)[1], left @ even @ right.T, atol=1e-6)
+        np.testing.assert_allclose(even @ np.swapaxes(even, 1, 2), np.tile(np.eye(3), (len(even), 1, 1)), atol=1e-9)
+
+
+def test_the_first_of_each_chirality_go_on() -> None:
+    mirrored = np.arange(20) >= 12
+    np.testing.assert_array_equal(_first(8, 20, mirrored), [*range(8), 12, 13])
+    np.testing.assert_array_equal(_first(8, 20, None), np.arange(8))

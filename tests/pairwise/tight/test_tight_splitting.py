@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pairwise.tight.lift import make_lift
-from pairwise.tight.splitting import Blocks, SumProjection, project_psd
+from pairwise.tight.splitting import Blocks, Splitting, SumProjection, _definiteness, project_psd
 
 
 def blocks_of(mask, unmatched):
@@ -58,3 +58,26 @@ def test_psd_projection_is_that_of_the_eigenvalues(rng):
     expected = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
     np.testing.assert_allclose(project_psd(symmetric), expected, atol=1e-10)
     assert not project_psd(symmetric)[:10].any()
+
+
+def test_definite_blocks_are_told_from_mixed_ones(rng):
+    raw = rng.standard_normal((60, 4, 4))
+    blocks = raw + raw.transpose(0, 2, 1) + rng.choice([-3.0, 0.0, 3.0], 60)[:, None, None] * np.eye(4)
+    blocks[0] = np.diag([-1.0, -1.0, 0.5, -1.0])
+    blocks[1] = 0.25 * np.diag([1.0, 2.0, -1.0, 3.0])
+    blocks[2] = np.diag([0.5, 0.5, 0.5, 0.5])
+    values = np.linalg.eigvalsh(blocks)
+    negative, positive = _definiteness(blocks)
+    np.testing.assert_array_equal(negative, (values < 0).all(axis=1))
+    np.testing.assert_array_equal(positive, (values > 0).all(axis=1))
+    assert 0 < negative.sum() < 60
+
+
+def test_a_new_splitting_describes_its_first_point(rng):
+    lift = make_lift("tight", 2)
+    blocks = blocks_of(*MASKS["square"])
+    size = lift.flat_basis.shape[0] ** 0.5
+    v = np.zeros((len(blocks.rows), round(size), round(size)))
+    splitting = Splitting(lift=lift, blocks=blocks, rho=1.0, v=v)
+    assert not splitting.psd.any()
+    assert constraint_gap(blocks, lift.one, splitting.x, splitting.mean) < 1e-10

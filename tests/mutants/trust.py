@@ -1,0 +1,51 @@
+"""Faults in what is said about the trust in poses (:mod:`collalign.stages.trust`)."""
+
+from __future__ import annotations
+
+from tests.mutants.place import MODULE, Mutant, faults
+
+_TESTS = ("tests/collalign/stages/test_trust.py",)
+
+TRUST: tuple[Mutant, ...] = (
+    *faults(
+        "collalign/stages/trust/model.py",
+        _TESTS,
+        (MODULE, "CONSTANT = -4.6", "CONSTANT = 4.6"),
+        (MODULE, "TIED = 0.02", "TIED = -9.0"),
+        ("terms", "np.sqrt(votes * collection)", "votes"),
+        ("terms", "LIMITS[:, 0], LIMITS[:, 1]", "-np.inf, np.inf"),
+        ("probability", "np.minimum(chance, MOST_CONFIDENT)", "chance"),
+        ("probability", "np.where(np.isnan(chance), 0.0,", "np.where(np.isnan(chance), 0.5,"),
+        ("pose_confidence", "1.0 / (1.0 + ties)", "1.0 / np.maximum(ties, 1.0)"),
+        ("pose_confidence", "np.minimum(probability", "np.maximum(probability"),
+    ),
+    *faults(
+        "collalign/stages/trust/assess.py",
+        _TESTS,
+        (MODULE, "VOTE_DEG = 20.0", "VOTE_DEG = 180.0"),
+        ("_votes", "partner.poses[0]", "partner.poses[-1]"),
+        ("_votes", ".sum() + PRIOR_VOTES)", ".sum())"),
+        ("gather_trust", "cost[1:].mean(axis=1) / cost[0].mean()", "cost[0].mean() / cost[1:].mean(axis=1)"),
+        ("gather_trust", "rises.min()", "rises.max()"),
+        ("gather_trust", "evidence[known, 0].mean()", "1.0"),
+        ("partners_of", "np.swapaxes(turns, 1, 2)", "turns"),
+        ("partners_of", "(partner.energy, partner.shape)", "(-partner.energy, partner.shape)"),
+        ("partners_of", "-pair.log_odds if len", "pair.log_odds if len"),
+        ("with_trust", "-RIVAL_POWER *", "RIVAL_POWER *"),
+        ("with_trust", "(1.0 - confidence[i]) * share", "share"),
+        ("with_trust", "np.argsort(-chances", "np.argsort(chances"),
+        ("with_trust", "confidence[list(constraints.fixed)] = 1.0", "pass"),
+    ),
+    *faults(
+        "collalign/stages/trust/rivals.py",
+        _TESTS,
+        ("rival_poses", "if mirrored else []", "if True else []"),
+        ("rival_poses", "~_near(poses, pose[None])[:, 0]", "np.ones(len(poses), dtype=bool)"),
+        ("rival_poses", "-SUPPORT_POWER *", "SUPPORT_POWER *"),
+        ("_near", "np.deg2rad(SAME_DEG)", "np.deg2rad(0.1 * SAME_DEG)"),
+        ("_representatives", "left &= ~near[best]", "left[best] = False"),
+        ("pose_costs", "partner_pose.T @ pose", "partner_pose @ pose"),
+        ("surface_cost", "(2.0 - 2.0 * target[1]", "(2.0 + 2.0 * target[1]"),
+        ("surface_cost", "gaps.min(axis=0).mean() + gaps.min(axis=1).mean()", "2.0 * gaps.min(axis=0).mean()"),
+    ),
+)

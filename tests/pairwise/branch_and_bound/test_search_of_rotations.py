@@ -1,0 +1,76 @@
+"""The search bounds cells that cover all rotations, and settles none that may hold a better pose."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from pairwise.branch_and_bound.search import RotationSearch
+from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations, rotation_angles
+from pairwise.problem.problem import Problem
+from tests.tight_problems import planted_cube
+
+
+def started(tol: float = 1e-3) -> RotationSearch:
+    search = RotationSearch(Problem.from_user(*planted_cube(8, 0.3, 1)), reflected=False, tol=tol)
+    search.descend(np.eye(3)[None])
+    return search
+
+
+def test_the_balls_that_are_bounded_cover_all_rotations_and_open_cells_go_on_to(rng) -> None:
+    search, balls = started(), []
+    evaluate = search._evaluate
+
+    def noted(rotations, radii, *others):
+        balls.append((rotations, radii))
+        return evaluate(rotations, radii, *others)
+
+    search._evaluate = noted
+    corners = np.array([(1.0, *signs) for signs in itertools.product([-1.0, 1.0], repeat=3)]) / 2.0
+    rotations = np.concatenate([quaternions_to_rotations(corners), random_rotations(3, 300, rng)])
+    for _ in range(3):
+        search._split(5, -np.inf)
+        centres, radii = search._open.cells.balls()
+        assert (rotation_angles(rotations[:, None], centres) <= radii).any(axis=1).all()
+    centres, radii = balls[0]  # of all cells
+    assert (rotation_angles(rotations[:, None], centres) <= radii).any(axis=1).all()
+
+
+def test_a_bound_is_compared_as_it_is_and_to_the_tolerance() -> None:
+    search = started()
+    energy = search.energy
+    assert search.threshold(energy) == pytest.approx((1.0 - 1e-3) * energy, rel=1e-7)
+    assert search.threshold(0.5 * energy) == pytest.approx(0.5 * energy, rel=1e-7)  # the other chirality's pose
+    assert not search.is_done(energy)
+    search._open.bounds[:] = (1.0 - 2e-3) * energy
+    assert not search.is_done(energy)
+    search._open.bounds[:] = (1.0 - 5e-4) * energy
+    assert search.is_done(energy)
+    search._open.bounds[0] = -1.0
+    assert search.bound == -1.0
+    assert not search.is_done(energy)
+
+
+def test_settled_and_collected_cells_keep_their_bounds() -> None:
+    search = started()
+    energy = search.energy
+    bounds = energy * np.array([0.95, 2.0, 3.0, 0.9995])
+    search._open.bounds[:] = bounds
+    search._settle(energy)
+    np.testing.assert_array_equal(search._open.bounds, bounds[:1])
+    assert search.bound == bounds[0]
+    search._open.bounds[:] = 5.0 * energy
+    assert search.bound == bounds[3]
+
+
+def test_poses_up_to_a_factor_are_collected_in_small_cells() -> None:
+    search = started()
+    search.collect(1.5, 4.0)
+    bounds = search.energy * np.array([1.45, 0.5, 1.6, 1.0])
+    search._open.bounds[:] = bounds
+    search._settle(search.energy)
+    assert not len(search._open.bounds)
+    np.testing.assert_array_equal(search.collected(search.energy).bounds, bounds[[0, 1, 3]])
+    assert search.bound == bounds[1]
