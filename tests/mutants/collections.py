@@ -120,14 +120,14 @@ ENGINE: tuple[Mutant, ...] = (
     ),
     *faults(
         "collalign/engine/jobs/local.py",
-        ("tests/collalign/engine/test_jobs.py",),
+        ("tests/collalign/engine/test_jobs_guard.py",),
         (MODULE, "_MAX_DEATHS = 2", "_MAX_DEATHS = 3"),
         ("_LocalRun._alone", "deaths, stalls = 1, 0", "deaths, stalls = 0, 0"),
         ("_too_often", "deaths >= _MAX_DEATHS_KILLED", "deaths >= 1"),
     ),
     *faults(
         "collalign/engine/jobs/worker.py",
-        ("tests/collalign/engine/test_jobs.py",),
+        ("tests/collalign/engine/test_jobs_guard.py",),
         ("_time_limit", "faulthandler.cancel_dump_traceback_later()", "pass"),
         ("run_guarded", 'stack.callback(guard.note, "E", task.token)', "pass"),
         ("describe", "if isinstance(error, CollalignError):", "if False:"),

@@ -1,8 +1,10 @@
+from itertools import product
+
 import numpy as np
 import pytest
 
 from pairwise.branch_and_bound.cells import Cells, join
-from pairwise.local.rotation_sets import random_rotations, rotation_angles
+from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations, rotation_angles
 
 
 def split_at_random(dim, rng, num=40):
@@ -47,3 +49,24 @@ def test_siblings_are_apart():
     for _ in range(6):
         cells = cells.split()
     assert len(np.unique(np.hstack([cells.faces[:, None], cells.centres]), axis=0)) == len(cells) == 4 * 2**6
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_farthest_corner_of_a_cell_is_on_the_surface_of_its_ball(dim, rng):
+    cells = split_at_random(dim, rng)
+    signs = np.array(list(product([-1.0, 1.0], repeat=cells.centres.shape[1])))
+    corners = cells.centres[:, None] + cells.halves[:, None] * signs
+    if dim == 2:
+        cos, sin = np.cos(np.pi * corners[..., 0]), np.sin(np.pi * corners[..., 0])
+        rotations = np.stack([np.stack([cos, -sin], axis=-1), np.stack([sin, cos], axis=-1)], axis=-2)
+    else:
+        quaternions = np.ones((*corners.shape[:2], 4))
+        for face in range(4):
+            own = cells.faces == face
+            quaternions[own] = np.insert(np.tan(np.pi / 4.0 * corners[own]), face, 1.0, axis=-1)
+        quaternions /= np.linalg.norm(quaternions, axis=-1, keepdims=True)
+        rotations = quaternions_to_rotations(quaternions)
+    centres, radii = cells.balls()
+    farthest = rotation_angles(rotations, centres[:, None]).max(axis=1)
+    assert (farthest <= radii).all()
+    np.testing.assert_allclose(farthest, radii, atol=1e-6)

@@ -13,7 +13,7 @@ from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.normals import outward_normals
 from data_tools.surface.shape import Shape
 from pairwise import DenseOptions, DensePoints, MatchOptions, match
-from pairwise.dense.rank import refine_candidates
+from pairwise.dense.rank import _dense_penalty, refine_candidates
 from pairwise.match import match_problem
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate
@@ -161,3 +161,9 @@ def test_bad_input_is_refused(shape: Shape) -> None:
     for name, value in {"method": "guess", "normal_weight": -1.0, "max_iterations": 0}.items():
         with pytest.raises(OptionsError, match=name):
             DenseOptions(**{name: value})
+
+
+def test_penalties_shrink_with_the_spacing_of_dense_points_and_never_grow(shape: Shape) -> None:
+    problem = Problem.from_user(shape.vertices[:50], shape.vertices[:40], unmatched_penalty=0.5)
+    for num, expected in ((400, 0.05), (40, 0.5), (10, 0.5)):
+        assert _dense_penalty(problem, DensePoints.from_user(shape.vertices[:num])) == pytest.approx(expected)
