@@ -138,6 +138,8 @@ def demo(
         files = output.publish(complete=True)
     if not {path.absolute() for path in read_folder(out / "shapes").files} <= {path.absolute() for path in files}:
         raise InputError(f"{out / 'shapes'}: holds other shapes as well, from an earlier call; choose another --out")
+    if not options.reference and options.gauge == "reference":
+        options = replace(options, reference=_most_upright(planted))
     code = align(out / "shapes", out=out / "aligned", options=options, run=run)
     if code in (0, INCOMPLETE):
         errors = _errors_deg(out / "aligned" / ALIGNMENT_FILE, planted)
@@ -147,6 +149,11 @@ def demo(
     for path in (out / "shapes", out / "aligned", out / "aligned" / REPORT_FILE):
         print(path)
     return code
+
+
+def _most_upright(planted: PlantedCollection) -> str:
+    """Return the shape that stands most upright in pictures (their up is y, a chair's is z): a reference for all."""
+    return planted.shapes[int(np.argmax(planted.rotations[:, 2, 1]))].name
 
 
 def _save(
