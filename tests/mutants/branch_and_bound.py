@@ -11,7 +11,7 @@ _SEARCH = (_T + "test_search_of_rotations.py", _T + "test_prove.py")
 BRANCH_AND_BOUND: tuple[Mutant, ...] = (
     *faults(
         "pairwise/branch_and_bound/cells.py",
-        (_T + "test_cells.py", _T + "test_prove.py"),
+        (_T + "test_cells.py",),
         ("Cells.balls", "np.pi * self.halves[:, 0] +", "0.9 * np.pi * self.halves[:, 0] +"),
         ("Cells.balls", "4.0 * np.arcsin", "3.6 * np.arcsin"),
         ("Cells.balls", "axis=2).max(axis=1)", "axis=2).mean(axis=1)"),

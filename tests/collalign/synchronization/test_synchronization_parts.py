@@ -24,6 +24,7 @@ from collalign.synchronization.problem.model import (
     squared_distances,
 )
 from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
+from collalign.synchronization.solvers import signs as sign_solver
 from collalign.synchronization.solvers.blockwise import connectivity_warnings, refinement_weights, reflected_shapes
 from collalign.synchronization.solvers.signs import synchronize_signs
 from collalign.synchronization.solvers.turns import (
@@ -365,3 +366,22 @@ def test_sentences_and_signs_of_poses() -> None:
     mirror = np.diag([1.0, 1.0, -1.0])
     poses = np.stack([np.eye(3), mirror])
     assert reflected_shapes(poses, RotationPattern.from_user(None, 3, "O")).tolist() == [False, True]
+
+
+def test_an_eigenvector_that_has_not_converged_proves_no_more_than_its_residual_allows(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    edges = np.array(list(itertools.combinations(range(8), 2)))
+    signs = rng.choice([-1.0, 1.0], 8)
+    evidence = signs[edges[:, 0]] * signs[edges[:, 1]] * rng.uniform(0.5, 1.5, len(edges))
+    graph = PairGraph.from_user(edges, np.sign(evidence)[:, None, None], group="O", num_shapes=8)
+    exact, _ = sign_solver._min_eigenvalue(graph, evidence, signs)
+    assert exact == pytest.approx(0.0, abs=1e-8)
+
+    def rough(matrix, num):
+        vectors = np.linalg.eigh(matrix.toarray())[1][:, -num:] + 0.05 * rng.standard_normal((8, num))
+        vectors /= np.linalg.norm(vectors, axis=0)
+        return np.einsum("ia,ij,ja->a", vectors, matrix.toarray(), vectors), vectors
+
+    monkeypatch.setattr(sign_solver, "leading_eigenvectors", rough)
+    assert sign_solver._min_eigenvalue(graph, evidence, signs)[0] <= exact
