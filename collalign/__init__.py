@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collalign.nonrigid import match_shapes
     from collalign.options import AlignOptions, TwoShapeOptions
     from collalign.rigid import RigidMatch, match_rigid
+    from collalign.stability import StabilityOptions, check_stability
     from collalign.synchronization import synchronize
     from collalign.transfer import transfer_landmarks
 
@@ -29,9 +30,11 @@ __all__ = [
     "LoadedCollection",
     "RigidMatch",
     "RunOptions",
+    "StabilityOptions",
     "TwoShapeOptions",
     "add_to_collection",
     "align_collection",
+    "check_stability",
     "dense_correspondence",
     "load",
     "match_rigid",
@@ -48,8 +51,10 @@ _HOMES = {
     "RigidMatch": "collalign.rigid",
     "RunOptions": "collalign.engine.options",
     "TwoShapeOptions": "collalign.options",
+    "StabilityOptions": "collalign.stability",
     "add_to_collection": "collalign.extend",
     "align_collection": "collalign.align",
+    "check_stability": "collalign.stability",
     "dense_correspondence": "collalign.dense",
     "load": "collalign.collection",
     "match_rigid": "collalign.rigid",

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
-from collalign.options import options_from_record
 from collalign.output.evidence.file import load_view
-from collalign.output.write import ALIGNMENT_FILE
+from collalign.output.write import recorded_options
 from collalign.products.dense import DenseCorrespondence
 from collalign.products.evidence import CollectionView
 from collalign.registration.mean import medoid
 from collalign.registration.options import RegistrationOptions
 from collalign.stages.dense import PosedFile, correspond
-from data_tools.errors import InputError
 from data_tools.io.source import hash_source
-from data_tools.options import CleaningOptions
 from data_tools.threads import one_blas_thread
 
 
@@ -58,7 +54,7 @@ def dense_correspondence(
         If fewer than two shapes can be registered.
     """
     view = load_view(result)
-    cleaning = _cleaning(Path(result))
+    cleaning = recorded_options(result)[0].cleaning
     members = largest_group(view)
     files = [
         PosedFile(
@@ -80,11 +76,3 @@ def largest_group(view: CollectionView) -> list[int]:
     """Return the shapes of the largest group, the first of several, in order."""
     numbers, counts = np.unique(view.groups, return_counts=True)
     return np.flatnonzero(view.groups == numbers[counts.argmax()]).tolist()
-
-
-def _cleaning(result: Path) -> CleaningOptions:
-    record = result / ALIGNMENT_FILE
-    try:
-        return options_from_record(json.loads(record.read_text("utf-8"))["options"]).cleaning
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{record}: not the summary of an alignment ({error})") from None

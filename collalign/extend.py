@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +11,8 @@ from collalign.align import align_listing
 from collalign.collection import AlignedCollection
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
-from collalign.options import options_from_record
-from collalign.output.evidence.file import load_view
-from collalign.output.write import ALIGNMENT_FILE
+from collalign.output.evidence.file import load_view, source_files
+from collalign.output.write import recorded_options
 from collalign.products.pair import FormerPairs
 from collalign.products.shapes import Excluded
 from data_tools.errors import InputError
@@ -59,17 +57,8 @@ def add_to_collection(
         If the folder holds no result, an old file has vanished or a name is taken.
     """
     view = load_view(result)
-    record = Path(result) / ALIGNMENT_FILE
-    try:
-        content = json.loads(record.read_text("utf-8"))
-        options = options_from_record(content["options"])
-        group = options.group if options.group != "auto" else str(content["decided"]["group"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{record}: not the summary of an alignment ({error})") from None
-    files = tuple(view.file(at) for at in range(view.num_shapes))
-    for file in files:
-        if not file.is_file():
-            raise InputError(f"{file}: a shape of the collection is not there any more; put it back to add to it")
+    options, group = recorded_options(result)
+    files = source_files(view)
     new = list_shapes(shapes)
     taken = sorted(set(view.names) & set(new.names))
     if taken:

@@ -78,6 +78,7 @@ ROOMS = {
     "collection": {"output", "products"},
     "align": {"collection", "engine", "options", "products", "stages"},
     "extend": {"align", "collection", "engine", "options", "output", "products"},
+    "stability": {"align", "analysis", "collection", "engine", "options", "output", "products"},
     "batch": {"engine", "options", "stages"},
     "rigid": {"options", "stages"},
     "dense": {"engine", "options", "output", "products", "registration", "stages"},

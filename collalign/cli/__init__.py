@@ -48,6 +48,7 @@ _COMMANDS = {
     "export": ("collalign.cli.results:export", "Write a result in a format of the field."),
     "verify": ("collalign.cli.results:verify", "Check the certificates of a result made with --certify."),
     "classify": ("collalign.cli.results:classify", "Classify every shape by its nearest neighbour."),
+    "stability": ("collalign.cli.stability:stability", "Repeat an alignment otherwise and say which poses stay."),
     "transfer": ("collalign.cli.transfer:transfer", "Carry landmarks of a few specimens to all others."),
     "view": ("collalign.cli.results:view", "Open a window with the aligned shapes."),
 }

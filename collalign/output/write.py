@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from collalign.options import AlignOptions, options_from_record
 from collalign.output.certificates import write_certificates
 from collalign.output.contact_sheet import Tile, draw_contact_sheet, tile_of
 from collalign.output.evidence.file import EVIDENCE_FILE, save_view
@@ -112,6 +113,23 @@ def inputs_of(files: Iterable[Origin]) -> set[Path]:
 def output_names(names: Sequence[str]) -> list[str]:
     """Return the paths, relative to the folder, that the results of shapes of these names take."""
     return [*_TABLES, REPORT_FILE, *(f"{MESH_FOLDER}/{stem}.ply" for stem in file_stems(names))]
+
+
+def recorded_options(result: Path | str) -> tuple[AlignOptions, str]:
+    """Return the options of a result as asked for, and its group as asked for or decided.
+
+    Raises
+    ------
+    InputError
+        If the folder's ``alignment.json`` cannot be read.
+    """
+    record = Path(result) / ALIGNMENT_FILE
+    try:
+        content = json.loads(record.read_text("utf-8"))
+        options = options_from_record(content["options"])
+        return options, options.group if options.group != "auto" else str(content["decided"]["group"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{record}: not the summary of an alignment ({error})") from None
 
 
 def _evidence(collection: Collection, shape: int) -> dict[str, float | None]:

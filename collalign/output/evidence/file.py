@@ -111,6 +111,21 @@ def load_view(folder: Path | str) -> CollectionView:
     return view
 
 
+def source_files(view: CollectionView) -> tuple[Path, ...]:
+    """Return the files that the shapes of a result were read from.
+
+    Raises
+    ------
+    InputError
+        If a shape came from memory, or its file has vanished.
+    """
+    files = tuple(view.file(at) for at in range(view.num_shapes))
+    for file in files:
+        if not file.is_file():
+            raise InputError(f"{file}: a shape of the collection is not there any more; put it back and try again")
+    return files
+
+
 def _from_arrays(data: dict[str, NDArray[Any]]) -> CollectionView:
     text = json.loads(data["text"].tobytes())
     num = len(text["names"])

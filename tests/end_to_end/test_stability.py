@@ -1,0 +1,109 @@
+"""The check of a result's stability, as a user runs it, on generated shapes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import collalign
+from collalign.cli import main
+from collalign.engine.store.store import Store
+from collalign.options import AlignOptions
+from collalign.output.evidence.file import load_view, save_view
+from collalign.output.stability import stability_summary
+from collalign.stability import StabilityOptions, repetitions
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
+from data_tools.errors import InputError, OptionsError
+from data_tools.options import SamplingOptions
+
+FEW = ["--num-points", "24", "--num-seeds", "1", "--num-subsets", "1", "--jobs", "1"]
+OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=200))
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished result of five chairs, with its store."""
+    folder, rng = tmp_path_factory.mktemp("stability"), np.random.default_rng(5)
+    planted = planted_collection(deformed_family(chair(rng, resolution=1), 5, rng, rms=0.02), rng)
+    write_collection(folder / "shapes", planted)
+    run = collalign.RunOptions(jobs=1, store=folder / "out" / "store.sqlite")
+    (folder / "out").mkdir()
+    aligned = collalign.align_collection(folder / "shapes", options=OPTIONS, run=run, progress=False)
+    aligned.save(folder / "out", report=False)
+    return folder / "out"
+
+
+def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(
+    result: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {path.name: path.read_bytes() for path in result.iterdir() if path.suffix in (".json", ".npz", ".csv")}
+    assert main(["stability", str(result), *FEW]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == "5 shapes aligned again 3 times: 4 shapes, choice 1; seed 1; 24 points."
+    assert "Every pose stayed in every repetition." in said[3]
+    assert [Path(line).name for line in said[5:]] == ["stability.csv", "stability.json", "stability.png"]
+    assert {name: (result / name).read_bytes() for name in before} == before
+    with Store.open(result / "store.sqlite") as store:
+        num_pairs = len(store.keys("pairs"))
+    rows = list(csv.DictReader((result / "stability.csv").open()))
+    assert [float(row["pose_stays"]) for row in rows] == [1.0] * 5
+    assert sorted(row["repetitions"] for row in rows) == ["2", "3", "3", "3", "3"]
+    record = json.loads((result / "stability.json").read_text())
+    assert [len(one["shapes"]) for one in record["repetitions"]] == [4, 5, 5]
+    first = (result / "stability.json").read_bytes()
+    assert main(["stability", str(result), *FEW]) == 0
+    assert (result / "stability.json").read_bytes() == first
+    with Store.open(result / "store.sqlite") as store:
+        assert len(store.keys("pairs")) == num_pairs
+
+
+def test_a_pose_that_only_the_result_has_is_found(result: Path, tmp_path: Path) -> None:
+    view = load_view(result)
+    transforms = view.transforms.copy()
+    transforms[2, :3, :3] = np.diag([-1.0, -1.0, 1.0]) @ transforms[2, :3, :3]
+    save_view(replace(view, transforms=transforms), tmp_path)
+    shutil.copy(result / "alignment.json", tmp_path)
+    few = StabilityOptions(num_points=(), num_seeds=1, num_subsets=1)
+    found = collalign.check_stability(tmp_path, options=few, run=collalign.RunOptions(jobs=1), progress=False)
+    stays = found.pose_stays
+    assert stays[2] == 0.0
+    assert (np.delete(stays, 2) == 1.0).all()
+    assert found.chirality_stays.min() == 1.0
+    assert f"{view.names[2]} (0 %)" in stability_summary(found)[3]
+
+
+def test_a_vanished_file_and_a_file_of_somebody_else_are_named(result: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "out"
+    shutil.copytree(result, copy)
+    view = load_view(result)
+    save_view(replace(view, files=(*view.files[:-1], str(tmp_path / "gone.ply"))), copy)
+    with pytest.raises(InputError, match=r"gone\.ply: a shape of the collection is not there any more"):
+        collalign.check_stability(copy)
+    save_view(view, copy)
+    (copy / "stability.csv").write_text("mine")
+    assert main(["stability", str(copy), *FEW]) == 2
+    assert (copy / "stability.csv").read_text() == "mine"
+
+
+def test_what_is_repeated_differs_from_the_result_and_follows_its_seed() -> None:
+    plan = list(repetitions(OPTIONS, 10, StabilityOptions(num_points=(16, 32))))
+    assert [one.words for one in plan] == [
+        *(f"8 shapes, choice {n}" for n in (1, 2, 3)),
+        *("seed 1", "seed 2", "32 points"),
+    ]
+    again = list(repetitions(OPTIONS, 10, StabilityOptions(num_points=(16, 32))))
+    assert all(np.array_equal(a.members, b.members) for a, b in zip(plan, again, strict=True))
+    assert not list(repetitions(OPTIONS, 2, StabilityOptions(num_points=(16,), num_seeds=0)))
+
+
+@pytest.mark.parametrize("wrong", [{"num_points": (2,)}, {"num_seeds": -1}, {"subset_share": 1.0}])
+def test_impossible_options_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(OptionsError, match=next(iter(wrong))):
+        StabilityOptions(**wrong)  # type: ignore[arg-type]
