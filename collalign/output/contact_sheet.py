@@ -18,6 +18,8 @@ from data_tools.surface.shape import Shape
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: Of the doubtful poses, those below it are more likely wrong than right, and red instead of orange.
+_EVEN_ODDS = 0.5
 _LIGHT = np.array([0.3, 0.5, 0.81])
 _VIEW = np.array([[0.9, 0.0, -0.44], [-0.2, 0.89, -0.41], [0.39, 0.46, 0.8]])
 _MAX_FACES = 1500
@@ -151,4 +153,4 @@ def _draw(axes: Any, panels: list[_Panel]) -> None:
 
 
 def _colour(confidence: float) -> str:
-    return "tab:green" if confidence >= DOUBT else "tab:orange" if confidence >= 0.5 else "tab:red"
+    return "tab:green" if confidence >= DOUBT else "tab:orange" if confidence >= _EVEN_ODDS else "tab:red"
