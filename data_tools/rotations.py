@@ -1,4 +1,4 @@
-"""Rotations of space: random ones, angles between them, and the one that landmarks ask for."""
+"""Rotations: random ones, angles between them, the nearest to a matrix, and the one that landmarks ask for."""
 
 from __future__ import annotations
 
@@ -40,16 +40,49 @@ def rotation_angle_deg(a: ArrayLike, b: ArrayLike | None = None) -> FloatArray:
 
     Notes
     -----
-    |a - b|_F^2 = 8 sin^2(angle / 2), which keeps full precision at small angles.
+    The formula is that of :func:`chordal_angles`.
     """
     first = as_floats(a, "a")
     second = np.eye(3) if b is None else as_floats(b, "b")
     if first.shape[-2:] != (3, 3) or second.shape[-2:] != (3, 3):
         raise InputError(f"expected 3 x 3 matrices, got shapes {first.shape} and {second.shape}")
-    distance = np.sqrt(((first - second) ** 2).sum(axis=(-1, -2)))
-    angle = np.degrees(2.0 * np.arcsin(np.clip(distance / np.sqrt(8.0), 0.0, 1.0)))
     same_handed = np.linalg.det(first) * np.linalg.det(second) > 0
-    return np.where(same_handed, angle, np.nan)
+    return np.where(same_handed, np.degrees(chordal_angles(first, second)), np.nan)
+
+
+def rotation_angles(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the angle between orthogonal matrices in radians, shape broadcast from (..., d, d).
+
+    Of matrices of equal determinant: the Riemannian distance for d = 2 and 3; above, the angle of that single plane
+    rotation whose chordal distance is the same (pi where there is none). For opposite determinants it is pi.
+    """
+    opposite = np.linalg.det(first) * np.linalg.det(second) < 0
+    return np.where(opposite, np.pi, chordal_angles(first, second))
+
+
+def chordal_angles(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the angle in radians of the plane rotation as far from the identity as first is from second, in |.|_F.
+
+    |first - second|_F^2 = 8 sin^2(angle / 2), which keeps full precision at small angles; pi where it is more than 8.
+    """
+    distance = np.sqrt(((first - second) ** 2).sum(axis=(-1, -2)))
+    return np.asarray(2.0 * np.arcsin(np.clip(distance / np.sqrt(8.0), 0.0, 1.0)))
+
+
+def nearest_orthogonal(matrices: FloatArray, *, determinant: float | None = None) -> FloatArray:
+    """Return the orthogonal matrices nearest to the given ones in the Frobenius norm, shape (..., d, d).
+
+    Parameters
+    ----------
+    matrices : ndarray, shape (..., d, d)
+        For orthogonal Procrustes (Schoenemann 1966) pass ``target.T @ source``.
+    determinant : {1, -1}, optional
+        Ask for this determinant (Kabsch 1976): the weakest direction is turned round where it is the other one.
+    """
+    u, _, vt = np.linalg.svd(matrices)
+    if determinant is not None:
+        u[..., -1] *= (np.sign(np.linalg.det(u @ vt)) * determinant)[..., None]
+    return np.asarray(u @ vt)
 
 
 def landmark_rotation(target: ArrayLike, source: ArrayLike, *, group: str = "SO") -> FloatArray:
@@ -76,7 +109,5 @@ def landmark_rotation(target: ArrayLike, source: ArrayLike, *, group: str = "SO"
     common = ~(np.isnan(q).any(axis=1) | np.isnan(p).any(axis=1))
     q = as_points(q[common], "common landmarks of the target", min_points=3)
     p = as_points(p[common], "common landmarks of the source", min_points=3)
-    u, _, vt = np.linalg.svd((q - q.mean(axis=0)).T @ (p - p.mean(axis=0)))
-    if group == "SO" and np.linalg.det(u @ vt) < 0:
-        u[:, -1] = -u[:, -1]
-    return u @ vt
+    moment = (q - q.mean(axis=0)).T @ (p - p.mean(axis=0))
+    return nearest_orthogonal(moment, determinant=1.0 if group == "SO" else None)

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from data_tools.arrays import read_only
+from data_tools.rotations import rotation_angles
 from pairwise.local.local_search import LocalMinima
-from pairwise.local.rotation_sets import rotation_angles
 from pairwise.local.search import distinct
 from pairwise.options import MatchOptions
 from pairwise.problem.pattern import RotationPattern

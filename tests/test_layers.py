@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 ALLOWED = {
     "data_tools": {"data_tools"},
-    "pairwise": {"pairwise", "data_tools.errors", "data_tools.arrays", "data_tools.threads"},
+    "pairwise": {"pairwise", *(f"data_tools.{leaf}" for leaf in ("arrays", "errors", "rotations", "threads"))},
     "collalign": {"collalign", "pairwise", "data_tools"},
 }
 HEAVY = {"trimesh", "cvxpy", "open3d", "matplotlib", "distributed", "clarabel", "scs", "numba"}

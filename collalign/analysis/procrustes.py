@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from data_tools.arrays import BoolArray, FloatArray, as_floats, read_only
 from data_tools.errors import InputError, OptionsError
+from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
 
 Distance = Literal["partial", "full", "riemannian"]
@@ -141,10 +142,7 @@ def best_rotations(targets: FloatArray, sources: FloatArray) -> FloatArray:
 
     Kabsch's solution; ``targets`` and ``sources`` broadcast against each other.
     """
-    U, _, Vt = np.linalg.svd(np.swapaxes(targets, -1, -2) @ sources)
-    signs = np.ones(U.shape[:-1])
-    signs[..., 2] = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
-    return (U * signs[..., None, :]) @ Vt
+    return nearest_orthogonal(np.swapaxes(targets, -1, -2) @ sources, determinant=1.0)
 
 
 @one_blas_thread()

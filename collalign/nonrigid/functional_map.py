@@ -19,6 +19,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError, OptionsError
+from data_tools.rotations import nearest_orthogonal
 
 #: Rows of a distance matrix that are held at once.
 _BLOCK_ROWS = 128
@@ -115,9 +116,8 @@ def icp(
     while change > tol and iterations < max_iterations:
         iterations += 1
         point_map = nearest_rows(basis_target, basis_source @ rotation.T)
-        u, _, vt = np.linalg.svd(basis_target[point_map].T @ basis_source)
-        change = float(np.abs(u @ vt - rotation).max())
-        rotation = u @ vt
+        before, rotation = rotation, nearest_orthogonal(basis_target[point_map].T @ basis_source)
+        change = float(np.abs(rotation - before).max())
     moved = basis_source @ rotation.T
     return FunctionalMap(
         C_source_target=np.ascontiguousarray(rotation.T),

@@ -17,6 +17,7 @@ from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.io.objects import ShapeLike, as_origin
+from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
 
 #: Difference of scores at which the better candidate is taken to be right e times as often as the other.
@@ -149,8 +150,7 @@ def _public(target: SpectralShape, source: SpectralShape, candidate: Refined) ->
     forward = candidate.functional_map.map_target_source
     images = target.functions[target.dense[forward], :ENERGY_DIM]
     own = source.functions[source.dense[: len(forward)], :ENERGY_DIM]
-    u, _, vt = np.linalg.svd(images.T @ own)
-    residuals = own @ (u @ vt).T - images
+    residuals = own @ nearest_orthogonal(images.T @ own).T - images
     return NonrigidCandidate(
         functional_map=read_only(candidate.functional_map.C_source_target),
         map_target_source=read_only(target.to_original[target.dense[forward]]),

@@ -12,6 +12,7 @@ from collalign.nonrigid.surface.geometry import vertex_normals
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.io.files import write_atomic
+from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.shape import Shape
 
 _GREY = np.full(3, 0.6)
@@ -83,8 +84,7 @@ def _axes(vertices: FloatArray) -> FloatArray:
 
 
 def _procrustes(target: FloatArray, source: FloatArray) -> FloatArray:
-    u, _, vt = np.linalg.svd((target - target.mean(axis=0)).T @ (source - source.mean(axis=0)))
-    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    return nearest_orthogonal((target - target.mean(axis=0)).T @ (source - source.mean(axis=0)), determinant=1.0)
 
 
 def _draw(panel: Any, shape: Shape, colours: FloatArray, axes: FloatArray) -> None:

@@ -15,6 +15,7 @@ from collalign.nonrigid.relaxed import relaxation_starts
 from collalign.nonrigid.starts import descriptor_start, sign_starts
 from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import FloatArray
+from data_tools.rotations import nearest_orthogonal
 from pairwise.local.local_search import LocalMinima, merge
 from pairwise.status import Status
 
@@ -105,8 +106,8 @@ def finish_by_icp(target: SpectralShape, source: SpectralShape, screened: list[R
     """Refine by functional-map ICP in 30 functions on all dense samples."""
     refined = []
     for candidate in screened:
-        u, _, vt = np.linalg.svd(candidate.functional_map.C_source_target[1 : ICP_DIM + 1, 1 : ICP_DIM + 1])
-        refined.append(judged(target, source, icp_map(target, source, (u @ vt).T), candidate.origin))
+        start = nearest_orthogonal(candidate.functional_map.C_source_target[1 : ICP_DIM + 1, 1 : ICP_DIM + 1]).T
+        refined.append(judged(target, source, icp_map(target, source, start), candidate.origin))
     return refined
 
 

@@ -23,6 +23,7 @@ from data_tools.embedding.invariants import heat_kernel_signature, standardised
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
+from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.shape import Shape
 
@@ -192,9 +193,7 @@ class PoseMapper:
     def rotation_of(self, found: FunctionalMap, *, chirality: float) -> FloatArray:
         """Return the orthogonal matrix of determinant ``chirality`` that fits a map and its inverse best."""
         to, of = self.matched(found, self.target.points, self.source.points)
-        u, _, vt = np.linalg.svd((to - to.mean(axis=0)).T @ (of - of.mean(axis=0)))
-        signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) * chirality])
-        return np.asarray((u * signs) @ vt)
+        return nearest_orthogonal((to - to.mean(axis=0)).T @ (of - of.mean(axis=0)), determinant=chirality)
 
     def matched(
         self, found: FunctionalMap, of_target: FloatArray, of_source: FloatArray

@@ -21,6 +21,7 @@ from collalign.output.write import ALIGNMENT_FILE, CORRESPONDENCES_FILE, PAIRS_F
 from data_tools.arrays import FloatArray, as_floats
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import plain_cell
+from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
 from pairwise.certificates.certificate import MAX_BYTES, Certificate
 from pairwise.certificates.verify import verify_certificate
@@ -211,8 +212,7 @@ def _deviation(target: FloatArray, source: FloatArray) -> float:
     sizes = [float(np.linalg.norm(points)) for points in (q, p)]
     if min(sizes) == 0.0:
         return 0.0 if max(sizes) == 0.0 else np.inf
-    u, _, vt = np.linalg.svd((q / sizes[0]).T @ (p / sizes[1]))
-    moved = (p / sizes[1]) @ (u @ vt).T
+    moved = (p / sizes[1]) @ nearest_orthogonal((q / sizes[0]).T @ (p / sizes[1])).T
     return float(np.linalg.norm(moved - q / sizes[0], axis=1).max())
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from collalign import AlignOptions, RunOptions, align_collection
 from data_tools.arrays import FloatArray
 from data_tools.io.shapes import read_folder, read_shape
+from data_tools.rotations import rotation_angle_deg
 from data_tools.surface.shape import Shape
 from experiments.clock import Elapsed, stopwatch
 from experiments.peers.peer_pairs import (
@@ -133,10 +134,7 @@ def largest_difference_deg(a: Answer, b: Answer) -> float:
         return 0.0
     turns = np.swapaxes(a.rotations, 1, 2)[:, None] @ a.rotations[None]
     other = np.swapaxes(b.rotations, 1, 2)[:, None] @ b.rotations[None]
-    if not (np.linalg.det(turns) * np.linalg.det(other) > 0).all():
-        return float("nan")
-    chords = np.linalg.norm(turns - other, axis=(2, 3)) / np.sqrt(8.0)
-    return float(np.degrees(2.0 * np.arcsin(np.minimum(chords, 1.0))).max())
+    return float(rotation_angle_deg(turns, other).max())
 
 
 _OPEN3D = {"Open3D pairs + pose graph": open3d_pose_graph, "Open3D pairs + spectral": spectral}

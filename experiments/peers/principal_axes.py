@@ -21,6 +21,7 @@ from collalign.engine.jobs.run import run_jobs
 from data_tools.arrays import FloatArray
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import CollectionError, OptionsError
+from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.shape import Shape
 
 #: Points of the first and of the second round, as auto3dgm's example has them.
@@ -101,9 +102,7 @@ def closest_points(target: FloatArray, source: FloatArray, start: FloatArray) ->
         if before is not None and (match == before).all():
             break
         before = match
-        u, _, vt = np.linalg.svd(target.T @ source[match])
-        u[:, 2] *= side * np.linalg.det(u @ vt)
-        rotation = u @ vt
+        rotation = nearest_orthogonal(target.T @ source[match], determinant=side)
     return rotation, float(np.linalg.norm(target - source[match] @ rotation.T))
 
 

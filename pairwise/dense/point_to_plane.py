@@ -8,6 +8,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError, OptionsError
+from data_tools.rotations import nearest_orthogonal
 from pairwise.dense.points import DensePoints, Similarity
 
 
@@ -70,7 +71,7 @@ def point_to_plane(
     move = np.asarray(found.transformation, dtype=np.float64)
     if not len(found.correspondence_set) or not np.isfinite(move).all():
         return start, False
-    turn = _orthogonal(move[:3, :3])
+    turn = nearest_orthogonal(move[:3, :3])
     pose = Similarity(rotation=turn @ start.rotation, scale=start.scale, shift=turn @ start.shift + move[:3, 3])
     return pose, True
 
@@ -88,9 +89,3 @@ def _open3d() -> Any:
 
 def _cloud(open3d: Any, points: FloatArray) -> Any:
     return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(np.array(points)))
-
-
-def _orthogonal(matrix: FloatArray) -> FloatArray:
-    """Return the nearest orthogonal matrix: many small steps add up rounding errors."""
-    u, _, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ vt)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, as_floats, as_rotations, read_only
 from data_tools.errors import InputError, OptionsError
+from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
 from pairwise.dense.point_to_plane import point_to_plane
 from pairwise.dense.points import DenseMatcher, DensePoints, Similarity
@@ -220,10 +221,7 @@ def _procrustes(to: FloatArray, of: FloatArray, chirality: float, scale: float |
     """
     mean_to, mean_of = to.mean(axis=0), of.mean(axis=0)
     centred_to, centred_of = to - mean_to, of - mean_of
-    u, _, vt = np.linalg.svd(centred_to.T @ centred_of)
-    signs = np.ones(len(u))
-    signs[-1] = np.sign(np.linalg.det(u @ vt)) * chirality
-    rotation = (u * signs) @ vt
+    rotation = nearest_orthogonal(centred_to.T @ centred_of, determinant=chirality)
     if scale is None:
         sizes = [float((points**2).sum()) for points in (centred_to, centred_of)]
         scale = float(np.sqrt(sizes[0] / sizes[1])) if min(sizes) > 0 else 1.0

@@ -104,19 +104,6 @@ def sign_rotations(dim: int, num: int, *, seed: int = 0) -> FloatArray:
     return np.concatenate([free, last], axis=1)[:, :, None] * np.eye(dim)
 
 
-def rotation_angles(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the angle between orthogonal matrices in radians, shape broadcast from (..., d, d).
-
-    Of matrices of equal determinant: the Riemannian distance for d = 2 and 3; above, the angle of that single plane
-    rotation whose chordal distance is the same (pi where there is none). For opposite determinants it is pi.
-    """
-    dim = first.shape[-1]
-    trace = (first * second).sum(axis=(-2, -1))
-    angles = np.arccos(np.clip(1.0 - (dim - trace) / 2.0, -1.0, 1.0))
-    opposite = np.linalg.det(first) * np.linalg.det(second) < 0
-    return np.where(opposite, np.pi, angles)
-
-
 def small_rotations(dim: int, num: int, angle_rad: float, *, seed: int = 0) -> FloatArray:
     """Return rotations by one angle about even axes, shape (num, d, d): how to look around a pose.
 

@@ -12,9 +12,10 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import InputError
+from data_tools.rotations import nearest_orthogonal, rotation_angles
 from data_tools.threads import one_blas_thread
 from pairwise.local.local_search import minimise
-from pairwise.local.rotation_sets import rotation_angles, rotation_set
+from pairwise.local.rotation_sets import rotation_set
 from pairwise.problem.problem import Problem
 from pairwise.tight.problem import chiralities, energy_scale, mirror
 
@@ -87,7 +88,7 @@ def _rotations_in(span: FloatArray, dim: int, signs: FloatArray) -> FloatArray:
         z = _lifted(rotations * signs)
         projected = (z @ span) @ span.T
         matrices = np.swapaxes(projected[:, 1:].reshape(-1, dim, dim), 1, 2) * signs
-        rotations = _nearest_rotations(matrices)
+        rotations = nearest_orthogonal(matrices, determinant=1.0)
     distance = _distance(rotations * signs, span)
     return rotations[distance <= distance.min() + _CONTAINED]
 
@@ -100,9 +101,3 @@ def _distance(rotations: FloatArray, span: FloatArray) -> FloatArray:
 def _lifted(matrices: FloatArray) -> FloatArray:
     columns = np.swapaxes(matrices, 1, 2).reshape(len(matrices), -1)
     return np.concatenate([np.ones((len(matrices), 1)), columns], axis=1)
-
-
-def _nearest_rotations(matrices: FloatArray) -> FloatArray:
-    u, _, vt = np.linalg.svd(matrices)
-    u[:, :, -1] *= np.sign(np.linalg.det(u @ vt))[:, None]
-    return np.asarray(u @ vt)

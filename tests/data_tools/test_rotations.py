@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError, OptionsError
-from data_tools.rotations import landmark_rotation, random_rotation, rotation_angle_deg
+from data_tools.rotations import (
+    landmark_rotation,
+    nearest_orthogonal,
+    random_rotation,
+    rotation_angle_deg,
+    rotation_angles,
+)
 
 
 def about_z(degrees: float) -> np.ndarray:
@@ -65,3 +71,26 @@ def test_landmarks_are_checked(rng: np.random.Generator) -> None:
         landmark_rotation(points, missing)
     with pytest.raises(OptionsError, match="group"):
         landmark_rotation(points, points, group="so")
+
+
+def test_angles_between_chiralities_are_half_a_turn() -> None:
+    assert rotation_angles(np.eye(3), np.diag([1.0, 1.0, -1.0])) == np.pi
+    assert rotation_angles(np.eye(3), np.diag([1.0, -1.0, -1.0])) == pytest.approx(np.pi)
+    assert rotation_angles(np.eye(3), about_z(1e-6)) == pytest.approx(np.radians(1e-6), rel=1e-6)
+
+
+@pytest.mark.parametrize("dim", [2, 3, 5])
+def test_no_orthogonal_matrix_is_nearer_than_the_nearest(rng: np.random.Generator, dim: int) -> None:
+    matrices = rng.standard_normal((6, dim, dim))
+    others = np.stack([random_rotation(rng, dim, group="O") for _ in range(200)])
+    for determinant in (None, 1.0, -1.0):
+        found = nearest_orthogonal(matrices, determinant=determinant)
+        np.testing.assert_allclose(
+            found @ found.transpose(0, 2, 1), np.broadcast_to(np.eye(dim), found.shape), atol=1e-12
+        )
+        allowed = others if determinant is None else others[np.linalg.det(others) * determinant > 0]
+        if determinant is not None:
+            np.testing.assert_allclose(np.linalg.det(found), determinant)
+        distances = np.linalg.norm(matrices[:, None] - allowed, axis=(2, 3))
+        assert (np.linalg.norm(matrices - found, axis=(1, 2)) <= distances.min(axis=1)).all()
+        np.testing.assert_array_equal(nearest_orthogonal(matrices[0], determinant=determinant), found[0])

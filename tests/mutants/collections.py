@@ -236,9 +236,15 @@ SHAPES: tuple[Mutant, ...] = (
     *faults(
         "data_tools/rotations.py",
         ("tests/data_tools/test_rotations.py",),
-        ("rotation_angle_deg", "np.sqrt(8.0)", "np.sqrt(4.0)"),
+        ("chordal_angles", "np.sqrt(8.0)", "np.sqrt(4.0)"),
+        (
+            "rotation_angles",
+            "np.where(opposite, np.pi, chordal_angles(first, second))",
+            "chordal_angles(first, second)",
+        ),
+        ("nearest_orthogonal", "u[..., -1] *=", "u[..., 0] *="),
         ("random_rotation", 'group == "SO" and ', ""),
-        ("landmark_rotation", 'if group == "SO" and np.linalg.det(u @ vt) < 0:', "if False:"),
+        ("landmark_rotation", '1.0 if group == "SO" else None', "None"),
         ("landmark_rotation", "~(np.isnan(q).any(axis=1) | np.isnan(p).any(axis=1))", "~np.isnan(q).any(axis=1)"),
     ),
     *faults(

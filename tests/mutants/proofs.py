@@ -190,7 +190,6 @@ MATCHING: tuple[Mutant, ...] = (
         ("quaternions_to_rotations", "2 * (x * y - z * w)", "2 * (x * y + z * w)"),
         ("principal_frame", "np.where(skewness < 0, -1.0, 1.0)", "1.0"),
         ("sign_rotations", "last = free.prod(axis=1, keepdims=True)", "last = -free.prod(axis=1, keepdims=True)"),
-        ("rotation_angles", "np.where(opposite, np.pi, angles)", "angles"),
         ("small_rotations", "np.tan(angle_rad / 2.0)", "np.tan(angle_rad)"),
     ),
     *faults(

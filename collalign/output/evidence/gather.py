@@ -8,12 +8,12 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
-from collalign.output.report.poses import angle_deg
 from collalign.products.collection import DOUBT, Collection
 from collalign.products.evidence import CollectionView
 from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.source import Origin, location
+from data_tools.rotations import rotation_angles
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
@@ -111,8 +111,7 @@ def cycle_errors_deg(pairs: tuple[Pair, ...], num_shapes: int) -> FloatArray:
     if not chosen:
         return np.empty(0)
     turns = np.array([found[i, j] @ found[j, k] @ found[k, i] for i, j, k in chosen])
-    angles = np.degrees(np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1.0, 1.0)))
-    return np.where(np.linalg.det(turns) < 0, 180.0, angles)
+    return np.degrees(rotation_angles(turns, np.eye(3)))
 
 
 def _some_triangles(pairs: Iterable[tuple[int, int]], num_shapes: int) -> list[tuple[int, int, int]]:
@@ -166,12 +165,13 @@ def distinct_poses(rotations: FloatArray, energies: FloatArray, choice: int) -> 
         Index into ``kept``, -1 for none.
     """
     kept: list[int] = []
+    close = np.degrees(rotation_angles(rotations[:, None], rotations)) <= DISTINCT_PAIR_DEG
     for at in np.argsort(energies, kind="stable"):
-        if all(angle_deg(rotations[at], rotations[other]) > DISTINCT_PAIR_DEG for other in kept):
+        if not close[at, kept].any():
             kept.append(int(at))
     if choice < 0:
         return kept[:MOST_PAIR_POSES], -1
-    near = next(at for at in kept if angle_deg(rotations[at], rotations[choice]) <= DISTINCT_PAIR_DEG)
+    near = next(at for at in kept if close[at, choice])
     shown = kept[:MOST_PAIR_POSES]
     if near not in shown:
         shown[-1] = near

@@ -9,6 +9,7 @@ import numpy as np
 from collalign.products.evidence import CollectionView
 from collalign.products.pair import Alternative
 from data_tools.arrays import FloatArray
+from data_tools.rotations import rotation_angle_deg, rotation_angles
 
 #: Poses closer than this are not offered twice.
 DISTINCT_DEG = 30.0
@@ -27,7 +28,8 @@ def offered_poses(view: CollectionView) -> tuple[tuple[Alternative, ...], ...]:
         kept: list[Alternative] = []
         half = [Alternative(rotation=turn @ R, origin="half turn") for turn in turns]
         for pose in (*poses, *half):
-            if all(angle_deg(pose.rotation, other) > DISTINCT_DEG for other in (R, *(one.rotation for one in kept))):
+            others = np.stack([R, *(one.rotation for one in kept)])
+            if (np.degrees(rotation_angles(others, pose.rotation)) > DISTINCT_DEG).all():
                 kept.append(pose)
         offered.append(tuple(kept[:MOST_POSES]))
     return tuple(offered)
@@ -38,22 +40,12 @@ def own_disagreements_deg(view: CollectionView) -> FloatArray:
 
     Infinite where they disagree on handedness, NaN where the pair has no pose.
     """
-    return np.array(
-        [
-            angle_deg(pair.rotations[0], view.rotations[pair.target].T @ view.rotations[pair.source])
-            if len(pair.rotations)
-            else np.nan
-            for pair in view.pairs
-        ]
-    )
-
-
-def angle_deg(A: FloatArray, B: FloatArray) -> float:
-    """Rotation angle between two orthogonal matrices in degrees; infinite if one mirrors and the other does not."""
-    relative = A.T @ B
-    if np.linalg.det(relative) < 0:
-        return float("inf")
-    return float(np.degrees(np.arccos(np.clip((np.trace(relative) - 1) / 2, -1.0, 1.0))))
+    angles = np.full(len(view.pairs), np.nan)
+    for e, pair in enumerate(view.pairs):
+        if len(pair.rotations):
+            common = view.rotations[pair.target].T @ view.rotations[pair.source]
+            angles[e] = np.nan_to_num(rotation_angle_deg(pair.rotations[0], common), nan=np.inf)
+    return angles
 
 
 def _half_turns(view: CollectionView) -> FloatArray:

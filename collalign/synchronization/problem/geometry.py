@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.rotations import chordal_angles
 
 
 def angles_rad(rotations: FloatArray) -> FloatArray:
@@ -13,8 +14,7 @@ def angles_rad(rotations: FloatArray) -> FloatArray:
     A reflection counts pi for each eigenvalue -1 that has no partner, divided by sqrt 2.
     """
     if rotations.shape[-1] == 3:
-        angle = np.sqrt(np.maximum(((rotations - np.eye(3)) ** 2).sum(axis=(-2, -1)), 0.0) / 8.0)
-        proper = 2.0 * np.arcsin(np.minimum(angle, 1.0))
+        proper = chordal_angles(rotations, np.eye(3))
         if not rotations.size or np.linalg.det(rotations).min() > 0:
             return proper
     phases = np.angle(np.linalg.eigvals(rotations)) if rotations.size else np.zeros(rotations.shape[:-1])

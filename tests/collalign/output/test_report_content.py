@@ -19,11 +19,12 @@ from collalign.output import report
 from collalign.output.report import display_mesh, faces_per_shape, render_report, write_report
 from collalign.output.report.content import build_content, categories
 from collalign.output.report.payload import MISSING, pack, pack_mesh, quaternions, sample_colors
-from collalign.output.report.poses import DISTINCT_DEG, angle_deg, offered_poses
+from collalign.output.report.poses import DISTINCT_DEG, offered_poses
 from collalign.output.report.shown import shown_part
 from collalign.output.report.statistics import cycle_histogram, shape_map, variation
 from collalign.products.evidence import CollectionView
 from collalign.products.pair import Alternative
+from data_tools.rotations import rotation_angle_deg
 from tests.view_problems import bumpy_shapes, view_of
 
 
@@ -111,16 +112,10 @@ def test_offered_poses_are_distinct_and_begin_with_the_evidence() -> None:
     for at, poses in enumerate(offered_poses(view)):
         everything = [view.rotations[at], *(pose.rotation for pose in poses)]
         for a, one in enumerate(everything):
-            assert all(angle_deg(one, other) > DISTINCT_DEG for other in everything[a + 1 :])
+            assert all(rotation_angle_deg(one, other) > DISTINCT_DEG for other in everything[a + 1 :])
     first = offered_poses(view)[1][0]
     assert (first.origin, first.log_odds) == ("candidates", 0.7)
     assert len(offered_poses(view)[0]) == 3
-
-
-def test_angles_between_poses() -> None:
-    turn = Rotation.from_rotvec([0, 0, np.radians(40)]).as_matrix()
-    assert angle_deg(turn, np.eye(3)) == pytest.approx(40)
-    assert angle_deg(-turn, np.eye(3)) == float("inf")
 
 
 def test_map_and_tree_keep_groups_that_agreeing_pairs_join() -> None:

@@ -3,8 +3,9 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
+from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.bounds import QuasiBounds
-from pairwise.local.rotation_sets import random_rotations, rotation_angles
+from pairwise.local.rotation_sets import random_rotations
 from pairwise.problem.problem import Problem
 from pairwise.tight.problem import chiralities, energy_scale
 from tests.oracles import every_pose

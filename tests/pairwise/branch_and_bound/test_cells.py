@@ -3,8 +3,9 @@ from itertools import product
 import numpy as np
 import pytest
 
+from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.cells import Cells, join
-from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations, rotation_angles
+from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations
 
 
 def split_at_random(dim, rng, num=40):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from data_tools.errors import OptionsError
+from data_tools.rotations import rotation_angles
 from pairwise.local.rotation_sets import (
     principal_frame,
     quaternions_to_rotations,
     random_rotations,
-    rotation_angles,
     rotation_set,
     sign_rotations,
     small_rotations,
@@ -89,11 +89,6 @@ def test_small_turns_have_the_angle_asked_for(dim: int) -> None:
     if dim <= 3:
         np.testing.assert_allclose(rotation_angles(turns, np.eye(dim)), 0.3)
     assert small_rotations(1, 4, 0.3).shape == (4, 1, 1)
-
-
-def test_angles_between_chiralities_are_half_a_turn() -> None:
-    assert rotation_angles(np.eye(3), np.diag([1.0, 1.0, -1.0])) == np.pi
-    assert rotation_angles(np.eye(3), np.diag([1.0, -1.0, -1.0])) == pytest.approx(np.pi)
 
 
 def test_the_spiral_runs_through_the_middles_of_its_steps() -> None:

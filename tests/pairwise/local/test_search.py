@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from data_tools.errors import OptionsError
+from data_tools.rotations import rotation_angles
 from pairwise.local.local_search import minimise
-from pairwise.local.rotation_sets import random_rotations, rotation_angles
+from pairwise.local.rotation_sets import random_rotations
 from pairwise.local.search import (
     _first,
     distinct,

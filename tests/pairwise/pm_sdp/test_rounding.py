@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from data_tools.rotations import rotation_angles
 from pairwise.local.local_search import minimise
-from pairwise.local.rotation_sets import random_rotations, rotation_angles
+from pairwise.local.rotation_sets import random_rotations
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations, extreme_starts, nearest_map, rank_one_factors
 from pairwise.problem.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
