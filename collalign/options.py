@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 from collalign.engine.session import Session
 from collalign.former_options import flat_names, refuse_former
+from data_tools.checks import check_choice, check_count, check_flag, check_number
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 from pairwise.options import MatchOptions, Strategy
@@ -144,23 +144,20 @@ class AlignOptions:
             ("gauge", Gauge),
             ("maps", Maps),
         ):
-            if getattr(self, name) not in get_args(choices):
-                raise OptionsError(f"{name}: expected one of {get_args(choices)}, got {getattr(self, name)!r}")
+            check_choice(name, getattr(self, name), get_args(choices))
         for name in ("certify_budget_s", "certify_pair_s"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise OptionsError(f"{name}: expected a number of seconds, more than 0, got {getattr(self, name)!r}")
+            check_number(name, getattr(self, name), positive=True)
         for name in ("refine", "certify", "strict"):
-            if not isinstance(getattr(self, name), bool):
-                raise OptionsError(f"{name}: expected true or false, got {getattr(self, name)!r}")
+            check_flag(name, getattr(self, name))
+        check_count("clusters", self.clusters, lower=0)
+        check_count("seed", self.seed, lower=0)
         if self.gauge == "axes" and self.reference:
             raise OptionsError("reference: the gauge 'axes' takes no reference; choose one of the two")
-        if isinstance(self.clusters, bool) or not isinstance(self.clusters, int) or self.clusters < 0:
-            raise OptionsError(f"clusters: expected an integer of at least 0, got {self.clusters!r}")
         if self.clusters != 1 and self.synchronization != "robust":
             raise OptionsError("clusters: only the robust synchronization splits a collection")
         if self.certify and self.embedding.has_eigenfunctions:
             raise OptionsError("certify: no proofs with eigenfunctions; choose embedding kind xyz+invariants")
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < _SEED_LIMIT:
+        if self.seed >= _SEED_LIMIT:
             raise OptionsError(f"seed: expected an integer from 0 to 2^63 - 1, got {self.seed!r}")
 
 
@@ -202,8 +199,7 @@ class TwoShapeOptions:
     """How the pair is matched."""
 
     def __post_init__(self) -> None:
-        if self.group not in ("SO", "O"):
-            raise OptionsError(f"group: expected 'SO' or 'O', got {self.group!r}")
+        check_choice("group", self.group, ("SO", "O"))
         if self.matching.seed or self.matching.certify:
             raise OptionsError("matching.seed, matching.certify: set 'seed' and 'certify' instead")
         self.seeded()

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from data_tools.errors import OptionsError
+from data_tools.checks import check_choice, check_count, check_flag, check_number
 
 #: How distances between samples are measured.
 Metric = Literal["auto", "geodesic", "euclidean"]
@@ -31,8 +30,8 @@ class CleaningOptions:
     """Keep only the connected part of the largest area; fragments otherwise attract samples."""
 
     def __post_init__(self) -> None:
-        _check_flag("merge_vertices", self.merge_vertices)
-        _check_flag("largest_component", self.largest_component)
+        check_flag("merge_vertices", self.merge_vertices)
+        check_flag("largest_component", self.largest_component)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,13 +62,13 @@ class SamplingOptions:
     """Larger point clouds are thinned to this many points for preprocessing; samples stay points of the original."""
 
     def __post_init__(self) -> None:
-        _check_choice("metric", self.metric, get_args(Metric))
-        _check_choice("seeds", self.seeds, get_args(Seeds))
-        _check_choice("normalisation", self.normalisation, get_args(Normalisation))
-        _check_count("num_points", self.num_points, lower=MIN_POINTS)
-        _check_count("num_dense_points", self.num_dense_points, lower=0)
-        _check_count("max_faces", self.max_faces, lower=1000)
-        _check_count("max_cloud_points", self.max_cloud_points, lower=1000)
+        check_choice("metric", self.metric, get_args(Metric))
+        check_choice("seeds", self.seeds, get_args(Seeds))
+        check_choice("normalisation", self.normalisation, get_args(Normalisation))
+        check_count("num_points", self.num_points, lower=MIN_POINTS)
+        check_count("num_dense_points", self.num_dense_points, lower=0)
+        check_count("max_faces", self.max_faces, lower=1000)
+        check_count("max_cloud_points", self.max_cloud_points, lower=1000)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,12 +110,10 @@ class EmbeddingOptions:
     """Factor of the invariants' weights on open surfaces and point clouds."""
 
     def __post_init__(self) -> None:
-        _check_choice("kind", self.kind, get_args(EmbeddingKind))
-        _check_count("num_eigenfunctions", self.num_eigenfunctions, lower=1)
+        check_choice("kind", self.kind, get_args(EmbeddingKind))
+        check_count("num_eigenfunctions", self.num_eigenfunctions, lower=1)
         for name in ("lb_weight", "hks_weight", "agd_weight", "wks_weight", "boundary_weight", "open_factor"):
-            value = getattr(self, name)
-            if not isinstance(value, int | float) or not math.isfinite(value) or value < 0:
-                raise OptionsError(f"{name}: expected a number of at least 0, got {value!r}")
+            check_number(name, getattr(self, name))
 
     @property
     def has_eigenfunctions(self) -> bool:
@@ -127,18 +124,3 @@ class EmbeddingOptions:
     def has_invariants(self) -> bool:
         """Whether invariants are asked for."""
         return self.kind in ("xyz+invariants", "all")
-
-
-def _check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise OptionsError(f"{name}: expected one of {', '.join(choices)}, got {value!r}")
-
-
-def _check_count(name: str, value: object, *, lower: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int) or value < lower:
-        raise OptionsError(f"{name}: expected an integer of at least {lower}, got {value!r}")
-
-
-def _check_flag(name: str, value: object) -> None:
-    if not isinstance(value, bool):
-        raise OptionsError(f"{name}: expected true or false, got {value!r}")

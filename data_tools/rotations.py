@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, as_floats, as_points
-from data_tools.errors import InputError, OptionsError
+from data_tools.checks import check_choice
+from data_tools.errors import InputError
 
 
 def random_rotation(rng: np.random.Generator, dim: int = 3, *, group: str = "SO") -> FloatArray:
@@ -19,8 +20,7 @@ def random_rotation(rng: np.random.Generator, dim: int = 3, *, group: str = "SO"
     OptionsError
         If the group is neither "SO" nor "O".
     """
-    if group not in ("SO", "O"):
-        raise OptionsError(f"group: expected 'SO' or 'O', got {group!r}")
+    check_choice("group", group, ("SO", "O"))
     q, r = np.linalg.qr(rng.standard_normal((dim, dim)))
     q = q * np.sign(np.diag(r))
     if group == "SO" and np.linalg.det(q) < 0:
@@ -101,8 +101,7 @@ def landmark_rotation(target: ArrayLike, source: ArrayLike, *, group: str = "SO"
     InputError
         If the shapes differ, or fewer than three landmarks are common.
     """
-    if group not in ("SO", "O"):
-        raise OptionsError(f"group: expected 'SO' or 'O', got {group!r}")
+    check_choice("group", group, ("SO", "O"))
     q, p = np.asarray(target, dtype=np.float64), np.asarray(source, dtype=np.float64)
     if q.shape != p.shape or q.ndim != 2:
         raise InputError(f"landmarks: expected two arrays of one shape (l, 3), got {q.shape} and {p.shape}")

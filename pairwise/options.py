@@ -7,6 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from data_tools.checks import check_choice, check_count, check_number
 from data_tools.errors import OptionsError
 from pairwise.dense.refine import RefinementMethod
 from pairwise.local.local_search import RIGID, Freedom
@@ -63,8 +64,7 @@ class MatchOptions:
         )
 
     def __post_init__(self) -> None:
-        if self.strategy not in get_args(Strategy):
-            raise OptionsError(f"strategy: expected one of {get_args(Strategy)}, got {self.strategy!r}")
+        check_choice("strategy", self.strategy, get_args(Strategy))
         for name, least in (
             ("num_rotations", 0),
             ("num_draws", 0),
@@ -72,13 +72,10 @@ class MatchOptions:
             ("max_candidates", 1),
             ("seed", 0),
         ):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-                raise OptionsError(f"{name}: expected an integer of at least {least}, got {value!r}")
-        if not self.candidate_factor >= 1:
-            raise OptionsError(f"candidate_factor: expected at least 1, got {self.candidate_factor}")
-        if not 0 <= self.candidate_angle_deg <= 180:
-            raise OptionsError(f"candidate_angle_deg: expected 0 to 180, got {self.candidate_angle_deg}")
+            check_count(name, getattr(self, name), lower=least)
+        if self.candidate_factor != np.inf:
+            check_number("candidate_factor", self.candidate_factor, lower=1.0)
+        check_number("candidate_angle_deg", self.candidate_angle_deg, upper=180.0)
         if not 0 < self.gap_tol < 1:
             raise OptionsError(f"gap_tol: expected a number between 0 and 1, got {self.gap_tol}")
         if self.time_limit_s is not None and not self.time_limit_s > 0:
@@ -115,9 +112,6 @@ class DenseOptions:
     """Steps per pose. More of them settle rigid shapes to the last digit, but let bent ones drift."""
 
     def __post_init__(self) -> None:
-        if self.method not in get_args(RefinementMethod):
-            raise OptionsError(f"method: expected one of {get_args(RefinementMethod)}, got {self.method!r}")
-        if not (np.isfinite(self.normal_weight) and self.normal_weight >= 0):
-            raise OptionsError(f"normal_weight: expected a number of at least 0, got {self.normal_weight}")
-        if not self.max_iterations >= 1:
-            raise OptionsError(f"max_iterations: expected at least 1, got {self.max_iterations}")
+        check_choice("method", self.method, get_args(RefinementMethod))
+        check_number("normal_weight", self.normal_weight)
+        check_count("max_iterations", self.max_iterations, lower=1)

@@ -9,9 +9,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+#: Modules of ``data_tools`` about arrays, numbers and errors, which know no shapes.
+LEAVES = ("arrays", "checks", "errors", "rotations", "threads")
 ALLOWED = {
     "data_tools": {"data_tools"},
-    "pairwise": {"pairwise", *(f"data_tools.{leaf}" for leaf in ("arrays", "errors", "rotations", "threads"))},
+    "pairwise": {
+        "pairwise",
+        *(f"data_tools.{leaf}" for leaf in ("arrays", "checks", "errors", "rotations", "threads")),
+    },
     "collalign": {"collalign", "pairwise", "data_tools"},
 }
 HEAVY = {"trimesh", "cvxpy", "open3d", "matplotlib", "distributed", "clarabel", "scs", "numba"}

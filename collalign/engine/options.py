@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from data_tools.checks import check_number
 from data_tools.errors import OptionsError
 
 #: Largest time limit (thirty years) and memory limit (an exbibyte): what clocks and systems can count.
@@ -49,10 +50,7 @@ class RunOptions:
             ("pair_time_limit_s", _MAX_LIMIT_S),
             ("memory_limit_gib", _MAX_LIMIT_GIB),
         ):
-            if not 0 < getattr(self, name) <= largest:
-                raise OptionsError(
-                    f"{name}: expected a number more than 0 and at most {largest:g}, got {getattr(self, name)!r}"
-                )
+            check_number(name, getattr(self, name), upper=largest, positive=True)
 
     @property
     def num_workers(self) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from data_tools.checks import check_choice, check_count, check_number
 from data_tools.errors import OptionsError
 
 #: How the initial matches are found; see :class:`NonrigidOptions`.
@@ -40,11 +41,11 @@ class SurfaceOptions:
     operator for FAUST, from geodesics of the dense samples (20 nearest neighbours, Gaussian weights)."""
 
     def __post_init__(self) -> None:
-        _check_count("num_functions", self.num_functions, 20)
-        _check_count("num_samples", self.num_samples, 8)
-        _check_count("num_dense", self.num_dense, 2 * self.num_functions)
-        _check_count("max_faces", self.max_faces, 1000)
-        _check_choice("operator", self.operator, get_args(Operator))
+        check_count("num_functions", self.num_functions, lower=20)
+        check_count("num_samples", self.num_samples, lower=8)
+        check_count("num_dense", self.num_dense, lower=2 * self.num_functions)
+        check_count("max_faces", self.max_faces, lower=1000)
+        check_choice("operator", self.operator, get_args(Operator))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,24 +94,24 @@ class NonrigidOptions:
     """Of the draws from the relaxation."""
 
     def __post_init__(self) -> None:
-        _check_choice("strategy", self.strategy, get_args(Strategy))
-        _check_choice("orientation", self.orientation, get_args(Orientation))
+        check_choice("strategy", self.strategy, get_args(Strategy))
+        check_choice("orientation", self.orientation, get_args(Orientation))
         if self.mask is not None:
-            _check_choice("mask", self.mask, get_args(Mask))
+            check_choice("mask", self.mask, get_args(Mask))
         if self.refinement is not None:
-            _check_choice("refinement", self.refinement, get_args(Refinement))
-        _check_count("num_source", self.num_source, 4)
-        _check_count("num_candidates", self.num_candidates, 1)
-        _check_count("bandwidth", self.bandwidth, 0)
-        _check_count("seed", self.seed, 0)
-        if self.mask_share is not None and not 0 < self.mask_share <= 1:
-            raise OptionsError(f"mask_share: expected a number in (0, 1], got {self.mask_share}")
-        if self.mask_threshold is not None and not self.mask_threshold > 0:
-            raise OptionsError(f"mask_threshold: expected a positive number, got {self.mask_threshold}")
+            check_choice("refinement", self.refinement, get_args(Refinement))
+        check_count("num_source", self.num_source, lower=4)
+        check_count("num_candidates", self.num_candidates, lower=1)
+        check_count("bandwidth", self.bandwidth, lower=0)
+        check_count("seed", self.seed, lower=0)
+        if self.mask_share is not None:
+            check_number("mask_share", self.mask_share, upper=1.0, positive=True)
+        if self.mask_threshold is not None:
+            check_number("mask_threshold", self.mask_threshold, positive=True)
         if self.mask_share is not None and self.mask_threshold is not None:
             raise OptionsError("mask_share and mask_threshold exclude each other: give one of them")
-        if self.time_limit_s is not None and not self.time_limit_s > 0:
-            raise OptionsError(f"time_limit_s: expected a positive number, got {self.time_limit_s}")
+        if self.time_limit_s is not None:
+            check_number("time_limit_s", self.time_limit_s, positive=True)
 
     @property
     def is_portfolio(self) -> bool:
@@ -121,13 +122,3 @@ class NonrigidOptions:
     def ends_with_icp(self) -> bool:
         """Whether the last refinement is the paper's ICP."""
         return self.refinement == "icp" or (self.refinement is None and not self.is_portfolio)
-
-
-def _check_count(name: str, value: int, lower: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int) or value < lower:
-        raise OptionsError(f"{name}: expected an integer of at least {lower}, got {value!r}")
-
-
-def _check_choice(name: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise OptionsError(f"{name}: expected one of {', '.join(allowed)}, got {value!r}")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from data_tools.checks import check_count, check_number
 from data_tools.errors import OptionsError
+from data_tools.options import MIN_POINTS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,9 +58,8 @@ class RegistrationOptions:
             if not getattr(self, name) or not all(value > 0 for value in getattr(self, name)):
                 raise OptionsError(f"{name}: expected positive numbers, got {getattr(self, name)!r}")
         for name in ("num_centres", "num_points"):
-            if getattr(self, name) < 4:
-                raise OptionsError(f"{name}: expected at least 4, got {getattr(self, name)!r}")
-        if not 0 <= self.tangential <= 1:
-            raise OptionsError(f"tangential: expected a number between 0 and 1, got {self.tangential!r}")
-        if not (self.normal_noise > 0 and self.cutoff > 0 and -1 <= self.min_cosine < 1):
-            raise OptionsError("normal_noise, cutoff and min_cosine: expected > 0, > 0 and within [-1, 1)")
+            check_count(name, getattr(self, name), lower=MIN_POINTS)
+        for name in ("normal_noise", "cutoff"):
+            check_number(name, getattr(self, name), positive=True)
+        check_number("tangential", self.tangential, upper=1.0)
+        check_number("min_cosine", self.min_cosine, lower=-1.0, upper=1.0)

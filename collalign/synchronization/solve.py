@@ -21,7 +21,8 @@ from collalign.synchronization.solvers.blockwise import (
 )
 from collalign.synchronization.solvers.spectral import spectral_frames
 from data_tools.arrays import FloatArray, as_rotations, read_only
-from data_tools.errors import InputError, OptionsError
+from data_tools.checks import check_choice
+from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 from pairwise.problem.pattern import PatternLike
 from pairwise.status import Status
@@ -87,8 +88,7 @@ def synchronize(
     OptionsError
         If the method or the group is unknown.
     """
-    if method not in METHODS:
-        raise OptionsError(f"method: expected one of {METHODS}, got {method!r}")
+    check_choice("method", method, METHODS)
     graph = PairGraph.from_user(
         edges,
         rotations,

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, as_floats, as_rotations, read_only
+from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
 from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
@@ -204,8 +205,7 @@ def _start(
 def _check_options(
     method: str, normal_weight: float, unmatched_penalty: float, matched_share: float, max_iterations: int
 ) -> None:
-    if method not in get_args(RefinementMethod):
-        raise OptionsError(f"method: expected one of {get_args(RefinementMethod)}, got {method!r}")
+    check_choice("method", method, get_args(RefinementMethod))
     if not normal_weight >= 0 or max_iterations < 1:
         raise OptionsError("normal_weight must not be negative, max_iterations at least 1")
     if not unmatched_penalty >= 0:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_mask, read_only
+from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
 
 #: What callers may give as ``rotation_pattern``.
@@ -58,8 +59,7 @@ class RotationPattern:
         InputError
             If the mask leaves no orthogonal matrix.
         """
-        if group not in ("SO", "O"):
-            raise OptionsError(f"group: expected 'SO' or 'O', got {group!r}")
+        check_choice("group", group, ("SO", "O"))
         if isinstance(pattern, RotationPattern):
             if pattern.dim != dim:
                 raise OptionsError(f"rotation_pattern: is for dimension {pattern.dim}, the points have {dim}")

@@ -234,6 +234,12 @@ SHAPES: tuple[Mutant, ...] = (
         ("sibling_path", "if found.parent != folder:", "if False:"),
     ),
     *faults(
+        "data_tools/checks.py",
+        ("tests/data_tools/test_checks.py",),
+        ("check_count", "value < lower", "value <= lower"),
+        ("check_number", "positive and value == lower", "False"),
+    ),
+    *faults(
         "data_tools/rotations.py",
         ("tests/data_tools/test_rotations.py",),
         ("chordal_angles", "np.sqrt(8.0)", "np.sqrt(4.0)"),

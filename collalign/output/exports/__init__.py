@@ -9,7 +9,8 @@ from collalign.output.evidence.file import load_view
 from collalign.output.exports import fcsv, itk, meshes, morphologika, nts, shapeworks, slicer_json, tables, tps
 from collalign.output.exports.request import ExportRequest, Space
 from collalign.products.evidence import CollectionView
-from data_tools.errors import InputError, OptionsError
+from data_tools.checks import check_choice
+from data_tools.errors import InputError
 from data_tools.io.output_folder import OutputFolder
 from data_tools.threads import one_blas_thread
 
@@ -70,8 +71,7 @@ def export(
         If the folder holds no result, an original file is missing, or ``to`` cannot be written or holds a file of
         somebody else's under a name that is to be written.
     """
-    if format not in FORMATS:
-        raise OptionsError(f"format: expected one of {', '.join(FORMATS)}, got {format!r}")
+    check_choice("format", format, FORMATS)
     view = collection if isinstance(collection, CollectionView) else load_view(collection)
     folder = Path(to)
     try:

@@ -12,6 +12,7 @@ import numpy as np
 from collalign.analysis.procrustes import MIN_LABELS, common_labels, generalized_procrustes
 from collalign.products.evidence import CollectionView
 from data_tools.arrays import BoolArray, FloatArray
+from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.output_folder import output_path
 from data_tools.io.shapes import READERS, read_shape
@@ -44,8 +45,7 @@ class ExportRequest:
 
     def __post_init__(self) -> None:
         """Refuse an unknown space."""
-        if self.space not in get_args(Space):
-            raise OptionsError(f"space: expected one of {', '.join(get_args(Space))}, got {self.space!r}")
+        check_choice("space", self.space, get_args(Space))
 
     def transforms(self) -> FloatArray:
         """Take file coordinates to the space asked for, shape (N, 4, 4).

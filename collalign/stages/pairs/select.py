@@ -24,6 +24,7 @@ from collalign.stages.pairs.graph import (
     without_bridges,
 )
 from data_tools.arrays import FloatArray, IntArray, as_floats, as_indices
+from data_tools.checks import check_choice
 from data_tools.errors import OptionsError
 
 __all__ = ["adaptive_pairs", "all_pairs", "extend_pairs", "select_pairs"]
@@ -77,8 +78,7 @@ def select_pairs(
     InputError
         If the descriptors do not fit.
     """
-    if strategy not in STRATEGIES:
-        raise OptionsError(f"strategy: expected one of {STRATEGIES}, got {strategy!r}")
+    check_choice("strategy", strategy, STRATEGIES)
     if num_shapes < 0 or degree < 4:
         raise OptionsError(f"expected num_shapes >= 0 and degree >= 4, got {num_shapes}, {degree}")
     if strategy == "all" or num_shapes <= degree + 1:
