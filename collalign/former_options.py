@@ -7,6 +7,7 @@ from typing import Any
 
 from data_tools.errors import OptionsError
 
+_CONSTANT = "it has one value now, that of its default"
 _TWO_SHAPES = "it belongs to two shapes by themselves: `collalign match`, `pairwise.MatchOptions`"
 #: Options of earlier versions, and what takes their place.
 FORMER = {
@@ -14,6 +15,9 @@ FORMER = {
     "matching.seed": "a collection has one seed for everything; set 'seed' instead",
     "matching.certify": "set 'certify' instead",
     "matching.gap_tol": "proofs of a collection end at a gap of 1e-3",
+    "embedding.wks_weight": "it was 0 by default; 'collalign maps' matches by the wave kernel signature",
+    **{f"embedding.{name}": _CONSTANT for name in ("lb_weight", "boundary_weight", "open_factor")},
+    **{f"sampling.{name}": _CONSTANT for name in ("seeds", "max_cloud_points")},
     **{
         f"matching.{name}": _TWO_SHAPES
         for name in (

@@ -13,8 +13,6 @@ Metric = Literal["auto", "geodesic", "euclidean"]
 Normalisation = Literal["centroid", "area", "none"]
 #: Which evidence is matched.
 EmbeddingKind = Literal["xyz", "xyz+lb", "xyz+invariants", "all"]
-#: Where farthest point sampling starts.
-Seeds = Literal["agd", "centroid"]
 #: Fewer points than this do not determine a pose.
 MIN_POINTS = 4
 
@@ -46,9 +44,6 @@ class SamplingOptions:
     """Distance of farthest point sampling; "auto" is geodesic on closed surfaces (reaches the tips of limbs) and
     Euclidean on open surfaces and point clouds (geodesic samples crowd at their boundary)."""
 
-    seeds: Seeds = "agd"
-    """First samples: extrema of the average geodesic distance, or the vertex farthest from the centroid."""
-
     num_dense_points: int = 400
     """Samples for the final refinement (Euclidean farthest points); 0 leaves it out."""
 
@@ -58,17 +53,12 @@ class SamplingOptions:
     max_faces: int = 40_000
     """Larger meshes are decimated to this many triangles for preprocessing; samples stay vertices of the original."""
 
-    max_cloud_points: int = 20_000
-    """Larger point clouds are thinned to this many points for preprocessing; samples stay points of the original."""
-
     def __post_init__(self) -> None:
         check_choice("metric", self.metric, get_args(Metric))
-        check_choice("seeds", self.seeds, get_args(Seeds))
         check_choice("normalisation", self.normalisation, get_args(Normalisation))
         check_count("num_points", self.num_points, lower=MIN_POINTS)
         check_count("num_dense_points", self.num_dense_points, lower=0)
         check_count("max_faces", self.max_faces, lower=1000)
-        check_count("max_cloud_points", self.max_cloud_points, lower=1000)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,28 +81,16 @@ class EmbeddingOptions:
     num_eigenfunctions: int = 4
     """Size of the Laplace-Beltrami block (the paper's 7-dimensional embedding has 4)."""
 
-    lb_weight: float = 0.3
-    """Weight of the eigenfunctions divided by the square roots of their eigenvalues; .1 to .3 work, 3 hurts."""
-
     hks_weight: float = 0.2
     """Weight of the log heat kernel signature at times .003, .01, .03, .1 of the surface scaled to unit area."""
 
     agd_weight: float = 0.2
     """Weight of the average geodesic distance."""
 
-    wks_weight: float = 0.0
-    """Weight of the wave kernel signature."""
-
-    boundary_weight: float = 0.2
-    """Weight of the distance to the boundary; zero on closed surfaces, where there is none."""
-
-    open_factor: float = 0.25
-    """Factor of the invariants' weights on open surfaces and point clouds."""
-
     def __post_init__(self) -> None:
         check_choice("kind", self.kind, get_args(EmbeddingKind))
         check_count("num_eigenfunctions", self.num_eigenfunctions, lower=1)
-        for name in ("lb_weight", "hks_weight", "agd_weight", "wks_weight", "boundary_weight", "open_factor"):
+        for name in ("hks_weight", "agd_weight"):
             check_number(name, getattr(self, name))
 
     @property

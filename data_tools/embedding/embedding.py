@@ -7,12 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.embedding.invariants import (
-    NUM_SPECTRUM,
-    heat_kernel_signature,
-    standardised,
-    wave_kernel_signature,
-)
+from data_tools.embedding.invariants import NUM_SPECTRUM, heat_kernel_signature, standardised
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
 from data_tools.options import EmbeddingOptions, SamplingOptions
@@ -20,6 +15,14 @@ from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.normals import outward_normals
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
+
+#: Weight of the eigenfunctions divided by the square roots of their eigenvalues; .1 to .3 work, 3 hurts.
+LB_WEIGHT = 0.3
+#: Weight of the distance to the boundary; closed surfaces have none.
+BOUNDARY_WEIGHT = 0.2
+#: Factor of the invariants' weights on open surfaces and point clouds (``python -m experiments invariants`` compares
+#: samples with and without invariants at these weights).
+OPEN_FACTOR = 0.25
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,7 +143,7 @@ def _choose_samples(surface: WorkingSurface, options: SamplingOptions) -> IntArr
     metric = options.metric
     if metric == "auto":
         metric = "geodesic" if surface.is_closed else "euclidean"
-    return surface.farthest_points(options.num_points, metric, seeded=options.seeds == "agd")
+    return surface.farthest_points(options.num_points, metric, seeded=True)
 
 
 def _distinct(indices: IntArray, shape: Shape) -> IntArray:
@@ -159,7 +162,7 @@ def _unit_of_length(centred: FloatArray, surface: WorkingSurface, options: Sampl
 
 
 def _spectrum(surface: WorkingSurface, options: EmbeddingOptions) -> Spectrum | None:
-    needs_signatures = options.has_invariants and (options.hks_weight > 0 or options.wks_weight > 0)
+    needs_signatures = options.has_invariants and options.hks_weight > 0
     num = max(
         NUM_SPECTRUM if needs_signatures else 0, options.num_eigenfunctions if options.has_eigenfunctions else 0
     )
@@ -176,7 +179,7 @@ def _coordinates(
         return positions.copy(), (3,)
     num = options.num_eigenfunctions
     block = eigen.functions[chosen, :num] / np.sqrt(np.maximum(eigen.values[:num], 1e-6))
-    block *= size * options.lb_weight**0.5 / np.linalg.norm(block)
+    block *= size * LB_WEIGHT**0.5 / np.linalg.norm(block)
     return np.ascontiguousarray(np.hstack([positions, block])), (3, num)
 
 
@@ -189,13 +192,10 @@ def _descriptors(
         return found
     if options.hks_weight > 0 and eigen is not None:
         found.append((options.hks_weight, heat_kernel_signature(eigen)))
-    if options.wks_weight > 0 and eigen is not None:
-        found.append((options.wks_weight, wave_kernel_signature(eigen)))
     if options.agd_weight > 0:
         found.append((options.agd_weight, surface.agd[:, None]))
-    if options.boundary_weight > 0:
-        found.append((options.boundary_weight, surface.boundary_distance[:, None]))
-    factor = 1.0 if surface.is_closed else options.open_factor
+    found.append((BOUNDARY_WEIGHT, surface.boundary_distance[:, None]))
+    factor = 1.0 if surface.is_closed else OPEN_FACTOR
     return [(factor * weight, values) for weight, values in found]
 
 

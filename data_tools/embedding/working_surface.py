@@ -18,6 +18,9 @@ from data_tools.surface.laplacian import Spectrum, SurfaceOperators, spectrum, s
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import is_open_surface
 
+#: Larger point clouds are thinned to this many points; samples stay points of the original. A mesh of
+#: 40 000 triangles, the default limit, has as many vertices.
+MOST_CLOUD_POINTS = 20_000
 #: No two seeds are nearer than this, times the square root of the area.
 SEED_SPACING = 0.2
 
@@ -120,9 +123,9 @@ class WorkingSurface:
 def _reduce(shape: Shape, options: SamplingOptions) -> tuple[Shape, IntArray, str]:
     if shape.is_mesh and len(shape.faces) > options.max_faces:
         return _decimate(shape, options.max_faces)
-    if not shape.is_mesh and len(shape.vertices) > options.max_cloud_points:
+    if not shape.is_mesh and len(shape.vertices) > MOST_CLOUD_POINTS:
         rng = np.random.default_rng(0)
-        kept = np.sort(rng.choice(len(shape.vertices), options.max_cloud_points, replace=False))
+        kept = np.sort(rng.choice(len(shape.vertices), MOST_CLOUD_POINTS, replace=False))
         note = f"preprocessed on {len(kept)} of {len(shape.vertices)} points"
         return Shape.from_arrays(shape.vertices[kept], name=shape.name, file=shape.file), kept, note
     used = np.unique(shape.faces)

@@ -4,6 +4,8 @@ import joblib
 import pytest
 
 from collalign.engine.options import RunOptions
+from collalign.former_options import FORMER
+from collalign.options import AlignOptions, options_from_record
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 
@@ -21,7 +23,7 @@ def test_defaults_are_valid_frozen_and_keyword_only(kind: type) -> None:
     ("field", "value"),
     [
         ("num_points", 3), ("num_points", 20.0), ("num_points", True), ("num_dense_points", -1), ("max_faces", 10),
-        ("max_cloud_points", 0), ("metric", "taxicab"), ("seeds", "random"), ("normalisation", "volume"),
+        ("metric", "taxicab"), ("normalisation", "volume"),
     ],
 )  # fmt: skip
 def test_impossible_sampling_is_refused_by_name(field: str, value: object) -> None:
@@ -31,8 +33,8 @@ def test_impossible_sampling_is_refused_by_name(field: str, value: object) -> No
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("kind", "xyz+normals"), ("num_eigenfunctions", 0), ("lb_weight", -0.1), ("hks_weight", float("nan")),
-     ("agd_weight", float("inf")), ("wks_weight", "a"), ("boundary_weight", None)],
+    [("kind", "xyz+normals"), ("num_eigenfunctions", 0), ("hks_weight", float("nan")), ("hks_weight", "a"),
+     ("agd_weight", float("inf")), ("agd_weight", -0.1), ("agd_weight", None)],
 )  # fmt: skip
 def test_impossible_embeddings_are_refused_by_name(field: str, value: object) -> None:
     with pytest.raises(OptionsError, match=field):
@@ -48,3 +50,10 @@ def test_kinds_say_what_they_need() -> None:
 def test_there_are_as_many_workers_as_asked_for_but_no_more_than_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(joblib, "cpu_count", lambda: 4)
     assert [RunOptions(jobs=jobs).num_workers for jobs in (-1, 1, 3, 16)] == [4, 1, 3, 4]
+
+
+@pytest.mark.parametrize(("group", "name"), [name.split(".") for name in FORMER if "." in name])
+def test_names_of_earlier_versions_are_answered(group: str, name: str) -> None:
+    with pytest.raises(OptionsError, match=f"{group}.{name}: not an option of collections any more; .{{20}}"):
+        options_from_record({group: {name: 1}})
+    assert not hasattr(getattr(AlignOptions(), group), name)

@@ -48,7 +48,7 @@ def test_local_pairs_keep_the_nearest_and_the_connection(rng: np.random.Generato
 def posed_crowns(rng: np.random.Generator, num: int) -> tuple[list[Samples], np.ndarray]:
     shape = crown(num_vertices=500)
     turns = np.stack([random_rotation(rng, group="O") for _ in range(num)])
-    options = SamplingOptions(num_points=16, num_dense_points=200, seeds="centroid")
+    options = SamplingOptions(num_points=16, num_dense_points=200)
     samples = [
         sample_shape(Shape.from_arrays(shape.vertices @ turn, shape.faces), options, EmbeddingOptions(kind="xyz"))
         for turn in turns

@@ -1,11 +1,13 @@
 import numpy as np
+import pytest
 
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
+from data_tools.embedding import working_surface
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
 
-SMALL = SamplingOptions(max_faces=1000, max_cloud_points=1000)
+SMALL = SamplingOptions(max_faces=1000)
 
 
 def test_a_small_clean_shape_is_its_own_working_surface(rng: np.random.Generator) -> None:
@@ -26,7 +28,8 @@ def test_decimation_keeps_the_surface_and_maps_to_near_vertices(rng: np.random.G
     assert "decimated" in surface.notes[0]
 
 
-def test_clouds_are_thinned(rng: np.random.Generator) -> None:
+def test_clouds_are_thinned(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(working_surface, "MOST_CLOUD_POINTS", 1000)
     cloud = Shape.from_arrays(blob(rng, num_vertices=3000).vertices)
     surface = WorkingSurface(cloud, SMALL)
     assert len(surface.shape.vertices) == 1000
