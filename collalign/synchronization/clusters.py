@@ -28,6 +28,9 @@ PRIOR_CLOSED = 1e-3
 #: Affinities that are averaged into what is typical of a shape, and the least of it, relative to the largest.
 NUM_TYPICAL, LEAST_TYPICAL = 5, 1e-9
 
+#: Turns that the pairs between two parts ask for are counted around this many of them, at most; rounds of k-means.
+MAX_MODES, MAX_KMEANS = 256, 100
+
 #: Third shapes looked at per pair, at most.
 MAX_TRIANGLES = 64
 
@@ -153,7 +156,7 @@ def spectral_clusters(affinity: FloatArray, num_clusters: int | None, max_cluste
         num_clusters = 1 + int(np.argmax(values[:most] / values[1 : most + 1])) if most else 1
     rows = vectors[:, :num_clusters]
     rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
-    _, found = kmeans2(rows, _spread_rows(rows, num_clusters), minit="matrix", iter=100)
+    _, found = kmeans2(rows, _spread_rows(rows, num_clusters), minit="matrix", iter=MAX_KMEANS)
     _, first, inverse = np.unique(found, return_index=True, return_inverse=True)
     order = np.argsort(np.argsort(first))
     return np.asarray(order[inverse.ravel()], dtype=np.int64)
@@ -196,7 +199,7 @@ def _aligned_parts(
         if len(i):
             turns = poses[i] @ measured @ transposed(poses[j])
             flat = turns.reshape(len(turns), -1)
-            close = ((flat[:, None] - flat[:: max(1, len(flat) // 256)]) ** 2).sum(axis=2) <= CLOSED
+            close = ((flat[:, None] - flat[:: max(1, len(flat) // MAX_MODES)]) ** 2).sum(axis=2) <= CLOSED
             mode = int(np.argmax(close.sum(axis=0)))
             turn = graph.pattern.project(turns[close[:, mode]].sum(axis=0))
             agreement[number] = close[:, mode].mean()

@@ -22,8 +22,9 @@ MOST_CONFIDENT = 0.999
 #: Evidence below this makes beliefs overconfident; confidences shrink, to half without evidence. Set on simulations.
 ENOUGH_SIGNAL = 2.0
 
-#: Doubted blocks of at least this share of the shapes (and three) are groups of their own.
-SMALLEST_PART = 0.05
+#: Doubted blocks of at least this share of the shapes, and this many, are groups of their own
+#: (set on simulations: tests/benchmarks/bench_synchronization.py).
+SMALLEST_PART, FEWEST_OF_PART = 0.05, 3.0
 
 #: Shapes whose turns are compared with those of all others at once.
 _SLAB = 2048
@@ -83,7 +84,7 @@ def assess(states: list[State], cuts: list[Cut], frames: FloatArray, free: BoolA
         if cut.doubted:
             confidence[cut.members] = np.minimum(confidence[cut.members], cap)
     confidence[~free] = 1.0
-    large = max(3.0, SMALLEST_PART * graph.num_shapes)
+    large = max(FEWEST_OF_PART, SMALLEST_PART * graph.num_shapes)
     return Doubts(
         confidence=confidence,
         alternatives=pose_alternatives(best, frames),

@@ -9,6 +9,9 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray, as_indices
 from data_tools.errors import InputError, OptionsError
 from pairwise.problem.pattern import RotationPattern
 
+#: Entries outside the pattern that count as zero.
+PATTERN_TOL = 1e-6
+
 
 def checked_edges(edges: ArrayLike, num_shapes: int | None) -> IntArray:
     """Check pairs of shapes and return them as (E, 2) integers.
@@ -68,7 +71,7 @@ def check_pattern(rotations: FloatArray, name: str, pattern: RotationPattern) ->
         If an entry outside the pattern is not zero, or a block that must be a rotation is a reflection.
     """
     outside = float(np.abs(rotations[..., ~pattern.mask]).max(initial=0.0))
-    if outside > 1e-6:
+    if outside > PATTERN_TOL:
         raise InputError(f"{name}: entries outside rotation_pattern reach {outside:.2g}")
     for start, stop in pattern.special_blocks:
         if rotations.size and np.linalg.det(rotations[..., start:stop, start:stop]).min() < 0:

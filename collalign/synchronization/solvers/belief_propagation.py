@@ -6,6 +6,9 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 
+#: A change of labels gains when the cost falls by more than this, nats: less is rounding.
+GAIN_TOL = 1e-9
+
 #: Part of the old message kept at each round.
 DAMPING = 0.4
 
@@ -63,7 +66,7 @@ def propagate_beliefs(
 
 
 def conditional_moves(
-    edges: IntArray, costs: FloatArray, labels: IntArray, *, free: FloatArray, max_sweeps: int = 20
+    edges: IntArray, costs: FloatArray, labels: IntArray, *, free: FloatArray, max_rounds: int = 100
 ) -> IntArray:
     """Return labels that no change of a single shape improves (iterated conditional modes).
 
@@ -72,18 +75,18 @@ def conditional_moves(
     labels = labels.copy()
     left, right = edges.T
     span = np.arange(len(edges))
-    for _ in range(max_sweeps * 5):
+    for _ in range(max_rounds):
         field = _summed(costs[span, :, labels[right]], left, len(labels))
         field += _summed(costs[span, labels[left]], right, len(labels))
         best = np.argmin(field, axis=1)
         shapes = np.arange(len(labels))
         gain = np.where(free, field[shapes, labels] - field[shapes, best], 0.0)
-        if gain.max(initial=0.0) <= 1e-9:
+        if gain.max(initial=0.0) <= GAIN_TOL:
             break
         rival = np.zeros(len(labels))
         np.maximum.at(rival, left, gain[right])
         np.maximum.at(rival, right, gain[left])
-        moving = (gain > 1e-9) & (gain > rival)
+        moving = (gain > GAIN_TOL) & (gain > rival)
         moving[np.argmax(gain)] = True
         both = moving[left] & moving[right]
         moving[right[both & (gain[right] < gain[left].max(initial=0.0))]] = False

@@ -25,6 +25,12 @@ DOUBTED_LOG_ODDS = 6.0
 #: A pair offers a turn when it costs less than this, nats. Half of the pairs must offer a turn of the collection.
 OFFERED_COST, OFFERED_SHARE = 4.0, 0.5
 
+#: Smaller groups have no blocks: two shapes against two are the least.
+LEAST_SHAPES = 4
+
+#: Moving a shape over a cut gains when the cost falls by more than this, nats: less is rounding.
+GAIN_TOL = 1e-9
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cut:
@@ -88,7 +94,7 @@ def weak_cuts(graph: PairGraph, differences: FloatArray, common: FloatArray, hel
         Shapes that may not turn.
     """
     cuts: list[Cut] = []
-    if graph.num_shapes < 4:
+    if graph.num_shapes < LEAST_SHAPES:
         return cuts
     for costs, turn in zip(differences, common, strict=True):
         order = _slow_orders(graph.edges, costs, graph.num_shapes)
@@ -190,7 +196,7 @@ def _settled(edges: IntArray, costs: FloatArray, block: BoolArray, *, minimum: i
         sizes = np.where(side > 0, (side > 0).sum(), (side < 0).sum())
         gain = np.where(sizes > minimum, -side * field, -np.inf)
         moving = int(np.argmax(gain))
-        if gain[moving] <= 1e-9:
+        if gain[moving] <= GAIN_TOL:
             break
         part = slice(matrix.indptr[moving], matrix.indptr[moving + 1])
         field[matrix.indices[part]] -= 2.0 * side[moving] * matrix.data[part]

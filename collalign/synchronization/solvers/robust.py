@@ -10,6 +10,22 @@ from collalign.synchronization.solvers.least_squares import gauss_newton_step
 from collalign.synchronization.solvers.spectral import spectral_frames
 from data_tools.arrays import BoolArray, FloatArray
 
+#: The scale of good pairs is this many times the quantile of their squared distances below which this share of all
+#: pairs lies, but not less than the least scale (set on simulations: tests/benchmarks/bench_synchronization.py).
+GOOD_SCALE, GOOD_SHARE, LEAST_SCALE = 2.0, 0.25, 1e-6
+
+#: Where reweighting starts: squared distances of this size count half.
+FIRST_SCALE = 2.0
+
+#: Factor of the scale from one step to the next, and how near its goal it has arrived (set on the same simulations).
+SCALE_FACTOR, SCALE_ARRIVED = 0.7, 1.01
+
+#: No pair weighs less than this share of the heaviest: the equations keep full rank.
+LEAST_SHARE = 1e-9
+
+#: Reweighting ends with steps shorter than this, radians; the likelihood's own steps follow.
+REWEIGHTED_STEP = 1e-3
+
 
 def reweighted_frames(
     graph: PairGraph,
@@ -40,12 +56,14 @@ def reweighted_frames(
     scale = np.inf
     for _ in range(max_iterations):
         squared = ((rotations - frames[left] @ np.swapaxes(frames[right], 1, 2)) ** 2).sum(axis=(1, 2))
-        target = max(2.0 * float(np.quantile(squared, 0.25)), 1e-6)
-        scale = target if not np.isfinite(scale) and target > 2.0 else max(target, 0.7 * min(scale, 2.0))
+        target = max(GOOD_SCALE * float(np.quantile(squared, GOOD_SHARE)), LEAST_SCALE)
+        is_first = not np.isfinite(scale)
+        falling = SCALE_FACTOR * min(scale, FIRST_SCALE)
+        scale = target if is_first and target > FIRST_SCALE else max(target, falling)
         redescending = np.where(graph.held, 1.0, (scale / (scale + squared)) ** 2)
-        current = np.maximum(weights * redescending, 1e-9 * weights.max())
+        current = np.maximum(weights * redescending, LEAST_SHARE * weights.max())
         frames, step = gauss_newton_step(frames, graph.edges, rotations * current[:, None, None], current, free)
-        if step < 1e-3 and scale <= 1.01 * target:
+        if step < REWEIGHTED_STEP and scale <= SCALE_ARRIVED * target:
             break
     return frames
 

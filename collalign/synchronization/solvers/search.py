@@ -23,6 +23,13 @@ from data_tools.arrays import BoolArray, FloatArray
 #: to one choice of candidates fit their noise too, which would count as evidence for the choice.
 LABEL_NOISE_FACTORS = (2.0, 3.0)
 
+#: Costs that fall by less than this, nats, have not fallen.
+COST_TOL = 1e-6
+
+#: How probable a shape's own pose is where beliefs start, and all its other turns together
+#: (set on simulations: tests/benchmarks/bench_synchronization.py).
+OWN_POSE, OTHER_TURNS = 0.9, 0.1
+
 #: Rounds of choosing turns and refining, per start.
 MAX_ROUNDS = 4
 
@@ -107,7 +114,7 @@ def turn_blocks(state: State, free: BoolArray, pinned: BoolArray) -> tuple[State
         frames = state.frames.copy()
         frames[cheapest.members] = frames[cheapest.members] @ cheapest.turn
         moved = improve(state.model, frames, free)
-        if moved.cost >= state.cost - 1e-6:
+        if moved.cost >= state.cost - COST_TOL:
             break
         state = moved
     return state, cuts
@@ -124,7 +131,7 @@ def improve(model: EdgeModel, frames: FloatArray, free: BoolArray) -> State:
         model, frames = maximise_likelihood(state.model, moved, free)
         fresh = _with_beliefs(model, frames, free)
         settled = not chosen.any()
-        if fresh.cost >= state.cost - 1e-6 and _ > 0:
+        if fresh.cost >= state.cost - COST_TOL and _ > 0:
             break
         state = fresh
         if settled and not np.argmax(state.beliefs, axis=1).any():
@@ -140,8 +147,8 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray) -> Stat
     several = graph.candidates.shape[1] > 1
     blurred = model.with_noise(LABEL_NOISE_FACTORS[several] * model.noise_rad)
     costs = turn_costs(blurred, aligned, alternatives)
-    start = np.full((graph.num_shapes, costs.shape[2]), 0.1 / (costs.shape[2] - 1))
-    start[:, 0] = 0.9
+    start = np.full((graph.num_shapes, costs.shape[2]), OTHER_TURNS / (costs.shape[2] - 1))
+    start[:, 0] = OWN_POSE
     beliefs = propagate_beliefs(graph.edges, costs, graph.num_shapes, start=start, clamped=np.flatnonzero(~free))
     cost = float(costs[:, 0, 0].sum())
     return State(

@@ -15,6 +15,16 @@ from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
+#: Beliefs start from the signs of the eigenvector, right and wrong with these probabilities, and may take so many
+#: rounds (set on simulations: tests/benchmarks/bench_synchronization.py chirality).
+FIRST_BELIEFS, MAX_ROUNDS = (0.9, 0.1), 200
+
+#: Half the log-odds of a sign where nothing is known about it: one in ten is wrong.
+DEFAULT_TRUST = 0.5 * np.log(9.0)
+
+#: A minimum eigenvalue above ``-CERTIFIED_TOL`` times the largest degree counts as zero.
+CERTIFIED_TOL = 1e-9
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ChiralityResult:
@@ -66,7 +76,7 @@ def synchronize_signs(
     given = np.asarray(signs, dtype=np.float64)
     if given.ndim != 1 or not np.isin(given, (-1.0, 1.0)).all():
         raise InputError("signs: expected +1 or -1 for each pair")
-    trust = np.full(len(given), 0.5 * np.log(9.0)) if weights is None else weights
+    trust = np.full(len(given), DEFAULT_TRUST) if weights is None else weights
     graph = PairGraph.from_user(edges, given[:, None, None], weights=trust, group="O", num_shapes=num_shapes)
     found, confidence = np.ones(graph.num_shapes), np.ones(graph.num_shapes)
     smallest, optimal = 0.0, True
@@ -78,7 +88,7 @@ def synchronize_signs(
         own, sure = _signs_of_group(part, evidence)
         found[members], confidence[members] = own * own[0], sure
         eigenvalue, scale = _min_eigenvalue(part, evidence, own)
-        smallest, optimal = min(smallest, eigenvalue), optimal and eigenvalue >= -1e-9 * scale
+        smallest, optimal = min(smallest, eigenvalue), optimal and eigenvalue >= -CERTIFIED_TOL * scale
     left, right = graph.edges.T
     return ChiralityResult(
         mirrored=read_only(found < 0),
@@ -102,7 +112,7 @@ def _signs_of_group(graph: PairGraph, evidence: FloatArray) -> tuple[FloatArray,
     costs = turned[:, None, None] * np.array([[-1.0, 1.0], [1.0, -1.0]])
     hub = np.array([np.argmax(size)])
     beliefs = propagate_beliefs(
-        graph.edges, costs, count, start=np.tile([0.9, 0.1], (count, 1)), clamped=hub, max_rounds=200
+        graph.edges, costs, count, start=np.tile(FIRST_BELIEFS, (count, 1)), clamped=hub, max_rounds=MAX_ROUNDS
     )
     options = [np.argmax(beliefs, axis=1), np.zeros(count, dtype=np.int64)]
     free = np.ones(count, dtype=bool)

@@ -22,6 +22,12 @@ from pairwise.problem.pattern import RotationPattern
 
 #: Up to this many rows LAPACK finds the leading eigenvectors, beyond it Lanczos does.
 DENSE_LIMIT = 400
+#: Matrices with more than this share of entries are multiplied as dense ones.
+DENSE_SHARE = 0.2
+#: Lanczos vectors kept, at least and per eigenvector, and restarts at most.
+LEAST_LANCZOS, LANCZOS_FACTOR, MAX_RESTARTS = 20, 4, 300
+#: How far above the largest eigenvalue the factored matrix is shifted.
+SHIFT = 1e-6
 
 
 def spectral_frames(graph: PairGraph, rotations: FloatArray, weights: FloatArray) -> FloatArray:
@@ -73,13 +79,13 @@ def leading_eigenvectors(matrix: LinearOperator, count: int) -> tuple[FloatArray
     if total <= max(DENSE_LIMIT, count + 2):
         values, vectors = eigh(matrix.toarray(), subset_by_index=(total - count, total - 1))
         return values, vectors
-    operator = matrix.toarray() if matrix.nnz > 0.2 * total * total else matrix
+    operator = matrix.toarray() if matrix.nnz > DENSE_SHARE * total * total else matrix
     start = np.random.default_rng(0).standard_normal(total)
     try:
-        values, vectors = eigsh(operator, k=count, which="LA", v0=start, ncv=max(20, 4 * count), maxiter=300)
+        size = max(LEAST_LANCZOS, LANCZOS_FACTOR * count)
+        values, vectors = eigsh(operator, k=count, which="LA", v0=start, ncv=size, maxiter=MAX_RESTARTS)
     except ArpackNoConvergence:
-        shift = 1.0 + 1e-6
-        values, vectors = eigsh(matrix.tocsc(), k=count, sigma=shift, which="LM", v0=start)
+        values, vectors = eigsh(matrix.tocsc(), k=count, sigma=1.0 + SHIFT, which="LM", v0=start)
     order = np.argsort(values, kind="stable")
     return values[order], vectors[:, order]
 

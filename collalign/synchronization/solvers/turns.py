@@ -23,6 +23,14 @@ RARE_FLIP = 0.003
 #: Cost of a turn that is not offered.
 FORBIDDEN = 1e4
 
+#: Bandwidths of the kernel in which turns are counted, of one shape and of all, and the squared distance within which
+#: a pair is wrong by a turn, in units of the noise's variance (set on simulations:
+#: tests/benchmarks/bench_synchronization.py).
+SHAPE_BANDWIDTH, GLOBAL_BANDWIDTH, FLIP_REACH = 4.0, 8.0, 36.0
+
+#: The global density is a sum over this many turns per proposal, at most.
+TURNS_PER_PROPOSAL = 4
+
 #: Proposals looked at per shape, and for the whole collection, at most.
 SHAPE_PROPOSALS, GLOBAL_PROPOSALS = 48, 400
 
@@ -109,7 +117,7 @@ def _add_own_turns(
         own = _modes(
             mine.reshape(-1, graph.dim, graph.dim),
             chance[edge[part]].ravel(),
-            4.0 * model.noise_rad**2,
+            SHAPE_BANDWIDTH * model.noise_rad**2,
             turns.shape[1] - known,
             turns[shape, :known],
             graph.pattern,
@@ -127,12 +135,13 @@ def global_turns(model: EdgeModel, aligned: FloatArray, count: int) -> FloatArra
     far = ((flat - np.eye(graph.dim)) ** 2).sum(axis=(1, 2)) > SAME_TURN
     far &= chance > 0
     chosen = np.flatnonzero(far)
-    if len(chosen) > 4 * GLOBAL_PROPOSALS:
-        chosen = chosen[np.linspace(0, len(chosen) - 1, 4 * GLOBAL_PROPOSALS).astype(np.int64)]
+    most = TURNS_PER_PROPOSAL * GLOBAL_PROPOSALS
+    if len(chosen) > most:
+        chosen = chosen[np.linspace(0, len(chosen) - 1, most).astype(np.int64)]
     both = np.concatenate([flat[chosen], np.swapaxes(flat[chosen], 1, 2)])
     weights = np.tile(chance[chosen], 2)
     known = np.eye(graph.dim)[None]
-    return _modes(both, weights, 8.0 * model.noise_rad**2, count, known, graph.pattern, GLOBAL_PROPOSALS)
+    return _modes(both, weights, GLOBAL_BANDWIDTH * model.noise_rad**2, count, known, graph.pattern, GLOBAL_PROPOSALS)
 
 
 def _modes(
@@ -192,7 +201,7 @@ def _flipped_pairs(model: EdgeModel, aligned: FloatArray, common: FloatArray, ri
     best = aligned[np.arange(graph.num_edges), graph.best_choice].reshape(graph.num_edges, -1)
     both = np.stack([common, np.swapaxes(common, 1, 2)]).reshape(2 * len(common), -1)
     squared = (2.0 * graph.dim - 2.0 * best @ both.T).reshape(graph.num_edges, 2, len(common)).min(axis=1)
-    near = squared <= np.minimum(SAME_TURN, 36.0 * model.noise_rad**2)
+    near = squared <= np.minimum(SAME_TURN, FLIP_REACH * model.noise_rad**2)
     wrong = np.maximum(1.0 - right, 0.0) * ~graph.held
     return wrong[:, None] * near / np.maximum(near.sum(axis=1, keepdims=True), 1)
 
