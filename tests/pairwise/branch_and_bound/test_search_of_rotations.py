@@ -7,8 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
+from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.search import RotationSearch
-from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations, rotation_angles
+from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations
 from pairwise.problem.problem import Problem
 from tests.tight_problems import planted_cube
 
