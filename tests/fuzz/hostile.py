@@ -14,6 +14,7 @@ import numpy as np
 
 from data_tools.errors import InputError
 from pairwise import Certificate, Problem, verify_certificate
+from pairwise.branch_and_bound.prove import prove
 from pairwise.certificates.certificate import hash_problem
 from pairwise.certificates.statement import build_problem, read_problem
 from pairwise.relaxations import solve_pm_sdp
@@ -116,6 +117,7 @@ def honest() -> tuple[tuple[Problem, Certificate], ...]:
             solve_pm_sdp(problem),
             solve_tight(problem),
             solve_tight(problem, form="quaternion", eliminate=False),
+            prove(problem, tol=1e-2, record=True),
         ]
         partial = replace(problem, max_unmatched=2, unmatched_cost=0.02 * unit**2)
         pairs += [(problem, result.certificate) for result in plain] + [(partial, solve_pm_sdp(partial).certificate)]
@@ -136,7 +138,7 @@ def forge(problem: Problem, certificate: Certificate, rng: np.random.Generator) 
             warnings.simplefilter("ignore")
             arrays = (_cancelling if is_careful else _drawn(CHANGES, rng))(arrays, rng)
     if not is_careful and rng.random() < 0.05:
-        kind = _drawn(["pm-sdp", "tight", "quaternion", "exact", None, 3, ["tight"]], rng)
+        kind = _drawn(["pm-sdp", "tight", "quaternion", "cells", "exact", None, 3, ["tight"]], rng)
     claims: list[Any] = [-1e300, -1.0, certificate.bound, certificate.bound * 1.5, 1e6, np.nan, np.inf, "1", None, 1j]
     claim = _drawn(claims[:4] if rng.random() < 0.95 else claims, rng)
     signature: Any = certificate.problem_hash
