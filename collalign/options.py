@@ -91,7 +91,7 @@ class AlignOptions:
 
     maps: Maps = "auto"
     """Whether non-rigid maps of each pair, started from many poses, propose and judge poses: for shapes that bend.
-    auto asks them where the pairs match so badly that rigid evidence is weak; they take about a tenth of a second a
+    auto asks them where the pairs match badly and contradict each other; they take about a tenth of a second a
     pair, and need meshes."""
 
     refine: bool = True

@@ -63,3 +63,5 @@ class RegistrationOptions:
             check_number(name, getattr(self, name), positive=True)
         check_number("tangential", self.tangential, upper=1.0)
         check_number("min_cosine", self.min_cosine, lower=-1.0, upper=1.0)
+        if self.min_cosine == 1.0:
+            raise OptionsError("min_cosine: expected a number below 1, got 1: no two normals agree that much")

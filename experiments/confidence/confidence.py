@@ -45,8 +45,8 @@ generated one or by a cloud of noise. *Unrelated blobs* and *noise* have no righ
 doubt counts as wrong. Exactly symmetric families are right in several poses; there a word about it is owed, and they
 count in no other figure.
 
-The constants of the confidence were fitted on the same collections (`python -m experiments calibrate confidence`);
-other draws of them. What the same fit says of collections that it did not see stands beside the constants.
+The constants of the confidence were fitted on other draws of the same collections (`python -m experiments calibrate
+confidence`). What the same fit says of collections that it did not see stands beside the constants.
 """
 
 

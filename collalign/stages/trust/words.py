@@ -102,10 +102,12 @@ def _blocks(names: Sequence[str], first: SynchronizationResult, rotations: Float
         if not cut.doubted or len(block) < 2 or key in said or not _still(first.rotations, rotations, block):
             continue
         said.add(key)
+        angle = float(rotation_angle_deg(cut.rotation))
+        other = "their mirror image" if np.isnan(angle) else f"a turn of {angle:.0f} deg"
         notes.append(
             f"{listed([names[i] for i in block])} may be turned together against the others: {cut.pairs_for} pairs "
-            f"between them speak for the poses as they are, {cut.pairs_against} for a turn of "
-            f"{float(rotation_angle_deg(cut.rotation)):.0f} deg. Compare one of them with one of the others."
+            f"between them speak for the poses as they are, {cut.pairs_against} for {other}. Compare one of them "
+            "with one of the others."
         )
     return notes
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from collalign.align import align_collection
 from collalign.engine.options import RunOptions
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair
-from collalign.stages.evidence.decide import BENT_ENERGY, wants_maps
+from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.odds import EVIDENCE, evidence_score
 from collalign.stages.evidence.rivals import missing_poses, rival_poses, votes_of
 from collalign.stages.evidence.weigh import MAX_CANDIDATES, WeighedPose, by_energy, distinct, with_evidence
@@ -88,6 +89,23 @@ def test_maps_are_asked_where_pairs_match_badly() -> None:
     mixed = replace(options, maps="always", embedding=EmbeddingOptions(kind="xyz+lb"))
     with pytest.raises(OptionsError, match="maps"):
         wants_maps(mixed, [rigid])
+
+
+def test_maps_are_not_asked_where_all_cycles_of_pairs_close() -> None:
+    rng = np.random.default_rng(3)
+    turns = [random_rotation(rng) for _ in range(6)]
+    edges = list(itertools.combinations(range(6), 2))
+    weak = [
+        replace(a_pair([1.5 * BENT_ENERGY]), target=i, source=j, rotations=(turns[i].T @ turns[j])[None])
+        for i, j in edges
+    ]
+    assert closing_share(weak) == 1.0
+    assert not wants_maps(AlignOptions(), weak)
+    wrong = [replace(pair, rotations=pair.rotations @ np.diag([1.0, -1.0, -1.0])) for pair in weak[:3]]
+    assert closing_share([*wrong, *weak[3:]]) < CLOSING_CYCLES
+    assert wants_maps(AlignOptions(), [*wrong, *weak[3:]])
+    mirrored = [replace(pair, rotations=-pair.rotations) for pair in weak[:1]]
+    assert closing_share([*mirrored, *weak[1:]]) < 1.0
 
 
 def test_candidates_of_maps_follow_the_rigid_ones_and_alone_take_part() -> None:
