@@ -18,8 +18,8 @@ from data_tools.rotations import rotation_angle_deg
 #: armadillos .25 and .33.
 BENT_ENERGY = 0.16
 #: And only where the pairs contradict each other: rigid evidence is settled where this share of the cycles of three
-#: pairs closes. Of 12 mouse skulls and 12 glasses of SHREC07, whose energies are above, .95 and all do; of teddies, ants,
-#: SCAPE and humans .46 to .74.
+#: pairs closes. Of 12 mouse skulls and 12 glasses of SHREC07, whose energies are above, .95 and all close; of teddy
+#: bears, ants, SCAPE and humans .46 to .74.
 CLOSING_CYCLES = 0.9
 #: A cycle closes within this angle.
 CYCLE_DEG = 30.0
