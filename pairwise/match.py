@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,8 +22,7 @@ from pairwise.dense.points import DensePoints
 from pairwise.dense.rank import DenseLike, dense_pair, refine_candidates
 from pairwise.options import DenseOptions, MatchOptions, Strategy
 from pairwise.portfolio import find_poses, relax, wants_relaxation
-from pairwise.problem.pattern import PatternLike
-from pairwise.problem.problem import Problem
+from pairwise.problem.problem import Problem, ProblemArguments
 from pairwise.results import Candidate, MatchResult, RelaxationResult
 from pairwise.status import Status
 
@@ -36,13 +35,6 @@ def match(
     target: ArrayLike,
     source: ArrayLike,
     *,
-    group: str = "SO",
-    candidates: ArrayLike | None = None,
-    rotation_pattern: PatternLike = None,
-    invariants: tuple[ArrayLike, ArrayLike] | None = None,
-    weights: ArrayLike | None = None,
-    num_matches: int | None = None,
-    unmatched_penalty: float | None = None,
     starts: ArrayLike | None = None,
     dense: tuple[DenseLike, DenseLike] | None = None,
     strategy: Strategy | None = None,
@@ -51,6 +43,7 @@ def match(
     seed: int | None = None,
     options: MatchOptions | None = None,
     dense_options: DenseOptions | None = None,
+    **problem_arguments: Unpack[ProblemArguments],
 ) -> MatchResult:
     """Match the source's points to the target's: rotation and injective map of least energy (Procrustes matching).
 
@@ -60,21 +53,6 @@ def match(
         Points are rows.
     source : array_like, shape (k, d)
         k <= n.
-    group : {"SO", "O"}
-        Rotations only, or reflections as well; with ``"O"`` both chiralities are searched, and each has its own
-        candidates.
-    candidates : array_like of bool, shape (n, k), optional
-        Which matches are allowed.
-    rotation_pattern : optional
-        Blocks of R, see :meth:`pairwise.problem.pattern.RotationPattern.from_user`; ``(3, m)`` for mixed embeddings.
-    invariants : pair of array_like, shapes (n, m) and (k, m), optional
-        Coordinates that no rotation changes: their squared differences are added to the costs.
-    weights : array_like, shape (k,), optional
-        Weight of each source point.
-    num_matches : int, optional
-        Two-way partial matching with that many matches.
-    unmatched_penalty : float, optional
-        Two-way partial matching: what each source point left out costs, in squared units of the points.
     starts : array_like, shape (m, d, d), optional
         Poses to descend from as well.
     dense : pair of DensePoints, of arrays (l, d), or of pairs (points, normals), optional
@@ -86,6 +64,11 @@ def match(
         The other ones.
     dense_options : DenseOptions, optional
         How poses are refined on the dense points.
+    **problem_arguments
+        What makes the problem beside the points, see :meth:`pairwise.Problem.from_user`: ``group`` ("SO", or "O",
+        where both chiralities are searched and each has its own candidates), ``allowed`` matches,
+        ``rotation_pattern`` (``(3, m)`` for mixed embeddings), ``invariants``, ``weights``, and ``num_matches`` or
+        ``unmatched_penalty`` for two-way partial matching.
 
     Returns
     -------
@@ -108,21 +91,12 @@ def match(
     >>> bool(np.allclose(result.R_target_source, quarter)), result.map_target_source.tolist() == list(range(12))
     (True, True)
     """
-    problem = Problem.from_user(
-        target,
-        source,
-        group=group,
-        candidates=candidates,
-        rotation_pattern=rotation_pattern,
-        invariants=invariants,
-        weights=weights,
-        num_matches=num_matches,
-        unmatched_penalty=unmatched_penalty,
-    )
+    problem = Problem.from_user(target, source, **problem_arguments)
     given: dict[str, Any] = {"strategy": strategy, "certify": certify, "time_limit_s": time_limit_s, "seed": seed}
     changes = {name: value for name, value in given.items() if value is not None}
     poses = None
     if starts is not None:
+        group = problem_arguments.get("group", "SO")
         poses = as_rotations(starts, "starts", group=group, dim=problem.dim).reshape(-1, problem.dim, problem.dim)
     clouds = None if dense is None else dense_pair(dense, problem)
     options = replace(options or MatchOptions(), **changes)

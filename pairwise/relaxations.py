@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,8 +14,7 @@ from data_tools.threads import one_blas_thread
 from pairwise.pm_sdp.certify import certify_dual, optimal_assignment
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import DualSolution, solve_dual
-from pairwise.problem.pattern import PatternLike
-from pairwise.problem.problem import Problem
+from pairwise.problem.problem import Problem, ProblemArguments
 from pairwise.results import RelaxationResult
 from pairwise.status import Status
 
@@ -25,17 +24,13 @@ def solve_relaxation(
     target: ArrayLike,
     source: ArrayLike,
     *,
-    group: str = "SO",
-    candidates: ArrayLike | None = None,
-    rotation_pattern: PatternLike = None,
-    invariants: tuple[ArrayLike, ArrayLike] | None = None,
-    weights: ArrayLike | None = None,
     relaxation: str = "pm-sdp",
     solver: str = "dual",
     tol: float = 1e-6,
     max_iterations: int | None = None,
     time_limit_s: float | None = None,
     cross_products: bool = False,
+    **problem_arguments: Unpack[ProblemArguments],
 ) -> RelaxationResult:
     """Bound the Procrustes matching energy from below by a convex relaxation.
 
@@ -43,8 +38,6 @@ def solve_relaxation(
     ----------
     target, source : array_like, shapes (n, d) and (k, d)
         Points are rows; k <= n.
-    group, candidates, rotation_pattern, invariants, weights : optional
-        See :meth:`pairwise.problem.problem.Problem.from_user`.
     relaxation : {"pm-sdp", "quaternion", "tight"}
         PM-SDP (Maron et al. 2016), or the relaxations for rotations whose matches carry moments of their own.
     solver : {"dual", "scs", "clarabel"}
@@ -56,6 +49,8 @@ def solve_relaxation(
     time_limit_s : float, optional
     cross_products : bool
         PM-SDP: use the identities R_a x R_b = R_c of the 3x3 rotation blocks, stronger than conv SO(3).
+    **problem_arguments
+        The other arguments of :meth:`pairwise.problem.problem.Problem.from_user`.
 
     Returns
     -------
@@ -65,20 +60,12 @@ def solve_relaxation(
     Raises
     ------
     InputError
-        If the points or candidates do not make a problem.
+        If the points or the allowed matches do not make a problem.
     OptionsError
         If an option is unknown or out of range.
     """
     _check_options(relaxation, solver, tol, max_iterations, time_limit_s)
-    problem = Problem.from_user(
-        target,
-        source,
-        group=group,
-        candidates=candidates,
-        rotation_pattern=rotation_pattern,
-        invariants=invariants,
-        weights=weights,
-    )
+    problem = Problem.from_user(target, source, **problem_arguments)
     limits: dict[str, Any] = {} if max_iterations is None else {"max_iterations": max_iterations}
     if relaxation != "pm-sdp":
         from pairwise.tight.solve import solve_tight

@@ -25,11 +25,11 @@ class Optimum:
     point_map: NDArray[np.int64]
 
 
-def injective_maps(candidates: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Every injective map inside the candidates (n, k), shape (num, k)."""
-    n, k = candidates.shape
+def injective_maps(allowed: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Every injective map inside the allowed matches (n, k), shape (num, k)."""
+    n, k = allowed.shape
     maps = np.array(list(itertools.permutations(range(n), k)), dtype=np.int64)
-    return maps[candidates[maps, np.arange(k)].all(axis=1)]
+    return maps[allowed[maps, np.arange(k)].all(axis=1)]
 
 
 def brute_force(problem: Problem) -> Optimum:
@@ -58,7 +58,7 @@ def _poses_of(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """The best pose of every map of some source points, without what the others cost."""
     source, weights = problem.source[chosen], problem.weights[chosen]
-    maps = injective_maps(problem.candidates[:, chosen])
+    maps = injective_maps(problem.allowed[:, chosen])
     images = problem.target[maps]
     correlations = np.einsum("mka,k,kb->mab", images, weights, source)
     rotations = np.zeros_like(correlations)
@@ -84,8 +84,8 @@ def check_pose(
             wrong.append("a rotation block is a reflection")
     if len(set(point_map.tolist())) < len(point_map):
         wrong.append("the map is not injective")
-    if not all(problem.candidates[i, j] for j, i in enumerate(point_map)):
-        wrong.append("the map leaves the candidates")
+    if not all(problem.allowed[i, j] for j, i in enumerate(point_map)):
+        wrong.append("the map leaves the allowed matches")
     own = 0.0
     for j, i in enumerate(point_map):
         gap = rotation @ problem.source[j] - problem.target[i]
@@ -102,8 +102,8 @@ def check_relaxation(problem: Problem, result: RelaxationResult, tol: float) -> 
     entries = problem.pattern.pack(result.R)
     if x.min() < -tol or np.abs(x.sum(axis=0) - 1).max() > tol or x.sum(axis=1).max() > 1 + tol:
         wrong.append("X is not doubly (sub)stochastic")
-    if x[~problem.candidates].max(initial=0.0) > tol:
-        wrong.append("X leaves the candidates")
+    if x[~problem.allowed].max(initial=0.0) > tol:
+        wrong.append("X leaves the allowed matches")
     for j in range(problem.num_source):
         head = np.concatenate([[1.0], x[:, j], entries])[None, :]
         body = np.block([[x[:, [j]], np.diag(x[:, j]), b[j].T], [entries[:, None], b[j], c]])

@@ -119,7 +119,7 @@ def _noisy(seed: int) -> list[KnownProblem]:
         "noise": {},
         "noise O": {"group": "O"},
         "noise injective": {"num_source": 3},
-        "noise masked": {"num_source": 4, "candidates": mask},
+        "noise masked": {"num_source": 4, "allowed": mask},
         "noise weights": {"weights": rng.random(5)},
         "noise invariants": {"invariants": invariants},
         "noise identity": {"rotation_pattern": special_diagonal},

@@ -46,16 +46,16 @@ def variants(draw: st.DrawFn, max_points: int = 7) -> Variant:
     target = rng.random((num_target, dim))
     matched = rng.permutation(num_target)[:num_source]
     source = target[matched] + noise * rng.standard_normal((num_source, dim))
-    candidates = None
+    allowed = None
     if masked:
-        candidates = rng.random((num_target, num_source)) < 0.5
-        candidates[matched, np.arange(num_source)] = True
+        allowed = rng.random((num_target, num_source)) < 0.5
+        allowed[matched, np.arange(num_source)] = True
     problem = Problem.from_user(
         target,
         source,
         group=group,
         rotation_pattern=pattern,
-        candidates=candidates,
+        allowed=allowed,
         weights=rng.random(num_source) + 0.2 if weighted else None,
         invariants=(0.3 * rng.random((num_target, 2)), 0.3 * rng.random((num_source, 2))) if invariant else None,
     )

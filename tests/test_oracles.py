@@ -68,16 +68,14 @@ def test_brute_force_refuses_bands(rng: np.random.Generator) -> None:
 
 
 def test_check_pose_rejects_wrong_poses(rng: np.random.Generator) -> None:
-    problem = Problem.from_user(
-        rng.random((5, 3)), rng.random((4, 3)), candidates=np.arange(5)[:, None] != np.arange(4)
-    )
+    problem = Problem.from_user(rng.random((5, 3)), rng.random((4, 3)), allowed=np.arange(5)[:, None] != np.arange(4))
     best = brute_force(problem)
     pose = (best.rotation, best.point_map, best.energy)
     mirror, own, twice = np.diag([-1.0, 1.0, 1.0]), np.arange(4), best.point_map[[0, 0, 2, 3]]
     assert "not orthogonal" in str(check_pose(problem, 1.01 * pose[0], *pose[1:]))
     assert "reflection" in str(check_pose(problem, mirror @ pose[0], *pose[1:]))
     assert "injective" in str(check_pose(problem, pose[0], twice, pose[2]))
-    assert "candidates" in str(check_pose(problem, pose[0], own, pose[2]))
+    assert "allowed" in str(check_pose(problem, pose[0], own, pose[2]))
     assert "energy" in str(check_pose(problem, pose[0], pose[1], 0.99 * pose[2]))
     diagonal = Problem.from_user(problem.target, problem.source, rotation_pattern=0)
     assert "pattern" in str(check_pose(diagonal, *pose))
@@ -92,8 +90,8 @@ def test_check_relaxation_rejects_wrong_solutions(rng: np.random.Generator) -> N
     assert "stochastic" in str(check_relaxation(problem, replace(result, X=1.01 * result.X), 1e-5))
     assert "value" in str(check_relaxation(problem, replace(result, value=0.9 * result.value), 1e-5))
     assert "hull" in str(check_relaxation(problem, replace(result, R=-np.eye(3)), 1e-5))
-    masked = Problem.from_user(problem.target, problem.source, candidates=result.X.max() > result.X)
-    assert "candidates" in str(check_relaxation(masked, result, 1e-5))
+    masked = Problem.from_user(problem.target, problem.source, allowed=result.X.max() > result.X)
+    assert "allowed" in str(check_relaxation(masked, result, 1e-5))
 
 
 def test_rotation_hull_by_definition(rng: np.random.Generator) -> None:

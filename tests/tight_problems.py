@@ -14,7 +14,7 @@ SHAPES = ("general", "coplanar", "collinear", "symmetric", "repeated", "one plac
 
 
 def small_problem(seed: int, *, max_target: int = 6) -> Problem:
-    """A problem that depends on the seed alone: kind of points, group, sizes, candidates, weights, invariants."""
+    """A problem that depends on the seed alone: kind of points, group, sizes, allowed, weights, invariants."""
     rng = np.random.default_rng([seed, 1207])
     shape = SHAPES[seed % len(SHAPES)]
     dim = int(rng.choice([2, 3, 3]))
@@ -28,7 +28,7 @@ def small_problem(seed: int, *, max_target: int = 6) -> Problem:
     if rng.random() < 0.3:
         allowed = rng.random((n, k)) < 0.6
         allowed[rng.permutation(n)[:k], np.arange(k)] = True
-        optional["candidates"] = allowed
+        optional["allowed"] = allowed
     if rng.random() < 0.3:
         optional["weights"] = rng.choice([0.0, 0.5, 1.0, 2.0], size=k) + 0.1
     if rng.random() < 0.3:

@@ -27,7 +27,7 @@ def relaxation_starts(
     target: SpectralShape,
     source: SpectralShape,
     source_samples: IntArray,
-    candidates: BoolArray,
+    allowed: BoolArray,
     options: NonrigidOptions,
 ) -> tuple[LocalMinima, Status]:
     """Return the local minima that roundings of PM-SDP lead to, best energy first, and how its solver ended.
@@ -40,16 +40,17 @@ def relaxation_starts(
     ----------
     target, source : SpectralShape
     source_samples : ndarray of int, shape (k,)
-    candidates : ndarray of bool, shape (n, k)
+    allowed : ndarray of bool, shape (n, k)
+        Which samples may be matched.
     options : NonrigidOptions
     """
     is_fast = options.strategy == "fast"
     dim, bandwidth = (DIAGONAL_DIM, 0) if is_fast else (BANDED_DIM, options.bandwidth)
-    problem = embedded_problem(target, source, source_samples, candidates, dim, bandwidth=bandwidth)
+    problem = embedded_problem(target, source, source_samples, allowed, dim, bandwidth=bandwidth)
     relaxed = solve_pm_sdp(problem, tol=GAP_TOL, time_limit_s=options.time_limit_s)
     maps = rounded_maps(problem, relaxed, num_draws=NUM_DRAWS if options.is_portfolio else 0, seed=options.seed)
     sizes = (dim,) if options.is_portfolio else (dim, DIAGONAL_DIM)
-    minima = descend_maps(target, source, source_samples, candidates, maps, "relaxation", sizes=sizes)
+    minima = descend_maps(target, source, source_samples, allowed, maps, "relaxation", sizes=sizes)
     return minima, relaxed.status
 
 

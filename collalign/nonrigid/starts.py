@@ -29,7 +29,7 @@ def embedded_problem(
     target: SpectralShape,
     source: SpectralShape,
     source_samples: IntArray,
-    candidates: BoolArray,
+    allowed: BoolArray,
     dim: int,
     *,
     bandwidth: int | None = None,
@@ -40,7 +40,7 @@ def embedded_problem(
     ----------
     target, source : SpectralShape
     source_samples : ndarray of int, shape (k,)
-    candidates : ndarray of bool, shape (n, k)
+    allowed : ndarray of bool, shape (n, k)
     dim : int
     bandwidth : int, optional
         Half-width of the band of R; a full R without it.
@@ -49,32 +49,32 @@ def embedded_problem(
         target.functions[target.samples, :dim],
         source.functions[source_samples, :dim],
         group="O",
-        candidates=candidates,
+        allowed=allowed,
         rotation_pattern=bandwidth,
     )
 
 
 def sign_starts(
-    target: SpectralShape, source: SpectralShape, source_samples: IntArray, candidates: BoolArray
+    target: SpectralShape, source: SpectralShape, source_samples: IntArray, allowed: BoolArray
 ) -> LocalMinima:
     """Return local minima in 17 functions that the signs of the lowest 8 lead to, best energy first.
 
     Eigenfunctions of near-isometric shapes agree up to sign where their eigenvalues are simple; a full R in the
     larger spaces repairs those that are not.
     """
-    problem = embedded_problem(target, source, source_samples, candidates, NUM_SIGNS)
+    problem = embedded_problem(target, source, source_samples, allowed, NUM_SIGNS)
     signs = np.array(list(product((1.0, -1.0), repeat=NUM_SIGNS)))
     maps = np.unique(
         MatchingCosts(problem).assign(signs[:, :, None] * np.eye(NUM_SIGNS), np.ones(len(signs))), axis=0
     )
-    return descend_maps(target, source, source_samples, candidates, maps, "signs")
+    return descend_maps(target, source, source_samples, allowed, maps, "signs")
 
 
 def descend_maps(
     target: SpectralShape,
     source: SpectralShape,
     source_samples: IntArray,
-    candidates: BoolArray,
+    allowed: BoolArray,
     maps: IntArray,
     origin: str,
     *,
@@ -82,16 +82,16 @@ def descend_maps(
 ) -> LocalMinima:
     """Improve maps of the samples by local minimisation in more and more functions."""
     for dim in sizes:
-        problem = embedded_problem(target, source, source_samples, candidates, dim)
+        problem = embedded_problem(target, source, source_samples, allowed, dim)
         minima = minimise(problem, procrustes(problem, maps)[0], max_iterations=20, origins=origin)
         maps = minima.maps[:NUM_KEPT]
     return minima
 
 
 def descriptor_start(
-    target: SpectralShape, source: SpectralShape, source_samples: IntArray, candidates: BoolArray
+    target: SpectralShape, source: SpectralShape, source_samples: IntArray, allowed: BoolArray
 ) -> LocalMinima:
     """Return the local minimum that the assignment of wave kernel signatures leads to."""
     gaps = descriptor_gaps("wks", target, source, source_samples)
-    _, point_map = linear_sum_assignment(np.where(candidates, gaps, np.inf).T)
-    return descend_maps(target, source, source_samples, candidates, point_map[None], "descriptors")
+    _, point_map = linear_sum_assignment(np.where(allowed, gaps, np.inf).T)
+    return descend_maps(target, source, source_samples, allowed, point_map[None], "descriptors")

@@ -12,7 +12,7 @@ branch and bound algorithms for global rigid registration", ICCV 2019, with a sm
 bound of F over the ball. It holds for the optimum and for every other pose that is best for its own map, which is all
 that pruning needs, and it loses r^2 where bounds over the ball lose r.
 
-Only "m* is fixed" is used: candidates, constant costs, weights and k < n change nothing. Where points may stay
+Only "m* is fixed" is used: allowed matches, constant costs, weights and k < n change nothing. Where points may stay
 unmatched, maps differ too much for one K: tr S - a^T S a is at most the sum of w_j |p_j| |q_m*(j)| over what m*
 matches, so the loss is taken from the cost of each match before the assignment.
 """
@@ -73,7 +73,7 @@ class QuasiBounds:
         weights = problem.weights
         squares = weights * (problem.source**2).sum(axis=1)
         costs = weights * (problem.target**2).sum(axis=1)[:, None] + squares + problem.constant_cost
-        fixed = np.where(problem.candidates, costs, np.inf).T
+        fixed = np.where(problem.allowed, costs, np.inf).T
         spare = np.full((problem.num_source, problem.max_unmatched), problem.unmatched_cost)
         self._fixed = np.ascontiguousarray(np.hstack([fixed, spare]))
         padded = np.vstack([problem.target, np.zeros((problem.max_unmatched, problem.dim))])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +24,7 @@ from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import Proof, deadline_of, finish, searches_of
 from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.local.local_search import minimise
-from pairwise.problem.problem import Problem
+from pairwise.problem.problem import Problem, ProblemArguments
 from pairwise.results import Candidate
 
 #: Cells of a region from whose rotations its best pose is sought.
@@ -93,12 +94,7 @@ def all_poses(
     resolution_deg: float = 3.0,
     tol: float = 1e-3,
     time_limit_s: float | None = None,
-    group: str = "SO",
-    candidates: ArrayLike | None = None,
-    invariants: tuple[ArrayLike, ArrayLike] | None = None,
-    weights: ArrayLike | None = None,
-    num_matches: int | None = None,
-    unmatched_penalty: float | None = None,
+    **problem_arguments: Unpack[ProblemArguments],
 ) -> PoseList:
     """List every pose of at most ``within`` times the best energy, provably completely.
 
@@ -116,8 +112,8 @@ def all_poses(
         Relative gap at which the best pose counts as proven.
     time_limit_s : float, optional
         Stop about then; no limit by default.
-    group, candidates, invariants, weights, num_matches, unmatched_penalty : optional
-        See :func:`pairwise.match`.
+    **problem_arguments
+        The arguments of :func:`pairwise.match` that make the problem.
 
     Raises
     ------
@@ -133,16 +129,7 @@ def all_poses(
     >>> len(poses.regions), poses.regions[0].holds(np.eye(3)), poses.proof.status.name
     (1, True, 'PROVEN_OPTIMAL')
     """
-    problem = Problem.from_user(
-        target,
-        source,
-        group=group,
-        candidates=candidates,
-        invariants=invariants,
-        weights=weights,
-        num_matches=num_matches,
-        unmatched_penalty=unmatched_penalty,
-    )
+    problem = Problem.from_user(target, source, **problem_arguments)
     return list_poses(problem, within=within, resolution_deg=resolution_deg, tol=tol, time_limit_s=time_limit_s)
 
 

@@ -105,7 +105,7 @@ def prove(
     Parameters
     ----------
     problem : Problem
-        Dimension 2 or 3, full R; k <= n, candidates, weights, constant costs and unmatched points as you like.
+        Dimension 2 or 3, full R; k <= n, allowed matches, weights, constant costs and unmatched points as you like.
     candidates : sequence of Candidate
         Poses already known; good ones save time.
     tol : float

@@ -17,7 +17,8 @@ from pairwise.problem.problem import Problem
 #: Written into every file; a file of another version is refused.
 FORMAT = "collalign certificate 1"
 
-#: The problem's arrays within ``Certificate.arrays``, in the order in which they are hashed.
+#: The problem's arrays within ``Certificate.arrays``, in the order in which they are hashed; ``candidates`` are the
+#: matches that are allowed.
 PROBLEM_ARRAYS = ("candidates", "weights", "constant_cost", "pattern", "special_blocks")
 
 #: The same, present only where source points may stay unmatched: what that costs (k,), and how many may (scalar).
@@ -36,7 +37,7 @@ class Certificate:
     kind : str
         What kind of proof the arrays are: the name of a verifier of :mod:`pairwise.certificates.verify`.
     arrays : dict of str to ndarray
-        The dual variables, and the pattern, group, weights, candidates and constant costs they are for.
+        The dual variables, and the pattern, group, weights, allowed matches and constant costs they are for.
     problem_hash : str
         SHA-256 of the problem's arrays, so that a certificate of another problem is refused.
     bound : float
@@ -100,7 +101,7 @@ class Certificate:
 def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
     """Return the part of a problem that travels in its certificates: all but the points."""
     arrays: dict[str, NDArray[Any]] = {
-        "candidates": problem.candidates,
+        "candidates": problem.allowed,
         "weights": problem.weights,
         "constant_cost": problem.constant_cost,
         "pattern": problem.pattern.mask,

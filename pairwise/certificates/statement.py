@@ -24,8 +24,8 @@ _COST_TOL = 1e-12
 def read_problem(target: ArrayLike, source: ArrayLike, certificate: Certificate) -> Problem:
     """Return the problem that a certificate says it is of, for points of shape (n, d) and (k, d).
 
-    Candidates, weights, constant costs, pattern, group and unmatched costs are the certificate's own words: look at
-    them before you believe a bound that was not checked against a problem of yours.
+    Allowed matches, weights, constant costs, pattern, group and unmatched costs are the certificate's own words: look
+    at them before you believe a bound that was not checked against a problem of yours.
 
     Raises
     ------
@@ -56,14 +56,14 @@ def build_problem(q: FloatArray, p: FloatArray, arrays: Mapping[str, Any]) -> Pr
         target=q,
         source=p,
         pattern=RotationPattern(pattern, tuple((int(a), int(b)) for a, b in blocks)),
-        candidates=given.bools("candidates", (n, k)),
+        allowed=given.bools("candidates", (n, k)),
         weights=weights,
         constant_cost=given.floats("constant_cost", (n, k)),
         max_unmatched=max_unmatched,
         unmatched_cost=cost,
     )
-    if _num_left_over(problem.candidates) > max_unmatched:
-        raise InputError("certificate: no injective map fits its candidates")
+    if _num_left_over(problem.allowed) > max_unmatched:
+        raise InputError("certificate: no injective map fits the matches that it allows")
     return problem
 
 

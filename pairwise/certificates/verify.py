@@ -51,7 +51,7 @@ def verify_certificate(
     problem : Problem, optional
         The problem that you want to know a bound of, for these points: a certificate of another one is refused.
         **Without it only the points are yours**, and the bound is one of the problem that the certificate itself
-        states, with its candidates, weights, constant costs, group and unmatched costs, whatever these are:
+        states, with its allowed matches, weights, constant costs, group and unmatched costs, whatever these are:
         :func:`pairwise.certificates.statement.read_problem` returns it.
 
     Returns

@@ -142,9 +142,9 @@ def _bounds(problem: Problem, p: FloatArray, rotations: FloatArray, radii: Float
     if spare:
         costs = costs - (loss * (1.0 + _SAFETY * _EPS))[:, None, None] * lengths
         unmatched = np.full((len(costs), spare, len(p)), problem.unmatched_cost)
-        costs = np.concatenate([np.where(problem.candidates, costs, np.inf), unmatched], axis=1)
+        costs = np.concatenate([np.where(problem.allowed, costs, np.inf), unmatched], axis=1)
     else:
-        costs = np.where(problem.candidates, costs, np.inf)
+        costs = np.where(problem.allowed, costs, np.inf)
     least = (costs - v[:, :, None]).min(axis=1)
     num_zero = v.shape[1] - len(p)
     floor = -v.max(axis=1) * num_zero

@@ -193,8 +193,8 @@ def _eigenvalue_floor(matrix: FloatArray) -> float:
 
 
 def _possible_matches(problem: Problem, given: CertificateArrays) -> BoolArray:
-    """Return the candidates without those listed as impossible, once it is checked that no assignment uses these."""
-    candidates, shape = problem.candidates, problem.candidates.shape
+    """Return the allowed matches but those listed as impossible, once it is checked that no assignment uses these."""
+    candidates, shape = problem.allowed, problem.allowed.shape
     impossible = np.zeros((0, 2), dtype=np.int64)
     if "impossible" in given:
         impossible = np.unique(given.indices("impossible", (None, 2), upper=shape), axis=0)

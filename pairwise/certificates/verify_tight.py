@@ -49,7 +49,7 @@ def tight_bound(problem: Problem, given: CertificateArrays) -> float:
 
 def _chirality_bound(problem: Problem, given: CertificateArrays, chirality: str) -> float:
     """Follow the stages: each proves what the matches dropped after it cost at least, the last bounds the rest."""
-    remaining = problem.candidates
+    remaining = problem.allowed
     costs, base = np.zeros(remaining.shape), 0.0
     number, floor, bound = 0, np.inf, -np.inf
     while f"{chirality}_{number}_allowed" in given:

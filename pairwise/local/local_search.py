@@ -89,7 +89,7 @@ class MatchingCosts:
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         fixed = problem.weights * (problem.target**2).sum(axis=1)[:, None] + problem.constant_cost
-        self._fixed = np.where(problem.candidates, fixed, np.inf)[:, :, None]
+        self._fixed = np.where(problem.allowed, fixed, np.inf)[:, :, None]
         self.chunk = max(1, _CHUNK_ENTRIES // (problem.num_source * (problem.num_target + problem.max_unmatched)))
 
     def __call__(self, rotations: FloatArray, scales: FloatArray, shifts: FloatArray | None = None) -> FloatArray:

@@ -41,7 +41,7 @@ class NearestCosts:
         self._unit_cost = self._unit**2 * problem.weights.max()
         target, source = problem.target / self._unit, problem.source / self._unit
         fixed = weights * (target**2).sum(axis=1)[:, None] + problem.constant_cost / self._unit_cost
-        self._fixed = np.where(problem.candidates, fixed, np.inf).astype(np.float32)[:, :, None]
+        self._fixed = np.where(problem.allowed, fixed, np.inf).astype(np.float32)[:, :, None]
         self._target = target.astype(np.float32)
         self._source_t = np.ascontiguousarray(source.T, dtype=np.float32)
         self._weights = weights.astype(np.float32)[:, None]

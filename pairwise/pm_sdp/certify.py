@@ -51,7 +51,7 @@ def certify_dual(
     arrays = problem_arrays(problem)
     arrays |= _multiplier_arrays(lifted, y, _symmetrised(quaternions))
     arrays["u"] = u
-    arrays["impossible"] = np.argwhere(problem.candidates & ~_support(problem, data))
+    arrays["impossible"] = np.argwhere(problem.allowed & ~_support(problem, data))
     arrays, bound = _with_safe_bound(problem, data, arrays, F)
     frozen = {name: read_only(np.array(values)) for name, values in arrays.items()}
     return Certificate(kind="pm-sdp", arrays=frozen, problem_hash=hash_problem(problem), bound=bound)
@@ -62,7 +62,7 @@ def _symmetrised(matrices: FloatArray) -> FloatArray:
 
 
 def _support(problem: Problem, data: RelaxationData) -> BoolArray:
-    """Return the candidates (n, k) that some assignment uses."""
+    """Return the allowed matches (n, k) that some assignment uses."""
     return data.scatter(data.valid.astype(np.float64))[: problem.num_target] > 0.0
 
 

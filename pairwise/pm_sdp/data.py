@@ -136,10 +136,10 @@ class RelaxationData:
         Raises
         ------
         InputError
-            If no assignment fits the candidates, or squared coordinates overflow.
+            If no assignment is allowed, or squared coordinates overflow.
         """
         lifted = LiftedRotation.build(problem.pattern, cross_products=cross_products)
-        allowed, capacity = problem.candidates, np.ones(problem.num_target, dtype=np.int64)
+        allowed, capacity = problem.allowed, np.ones(problem.num_target, dtype=np.int64)
         if problem.max_unmatched:
             allowed = np.vstack([allowed, np.ones((1, problem.num_source), dtype=bool)])
             capacity = np.append(capacity, problem.max_unmatched)

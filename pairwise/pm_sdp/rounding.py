@@ -67,7 +67,7 @@ def nearest_map(problem: Problem, probabilities: FloatArray) -> IntArray:
         The last row is then that of staying unmatched.
     """
     n = problem.num_target
-    scores = np.where(problem.candidates, probabilities[:n], -np.inf)
+    scores = np.where(problem.allowed, probabilities[:n], -np.inf)
     unmatched = np.repeat(probabilities[n:], problem.max_unmatched, axis=0)
     point_map = linear_sum_assignment(np.concatenate([scores, unmatched]).T, maximize=True)[1]
     return np.where(point_map < n, point_map, -1)

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,8 +26,7 @@ from scipy.optimize import linear_sum_assignment
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.errors import InputError, OptionsError
 from data_tools.threads import one_blas_thread
-from pairwise.problem.pattern import PatternLike
-from pairwise.problem.problem import Problem
+from pairwise.problem.problem import Problem, ProblemArguments
 from pairwise.reference.cvxpy import cvxpy_module, solve_program
 from pairwise.reference.pm_sdp import build_model
 from pairwise.results import Candidate
@@ -69,16 +69,12 @@ def exact_solutions(
     target: ArrayLike,
     source: ArrayLike,
     *,
-    group: str = "SO",
-    candidates: ArrayLike | None = None,
-    rotation_pattern: PatternLike = None,
-    invariants: tuple[ArrayLike, ArrayLike] | None = None,
-    weights: ArrayLike | None = None,
     tol: float = 1e-6,
     max_draws: int = 200,
     patience: int = 10,
     seed: int = 0,
     solver: str = "clarabel",
+    **problem_arguments: Unpack[ProblemArguments],
 ) -> ExactSolutions:
     """Enumerate the exact solutions of a problem without noise (Maron et al. 2016, theorem 3).
 
@@ -91,8 +87,6 @@ def exact_solutions(
     ----------
     target : array_like, shape (n, d)
     source : array_like, shape (k, d)
-    group, candidates, rotation_pattern, invariants, weights
-        As in :meth:`pairwise.problem.problem.Problem.from_user`; weights must be positive.
     tol : float
         Largest distance of matched points, relative to the largest coordinate norm, that counts as zero.
     max_draws, patience : int
@@ -100,6 +94,9 @@ def exact_solutions(
     seed : int
         Of the random linear energies.
     solver : {"clarabel", "scs"}
+    **problem_arguments
+        Group, allowed matches, pattern, invariants and weights, as in
+        :meth:`pairwise.problem.problem.Problem.from_user`; weights must be positive.
 
     Returns
     -------
@@ -108,19 +105,12 @@ def exact_solutions(
     Raises
     ------
     InputError
-        If a weight is zero, or the source spans so few dimensions that exact solutions form a continuous family.
+        If a weight is zero, points may stay unmatched, or the source spans so few dimensions that exact solutions
+        form a continuous family.
     OptionsError
         If a number is out of range.
     """
-    problem = Problem.from_user(
-        target,
-        source,
-        group=group,
-        candidates=candidates,
-        rotation_pattern=rotation_pattern,
-        invariants=invariants,
-        weights=weights,
-    )
+    problem = Problem.from_user(target, source, **problem_arguments)
     if not 0 < tol < 1 or max_draws < 1 or patience < 1:
         raise OptionsError("exact_solutions: expected 0 < tol < 1, max_draws >= 1 and patience >= 1")
     _check_isolated(problem)
@@ -128,9 +118,7 @@ def exact_solutions(
     possible = _equal_norm_matches(problem, tol * radius)
     if not _has_map(possible):
         return _result(problem, [], 0, Status.FAILED)
-    draws = _Draws(
-        replace(problem, candidates=read_only(possible)), tol * radius, solver, np.random.default_rng(seed)
-    )
+    draws = _Draws(replace(problem, allowed=read_only(possible)), tol * radius, solver, np.random.default_rng(seed))
     found: list[Candidate] = []
     fruitless = count = 0
     while count < max_draws and fruitless < patience and not draws.impossible:
@@ -207,6 +195,8 @@ class _Draws:
 def _check_isolated(problem: Problem) -> None:
     if (problem.weights == 0).any():
         raise InputError("weights: exact solutions need positive weights; leave points of weight zero out")
+    if problem.max_unmatched:
+        raise InputError("num_matches, unmatched_penalty: exact solutions match every source point")
     for component in problem.pattern.components:
         points = problem.source[:, component]
         rank = int(np.linalg.matrix_rank(points, tol=1e-9 * max(float(np.abs(points).max()), 1e-300)))
@@ -218,8 +208,8 @@ def _check_isolated(problem: Problem) -> None:
 
 
 def _equal_norm_matches(problem: Problem, tol: float) -> BoolArray:
-    """Return the candidates with ``|p_j| = |q_i|`` in every component of R, and equal invariants."""
-    possible = problem.candidates & (problem.constant_cost <= problem.weights * tol**2)
+    """Return the allowed matches with ``|p_j| = |q_i|`` in every component of R, and equal invariants."""
+    possible = problem.allowed & (problem.constant_cost <= problem.weights * tol**2)
     for component in problem.pattern.components:
         of_target = np.linalg.norm(problem.target[:, component], axis=1)
         of_source = np.linalg.norm(problem.source[:, component], axis=1)

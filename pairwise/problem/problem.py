@@ -2,7 +2,7 @@
 
     minimise  E(R, map) = sum_j w_j |R p_j - q_map(j)|^2 + sum_j c[map(j), j]
 
-over R in the group with the given pattern and injective maps inside the candidates (Maron et al. 2016, eq. 1-2).
+over R in the group with the given pattern and allowed injective maps (Maron et al. 2016, eq. 1-2).
 In two-way partial matching ``max_unmatched`` source points may stay unmatched (map -1) at ``unmatched_cost`` each, as
 if the target had one more row of that capacity and constant cost; unmatched target points are free.
 Points are rows here and everywhere else; the paper's d x n matrices P and Q are ``source.T`` and ``target.T``.
@@ -11,7 +11,7 @@ Points are rows here and everywhere else; the paper's d x n matrices P and Q are
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,11 +28,24 @@ from data_tools.arrays import (
     as_weights,
     read_only,
 )
+from data_tools.checks import former_arguments
 from data_tools.errors import InputError, OptionsError
 from pairwise.problem.pattern import PatternLike, RotationPattern
 
 #: So few points of more coordinates each are taken for the columns of a (3, n) array.
 MOST_COLUMN_DIM = 3
+
+
+class ProblemArguments(TypedDict, total=False):
+    """What makes a problem beside the points: the other arguments of :meth:`Problem.from_user`."""
+
+    group: str
+    allowed: ArrayLike | None
+    rotation_pattern: PatternLike
+    invariants: tuple[ArrayLike, ArrayLike] | None
+    weights: ArrayLike | None
+    num_matches: int | None
+    unmatched_penalty: float | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,7 +60,7 @@ class Problem:
         The points p_j, k <= n.
     pattern : RotationPattern
         The sparsity of R and its rotation blocks.
-    candidates : ndarray of bool, shape (n, k)
+    allowed : ndarray of bool, shape (n, k)
         Whether source point j may go to target point i.
     weights : ndarray, shape (k,)
         w_j, non-negative.
@@ -62,20 +75,21 @@ class Problem:
     target: FloatArray
     source: FloatArray
     pattern: RotationPattern
-    candidates: BoolArray
+    allowed: BoolArray
     weights: FloatArray
     constant_cost: FloatArray
     max_unmatched: int = 0
     unmatched_cost: float = 0.0
 
     @classmethod
+    @former_arguments(candidates="allowed")
     def from_user(
         cls,
         target: ArrayLike,
         source: ArrayLike,
         *,
         group: str = "SO",
-        candidates: ArrayLike | None = None,
+        allowed: ArrayLike | None = None,
         rotation_pattern: PatternLike = None,
         invariants: tuple[ArrayLike, ArrayLike] | None = None,
         weights: ArrayLike | None = None,
@@ -90,7 +104,7 @@ class Problem:
             Points are rows; k <= n.
         group : {"SO", "O"}
             Rotations, or all orthogonal matrices.
-        candidates : array_like of bool, shape (n, k), optional
+        allowed : array_like of bool, shape (n, k), optional
             Which matches are allowed; all by default.
         rotation_pattern : optional
             See :meth:`RotationPattern.from_user`.
@@ -107,7 +121,7 @@ class Problem:
         Raises
         ------
         InputError
-            If shapes disagree, k > n, no injective map lies inside the candidates, or the points look like columns.
+            If shapes disagree, k > n, no injective map is allowed, or the points look like columns.
         OptionsError
             If both forms of partial matching are asked for, or one of them with an impossible value.
         """
@@ -123,15 +137,15 @@ class Problem:
             raise InputError(f"source has {k} points, target {n}: the map is injective, so k <= n; swap the two")
         w = as_weights(weights, "weights", num=k)
         pattern = RotationPattern.from_user(rotation_pattern, q.shape[1], group)
-        allowed = np.ones((n, k), bool) if candidates is None else as_mask(candidates, "candidates", shape=(n, k))
+        mask = np.ones((n, k), bool) if allowed is None else as_mask(allowed, "allowed", shape=(n, k))
         max_unmatched = _max_unmatched(k, num_matches, unmatched_penalty)
-        _check_feasible(allowed, max_unmatched)
+        _check_feasible(mask, max_unmatched)
         constant = np.zeros((n, k)) if invariants is None else _invariant_cost(invariants, n, k)
         return cls(
             target=read_only(q),
             source=read_only(p),
             pattern=pattern,
-            candidates=read_only(allowed),
+            allowed=read_only(mask),
             weights=read_only(w),
             constant_cost=read_only(constant * w),
             max_unmatched=max_unmatched,
@@ -156,13 +170,13 @@ class Problem:
     def assignment_costs(self, rotations: FloatArray) -> FloatArray:
         """Return the cost of every match at the given rotations, shape (..., n, k).
 
-        Matches outside the candidates cost ``inf``. Entries are ``w_j |R p_j - q_i|^2 + c_ij``.
+        Matches that are not allowed cost ``inf``. Entries are ``w_j |R p_j - q_i|^2 + c_ij``.
         """
         moved = self.source @ np.swapaxes(rotations, -1, -2)
         cross = self.target @ np.swapaxes(moved, -1, -2)
         squares = (self.target**2).sum(axis=1)[:, None] + (self.source**2).sum(axis=1)
         costs = np.maximum(squares - 2.0 * cross, 0.0) * self.weights + self.constant_cost
-        return np.where(self.candidates, costs, np.inf)
+        return np.where(self.allowed, costs, np.inf)
 
     def energy(self, rotation: FloatArray, point_map: IntArray) -> float:
         """Return E(R, map), computed from the differences themselves.
@@ -210,8 +224,8 @@ def _max_unmatched(k: int, num_matches: int | None, unmatched_penalty: float | N
 def _check_feasible(allowed: BoolArray, max_unmatched: int) -> None:
     empty = np.flatnonzero(~allowed.any(axis=0))
     if len(empty) > max_unmatched:
-        raise InputError(f"candidates: source point {empty[0]} has none ({len(empty)} such points)")
+        raise InputError(f"allowed: source point {empty[0]} has none ({len(empty)} such points)")
     matched: Any = maximum_bipartite_matching(csr_array(allowed), perm_type="row")
     stuck = int((matched < 0).sum())
     if stuck > max_unmatched:
-        raise InputError(f"candidates: no injective map fits them, {stuck} source points are always left over")
+        raise InputError(f"allowed: no injective map fits them, {stuck} source points are always left over")

@@ -56,7 +56,7 @@ def assignment_support(allowed: BoolArray, capacity: IntArray | None = None) -> 
     expanded = allowed[row_of_copy]
     matched = maximum_bipartite_matching(csr_array(expanded), perm_type="row").astype(np.int64)
     if (matched < 0).any():
-        raise InputError(f"candidates: no assignment fits them, {int((matched < 0).sum())} points are left over")
+        raise InputError(f"allowed: no assignment fits them, {int((matched < 0).sum())} points are left over")
     column_label, copy_label, free_label = _residual_components(expanded, matched)
     usable = expanded & (copy_label[:, None] == column_label[None, :])
     usable[matched, np.arange(k)] = True

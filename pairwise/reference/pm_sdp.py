@@ -11,7 +11,7 @@ the kernel of the lifted matrix, so its leading row and column are dropped witho
 
     [[diag(X_j), B_j^T], [B_j, C]] PSD   and   B_j 1 = [R].
 
-Only candidates get variables. Slow (seconds for 20 points) and general on purpose.
+Only allowed matches get variables. Slow (seconds for 20 points) and general on purpose.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Model:
     blocks: list[Any]
 
     def columns(self, source_point: int) -> slice:
-        """Return where the candidates of a source point lie among all candidates."""
+        """Return where the allowed matches of a source point lie among all of them."""
         start, stop = np.searchsorted(self.source_index, [source_point, source_point + 1])
         return slice(int(start), int(stop))
 
@@ -130,7 +130,7 @@ def build_model(problem: Problem, *, cross_products: bool = False) -> Model:
     if problem.max_unmatched:
         raise OptionsError("the CVXPY relaxation matches every source point: leave num_matches and penalties out")
     cp = cvxpy_module()
-    j, i = np.nonzero(problem.candidates.T)
+    j, i = np.nonzero(problem.allowed.T)
     r, m = problem.pattern.num_entries, len(i)
     x, b = cp.Variable(m, nonneg=True), cp.Variable((r, m))
     c, entries = cp.Variable((r, r), symmetric=True), cp.Variable(r)
@@ -151,7 +151,7 @@ def build_model(problem: Problem, *, cross_products: bool = False) -> Model:
 
 
 def matching_constraints(problem: Problem, i: IntArray, j: IntArray, x: Any) -> list[Any]:
-    """Return ``1^T X = 1`` and ``X 1 = 1`` (k = n) or ``X 1 <= 1`` (k < n) over the candidates (i, j)."""
+    """Return ``1^T X = 1`` and ``X 1 = 1`` (k = n) or ``X 1 <= 1`` (k < n) over the allowed (i, j)."""
     sums = _incidence(i, problem.num_target) @ x
     rows = sums == 1.0 if problem.num_source == problem.num_target else sums <= 1.0
     return [_incidence(j, problem.num_source) @ x == 1.0, rows]
@@ -232,7 +232,7 @@ def primal_residual(problem: Problem, x: FloatArray, b: FloatArray, c: FloatArra
     violations = [
         np.abs(x.sum(axis=0) - 1.0).max(),
         (np.abs(rows) if problem.num_source == problem.num_target else rows).max(),
-        np.abs(x[~problem.candidates]).max(initial=0.0),
+        np.abs(x[~problem.allowed]).max(initial=0.0),
         np.abs(b.sum(axis=2) - entries).max(),
         np.abs(orthogonality_equations(problem.pattern).residual(c, entries)).max(),
     ]
@@ -248,7 +248,7 @@ def primal_residual(problem: Problem, x: FloatArray, b: FloatArray, c: FloatArra
 
 
 def _objective(problem: Problem, i: IntArray, j: IntArray, x: Any, b: Any) -> tuple[Any, float, float]:
-    """Return the linear energy of the candidates divided by a scale, that scale, and the constant."""
+    """Return the linear energy of the allowed matches divided by a scale, that scale, and the constant."""
     cp = cvxpy_module()
 
     weights = problem.weights
@@ -261,7 +261,7 @@ def _objective(problem: Problem, i: IntArray, j: IntArray, x: Any, b: Any) -> tu
 
 
 def _incidence(labels: IntArray, num: int) -> csr_array:
-    """Return the (num, m) matrix that sums candidates with the same label."""
+    """Return the (num, m) matrix that sums matches with the same label."""
     return coo_array((np.ones(len(labels)), (labels, np.arange(len(labels)))), shape=(num, len(labels))).tocsr()
 
 

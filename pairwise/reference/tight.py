@@ -53,7 +53,7 @@ def _solve_chirality(
 ) -> tuple[float, Status]:
     cp = cvxpy_module()
     lift = make_lift(form, problem.dim)
-    blocks = lift_problem(problem, lift, problem.candidates)
+    blocks = lift_problem(problem, lift, problem.allowed)
     num, size = len(blocks.rows), lift.size
     nodes = np.concatenate([blocks.rows, blocks.cols + blocks.num_rows])
     edges = np.tile(np.arange(num), 2)

@@ -77,7 +77,7 @@ class TightRun:
         started = time.monotonic()
         self.scale = energy_scale(self.problem)
         self._descend(rotation_set(self.problem.dim, NUM_STARTS))
-        blocks = lift_problem(self.problem, self.lift, self.problem.candidates)
+        blocks = lift_problem(self.problem, self.lift, self.problem.allowed)
         start = np.zeros((len(blocks.rows), self.lift.size, self.lift.size))
         self.splitting = Splitting(lift=self.lift, blocks=blocks, rho=penalty(blocks, self.lift), v=start)
         self.setup_s = time.monotonic() - started
@@ -114,7 +114,7 @@ class TightRun:
         if self.is_settled:
             return np.arange(self.problem.num_target)[:, None] == self.map
         blocks = self.splitting.blocks
-        remaining = np.zeros(self.problem.candidates.shape, dtype=bool)
+        remaining = np.zeros(self.problem.allowed.shape, dtype=bool)
         matches = blocks.cols < self.problem.num_source
         remaining[blocks.rows[matches], blocks.cols[matches]] = True
         return remaining

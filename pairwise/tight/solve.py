@@ -44,7 +44,7 @@ def solve_tight(
     Parameters
     ----------
     problem : Problem
-        Points in dimension 2 or 3 and a full R; k <= n, candidates, weights and constant costs as you like.
+        Points in dimension 2 or 3 and a full R; k <= n, allowed matches, weights and constant costs as you like.
     form : {"tight", "quaternion"}
         10 x 10 blocks (3 x 3 for d = 2), or the cheaper and weaker 4 x 4 (2 x 2) ones.
     tol : float

@@ -101,7 +101,7 @@ def rows_of(bench: Bench, name: str, folder: Path) -> list[dict[str, Any]]:
 
 def test_planted_problems_hold_their_truth() -> None:
     problem = planted_problem(np.random.default_rng(1), 12, 8, 3, noise=0.0, num_candidates=3, group="O")
-    assert problem.candidates.sum(axis=0).max() <= 3
+    assert problem.allowed.sum(axis=0).max() <= 3
     assert exhaustive_energies(problem, 400).min() < 1e-20
     noisy = planted_problem(np.random.default_rng(1), 12, 8, 3, noise=0.2, num_candidates=3, group="O")
     assert exhaustive_energies(noisy, 400).min() > 1e-3

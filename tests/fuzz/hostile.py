@@ -102,10 +102,10 @@ def honest() -> tuple[tuple[Problem, Certificate], ...]:
     invariants = (rng.random((4, 2)), rng.random((4, 2)))
     cases: list[tuple[int, int, int, float, dict[str, Any]]] = [
         (4, 4, 3, 1.0, {}),
-        (5, 4, 3, 1e-6, {"group": "O", "candidates": mask}),
+        (5, 4, 3, 1e-6, {"group": "O", "allowed": mask}),
         (4, 3, 3, 1e6, {"weights": [0.5, 2.0, 1.0]}),
         (4, 4, 2, 30.0, {"group": "O", "invariants": invariants}),
-        (4, 4, 3, 1.0, {"candidates": tight_mask}),
+        (4, 4, 3, 1.0, {"allowed": tight_mask}),
     ]
     pairs = []
     for n, k, d, unit, options in cases:

@@ -263,9 +263,9 @@ def test_points_at_the_origin_behind_a_mask_are_proven_in_every_unit(unit: float
         rng = np.random.default_rng(seed)
         target, source = unit * rng.random((5, dim)), unit * rng.random((5, dim))
         target[:2], source[:1] = 0.0, 0.0
-        candidates = (rng.random((5, 5)) < 0.5) | np.eye(5, dtype=bool)
-        result = match(target, source, candidates=candidates, certify=True)
+        allowed = (rng.random((5, 5)) < 0.5) | np.eye(5, dtype=bool)
+        result = match(target, source, allowed=allowed, certify=True)
         assert result.status is Status.PROVEN_OPTIMAL
-        optimum = brute_force(Problem.from_user(target, source, candidates=candidates)).energy
+        optimum = brute_force(Problem.from_user(target, source, allowed=allowed)).energy
         assert result.energy == pytest.approx(optimum, rel=1e-9)
         assert optimum * (1 - 2e-3) <= result.lower_bound <= optimum * (1 + 1e-12)

@@ -79,9 +79,9 @@ def test_masks_need_room_for_the_matches_only() -> None:
     allowed = np.ones((4, 4), bool)
     allowed[:, 0] = False
     points = np.random.default_rng(7).random((4, 3))
-    with pytest.raises(InputError, match="candidates"):
-        match(points, points, candidates=allowed)
-    result = match(points, points, candidates=allowed, num_matches=3)
+    with pytest.raises(InputError, match="allowed"):
+        match(points, points, allowed=allowed)
+    result = match(points, points, allowed=allowed, num_matches=3)
     np.testing.assert_array_equal(result.map_target_source, [-1, 1, 2, 3])
 
 

@@ -50,7 +50,7 @@ def test_the_loss_is_all_that_a_turn_about_the_shortest_axis_costs():
 def test_what_a_mask_forbids_is_not_what_is_bounded():
     target, source = planted_cube(6, 0.1, 0)
     allowed = np.roll(np.eye(6, dtype=bool), 1, axis=0)
-    problem = Problem.from_user(target, source, candidates=allowed)
+    problem = Problem.from_user(target, source, allowed=allowed)
     best = least_energy(problem, np.eye(3))
     assert evaluate(problem, np.eye(3)[None], np.zeros(1)).bounds[0] == pytest.approx(best)
 

@@ -38,8 +38,8 @@ def test_points_with_a_single_candidate_do_not_spoil_the_potentials(seed):
     rng = np.random.default_rng(seed)
     target, source = rng.random((2, 5, 3))
     target[:2], source[:1] = 0.0, 0.0
-    candidates = (rng.random((5, 5)) < 0.4) | np.eye(5, dtype=bool)
-    proof = prove(Problem.from_user(target, source, candidates=candidates), time_limit_s=20)
+    allowed = (rng.random((5, 5)) < 0.4) | np.eye(5, dtype=bool)
+    proof = prove(Problem.from_user(target, source, allowed=allowed), time_limit_s=20)
     assert proof.status is Status.PROVEN_OPTIMAL
     assert proof.num_cells < 20000
 

@@ -84,7 +84,7 @@ def test_the_problem_that_a_caller_states_is_compared(rng: np.random.Generator) 
         "constant_cost": {"invariants": (invariants[0] + 0.1, invariants[1])},
         "special_blocks": {"invariants": invariants, "group": "O"},
         "pattern": {"invariants": invariants, "rotation_pattern": [2, 1]},
-        "candidates": {"invariants": invariants, "candidates": masked},
+        "candidates": {"invariants": invariants, "allowed": masked},
         "weights": {"invariants": invariants, "weights": [1.0, 2.0, 1.0, 1.0]},
         "max_unmatched, unmatched_costs": {"invariants": invariants, "unmatched_penalty": 0.1},
     }
@@ -112,10 +112,10 @@ def test_constant_costs_may_be_rounded_in_another_way_at_a_price(rng: np.random.
 
 def test_without_a_problem_the_certificate_states_its_own(rng: np.random.Generator) -> None:
     target, source = rng.random((5, 3)), rng.random((5, 3))
-    candidates = np.eye(5, dtype=bool)[::-1]
-    certificate = solve_relaxation(target, source, candidates=candidates).certificate
+    allowed = np.eye(5, dtype=bool)[::-1]
+    certificate = solve_relaxation(target, source, allowed=allowed).certificate
     stated = read_problem(target, source, certificate)
-    assert np.array_equal(stated.candidates, candidates)
+    assert np.array_equal(stated.allowed, allowed)
     bound = verify_certificate(target, source, certificate)
     assert bound <= brute_force(stated).energy
     assert bound > brute_force(Problem.from_user(target, source)).energy

@@ -79,13 +79,13 @@ def test_unmatched_points_are_described_in_one_way(problem: Problem, costs: list
 
 
 def test_the_hash_sees_every_field(problem: Problem) -> None:
-    candidates, cost = problem.candidates.copy(), problem.constant_cost.copy()
-    candidates[0, 0], cost[0, 0] = False, 1e-300
+    allowed, cost = problem.allowed.copy(), problem.constant_cost.copy()
+    allowed[0, 0], cost[0, 0] = False, 1e-300
     others = [
         replace(problem, target=problem.target + 1e-15),
         replace(problem, source=problem.source + 1e-15),
         replace(problem, weights=problem.weights + 1e-15),
-        replace(problem, candidates=candidates),
+        replace(problem, allowed=allowed),
         replace(problem, constant_cost=cost),
         replace(problem, pattern=RotationPattern(problem.pattern.mask)),
         replace(problem, pattern=RotationPattern(np.eye(3, dtype=bool), problem.pattern.special_blocks)),

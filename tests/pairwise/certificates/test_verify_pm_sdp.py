@@ -213,10 +213,10 @@ def test_any_dual_point_of_partial_matching_gives_a_valid_bound(max_unmatched: i
 
 def test_a_match_that_leaves_others_unmatched_is_possible() -> None:
     rng = np.random.default_rng(12)
-    candidates = np.array([[1, 1, 0], [0, 1, 1], [0, 1, 0]], dtype=bool)  # 2 to 1 leaves only 0 and 1 for rows 0, 2
-    problem = Problem.from_user(rng.random((3, 3)), rng.random((3, 3)), candidates=candidates)
+    allowed = np.array([[1, 1, 0], [0, 1, 1], [0, 1, 0]], dtype=bool)  # 2 to 1 leaves only 0 and 1 for rows 0, 2
+    problem = Problem.from_user(rng.random((3, 3)), rng.random((3, 3)), allowed=allowed)
     arrays = dict(solve_pm_sdp(replace(problem, max_unmatched=1, unmatched_cost=0.1)).certificate.arrays)
-    for i, j in np.argwhere(candidates):
+    for i, j in np.argwhere(allowed):
         with pytest.raises(InputError, match="possible match"):
             proven_bound(
                 replace(problem, max_unmatched=1, unmatched_cost=0.1),

@@ -128,7 +128,7 @@ def test_huge_multipliers_that_cancel_do_not_round_the_bound_upwards(form):
     rng = np.random.default_rng(6)
     for _ in range(5):
         target, source = rng.random((3, 3)), rng.random((3, 3))
-        problem = Problem.from_user(target, source, candidates=np.eye(3, dtype=bool))  # one map: its bound is exact
+        problem = Problem.from_user(target, source, allowed=np.eye(3, dtype=bool))  # one map: its bound is exact
         arrays = dict(solve_tight(problem, form=form).certificate.arrays)
         last = max(name for name in arrays if name.endswith("_allowed")).removesuffix("allowed")
         optimum = brute_force(problem).energy
@@ -195,9 +195,9 @@ def test_the_verifier_refuses_partial_matching_and_patterns(certified):
 
 def test_stages_only_drop_matches_and_each_drops_some():
     rng = np.random.default_rng(10)
-    candidates = np.ones((4, 4), dtype=bool)
-    candidates[0, 1] = False
-    problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)), candidates=candidates)
+    allowed = np.ones((4, 4), dtype=bool)
+    allowed[0, 1] = False
+    problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)), allowed=allowed)
     arrays = dict(solve_tight(problem, form="quaternion", eliminate=False).certificate.arrays)
     again = {name.replace("proper_0_", "proper_1_"): values for name, values in arrays.items()}
     with pytest.raises(InputError, match="must drop matches"):
@@ -205,7 +205,7 @@ def test_stages_only_drop_matches_and_each_drops_some():
     more = {**arrays, **again, "proper_1_allowed": np.ones((4, 4), dtype=bool)}
     with pytest.raises(InputError, match="other matches than those left"):
         proven_bound(problem, "quaternion", more)
-    none = candidates.copy()
+    none = allowed.copy()
     none[:, 2] = False
     with pytest.raises(InputError, match="other matches than those left"):
         proven_bound(problem, "quaternion", {**arrays, **again, "proper_1_allowed": none})

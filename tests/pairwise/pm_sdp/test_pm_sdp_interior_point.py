@@ -66,11 +66,10 @@ def test_variants_are_ordered(rng: np.random.Generator) -> None:
 def test_exact_recovery_without_noise(rng: np.random.Generator, num_target: int) -> None:
     target = rng.random((num_target, 3))
     rotation, matched = random_rotation(rng, 3), rng.permutation(num_target)[:100]
-    candidates = np.zeros((num_target, 100), dtype=bool)
-    candidates[rng.integers(0, num_target, (20, 100)), np.arange(100)] = True
-    candidates[matched, np.arange(100)] = True
-    allowed = None if num_target == 100 else candidates
-    result = solve_relaxation(target, target[matched] @ rotation, candidates=allowed)
+    allowed = np.zeros((num_target, 100), dtype=bool)
+    allowed[rng.integers(0, num_target, (20, 100)), np.arange(100)] = True
+    allowed[matched, np.arange(100)] = True
+    result = solve_relaxation(target, target[matched] @ rotation, allowed=None if num_target == 100 else allowed)
     assert np.array_equal(result.X.argmax(axis=0), matched)
     assert np.abs(result.R - rotation).max() < 0.02
     assert abs(result.value) < 1e-3
@@ -89,10 +88,10 @@ def test_exact_recovery_in_a_band(rng: np.random.Generator) -> None:
         ]
     target = rng.standard_normal((num, dim))
     matched = rng.permutation(num)[:12]
-    candidates = rng.random((num, 12)) < 0.2
-    candidates[matched, np.arange(12)] = True
+    allowed = rng.random((num, 12)) < 0.2
+    allowed[matched, np.arange(12)] = True
     result = solve_relaxation(
-        target, target[matched] @ rotation, group="O", rotation_pattern=1, candidates=candidates, tol=1e-4
+        target, target[matched] @ rotation, group="O", rotation_pattern=1, allowed=allowed, tol=1e-4
     )
     assert result.status is Status.CONVERGED
     assert np.array_equal(result.X.argmax(axis=0), matched)
@@ -127,26 +126,26 @@ def test_overflowing_points_are_refused() -> None:
 
 
 def test_one_candidate_per_point(rng: np.random.Generator) -> None:
-    problem = planted(rng, rng.random((6, 3)), noise=0.1, candidates=np.eye(6, dtype=bool))
+    problem = planted(rng, rng.random((6, 3)), noise=0.1, allowed=np.eye(6, dtype=bool))
     result = solve_pm_sdp(problem)
     assert result.lower_bound <= brute_force(problem).energy
     assert np.allclose(result.X, np.eye(6))
 
 
-def test_impossible_candidates_are_pruned_and_proven(rng: np.random.Generator) -> None:
+def test_impossible_matches_are_pruned_and_proven(rng: np.random.Generator) -> None:
     # Points 0 and 1 share targets 0 and 1, so point 2 can go to target 2 only.
-    candidates = np.array([[1, 1, 1], [1, 1, 1], [0, 0, 1]], dtype=bool)
+    allowed = np.array([[1, 1, 1], [1, 1, 1], [0, 0, 1]], dtype=bool)
     target = rng.random((3, 3))
-    result = solve_relaxation(target, rng.random((3, 3)), candidates=candidates)
+    result = solve_relaxation(target, rng.random((3, 3)), allowed=allowed)
     assert np.array_equal(result.X[:, 2], [0.0, 0.0, 1.0]) or abs(result.X[2, 2] - 1.0) < 1e-12
     assert result.value - result.lower_bound < 1e-5
 
 
-def test_infeasible_candidates_are_refused(rng: np.random.Generator) -> None:
-    candidates = np.ones((4, 3), dtype=bool)
-    candidates[1:, :2] = False
+def test_infeasible_matches_are_refused(rng: np.random.Generator) -> None:
+    allowed = np.ones((4, 3), dtype=bool)
+    allowed[1:, :2] = False
     with pytest.raises(InputError, match="no injective map"):
-        solve_relaxation(rng.random((4, 3)), rng.random((3, 3)), candidates=candidates)
+        solve_relaxation(rng.random((4, 3)), rng.random((3, 3)), allowed=allowed)
 
 
 def test_unmatched_points(rng: np.random.Generator) -> None:

@@ -88,7 +88,7 @@ def test_draws_repeat_with_the_seed(rng: np.random.Generator) -> None:
 
 def test_the_nearest_map_keeps_to_the_candidates_and_may_leave_points_out() -> None:
     allowed = np.array([[True, False], [True, True]])
-    masked = Problem.from_user(np.zeros((2, 3)), np.zeros((2, 3)), candidates=allowed)
+    masked = Problem.from_user(np.zeros((2, 3)), np.zeros((2, 3)), allowed=allowed)
     np.testing.assert_array_equal(nearest_map(masked, np.array([[0.0, 9.0], [1.0, 0.0]])), [0, 1])
     partial = Problem.from_user(np.zeros((2, 3)), np.zeros((2, 3)), unmatched_penalty=0.1)
     np.testing.assert_array_equal(nearest_map(partial, np.array([[0.1, 0.6], [0.1, 0.1], [0.8, 0.3]])), [-1, 0])

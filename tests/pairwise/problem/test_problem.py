@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError, OptionsError
+from pairwise import all_poses, exact_solutions, match, solve_relaxation
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 
@@ -101,11 +102,11 @@ def test_impossible_problems_are_refused(rng: np.random.Generator) -> None:
     nothing = np.ones((4, 3), bool)
     nothing[:, 1] = False
     with pytest.raises(InputError, match="source point 1 has none"):
-        Problem.from_user(q, p, candidates=nothing)
+        Problem.from_user(q, p, allowed=nothing)
     crowded = np.zeros((4, 3), bool)
     crowded[:2] = True
     with pytest.raises(InputError, match="no injective map"):
-        Problem.from_user(q, p, candidates=crowded)
+        Problem.from_user(q, p, allowed=crowded)
     with pytest.raises(InputError, match="invariants of the source"):
         Problem.from_user(q, p, invariants=(np.ones((4, 2)), np.ones((3, 1))))
 
@@ -122,7 +123,7 @@ def test_points_as_columns_are_refused_with_the_way_out(rng: np.random.Generator
 def test_forbidden_matches_cost_infinitely_much(rng: np.random.Generator) -> None:
     allowed = rng.random((7, 5)) < 0.6
     allowed[np.arange(5), np.arange(5)] = True
-    costs = some_problem(rng, candidates=allowed).assignment_costs(np.eye(3))
+    costs = some_problem(rng, allowed=allowed).assignment_costs(np.eye(3))
     np.testing.assert_array_equal(np.isinf(costs), ~allowed)
 
 
@@ -147,3 +148,10 @@ def test_as_many_points_as_asked_for_are_matched(rng: np.random.Generator) -> No
             some_problem(rng, **options)
     with pytest.raises(OptionsError, match="exclude each other"):
         some_problem(rng, num_matches=4, unmatched_penalty=1.0)
+
+
+def test_the_former_name_of_the_allowed_matches_is_answered_with_the_new_one() -> None:
+    points = np.eye(3)
+    for call in (Problem.from_user, match, solve_relaxation, all_poses, exact_solutions):
+        with pytest.raises(OptionsError, match="candidates: this argument is called allowed now"):
+            call(points, points, candidates=np.eye(3, dtype=bool))

@@ -37,7 +37,7 @@ def test_value_equals_pm_sdp(
 def test_equal_value_with_masks_and_weights(rng: np.random.Generator) -> None:
     mask = np.ones((4, 4), bool)
     mask[[0, 2], [1, 3]] = False
-    problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)), candidates=mask, weights=rng.random(4) + 0.1)
+    problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)), allowed=mask, weights=rng.random(4) + 0.1)
     free = Problem.from_user(problem.target, problem.source)
     full = solve_full_lifted(problem, tol=1e-8).value
     assert full == pytest.approx(solve_reference(problem, tol=1e-8).value, abs=2e-6)

@@ -13,7 +13,7 @@ from tests.tight_problems import small_problem
 def test_any_multipliers_give_a_lower_bound(seed, form):
     _, problem = chiralities(small_problem(seed, max_target=4))[0]
     lift = make_lift(form, problem.dim)
-    blocks = lift_problem(problem, lift, problem.candidates)
+    blocks = lift_problem(problem, lift, problem.allowed)
     rng = np.random.default_rng(seed)
     size = rng.choice([1e-3, 0.1, 1.0])
     target = size * rng.standard_normal((problem.num_target, len(lift.one)))
@@ -31,7 +31,7 @@ def test_any_multipliers_give_a_lower_bound(seed, form):
 def test_a_single_map_is_bounded_by_its_procrustes_energy(seed):
     _, problem = chiralities(small_problem(seed))[0]
     best = brute_force(problem)
-    kept = np.zeros(problem.candidates.shape, bool)
+    kept = np.zeros(problem.allowed.shape, bool)
     kept[best.point_map, np.arange(problem.num_source)] = True
     lift = make_lift("quaternion", problem.dim)
     stage = single_map_stage(lift, lift_problem(problem, lift, kept), problem.num_source)
