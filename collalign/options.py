@@ -59,7 +59,7 @@ class PairOptions:
         self.seeded(0)
 
     def seeded(self, seed: int) -> MatchOptions:
-        """Return the options of :mod:`pairwise.match` for a pair with that seed."""
+        """Return the options of :func:`pairwise.match` for a pair with that seed."""
         return MatchOptions(**vars(self), seed=seed)
 
 
@@ -205,7 +205,7 @@ class TwoShapeOptions:
         self.seeded()
 
     def seeded(self) -> MatchOptions:
-        """Return the options of :mod:`pairwise.match`, with ``seed`` and ``certify``."""
+        """Return the options of :func:`pairwise.match`, with ``seed`` and ``certify``."""
         matching = replace(self.matching, seed=self.seed)
         if not self.certify:
             return matching

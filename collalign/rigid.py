@@ -17,7 +17,7 @@ from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.source import location
 from data_tools.threads import one_blas_thread
 from pairwise.dense.refine import RefinedPose
-from pairwise.match import match_problem
+from pairwise.matching import match_problem
 from pairwise.options import DenseOptions
 from pairwise.results import Candidate, MatchResult
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from data_tools.checks import check_choice, check_count, check_number
 from data_tools.errors import OptionsError
-from pairwise.dense.refine import RefinementMethod
-from pairwise.local.local_search import RIGID, Freedom
+from pairwise.local.freedom import RIGID, Freedom
 
 Strategy = Literal["search", "relaxation", "portfolio"]
+RefinementMethod = Literal["nearest", "assignment", "point-to-plane"]
 
 
 @dataclass(frozen=True, kw_only=True)

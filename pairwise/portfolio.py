@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from data_tools.arrays import FloatArray
 from pairwise.branch_and_bound.prove import can_certify
 from pairwise.candidates import distinct_candidates, rank
-from pairwise.local.local_search import RIGID, merge, minimise
+from pairwise.local.freedom import RIGID
+from pairwise.local.local_search import merge, minimise
 from pairwise.local.search import explore, look_around
 from pairwise.options import MatchOptions
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations, extreme_starts

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import RBFInterpolator
 
 from data_tools.arrays import FloatArray, as_points
 from data_tools.errors import InputError
@@ -44,6 +43,8 @@ def thin_plate_warp(
     goals = as_points(target, "target", dim=3)
     if goals.shape != landmarks.shape:
         raise InputError(f"target: {len(goals)} landmarks for {len(landmarks)} of the source")
+    from scipy.interpolate import RBFInterpolator  # a tenth of a second that most commands do without
+
     try:
         spline = RBFInterpolator(landmarks, goals - landmarks, kernel="linear", degree=1, smoothing=smoothing)
     except np.linalg.LinAlgError as error:

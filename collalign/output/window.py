@@ -13,7 +13,7 @@ from collalign.output.evidence.file import load_view
 from collalign.output.report.payload import sample_colors
 from collalign.products.evidence import CollectionView
 from data_tools.arrays import FloatArray
-from data_tools.errors import InputError
+from data_tools.errors import InputError, UnavailableError
 
 #: Distance between neighbours on the grid, in units of the largest shape.
 _SPACING = 2.1
@@ -88,8 +88,9 @@ def _start(backend: str) -> Any:
     try:
         window = import_module("polyscope")
     except ImportError as error:
-        raise InputError(
-            "the desktop viewer needs Polyscope: `pip install 'collalign[viewer]'`; report.html needs nothing"
+        raise UnavailableError(
+            "the desktop viewer needs Polyscope; install it with: pip install 'collalign[viewer]'; "
+            "report.html needs nothing"
         ) from error
     try:
         window.set_verbosity(1)

@@ -29,7 +29,7 @@ from experiments.experiment import Cell
 from experiments.peers.principal_axes import normalised_points
 from pairwise.dense.points import DensePoints
 from pairwise.local.local_search import minimise
-from pairwise.match import match
+from pairwise.matching import match
 from pairwise.options import MatchOptions
 from pairwise.problem.problem import Problem
 

@@ -22,7 +22,7 @@ from data_tools.surface.shape import Shape
 from experiments.collections.landmarked import CLASSES_FOLDER, RIGHT_DEG, TEETH_FOLDER, read_dataset
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.tables import Column, Row, Table
-from pairwise.match import match_problem
+from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
 
 if TYPE_CHECKING:

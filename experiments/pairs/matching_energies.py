@@ -18,7 +18,7 @@ from experiments.tables import Column, Row, Table
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.local.search import of_chirality
-from pairwise.match import match_problem
+from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
 from pairwise.problem.problem import Problem
 

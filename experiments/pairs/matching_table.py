@@ -22,7 +22,7 @@ from experiments.pairs.posed_samples import (
 )
 from experiments.tables import Column, Row, Table
 from pairwise.dense.rank import refine_candidates
-from pairwise.match import match_problem
+from pairwise.matching import match_problem
 from pairwise.options import DenseOptions, MatchOptions
 from pairwise.portfolio import relax
 from pairwise.results import Candidate

@@ -20,7 +20,7 @@ from experiments.collections.landmarked import RIGHT_DEG
 from experiments.experiment import Bench, Cell, Experiment, Outcome
 from experiments.tables import Column, Row, Table
 from pairwise.dense.points import DensePoints
-from pairwise.match import match_problem
+from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
 from pairwise.problem.problem import Problem
 

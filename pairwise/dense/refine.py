@@ -8,7 +8,7 @@ tell the two sides of a ridge apart; invariants keep the parts of a bent shape t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,9 +20,8 @@ from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
 from pairwise.dense.point_to_plane import point_to_plane
 from pairwise.dense.points import DenseMatcher, DensePoints, Similarity
+from pairwise.options import RefinementMethod
 from pairwise.status import Status
-
-RefinementMethod = Literal["nearest", "assignment", "point-to-plane"]
 
 #: Weight of unit normals beside positions of root mean square radius 1.
 NORMAL_WEIGHT = 0.2

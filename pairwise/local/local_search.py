@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
+from pairwise.local.freedom import RIGID, Freedom
 from pairwise.problem.problem import Problem
 
 #: Entries of the cost matrices that are held at once: what fits the processor's cache is fastest.
@@ -58,26 +59,6 @@ class LocalMinima:
             shifts=self.shifts[index],
             origins=self.origins[index],
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Freedom:
-    """What a pose may do beside turning.
-
-    Attributes
-    ----------
-    scale_range : pair of float, or None
-        Scale the source, within these limits.
-    translate : bool
-        Shift the source.
-    """
-
-    scale_range: tuple[float, float] | None = None
-    translate: bool = False
-
-
-#: Rotations only, as in Procrustes matching.
-RIGID = Freedom()
 
 
 class MatchingCosts:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-from pairwise.local.local_search import RIGID, Freedom, similarities
+from pairwise.local.freedom import RIGID, Freedom
+from pairwise.local.local_search import similarities
 from pairwise.problem.problem import Problem
 
 Singles: TypeAlias = NDArray[np.float32]

@@ -13,7 +13,8 @@ import numpy as np
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.threads import one_blas_thread
-from pairwise.local.local_search import RIGID, Freedom, LocalMinima, MatchingCosts, merge, minimise, similarities
+from pairwise.local.freedom import RIGID, Freedom
+from pairwise.local.local_search import LocalMinima, MatchingCosts, merge, minimise, similarities
 from pairwise.local.rotation_sets import principal_frame, rotation_set, sign_rotations, small_rotations
 from pairwise.local.screening import screen
 from pairwise.problem.pattern import RotationPattern

@@ -14,8 +14,20 @@ DEFAULT_MAX_ITERATIONS = {"scs": 100_000, "clarabel": 200}
 
 
 def cvxpy_module() -> Any:
-    """Return CVXPY, imported when first needed: it takes about a second, and its functions carry no types."""
-    return import_module("cvxpy")
+    """Return CVXPY, imported when first needed: it takes about a second, and its functions carry no types.
+
+    Raises
+    ------
+    OptionsError
+        If it cannot be imported.
+    """
+    try:
+        return import_module("cvxpy")
+    except ImportError as error:
+        raise OptionsError(
+            f"the solvers scs and clarabel are called through CVXPY, which cannot be imported ({error}); "
+            "install it with: pip install cvxpy"
+        ) from error
 
 
 def solve_program(

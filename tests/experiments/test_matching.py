@@ -20,7 +20,7 @@ from experiments.experiment import Bench, Cell
 from experiments.pairs import matching_energies, matching_table, partial_scans
 from experiments.pairs.posed_samples import TEETH_MIXED, TEETH_ONE_SIDE, posed_pairs
 from experiments.write import write_experiment
-from pairwise.match import match_problem
+from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
 from tests.experiments.test_collections import write_class, write_teeth
 

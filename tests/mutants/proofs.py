@@ -107,7 +107,7 @@ VERIFIERS: tuple[Mutant, ...] = (
 
 MATCHING: tuple[Mutant, ...] = (
     *faults(
-        "pairwise/match.py",
+        "pairwise/matching.py",
         _STATUS,
         ("_proven", "(1.0 - options.gap_tol) *", "(1.0 - 100.0 * options.gap_tol) *"),
         ("_proven", "if bound >= (", "if True or bound >= ("),

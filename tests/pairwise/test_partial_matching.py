@@ -9,7 +9,7 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.rotations import rotation_angles
 from pairwise import MatchOptions, match
 from pairwise.local.rotation_sets import random_rotations
-from pairwise.match import match_problem
+from pairwise.matching import match_problem
 from pairwise.problem.problem import Problem
 from tests.oracles import brute_force
 

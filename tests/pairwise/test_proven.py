@@ -9,7 +9,7 @@ import pytest
 
 from pairwise import MatchOptions, match, solve_relaxation, verify_certificate
 from pairwise import match as match_function
-from pairwise.match import _proven, match_problem
+from pairwise.matching import _proven, match_problem
 from pairwise.problem.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate
@@ -63,7 +63,7 @@ def test_banded_patterns_have_no_bound_for_their_poses() -> None:
 def test_the_pose_that_the_dense_points_prefer_is_not_the_one_that_is_proven(problem, monkeypatch) -> None:
     options = MatchOptions(certify=True, candidate_factor=100.0, num_rotations=60)
     dense = (None, None)
-    module = __import__("sys").modules["pairwise.match"]
+    module = __import__("sys").modules["pairwise.matching"]
     monkeypatch.setattr(module, "refine_candidates", lambda ranked, *_: ranked[::-1])
     other = match_problem(problem, options, dense=dense)
     assert other.energy > other.candidates[-1].energy

@@ -19,7 +19,9 @@ try:
     from distributed.comm.addressing import parse_address, parse_host_port
     from distributed.comm.registry import backends
 except ImportError as error:
-    raise OptionsError(f"a scheduler needs Dask: pip install 'collalign[dask]' ({error})") from None
+    raise OptionsError(
+        f"--scheduler needs Dask, which cannot be imported ({error}); install it with: pip install 'collalign[dask]'"
+    ) from None
 
 Answer = TypeVar("Answer")
 

@@ -25,7 +25,9 @@ from data_tools.errors import CollalignError, OptionsError
 try:
     from distributed import Future, KilledWorker, WorkerPlugin
 except ImportError as error:
-    raise OptionsError(f"a scheduler needs Dask: pip install 'collalign[dask]' ({error})") from None
+    raise OptionsError(
+        f"--scheduler needs Dask, which cannot be imported ({error}); install it with: pip install 'collalign[dask]'"
+    ) from None
 
 #: Batches submitted ahead for each core of the cluster, and at least so many.
 _AHEAD_PER_CORE = 2

@@ -12,7 +12,7 @@ import numpy as np
 from collalign.analysis.ordination import cophenetic_tree, newick
 from collalign.analysis.procrustes import generalized_procrustes, principal_components, procrustes_distances
 from collalign.output.exports.request import ExportRequest, complete_labels, label_columns
-from data_tools.errors import InputError
+from data_tools.errors import InputError, UnavailableError
 from data_tools.io.csv_cells import csv_text
 
 #: Column name to values.
@@ -33,13 +33,15 @@ def write_parquet(request: ExportRequest) -> tuple[Path, ...]:
 
     Raises
     ------
-    InputError
+    UnavailableError
         If pyarrow is not installed.
     """
     try:
         pyarrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError as error:
-        raise InputError("parquet needs pyarrow: `pip install pyarrow`, or export csv") from error
+        raise UnavailableError(
+            "parquet needs pyarrow; install it with: pip install 'collalign[tables]', or export csv"
+        ) from error
     paths = []
     for name, table in result_tables(request).items():
         path = request.path(f"{name}.parquet")

@@ -15,7 +15,7 @@ from collalign.stages.stored_types import pair_from_record, poses_to_record, sam
 from data_tools.arrays import IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError
-from pairwise.match import match_problem
+from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
 from pairwise.problem.problem import Problem
 

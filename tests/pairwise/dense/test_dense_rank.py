@@ -14,7 +14,7 @@ from data_tools.surface.normals import outward_normals
 from data_tools.surface.shape import Shape
 from pairwise import DenseOptions, DensePoints, MatchOptions, match
 from pairwise.dense.rank import _dense_penalty, refine_candidates
-from pairwise.match import match_problem
+from pairwise.matching import match_problem
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate
 from pairwise.status import Status

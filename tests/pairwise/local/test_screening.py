@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 
 from data_tools.rotations import rotation_angles
-from pairwise.local.local_search import Freedom
+from pairwise.local.freedom import Freedom
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.local.screening import NearestCosts, screen
 from pairwise.problem.problem import Problem

@@ -10,7 +10,7 @@ from data_tools.rotations import rotation_angles
 from pairwise import MatchOptions, match
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations
-from pairwise.match import match_problem
+from pairwise.matching import match_problem
 from pairwise.portfolio import wants_relaxation
 from pairwise.problem.problem import Problem
 from pairwise.status import Status

@@ -1,0 +1,110 @@
+"""Heavy packages are imported when they are needed, and one that is missing is named with the way to get it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import collalign
+import pairwise
+from collalign.engine.options import RunOptions
+from collalign.output.exports import export
+from data_tools.errors import CollalignError
+
+#: Nothing of these is needed to align shapes and to match pairs.
+OPTIONAL = (
+    "cvxpy",
+    "clarabel",
+    "scs",
+    "matplotlib",
+    "open3d",
+    "pandas",
+    "pyarrow",
+    "polyscope",
+    "distributed",
+    "dask",
+)
+ALIGN_WITHOUT = """
+import sys
+for name in {blocked}:
+    sys.modules[name] = None  # every import of it fails
+import numpy as np
+import collalign, pairwise
+for module in (collalign, pairwise):
+    for name in module.__all__:
+        getattr(module, name)
+points = np.random.default_rng(0).random((30, 3))
+aligned = collalign.align_collection([points, points[::-1]], progress=False, run=collalign.RunOptions(jobs=1))
+assert aligned.confidence.min() > 0
+"""
+
+
+def run_without(blocked: tuple[str, ...]) -> subprocess.CompletedProcess[str]:
+    code = ALIGN_WITHOUT.format(blocked=blocked)
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
+
+
+def test_alignment_needs_no_optional_package() -> None:
+    done = run_without(OPTIONAL)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_package_that_is_needed_is_noticed() -> None:
+    assert "No module named 'scipy" in run_without(("scipy",)).stderr
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("result")
+    points = np.random.default_rng(0).random((30, 3))
+    collalign.align_collection([points, points[::-1]], progress=False, run=RunOptions(jobs=1)).save(folder)
+    return folder
+
+
+def relax(result: Path) -> Any:
+    return pairwise.solve_relaxation(np.eye(4, 3), np.eye(4, 3), solver="scs")
+
+
+def use_scheduler(result: Path) -> Any:
+    run = RunOptions(scheduler="tcp://127.0.0.1:9")
+    return collalign.align_collection([np.eye(8, 3)] * 2, run=run, progress=False)
+
+
+def export_parquet(result: Path) -> Any:
+    return export(result, "parquet", result / "tables")
+
+
+@pytest.mark.parametrize(
+    ("package", "call", "advice"),
+    [
+        ("cvxpy", relax, "pip install cvxpy"),
+        ("distributed", use_scheduler, "pip install 'collalign[dask]'"),
+        ("pyarrow", export_parquet, "pip install 'collalign[tables]'"),
+    ],
+)
+def test_a_missing_package_is_named(
+    package: str, call: Any, advice: str, result: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    for module in [name for name in sys.modules if name.startswith("collalign.engine.jobs.")]:
+        monkeypatch.delitem(sys.modules, module)
+    with pytest.raises(CollalignError) as raised:
+        call(result)
+    assert package in str(raised.value) or "Dask" in str(raised.value)
+    assert f"install it with: {advice}" in str(raised.value)
+
+
+@pytest.mark.parametrize("module", [collalign, pairwise], ids=["collalign", "pairwise"])
+def test_every_public_name_has_a_home(module: Any) -> None:
+    for name in module.__all__:
+        assert getattr(import_module(module._HOMES[name]), name) is getattr(module, name)
+        assert name in dir(module)
+    assert set(module.__all__) == set(module._HOMES)
+    with pytest.raises(AttributeError, match="no attribute"):
+        _ = module.no_such_name

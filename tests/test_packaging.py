@@ -1,0 +1,89 @@
+"""The wheel and the source archive hold what they must, and the wheel alone works."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+#: What a user's environment holds of the repository: everything of these folders, and nothing else.
+PACKAGES = ("collalign", "pairwise", "data_tools")
+
+
+def run(*words: str | Path, folder: Path = ROOT) -> str:
+    """Run a command apart from this checkout's import paths and return what it prints."""
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    done = subprocess.run(
+        words, cwd=folder, check=False, capture_output=True, text=True, timeout=300, env=environment
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the source archive, and the wheel that is built from the unpacked source archive."""
+    folder = tmp_path_factory.mktemp("dist")
+    run(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", folder)
+    (archive,) = folder.glob("*.tar.gz")
+    with tarfile.open(archive) as packed:
+        packed.extractall(folder, filter="data")
+    (unpacked,) = (path for path in folder.iterdir() if path.is_dir())
+    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, folder=unpacked)
+    return folder
+
+
+def checked_in() -> set[str]:
+    """Return the files under version control; skip where there is none, as in an unpacked archive."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("no checkout")
+    return set(
+        run("git", "-c", f"safe.directory={ROOT}", "ls-files", "--cached", "--others", "--exclude-standard").split(
+            "\n"
+        )
+    ) - {""}
+
+
+def test_the_source_archive_holds_the_checkout(built: Path) -> None:
+    (archive,) = built.glob("*.tar.gz")
+    with tarfile.open(archive) as packed:
+        names = {name.split("/", 1)[1] for name in packed.getnames()}
+    files = {name for name in checked_in() if (ROOT / name).is_file()}
+    assert names - {"PKG-INFO"} == files
+
+
+def test_the_wheel_holds_the_packages(built: Path) -> None:
+    (wheel,) = built.glob("*.whl")
+    with zipfile.ZipFile(wheel) as packed:
+        names = {name for name in packed.namelist() if ".dist-info/" not in name}
+    assert names == {
+        name for name in checked_in() if name.startswith(tuple(f"{p}/" for p in PACKAGES)) and (ROOT / name).is_file()
+    }
+
+
+def test_the_wheel_alone_works(built: Path, tmp_path: Path) -> None:
+    """Its dependencies are borrowed from here; a path in a .pth file does not bring this checkout along."""
+    (wheel,) = built.glob("*.whl")
+    fresh = tmp_path / "fresh"
+    run(sys.executable, "-m", "venv", "--without-pip", fresh)
+    python = fresh / "bin" / "python"
+    site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip())
+    run(sys.executable, "-m", "pip", "-q", "--python", python, "install", "--no-deps", "--no-index", wheel)
+    (site / "borrowed.pth").write_text(f"{sysconfig.get_path('purelib')}\n{sysconfig.get_path('platlib')}\n")
+    smoke = tmp_path / "smoke.py"
+    smoke.write_text((ROOT / "tests" / "smoke.py").read_text("utf-8"), "utf-8")
+    assert "works on Python" in run(python, smoke, tmp_path, folder=tmp_path)
+
+
+def test_a_checkout_is_no_installation(tmp_path: Path) -> None:
+    script = f"import runpy, sys; sys.path.insert(0, {str(ROOT)!r}); sys.argv = ['smoke', {str(tmp_path)!r}]; "
+    script += f"runpy.run_path({str(ROOT / 'tests' / 'smoke.py')!r}, run_name='__main__')"
+    with pytest.raises(AssertionError, match="not from this environment"):
+        run(sys.executable, "-c", script)
