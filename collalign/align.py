@@ -178,7 +178,7 @@ def align_listing(
         consensus=read_only(in_label_order(positions, labels).mean(axis=0)),
         pairs=tuple(pairs),
         alternatives=solution.alternatives,
-        groups=solution.groups,
+        parts=solution.parts,
         excluded=(*shapes.excluded, *failed),
         skipped=tuple(readable_name(path) for path in listing.skipped),
         notes=(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from collalign.output.browsing import Browsable
 from collalign.output.evidence.file import load_view
-from collalign.output.evidence.gather import group_numbers
+from collalign.output.evidence.gather import part_numbers
 from collalign.output.write import MESH_FOLDER, WRITER, inputs_of, save_collection
 from collalign.products.collection import Collection
 from collalign.products.evidence import CollectionView
@@ -30,8 +30,8 @@ class AlignedCollection(Browsable, Collection):
     def _locations(self) -> tuple[str, ...]:
         return tuple(location(file) for file in self.files)
 
-    def _group_of(self) -> IntArray:
-        return group_numbers(self.groups, len(self))
+    def _part_numbers(self) -> IntArray:
+        return part_numbers(self.parts, len(self))
 
     def _shape(self, at: int) -> Shape:
         return read_shape(self.files[at], self.options.cleaning, name=self.names[at], digest=self.digests[at])
@@ -80,8 +80,8 @@ class LoadedCollection(Browsable, CollectionView):
     def _locations(self) -> tuple[str, ...]:
         return self.files
 
-    def _group_of(self) -> IntArray:
-        return self.groups
+    def _part_numbers(self) -> IntArray:
+        return self.part_numbers
 
     def _shape(self, at: int) -> Shape:
         return Shape(name=self.names[at], vertices=self.vertices[at], faces=self.faces[at])

@@ -36,7 +36,7 @@ def dense_correspondence(
     Parameters
     ----------
     result : path
-        Folder that ``collalign align`` wrote. Of several groups of shapes, which are not aligned with each
+        Folder that ``collalign align`` wrote. Of several parts of shapes, which are not aligned with each
         other, only the largest is registered.
     options : RegistrationOptions, optional
     run : RunOptions, optional
@@ -73,6 +73,6 @@ def dense_correspondence(
 
 
 def largest_group(view: CollectionView) -> list[int]:
-    """Return the shapes of the largest group, the first of several, in order."""
-    numbers, counts = np.unique(view.groups, return_counts=True)
-    return np.flatnonzero(view.groups == numbers[counts.argmax()]).tolist()
+    """Return the shapes of the largest part, the first of several, in order."""
+    numbers, counts = np.unique(view.part_numbers, return_counts=True)
+    return np.flatnonzero(view.part_numbers == numbers[counts.argmax()]).tolist()

@@ -174,7 +174,9 @@ def _compared(view: CollectionView, before: FloatArray, again: AlignedCollection
     present, same = np.zeros(num, dtype=bool), np.ones(num, dtype=bool)
     changes, neighbours = np.full(num, np.nan), np.full(num, np.nan)
     present[members] = True
-    changes[members], same[members] = pose_changes(view.rotations[members], again.rotations, view.groups[members])
+    changes[members], same[members] = pose_changes(
+        view.rotations[members], again.rotations, view.part_numbers[members]
+    )
     now = procrustes_distances(by_label(again.positions, again.maps.labels))
     neighbours[members] = kept_neighbours(before[np.ix_(members, members)], now)
     return present, changes, same, neighbours

@@ -13,7 +13,7 @@ STAY_DEG = 20.0
 NUM_NEIGHBOURS = 3
 
 
-def pose_changes(reference: FloatArray, again: FloatArray, groups: IntArray) -> tuple[FloatArray, BoolArray]:
+def pose_changes(reference: FloatArray, again: FloatArray, part_numbers: IntArray) -> tuple[FloatArray, BoolArray]:
     """Return by how much each pose differs, and whether it is mirrored as before, in the frame that most agree with.
 
     The common frame of an alignment is arbitrary. So the second one is turned as the shape asks with which most
@@ -23,8 +23,8 @@ def pose_changes(reference: FloatArray, again: FloatArray, groups: IntArray) -> 
     ----------
     reference, again : ndarray, shape (n, 3, 3)
         ``R_common_shape`` of the same shapes.
-    groups : ndarray of int, shape (n,)
-        Shapes of different groups are not aligned with each other in the reference.
+    part_numbers : ndarray of int, shape (n,)
+        Shapes of different part_numbers are not aligned with each other in the reference.
 
     Returns
     -------
@@ -32,9 +32,9 @@ def pose_changes(reference: FloatArray, again: FloatArray, groups: IntArray) -> 
         NaN where mirrored differently, and for a shape alone in its group, which has nothing to stand still to.
     same_chirality : ndarray of bool, shape (n,)
     """
-    changes_deg, same = np.full(len(groups), np.nan), np.ones(len(groups), dtype=bool)
-    for number in np.unique(groups):
-        members = np.flatnonzero(groups == number)
+    changes_deg, same = np.full(len(part_numbers), np.nan), np.ones(len(part_numbers), dtype=bool)
+    for number in np.unique(part_numbers):
+        members = np.flatnonzero(part_numbers == number)
         if len(members) < 2:
             continue
         before, after = reference[members], again[members]

@@ -19,8 +19,10 @@ NUM_NEAR = 16
 
 
 @one_blas_thread()
-def surface_distances(clouds: Sequence[FloatArray], groups: IntArray, *, num_near: int = NUM_NEAR) -> FloatArray:
-    """Return the closest-point distances of all pairs, shape (N, N); NaN between shapes of different groups.
+def surface_distances(
+    clouds: Sequence[FloatArray], part_numbers: IntArray, *, num_near: int = NUM_NEAR
+) -> FloatArray:
+    """Return the closest-point distances of all pairs, shape (N, N); NaN between shapes of different part_numbers.
 
     A distance is the root mean square of the distances of each point to the nearest of the other shape, both ways, at
     the poses as they are. Pairs of near neighbours are turned, shifted and scaled to fit best first.
@@ -29,8 +31,8 @@ def surface_distances(clouds: Sequence[FloatArray], groups: IntArray, *, num_nea
     ----------
     clouds : sequence of ndarray, each (k, 3)
         Evenly spread points of each surface at its pose, see :func:`unit_cloud`.
-    groups : ndarray of int, shape (N,)
-        Shapes of different groups are not aligned with each other.
+    part_numbers : ndarray of int, shape (N,)
+        Shapes of different part_numbers are not aligned with each other.
     num_near : int
 
     Notes
@@ -40,7 +42,7 @@ def surface_distances(clouds: Sequence[FloatArray], groups: IntArray, *, num_nea
     (``python -m experiments classification``).
     """
     distances = distances_at_poses(clouds)
-    distances[groups[:, None] != groups] = np.nan
+    distances[part_numbers[:, None] != part_numbers] = np.nan
     points = [DensePoints.from_user(cloud) for cloud in clouds]
     for i, j in near_pairs(distances, num_near):
         distances[i, j] = distances[j, i] = refined_distance(points[i], points[j], np.eye(3))[0]

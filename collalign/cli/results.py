@@ -92,7 +92,7 @@ def classify(
     """
     view = load_view(result)
     values = read_labels(labels).column(by, view.names)
-    distances = surface_distances(posed_clouds(view), view.groups)
+    distances = surface_distances(posed_clouds(view), view.part_numbers)
     found = classify_leave_one_out(distances, values, names=view.names, singles=singles)
     print(json.dumps(found.as_dict(), indent=1) if as_json else found.table())
     return 0

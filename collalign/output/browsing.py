@@ -37,8 +37,8 @@ class AlignedShape:
     reflected : bool
     confidence : float
         NaN where it is not known.
-    group : int
-        Shapes of different groups are not aligned with each other.
+    part : int
+        Shapes of different parts are not aligned with each other.
     alternatives : tuple of Alternative
         Other poses, the likeliest first.
     """
@@ -48,7 +48,7 @@ class AlignedShape:
     transform: FloatArray
     reflected: bool
     confidence: float
-    group: int
+    part: int
     alternatives: tuple[Alternative, ...]
 
 
@@ -67,8 +67,8 @@ class Browsable(ABC):
         """The file of each shape, empty for memory."""
 
     @abstractmethod
-    def _group_of(self) -> IntArray:
-        """The group of each shape."""
+    def _part_numbers(self) -> IntArray:
+        """The part of each shape."""
 
     @abstractmethod
     def _shape(self, at: int) -> Shape:
@@ -94,7 +94,7 @@ class Browsable(ABC):
             transform=self.transforms[at],
             reflected=bool(np.linalg.det(self.transforms[at, :3, :3]) < 0),
             confidence=float(self.confidence[at]),
-            group=int(self._group_of()[at]),
+            part=int(self._part_numbers()[at]),
             alternatives=self.alternatives[at],
         )
 
@@ -228,7 +228,7 @@ def _shape_row(shape: AlignedShape) -> dict[str, Any]:
         "doubtful": not shape.confidence >= DOUBT,
         "mirrored": shape.reflected,
         "scale": float(np.cbrt(abs(np.linalg.det(shape.transform[:3, :3])))),
-        "group": shape.group,
+        "part": shape.part,
         "alternatives": len(shape.alternatives),
     }
 

@@ -167,7 +167,7 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
             }
             for i, (name, file, transform, reflected, confidence) in enumerate(shapes)
         ],
-        "groups": [[collection.names[i] for i in group] for group in collection.groups],
+        "groups": [[collection.names[i] for i in part] for part in collection.parts],
         "excluded": [{"file": item.file, "reason": item.reason} for item in collection.excluded],
         "notes": list(collection.notes),
         "shape_notes": {

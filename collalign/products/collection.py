@@ -105,8 +105,8 @@ class Collection:
     pairs : tuple of Pair
     alternatives : tuple of tuple of Alternative
         Other poses of each shape, the likeliest first.
-    groups : tuple of ndarray of int
-        Shapes that are aligned with each other; more than one group means that the poses between groups are unknown
+    parts : tuple of ndarray of int
+        Shapes that are aligned with each other; more than one part means that the poses between parts are unknown
         or ambiguous.
     excluded : tuple of Excluded
         Files and pairs that were left out.
@@ -138,7 +138,7 @@ class Collection:
     consensus: FloatArray
     pairs: tuple[Pair, ...]
     alternatives: tuple[tuple[Alternative, ...], ...]
-    groups: tuple[IntArray, ...]
+    parts: tuple[IntArray, ...]
     excluded: tuple[Excluded, ...]
     skipped: tuple[str, ...]
     notes: tuple[str, ...]

@@ -45,8 +45,8 @@ class CollectionView:
         where it is the collection's own correspondence, in which equal labels match.
     alternatives : tuple of tuple of Alternative
         Per shape, the other poses that its pairs allow; the present pose is not among them.
-    groups : ndarray of int, shape (N,)
-        Shapes of different groups are not aligned to each other.
+    part_numbers : ndarray of int, shape (N,)
+        Shapes of different parts are not aligned to each other.
     labels : mapping of str to tuple of str
         Column name to N values, ``""`` where unknown.
     excluded : tuple of (file, reason)
@@ -72,7 +72,7 @@ class CollectionView:
     faces: tuple[IntArray, ...]
     pairs: tuple[Pair, ...] = ()
     alternatives: tuple[tuple[Alternative, ...], ...] = ()
-    groups: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    part_numbers: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     excluded: tuple[tuple[str, str], ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -90,8 +90,8 @@ class CollectionView:
             object.__setattr__(self, "landmark_names", tuple(f"L{at + 1}" for at in range(self.samples.shape[1])))
         if not self.alternatives:
             object.__setattr__(self, "alternatives", ((),) * num)
-        if not len(self.groups):
-            object.__setattr__(self, "groups", np.zeros(num, dtype=np.int64))
+        if not len(self.part_numbers):
+            object.__setattr__(self, "part_numbers", np.zeros(num, dtype=np.int64))
         lengths: dict[str, int] = {
             "files": len(self.files),
             "transforms": len(self.transforms),
@@ -100,7 +100,7 @@ class CollectionView:
             "vertices": len(self.vertices),
             "faces": len(self.faces),
             "alternatives": len(self.alternatives),
-            "groups": len(self.groups),
+            "part_numbers": len(self.part_numbers),
         } | {f"label column {column}": len(values) for column, values in self.labels.items()}
         for name, length in lengths.items():
             if length != num:

@@ -140,7 +140,7 @@ def spectral_clusters(affinity: FloatArray, num_clusters: int | None, max_cluste
         Symmetric, not negative.
     num_clusters : int or None
         By the largest ratio of successive eigenvalues of ``D^-1/2 A D^-1/2`` where it is None. The affinities are
-        first divided by what is typical of their shapes (Zelnik-Manor and Perona 2004): members of small groups
+        first divided by what is typical of their shapes (Zelnik-Manor and Perona 2004): members of small parts
         close few triangles.
     max_clusters : int
     """

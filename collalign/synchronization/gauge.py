@@ -17,7 +17,7 @@ AXIS_TOL = 1e-9
 
 def fix_gauge(
     rotations: FloatArray,
-    groups: Sequence[IntArray],
+    parts: Sequence[IntArray],
     *,
     reference: int = 0,
     fixed: Mapping[int, FloatArray] | None = None,
@@ -29,7 +29,7 @@ def fix_gauge(
     ----------
     rotations : ndarray, shape (N, d, d)
         ``R_common_i``.
-    groups : sequence of ndarray of int
+    parts : sequence of ndarray of int
         Parts that have a gauge each.
     reference : int
         Shape whose pose is the identity in its group.
@@ -44,7 +44,7 @@ def fix_gauge(
     """
     given = fixed or {}
     gauged = rotations.copy()
-    for members in groups:
+    for members in parts:
         held = [int(i) for i in members if int(i) in given]
         if held:
             moves = pattern.project(sum(given[i] @ rotations[i].T for i in held))

@@ -44,7 +44,7 @@ class SynchronizationResult:
     Attributes
     ----------
     rotations : ndarray, shape (N, d, d)
-        ``R_common_i``. Shapes of different connected groups have no common frame: each group has its own gauge.
+        ``R_common_i``. Shapes of different components have no common frame: each has its own gauge.
     confidence : ndarray, shape (N,)
         Probability that the shape's pose is right relative to its group; NaN where it was not estimated.
     edge_inlier : ndarray of bool, shape (E,)
@@ -55,7 +55,7 @@ class SynchronizationResult:
         Angle between the chosen candidate and the answer, ``|log|_F / sqrt 2``; the rotation angle for d = 2 and 3.
     edge_weights : ndarray, shape (E,)
         Final weights of the least-squares objective.
-    groups : tuple of ndarray of int
+    parts : tuple of ndarray of int
         Partition of the shapes: poses are comparable within a part. Parts that are not connected, or that the pairs
         join in an ambiguous way, are apart.
     components : tuple of ndarray of int
@@ -87,7 +87,7 @@ class SynchronizationResult:
     edge_choice: IntArray
     edge_inconsistency_rad: FloatArray
     edge_weights: FloatArray
-    groups: tuple[IntArray, ...]
+    parts: tuple[IntArray, ...]
     components: tuple[IntArray, ...]
     weak_cuts: tuple[WeakCut, ...]
     alternatives: tuple[tuple[Alternative, ...], ...]

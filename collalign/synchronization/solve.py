@@ -74,7 +74,7 @@ def synchronize(
     fixed : mapping of int to array_like (d, d), optional
         ``R_common_i`` of shapes that a user has set by hand: they come out exactly so.
     reference : int
-        Shape whose pose is the identity (in its connected group; the first member in others), where none is fixed.
+        Shape whose pose is the identity (in its component; the first member in others), where none is fixed.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def _baseline(
 ) -> SynchronizationResult:
     """Return what a baseline makes of the best candidates, one connected part after the other."""
     frames = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
-    components = graph.connected_groups()
+    components = graph.connected_components()
     chosen = graph.chosen(graph.best_choice)
     certificates = []
     for members in components:
@@ -150,7 +150,7 @@ def _baseline(
         edge_choice=read_only(graph.best_choice),
         edge_inconsistency_rad=read_only(misfit),
         edge_weights=read_only(graph.weights.copy()),
-        groups=components,
+        parts=components,
         components=components,
         weak_cuts=(),
         alternatives=((),) * graph.num_shapes,

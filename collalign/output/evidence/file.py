@@ -67,7 +67,7 @@ def save_view(view: CollectionView, folder: Path | str) -> Path:
         "transforms": view.transforms,
         "confidence": view.confidence,
         "samples": view.samples,
-        "groups": view.groups,
+        "groups": view.part_numbers,
         "cycle_errors_deg": view.cycle_errors_deg,
     }
     arrays |= _join("vertices", view.vertices, 3, np.float64) | _join("faces", view.faces, 3, np.int64)
@@ -143,7 +143,7 @@ def _from_arrays(data: dict[str, NDArray[Any]]) -> CollectionView:
         transforms=read_only(as_floats(data["transforms"], "transforms", shape=(num, 4, 4))),
         confidence=read_only(data["confidence"].astype(np.float64)),
         samples=read_only(data["samples"].astype(np.float64)),
-        groups=read_only(as_indices(data["groups"], "groups", upper=num, shape=(num,))),
+        part_numbers=read_only(as_indices(data["groups"], "groups", upper=num, shape=(num,))),
         cycle_errors_deg=read_only(data["cycle_errors_deg"].astype(np.float64)),
         vertices=vertices,
         faces=tuple(

@@ -69,7 +69,7 @@ def view_collection(
         faces=tuple(faces),
         pairs=tuple(_shown(pair, sample_labels) for pair in collection.pairs),
         alternatives=collection.alternatives,
-        groups=group_numbers(collection.groups, len(collection.names)),
+        part_numbers=part_numbers(collection.parts, len(collection.names)),
         labels=dict(labels or {}),
         excluded=tuple((one.file, one.reason) for one in collection.excluded),
         options=asdict(collection.options) | {"decided": {"group": collection.group}},
@@ -189,9 +189,9 @@ def _label_map(map_i_j: IntArray, labels_i: IntArray, labels_j: IntArray, num_la
     return by_labels
 
 
-def group_numbers(groups: tuple[IntArray, ...], num_shapes: int) -> IntArray:
+def part_numbers(parts: tuple[IntArray, ...], num_shapes: int) -> IntArray:
     """Return the number of the group of each shape."""
     numbers = np.zeros(num_shapes, dtype=np.int64)
-    for number, members in enumerate(groups):
+    for number, members in enumerate(parts):
         numbers[members] = number
     return numbers

@@ -60,7 +60,7 @@ def specimen_table(request: ExportRequest, written: list[str]) -> Path:
         "centroid_size": view.centroid_sizes.tolist(),
         "confidence": view.confidence.tolist(),
         "reflected": view.reflected.astype(int).tolist(),
-        "group": view.groups.tolist(),
+        "group": view.part_numbers.tolist(),
     }
     columns |= label_columns(view, columns)
     return request.write("specimens.csv", csv_text([columns, *zip(*columns.values(), strict=True)]))

@@ -90,7 +90,7 @@ def _shapes(request: ExportRequest) -> Table:
         "file": list(view.files),
         "confidence": view.confidence.tolist(),
         "reflected": view.reflected.astype(int).tolist(),
-        "group": view.groups.tolist(),
+        "group": view.part_numbers.tolist(),
         "centroid_size": view.centroid_sizes.tolist(),
         "scale": view.scales.tolist(),
         **{f"T{at // 4 + 1}{at % 4 + 1}": column for at, column in enumerate(entries)},

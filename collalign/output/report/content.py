@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import offered_poses, own_disagreements_deg
-from collalign.output.report.statistics import cycle_histogram, main_group, shape_map, variation
+from collalign.output.report.statistics import cycle_histogram, main_part, shape_map, variation
 from collalign.products.evidence import CollectionView, json_types
 from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray
@@ -50,8 +50,8 @@ def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]
     document = {
         "shapes": _shapes(view),
         "numSamples": view.samples.shape[1],
-        "numGroups": len(np.unique(view.groups)),
-        "mainGroup": int(view.groups[main_group(view)[0]]),
+        "numParts": len(np.unique(view.part_numbers)),
+        "mainPart": int(view.part_numbers[main_part(view)[0]]),
         "run": _run_key(view),
         "labelColors": np.round(sample_colors(view.aligned_samples), 3),
         "doubtThreshold": view.doubt_threshold,
@@ -96,14 +96,14 @@ def _shapes(view: CollectionView) -> list[dict[str, Any]]:
         for scale, points, centroid in zip(view.scales, view.vertices, centroids, strict=True)
     ]
     unit = float(min(np.max(radii), _LARGEST_SHOWN * np.median(radii))) or 1.0
-    middle = placed[main_group(view)].mean(axis=0)
+    middle = placed[main_part(view)].mean(axis=0)
     return [
         {
             "name": name,
             "file": view.files[at],
             "confidence": float(np.clip(np.nan_to_num(view.confidence[at]), 0.0, 1.0)),
             "reflected": bool(view.reflected[at]),
-            "group": int(view.groups[at]),
+            "part": int(view.part_numbers[at]),
             "mesh": str(at),
             "centroid": centroids[at],
             "scale": view.scales[at] / unit,

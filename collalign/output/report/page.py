@@ -78,7 +78,7 @@ def _json_for_html(document: object) -> str:
 def _summary(view: CollectionView, notes: tuple[str, ...]) -> str:
     """The first thing a reader sees: how many, how sure, what is missing, in the whole collection."""
     doubtful = int(np.sum(np.nan_to_num(view.confidence) < view.doubt_threshold))
-    groups = len(np.unique(view.groups))
+    num_parts = len(np.unique(view.part_numbers))
     left = sum(not pair.inlier for pair in view.pairs)
     other = sum(pair.inlier and pair.choice > 0 for pair in view.pairs)
     facts = [
@@ -90,8 +90,8 @@ def _summary(view: CollectionView, notes: tuple[str, ...]) -> str:
         (left, "pairs that contradict the common poses", False),
         (len(view.excluded), "files or pairs excluded", len(view.excluded) > 0),
     ]
-    if groups > 1:
-        facts.append((groups, "groups that are not surely joined", True))
+    if num_parts > 1:
+        facts.append((num_parts, "parts that are not surely joined", True))
     items = [
         f'<li class="{"warn" if warn else "plain"}"><strong>{value}</strong>{html.escape(words)}</li>'
         for value, words, warn in facts

@@ -40,7 +40,7 @@ def shown_part(view: CollectionView, most: int = MOST_SHOWN) -> CollectionView:
         vertices=tuple(view.vertices[i] for i in chosen),
         faces=tuple(view.faces[i] for i in chosen),
         alternatives=tuple(view.alternatives[i] for i in chosen),
-        groups=view.groups[chosen],
+        part_numbers=view.part_numbers[chosen],
         labels={column: tuple(values[i] for i in chosen) for column, values in view.labels.items()},
         pairs=tuple(
             replace(pair, target=position[pair.target], source=position[pair.source])

@@ -29,23 +29,27 @@ _MIN_WARP_LABELS = 5
 _HISTOGRAM_BINS = 36
 
 
-def main_group(view: CollectionView) -> IntArray:
-    """Positions of the shapes of the largest group, ascending; between groups no distance means anything."""
-    values, counts = np.unique(view.groups, return_counts=True)
-    return np.flatnonzero(view.groups == values[counts.argmax()])
+def main_part(view: CollectionView) -> IntArray:
+    """Positions of the shapes of the largest part, ascending; between parts no distance means anything."""
+    values, counts = np.unique(view.part_numbers, return_counts=True)
+    return np.flatnonzero(view.part_numbers == values[counts.argmax()])
 
 
 def joined_shapes(view: CollectionView) -> IntArray:
-    """Positions of the shapes that agreeing pairs join to the largest group, ascending.
+    """Positions of the shapes that agreeing pairs join to the largest part, ascending.
 
-    Groups that are joined ambiguously are in doubt, and stay beside the others, marked; only those that no agreeing
+    Parts that are joined ambiguously are in doubt, and stay beside the others, marked; only those that no agreeing
     pair joins are apart.
     """
-    joined = {int(view.groups[main_group(view)[0]])}
-    links = [{int(view.groups[pair.target]), int(view.groups[pair.source])} for pair in view.pairs if pair.inlier]
+    joined = {int(view.part_numbers[main_part(view)[0]])}
+    links = [
+        {int(view.part_numbers[pair.target]), int(view.part_numbers[pair.source])}
+        for pair in view.pairs
+        if pair.inlier
+    ]
     while grown := [link for link in links if link & joined and not link <= joined]:
         joined = joined.union(*grown)
-    return np.flatnonzero(np.isin(view.groups, sorted(joined)))
+    return np.flatnonzero(np.isin(view.part_numbers, sorted(joined)))
 
 
 def shape_map(view: CollectionView) -> dict[str, Any]:
@@ -84,14 +88,14 @@ def _map_words(view: CollectionView, num_members: int, num_labels: int) -> str:
     words = f"Procrustes distances of {num_members} shapes; {num_labels} sample points are common to all."
     if num_members < view.num_shapes:
         others = view.num_shapes - num_members
-        words += f" The other {others} shapes are in groups that no agreeing pair joins to these."
+        words += f" The other {others} shapes are in parts that no agreeing pair joins to these."
     return words + doubt_words(view, joined_shapes(view))
 
 
 def doubt_words(view: CollectionView, members: IntArray) -> str:
     """Return a sentence about the shapes in doubt among those drawn; empty where there are none."""
     in_doubt = np.nan_to_num(view.confidence) < view.doubt_threshold
-    count = int(np.sum(in_doubt[members] | (view.groups[members] != view.groups[main_group(view)[0]])))
+    count = int(np.sum(in_doubt[members] | (view.part_numbers[members] != view.part_numbers[main_part(view)[0]])))
     return f" {count} of them are in doubt, and marked wherever they are drawn." if count else ""
 
 

@@ -77,7 +77,7 @@ def grow_pairs(
     known = _known(session, shapes, descriptors)
     for _ in range(MAX_ROUNDS if _strategy(num, session.options) == "adaptive" else 0):
         solution = synchronize_pairs(session.options, num, pairs)
-        added = adaptive_pairs(num, edges, solution.confidence, groups=solution.groups, **known)
+        added = adaptive_pairs(num, edges, solution.confidence, parts=solution.parts, **known)
         if not len(added):
             return pairs, failed, solution
         edges = _merged(edges, added)

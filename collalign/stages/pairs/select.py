@@ -99,7 +99,7 @@ def adaptive_pairs(
     confidence: ArrayLike,
     *,
     descriptors: ArrayLike | None = None,
-    groups: Iterable[Sequence[int] | IntArray] = (),
+    parts: Iterable[Sequence[int] | IntArray] = (),
     threshold: float = UNCERTAIN,
     added: int = DEFAULT_ADDED,
     max_pairs: int | None = None,
@@ -117,7 +117,7 @@ def adaptive_pairs(
         Of each shape's pose, in [0, 1]; NaN counts as no confidence.
     descriptors : array_like, shape (N, m), optional
         Half of the added partners are the nearest shapes in them that are not paired yet.
-    groups : sequence of index sequences
+    parts : sequence of index sequences
         Parts of the collection without a common frame; shapes outside the largest one count as uncertain.
     threshold : float
         Shapes below this confidence get new partners, the least confident first.
@@ -143,7 +143,7 @@ def adaptive_pairs(
     if len(sure) != num_shapes:
         raise OptionsError(f"confidence: expected {num_shapes} values, got {len(sure)}")
     sure = np.where(np.isnan(sure), 0.0, sure)
-    sure[_outside_largest(num_shapes, groups)] = 0.0
+    sure[_outside_largest(num_shapes, parts)] = 0.0
     doubtful = np.flatnonzero(sure < threshold)
     doubtful = doubtful[np.argsort(sure[doubtful], kind="stable")]
     ids = identity_hashes(num_shapes, identities, seed)
@@ -226,11 +226,11 @@ def _checked(descriptors: ArrayLike, num_shapes: int) -> FloatArray:
     return as_floats(descriptors, "descriptors", shape=(num_shapes, None))
 
 
-def _outside_largest(num_shapes: int, groups: Iterable[Sequence[int] | IntArray]) -> IntArray:
-    parts = [np.asarray(part, dtype=np.int64) for part in groups]
-    if len(parts) < 2:
+def _outside_largest(num_shapes: int, parts: Iterable[Sequence[int] | IntArray]) -> IntArray:
+    arrays = [np.asarray(part, dtype=np.int64) for part in parts]
+    if len(arrays) < 2:
         return np.empty(0, dtype=np.int64)
-    return np.setdiff1d(np.arange(num_shapes), max(parts, key=len))
+    return np.setdiff1d(np.arange(num_shapes), max(arrays, key=len))
 
 
 def _new_partners(

@@ -81,7 +81,7 @@ def join_parts(
     pairs : list of Pair
         All pairs, in the order given.
     solution : SynchronizationResult
-        Of all shapes and pairs; its ``groups`` are the parts, or smaller.
+        Of all shapes and pairs; its ``parts`` are those of the split, or smaller.
     """
     if split is None:
         return list(linked), solution
@@ -136,7 +136,7 @@ def _with_all_pairs(
         f"Split into {len(split.parts)} parts of {sizes} shapes: poses are comparable within each part; how the "
         "parts are turned to each other is a vote of the pairs between them."
     )
-    # The first sentence counts the parts as unconnected groups, unless one of them fell apart further.
+    # The first sentence counts the parts as unconnected, unless one of them fell apart further.
     own = solution.warnings[1:] if len(split.parts) == len(solution.components) > 1 else solution.warnings
     return replace(
         solution,

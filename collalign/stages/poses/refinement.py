@@ -70,7 +70,7 @@ def refine_poses(
     solution: SynchronizationResult,
     constraints: Constraints,
 ) -> FloatArray:
-    """Return ``R_common_shape`` refined by the pairs within connected parts, each part held where it is.
+    """Return ``R_common_shape`` refined by the pairs within components, each held where it is.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def most_consistent(
         num_shapes=len(samples),
         pattern=RotationPattern.from_user(None, 3, session.options.group),
     )
-    if len(graph.connected_groups()) > len(solution.components):
+    if len(graph.connected_components()) > len(solution.components):
         return solution.rotations
     other = synchronize_graph(graph, fixed=fixed)
     of_maps, of_minima = solution.edge_inconsistency_rad[near], other.edge_inconsistency_rad

@@ -28,7 +28,7 @@ class SynchronizationCertificate:
         ``sum_pairs w |R_i_j - G_i^T G_j|_F^2`` at the answer.
     min_eigenvalue : float
         Of the certificate matrix ``Lambda - W``, residual of the Lanczos iteration subtracted; the smallest over
-        blocks of coordinates and connected groups.
+        blocks of coordinates and components.
     suboptimality : float
         No rotations have an objective below ``objective - suboptimality``.
     optimal : bool
@@ -75,7 +75,7 @@ def certify_frames(
 
 
 def combine_certificates(parts: list[SynchronizationCertificate]) -> SynchronizationCertificate:
-    """Return the certificate of several connected groups together: objectives and gaps add."""
+    """Return the certificate of several components together: objectives and gaps add."""
     return SynchronizationCertificate(
         objective=sum(part.objective for part in parts),
         min_eigenvalue=min((part.min_eigenvalue for part in parts), default=0.0),

@@ -22,7 +22,7 @@ MOST_CONFIDENT = 0.999
 #: Evidence below this makes beliefs overconfident; confidences shrink, to half without evidence. Set on simulations.
 ENOUGH_SIGNAL = 2.0
 
-#: Doubted blocks of at least this share of the shapes, and this many, are groups of their own
+#: Doubted blocks of at least this share of the shapes, and this many, are parts of their own
 #: (set on simulations: tests/benchmarks/bench_synchronization.py).
 SMALLEST_PART, FEWEST_OF_PART = 0.05, 3.0
 
@@ -44,7 +44,7 @@ class Doubts:
         Per shape.
     cuts : list of Cut
         Weak blocks, doubted ones first.
-    groups : list of ndarray of int
+    parts : list of ndarray of int
         Parts that the doubted blocks leave.
     symmetries : list of ndarray (d, d)
         Turns of the common frame that the pairs do not see.
@@ -55,7 +55,7 @@ class Doubts:
     confidence: FloatArray
     alternatives: list[tuple[Alternative, ...]]
     cuts: list[Cut]
-    groups: list[IntArray]
+    parts: list[IntArray]
     symmetries: list[FloatArray]
     signal: float
 
@@ -89,7 +89,7 @@ def assess(states: list[State], cuts: list[Cut], frames: FloatArray, free: BoolA
         confidence=confidence,
         alternatives=pose_alternatives(best, frames),
         cuts=cuts,
-        groups=_parts(graph.num_shapes, [cut.members for cut in cuts if cut.doubted and len(cut.members) >= large]),
+        parts=_parts(graph.num_shapes, [cut.members for cut in cuts if cut.doubted and len(cut.members) >= large]),
         symmetries=symmetric_turns(graph, best.turn_differences, common),
         signal=signal,
     )
@@ -103,9 +103,9 @@ def doubt_sentences(doubts: Doubts) -> list[str]:
             f"The pairs say too little to be sure of any pose (signal {doubts.signal:.1f}, at least "
             f"{ENOUGH_SIGNAL:.0f} is needed): match more pairs."
         )
-    if len(doubts.groups) > 1:
-        sizes = ", ".join(str(len(group)) for group in doubts.groups)
-        found.append(f"Blocks of shapes may be turned against each other: groups of {sizes} shapes are consistent.")
+    if len(doubts.parts) > 1:
+        sizes = ", ".join(str(len(group)) for group in doubts.parts)
+        found.append(f"Blocks of shapes may be turned against each other: parts of {sizes} shapes are consistent.")
     if doubts.symmetries:
         found.append("The whole collection looks nearly the same turned: its poses are known up to that symmetry.")
     return found

@@ -1,4 +1,4 @@
-"""The graph of pairs: checked edges with their candidate rotations, its connected parts and its spanning trees."""
+"""The graph of pairs: checked edges with their candidate rotations, its components and its spanning trees."""
 
 from __future__ import annotations
 
@@ -190,13 +190,13 @@ class PairGraph:
         """Return the chosen candidates, shape (E, d, d)."""
         return self.candidates[np.arange(self.num_edges), choice]
 
-    def connected_groups(self) -> tuple[IntArray, ...]:
-        """Return the connected parts, each sorted, ordered by first member; pairs of zero weight join nothing."""
+    def connected_components(self) -> tuple[IntArray, ...]:
+        """Return the components, each sorted, ordered by first member; pairs of zero weight join nothing."""
         graph = networkx.Graph()
         graph.add_nodes_from(range(self.num_shapes))
         graph.add_edges_from(self.edges[self.weights > 0].tolist())
-        parts = [np.array(sorted(part), dtype=np.int64) for part in networkx.connected_components(graph)]
-        return tuple(sorted(parts, key=lambda part: int(part[0])))
+        found = [np.array(sorted(members), dtype=np.int64) for members in networkx.connected_components(graph)]
+        return tuple(sorted(found, key=lambda members: int(members[0])))
 
     def subgraph(self, members: IntArray) -> tuple[PairGraph, IntArray]:
         """Return the graph of some shapes, renumbered, and the indices of the pairs it keeps."""

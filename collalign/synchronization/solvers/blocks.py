@@ -1,4 +1,4 @@
-"""Blocks of shapes that could turn as one: the weakest cuts of a group, and what the pairs across them say."""
+"""Blocks of shapes that could turn as one: the weakest cuts of a component, and what the pairs across them say."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DOUBTED_LOG_ODDS = 6.0
 #: A pair offers a turn when it costs less than this, nats. Half of the pairs must offer a turn of the collection.
 OFFERED_COST, OFFERED_SHARE = 4.0, 0.5
 
-#: Smaller groups have no blocks: two shapes against two are the least.
+#: Smaller components have no blocks: two shapes against two are the least.
 LEAST_SHAPES = 4
 
 #: Moving a shape over a cut gains when the cost falls by more than this, nats: less is rounding.

@@ -1,4 +1,4 @@
-"""The robust method as a whole: groups, blocks of coordinates, poses, doubts and the certificate."""
+"""The robust method as a whole: components, blocks of coordinates, poses, doubts and the certificate."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def robust_synchronization(
         Shape whose pose is the identity where no shape is fixed.
     """
     full = graph.with_constraints(fixed)
-    components = full.connected_groups()
+    components = full.connected_components()
     draft = _Draft.empty(full)
     for members in components:
         part, kept = full.subgraph(members)
@@ -157,7 +157,7 @@ def robust_synchronization(
         if part.num_edges:
             _solve_group(draft, part, members, kept, local)
         else:
-            draft.groups.append(members)
+            draft.parts.append(members)
     poses = fix_gauge(transposed(draft.frames), components, reference=reference, fixed=fixed, pattern=graph.pattern)
     return _result(graph, full, draft, poses, components)
 
@@ -172,7 +172,7 @@ class _Draft:
     inlier: BoolArray
     confidence: FloatArray
     alternatives: list[tuple[Alternative, ...]]
-    groups: list[IntArray] = field(default_factory=list)
+    parts: list[IntArray] = field(default_factory=list)
     cuts: list[WeakCut] = field(default_factory=list)
     symmetries: list[tuple[int, FloatArray]] = field(default_factory=list)
     noise: list[float] = field(default_factory=list)
@@ -214,7 +214,7 @@ def _note_doubts(draft: _Draft, doubts: Doubts, members: IntArray) -> None:
     draft.confidence[members] = doubts.confidence
     for shape, alternatives in zip(members, doubts.alternatives, strict=True):
         draft.alternatives[shape] = alternatives
-    draft.groups.extend(members[group] for group in doubts.groups)
+    draft.parts.extend(members[part] for part in doubts.parts)
     draft.symmetries.extend((int(members[0]), turn.T) for turn in doubts.symmetries)
     draft.cuts.extend(
         WeakCut(
@@ -252,7 +252,7 @@ def _result(
         edge_choice=read_only(choice),
         edge_inconsistency_rad=read_only(misfit),
         edge_weights=read_only(draft.weights[:count]),
-        groups=tuple(sorted(draft.groups, key=lambda part: int(part[0]))),
+        parts=tuple(sorted(draft.parts, key=lambda part: int(part[0]))),
         components=components,
         weak_cuts=tuple(cuts),
         alternatives=_posed_alternatives(draft, poses, gauge, index),
@@ -307,7 +307,7 @@ def signs_of_pairs(graph: PairGraph, rotations: FloatArray, weights: FloatArray)
 
 
 def connectivity_warnings(num_components: int) -> tuple[str, ...]:
-    """Return the sentence that says that groups are not connected, where there are several."""
+    """Return the sentence that says that components are not connected, where there are several."""
     if num_components == 1:
         return ()
-    return (f"The pairs leave {num_components} groups unconnected: poses are comparable within each group only.",)
+    return (f"The pairs leave {num_components} parts unconnected: poses are comparable within each part only.",)

@@ -80,7 +80,7 @@ def synchronize_signs(
     graph = PairGraph.from_user(edges, given[:, None, None], weights=trust, group="O", num_shapes=num_shapes)
     found, confidence = np.ones(graph.num_shapes), np.ones(graph.num_shapes)
     smallest, optimal = 0.0, True
-    for members in graph.connected_groups():
+    for members in graph.connected_components():
         part, kept = graph.subgraph(members)
         if not part.num_edges:
             continue

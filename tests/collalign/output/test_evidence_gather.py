@@ -82,10 +82,10 @@ def collection() -> AlignedCollection:
         consensus=np.zeros((K, 3)),
         pairs=tuple(pairs),
         alternatives=((), (), (), (Alternative(rotation=HALF_TURN @ R[3], log_odds=-0.5),)),
-        groups=(np.array([0, 1, 2]), np.array([3])),
+        parts=(np.array([0, 1, 2]), np.array([3])),
         excluded=(Excluded(file="e.ply", reason="empty"),),
         skipped=(),
-        notes=("two groups",),
+        notes=("two parts",),
         shape_notes=((),) * 4,
         options=AlignOptions(),
         group="SO",
@@ -144,9 +144,9 @@ def test_poses_of_a_pair_are_distinct_and_hold_the_chosen_one() -> None:
 
 def test_everything_else_is_carried_over(collection: AlignedCollection) -> None:
     view = view_collection(collection, read, labels={"taxon": tuple("xxyy")}, notes=("more",))
-    assert view.groups.tolist() == [0, 0, 0, 1]
+    assert view.part_numbers.tolist() == [0, 0, 0, 1]
     assert view.excluded == (("e.ply", "empty"),)
-    assert view.notes == ("two groups", "more")
+    assert view.notes == ("two parts", "more")
     assert [len(poses) for poses in view.alternatives] == [0, 0, 0, 1]
     assert view.alternatives[3][0].log_odds == -0.5
     assert view.timings_s == {"pairs": 1.0}

@@ -462,7 +462,7 @@ def test_a_shape_is_turned_by_hand(opened: Page, small: CollectionView, tmp_path
 
 def test_shapes_in_doubt_stay_on_map_and_tree_and_are_marked(browser: Any, tmp_path: Path) -> None:
     plain = view_of(10)
-    view = dataclasses.replace(plain, groups=np.array([0] * 8 + [1] * 2))
+    view = dataclasses.replace(plain, part_numbers=np.array([0] * 8 + [1] * 2))
     page = Page(browser, write_report(view, tmp_path))
     assert page.page.locator("#map g.dot").count() == page.page.locator("#tree text").count() == 10
     assert page.page.locator("#map g.doubtful").count() >= 3

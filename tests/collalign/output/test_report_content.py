@@ -119,7 +119,7 @@ def test_offered_poses_are_distinct_and_begin_with_the_evidence() -> None:
 
 
 def test_map_and_tree_keep_groups_that_agreeing_pairs_join() -> None:
-    view = dataclasses.replace(view_of(9), groups=np.array([1, 0, 0, 0, 0, 0, 0, 0, 2]))
+    view = dataclasses.replace(view_of(9), part_numbers=np.array([1, 0, 0, 0, 0, 0, 0, 0, 2]))
     assert shape_map(view)["members"] == list(range(9))
     assert "3 of them are in doubt" in shape_map(view)["words"]
 
@@ -131,11 +131,11 @@ def test_map_and_tree_leave_out_groups_that_no_agreeing_pair_joins() -> None:
         dataclasses.replace(pair, inlier=pair.inlier and bool(groups[pair.target] == groups[pair.source]))
         for pair in plain.pairs
     )
-    view = dataclasses.replace(plain, groups=groups, pairs=kept)
+    view = dataclasses.replace(plain, part_numbers=groups, pairs=kept)
     found = shape_map(view)
     assert found["members"] == [1, 2, 3, 4, 5, 6, 7]
     assert len(found["points"]["PCA"]) == len(found["points"]["MDS"]) == len(found["tree"]["order"]) == 7
-    assert "other 2 shapes are in groups that no agreeing pair joins" in found["words"]
+    assert "other 2 shapes are in parts that no agreeing pair joins" in found["words"]
     assert list(build_content(view)[0]["orders"]) == ["similarity", "name", "confidence", "taxon", "side"]
     for order in build_content(view)[0]["orders"].values():
         assert sorted(order) == list(range(9))

@@ -131,7 +131,7 @@ def test_adaptive_pairs_go_to_uncertain_shapes(rng: np.random.Generator) -> None
 
 def test_adaptive_pairs_join_separate_groups_and_end_when_all_pairs_exist() -> None:
     edges = np.array([[0, 1], [1, 2], [3, 4]])
-    added = adaptive_pairs(5, edges, np.ones(5), groups=[[0, 1, 2], [3, 4]])
+    added = adaptive_pairs(5, edges, np.ones(5), parts=[[0, 1, 2], [3, 4]])
     assert nx.is_connected(nx.Graph(np.concatenate([edges, added]).tolist()))
     assert len(adaptive_pairs(5, all_pairs(5), np.zeros(5))) == 0
     everything = np.concatenate([edges, adaptive_pairs(5, edges, np.zeros(5), added=9)])

@@ -78,9 +78,9 @@ def test_a_mixed_folder_is_split_and_each_part_is_right(
 ) -> None:
     labels, truth = labels_and_truth
     solution = solve(samples, pairs, clusters)
-    assert {tuple(group) for group in solution.groups} == {tuple(np.flatnonzero(labels == part)) for part in (0, 1)}
-    for group in solution.groups:
-        assert pose_errors_deg(solution.rotations[group], truth[group]).max() < 20
+    assert {tuple(part) for part in solution.parts} == {tuple(np.flatnonzero(labels == label)) for label in (0, 1)}
+    for part in solution.parts:
+        assert pose_errors_deg(solution.rotations[part], truth[part]).max() < 20
     assert np.allclose(solution.rotations[0], np.eye(3))
     assert len(solution.edge_choice) == len(solution.edge_inlier) == len(pairs)
     assert any("Split into 2 parts" in line for line in solution.warnings)

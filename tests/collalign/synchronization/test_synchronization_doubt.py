@@ -37,7 +37,7 @@ def test_a_block_flipped_by_most_of_its_pairs_is_flagged() -> None:
     cut = found.weak_cuts[0]
     assert cut.doubted
     assert set(cut.members) == set(np.flatnonzero(block))
-    assert len(found.groups) == 2
+    assert len(found.parts) == 2
     assert found.confidence[block].max() < 0.95
     assert any("Blocks" in line for line in found.doubts)
     turned = found.rotations.copy()
@@ -54,7 +54,7 @@ def test_random_flips_are_not_called_blocks() -> None:
     for seed in range(3):
         problem = flipped_pairs(np.random.default_rng(seed), complete_edges(40), 40, wrong=0.4)
         found = _solve(problem)
-        assert len(found.groups) == 1
+        assert len(found.parts) == 1
         assert found.confidence.min() > 0.95
 
 

@@ -263,12 +263,12 @@ def test_shapes_that_are_fixed_stay_and_the_reference_is_the_identity() -> None:
     rng = np.random.default_rng(7)
     rotations, given = random_rotations(rng, 4), random_rotations(rng, 1)[0]
     pattern = RotationPattern.from_user(None, 3, "SO")
-    groups = [np.array([0, 1, 2]), np.array([3])]
-    free = fix_gauge(rotations, groups, reference=2, pattern=pattern)
+    parts = [np.array([0, 1, 2]), np.array([3])]
+    free = fix_gauge(rotations, parts, reference=2, pattern=pattern)
     np.testing.assert_allclose(free[2], np.eye(3), atol=1e-12)
     np.testing.assert_allclose(free[3], np.eye(3), atol=1e-12)
     np.testing.assert_allclose(free[0].T @ free[1], rotations[0].T @ rotations[1], atol=1e-12)
-    fixed = fix_gauge(rotations, groups, fixed={1: given, 2: given}, pattern=pattern)
+    fixed = fix_gauge(rotations, parts, fixed={1: given, 2: given}, pattern=pattern)
     assert np.array_equal(fixed[1], given)
     assert np.array_equal(fixed[2], given)
 
@@ -362,7 +362,7 @@ def test_pairs_within_a_degree_do_not_disagree() -> None:
 
 def test_sentences_and_signs_of_poses() -> None:
     assert connectivity_warnings(1) == ()
-    assert "2 groups" in connectivity_warnings(2)[0]
+    assert "2 parts" in connectivity_warnings(2)[0]
     mirror = np.diag([1.0, 1.0, -1.0])
     poses = np.stack([np.eye(3), mirror])
     assert reflected_shapes(poses, RotationPattern.from_user(None, 3, "O")).tolist() == [False, True]

@@ -76,14 +76,14 @@ export class Collection {
 
   // Why a shape's pose is marked, in a word; empty where it is not.
   mark(index) {
-    const { confidence, group } = this.shapes[index];
+    const { confidence, part } = this.shapes[index];
     if (confidence < this.doubtThreshold) return "doubtful";
-    return group === this.mainGroup ? "" : "not surely joined";
+    return part === this.mainPart ? "" : "not surely joined";
   }
 
-  // Shapes of the largest group, the most certain first, without those in `left`.
+  // Shapes of the largest part, the most certain first, without those in `left`.
   certain(left) {
-    const members = this.shapes.map((_, at) => at).filter((at) => this.shapes[at].group === this.mainGroup && !left.has(at));
+    const members = this.shapes.map((_, at) => at).filter((at) => this.shapes[at].part === this.mainPart && !left.has(at));
     return members.sort((a, b) => this.shapes[b].confidence - this.shapes[a].confidence);
   }
 

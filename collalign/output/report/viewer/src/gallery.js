@@ -19,7 +19,7 @@ export function tags(app, index) {
   if (shape.confidence < app.collection.doubtThreshold) words.push(["doubtful", "warn"]);
   if (shape.reflected) words.push(["mirrored", ""]);
   if (app.collection.mark(index) === "not surely joined") words.push(["not surely joined", "warn"]);
-  if (app.collection.numGroups > 1) words.push([`group ${shape.group + 1}`, ""]);
+  if (app.collection.numParts > 1) words.push([`part ${shape.part + 1}`, ""]);
   const decided = app.corrections.words(index);
   if (decided) words.push([decided, "good"]);
   return words.map(([text, kind]) => el("span", { class: `tag ${kind}` }, text));
