@@ -103,7 +103,7 @@ def align_listing(
     listing: FolderListing,
     *,
     fixed: Mapping[str, ArrayLike],
-    placed: Mapping[str, FloatArray] | None = None,
+    fixed_transforms: Mapping[str, FloatArray] | None = None,
     former: FormerPairs | None = None,
 ) -> AlignedCollection:
     """Align listed files; :func:`align_collection` and :func:`collalign.extend.add_to_collection` both end here.
@@ -114,7 +114,7 @@ def align_listing(
     listing : FolderListing
     fixed : mapping of name to array_like (3, 3)
         Rotations that stay.
-    placed : mapping of name to ndarray (4, 4), optional
+    fixed_transforms : mapping of name to ndarray (4, 4), optional
         Whole transforms that stay, of shapes whose rotation is fixed as well.
     former : FormerPairs, optional
         Pairs of an earlier run.
@@ -122,7 +122,7 @@ def align_listing(
     asked, times_s = session.options, dict[str, float]()
     with _timed(times_s, "shapes"):
         shapes = prepare_shapes(session, listing)
-        constraints = _constraints(shapes, asked, fixed, placed or {})
+        constraints = _constraints(shapes, asked, fixed, fixed_transforms or {})
     with _timed(times_s, "pairs"):
         descriptors = describe_shapes(shapes)
         edges = choose_pairs(session, shapes, descriptors, former)
@@ -149,7 +149,7 @@ def align_listing(
         rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
         pairs = with_common_match(samples, pairs, solution, rotations)
         labels = common_labels(samples, pairs, rotations)
-        transforms = place_and_scale(samples, rotations, labels, options.scaling, placed=constraints.placed)
+        transforms = place_and_scale(samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms)
     trust = None
     if options.synchronization == "robust":
         with _timed(times_s, "confidence"):
@@ -203,10 +203,10 @@ def _unknown_confidence(confidence: FloatArray, method: str) -> tuple[str, ...]:
 
 
 def _constraints(
-    shapes: Shapes, options: AlignOptions, fixed: Mapping[str, ArrayLike], placed: Mapping[str, FloatArray]
+    shapes: Shapes, options: AlignOptions, fixed: Mapping[str, ArrayLike], fixed_transforms: Mapping[str, FloatArray]
 ) -> Constraints:
     """Return what stays, by position instead of name, checked."""
-    for argument, names in (("fixed", {*fixed, *placed}), ("reference", {options.reference} - {""})):
+    for argument, names in (("fixed", {*fixed, *fixed_transforms}), ("reference", {options.reference} - {""})):
         unknown = sorted(names - set(shapes.names))
         if unknown:
             raise InputError(
@@ -215,7 +215,7 @@ def _constraints(
     at = shapes.names.index
     return Constraints(
         fixed={at(name): as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in fixed.items()},
-        placed={at(name): transform for name, transform in placed.items()},
+        fixed_transforms={at(name): transform for name, transform in fixed_transforms.items()},
         reference=at(options.reference) if options.reference else 0,
     )
 

@@ -70,7 +70,7 @@ def add_to_collection(
             session,
             listing,
             fixed=dict(zip(view.names, view.rotations, strict=True)),
-            placed=dict(zip(view.names, view.transforms, strict=True)),
+            fixed_transforms=dict(zip(view.names, view.transforms, strict=True)),
             former=FormerPairs(num_shapes=len(files), edges=edges, group=group),
         )
     again = {file.name for file in new.files}

@@ -92,5 +92,5 @@ def _given_starts(
     joined, names, pattern = np.concatenate(matrices), np.array(origins, dtype=np.str_), problem.pattern
     if pattern.special_blocks:
         return pattern.project(joined), names
-    held = np.zeros(len(joined), dtype=bool)
-    return np.concatenate([pattern.project(joined, held), pattern.project(joined, ~held)]), np.tile(names, 2)
+    proper = np.zeros(len(joined), dtype=bool)
+    return np.concatenate([pattern.project(joined, proper), pattern.project(joined, ~proper)]), np.tile(names, 2)

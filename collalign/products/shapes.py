@@ -78,14 +78,14 @@ class Constraints:
     ----------
     fixed : mapping of int to ndarray (3, 3)
         ``R_common_shape`` that stay.
-    placed : mapping of int to ndarray (4, 4)
+    fixed_transforms : mapping of int to ndarray (4, 4)
         Whole transforms that stay, of shapes whose rotation is fixed as well.
     reference : int
         Shape whose orientation is the common frame's where no shape is fixed.
     """
 
     fixed: Mapping[int, FloatArray] = field(default_factory=dict)
-    placed: Mapping[int, FloatArray] = field(default_factory=dict)
+    fixed_transforms: Mapping[int, FloatArray] = field(default_factory=dict)
     reference: int = 0
 
     @property

@@ -181,18 +181,18 @@ def _aligned_parts(
 ) -> tuple[FloatArray, FloatArray]:
     """Return all poses with the parts turned to each other, and how far the pairs between them agree on the turns.
 
-    The turn of a part is the mode of what the pairs to the parts already placed ask for.
+    The turn of a part is the mode of what the pairs to the parts already turned ask for.
     """
     poses = np.zeros((graph.num_shapes, graph.dim, graph.dim))
-    placed = np.zeros(graph.num_shapes, dtype=bool)
+    turned = np.zeros(graph.num_shapes, dtype=bool)
     agreement = np.full(len(parts), np.nan)
     chosen = graph.chosen(graph.best_choice)
     for number, (members, result) in enumerate(zip(parts, results, strict=True)):
         poses[members] = result.rotations
         inside = np.zeros(graph.num_shapes, dtype=bool)
         inside[members] = True
-        out = np.flatnonzero(placed[graph.edges[:, 0]] & inside[graph.edges[:, 1]])
-        back = np.flatnonzero(inside[graph.edges[:, 0]] & placed[graph.edges[:, 1]])
+        out = np.flatnonzero(turned[graph.edges[:, 0]] & inside[graph.edges[:, 1]])
+        back = np.flatnonzero(inside[graph.edges[:, 0]] & turned[graph.edges[:, 1]])
         i = np.concatenate([graph.edges[out, 0], graph.edges[back, 1]])
         j = np.concatenate([graph.edges[out, 1], graph.edges[back, 0]])
         measured = np.concatenate([chosen[out], transposed(chosen[back])])
@@ -204,5 +204,5 @@ def _aligned_parts(
             turn = graph.pattern.project(turns[close[:, mode]].sum(axis=0))
             agreement[number] = close[:, mode].mean()
             poses[members] = turn @ poses[members]
-        placed |= inside
+        turned |= inside
     return poses, agreement

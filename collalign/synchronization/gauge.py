@@ -45,13 +45,13 @@ def fix_gauge(
     given = fixed or {}
     gauged = rotations.copy()
     for members in parts:
-        held = [int(i) for i in members if int(i) in given]
-        if held:
-            moves = pattern.project(sum(given[i] @ rotations[i].T for i in held))
+        inside = [int(i) for i in members if int(i) in given]
+        if inside:
+            moves = pattern.project(sum(given[i] @ rotations[i].T for i in inside))
         else:
             moves = rotations[reference if reference in members else members[0]].T
         gauged[members] = moves @ rotations[members]
-        for i in held:
+        for i in inside:
             gauged[i] = given[i]
     return gauged
 

@@ -144,8 +144,8 @@ def adaptive_pairs(
         raise OptionsError(f"confidence: expected {num_shapes} values, got {len(sure)}")
     sure = np.where(np.isnan(sure), 0.0, sure)
     sure[_outside_largest(num_shapes, parts)] = 0.0
-    doubtful = np.flatnonzero(sure < threshold)
-    doubtful = doubtful[np.argsort(sure[doubtful], kind="stable")]
+    uncertain = np.flatnonzero(sure < threshold)
+    uncertain = uncertain[np.argsort(sure[uncertain], kind="stable")]
     ids = identity_hashes(num_shapes, identities, seed)
     points = None if descriptors is None else _checked(descriptors, num_shapes)
     partners_of: list[set[int]] = [set() for _ in range(num_shapes)]
@@ -153,7 +153,7 @@ def adaptive_pairs(
         partners_of[i].add(j)
         partners_of[j].add(i)
     chosen: list[tuple[int, int]] = []
-    for shape in doubtful:
+    for shape in uncertain:
         for i, j in _new_partners(int(shape), sure, threshold, partners_of, points, ids, added):
             if max_pairs is not None and len(chosen) >= max_pairs:
                 break

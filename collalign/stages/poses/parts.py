@@ -88,8 +88,8 @@ def join_parts(
     within, merged = _within(split, pairs), list(pairs)
     for e, pair in zip(within, linked, strict=True):
         merged[e] = pair
-    still = {constraints.reference, *constraints.fixed}
-    solution = turned(solution, _turns(split, solution.rotations, options.group, still))
+    fixed = {constraints.reference, *constraints.fixed}
+    solution = turned(solution, _turns(split, solution.rotations, options.group, fixed))
     return merged, _with_all_pairs(solution, merged, np.array(within), split)
 
 
@@ -98,14 +98,14 @@ def _within(split: ClusteredSynchronization, pairs: Sequence[Pair]) -> list[int]
     return [e for e, pair in enumerate(pairs) if split.labels[pair.target] == split.labels[pair.source]]
 
 
-def _turns(split: ClusteredSynchronization, rotations: FloatArray, group: str, still: set[int]) -> FloatArray:
+def _turns(split: ClusteredSynchronization, rotations: FloatArray, group: str, fixed: set[int]) -> FloatArray:
     """Return the turn of each shape that puts its part where the split has it, as seen from the parts that stay."""
     pattern = RotationPattern.from_user(None, 3, group)
-    staying = np.isin(split.labels, split.labels[sorted(still)])
-    common = pattern.project((rotations[staying] @ split.rotations[staying].transpose(0, 2, 1)).sum(axis=0))
+    stays = np.isin(split.labels, split.labels[sorted(fixed)])
+    common = pattern.project((rotations[stays] @ split.rotations[stays].transpose(0, 2, 1)).sum(axis=0))
     turns = np.tile(np.eye(3), (len(rotations), 1, 1))
     for members in split.parts:
-        if not staying[members[0]]:
+        if not stays[members[0]]:
             asked = common @ split.rotations[members] @ rotations[members].transpose(0, 2, 1)
             turns[members] = pattern.project(asked.sum(axis=0))
     return turns

@@ -50,7 +50,7 @@ def place_and_scale(
     labels: IntArray,
     scaling: str,
     *,
-    placed: Mapping[int, FloatArray] | None = None,
+    fixed: Mapping[int, FloatArray] | None = None,
 ) -> FloatArray:
     """Return each shape's transform to the common frame: generalised Procrustes at the common rotations.
 
@@ -60,19 +60,19 @@ def place_and_scale(
     rotations : ndarray, shape (N, 3, 3)
     labels : ndarray of int, shape (N, k)
     scaling : {"similarity", "rigid"}
-    placed : mapping of int to ndarray (4, 4), optional
+    fixed : mapping of int to ndarray (4, 4), optional
         Transforms that stay; the other shapes are fitted to the mean of these.
 
     Returns
     -------
     ndarray, shape (N, 4, 4)
-        File coordinates to the common frame. Without placed shapes the samples' mean is centred; with similarities
+        File coordinates to the common frame. Without fixed shapes the samples' mean is centred; with similarities
         the shapes' normalised sizes have a geometric mean of 1.
     """
     units = np.array([item.scale for item in samples])
-    if placed:
+    if fixed:
         posed = np.stack([item.positions @ r.T for item, r in zip(samples, rotations, strict=True)])
-        factors, centre = _fit_to_placed(samples, in_label_order(posed, labels), labels, placed)
+        factors, centre = _fit_to_fixed(samples, in_label_order(posed, labels), labels, fixed)
         shifts = np.tile(centre, (len(samples), 1))
     else:
         clouds = [item.positions * (item.scale if scaling == "rigid" else 1.0) for item in samples]
@@ -84,17 +84,17 @@ def place_and_scale(
     for i, item in enumerate(samples):
         transforms[i, :3, :3] = factors[i] / item.scale * rotations[i]
         transforms[i, :3, 3] = shifts[i] - transforms[i, :3, :3] @ item.offset
-    for i, transform in (placed or {}).items():
+    for i, transform in (fixed or {}).items():
         transforms[i] = transform
     return transforms
 
 
-def _fit_to_placed(
-    samples: Sequence[Samples], posed: FloatArray, labels: IntArray, placed: Mapping[int, FloatArray]
+def _fit_to_fixed(
+    samples: Sequence[Samples], posed: FloatArray, labels: IntArray, fixed: Mapping[int, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the scales that fit every shape to the mean of the placed ones, and the centre of that mean."""
+    """Return the scales that fit every shape to the mean of the fixed ones, and the centre of that mean."""
     still = []
-    for i, transform in placed.items():
+    for i, transform in fixed.items():
         raw = samples[i].positions * samples[i].scale + samples[i].offset
         still.append(in_label_order((raw @ transform[:3, :3].T + transform[:3, 3])[None], labels[i][None])[0])
     mean = np.mean(still, axis=0)

@@ -39,7 +39,7 @@ class PairGraph:
         How much the caller trusts each pair.
     pattern : RotationPattern
         Blocks of the rotations, and which of them have determinant +1.
-    held : ndarray of bool, shape (E,)
+    fixed : ndarray of bool, shape (E,)
         Edges that state a constraint and are never reweighted.
     """
 
@@ -50,7 +50,7 @@ class PairGraph:
     energies: FloatArray | None
     weights: FloatArray
     pattern: RotationPattern
-    held: BoolArray
+    fixed: BoolArray
     log_odds: FloatArray | None = None
 
     @classmethod
@@ -111,7 +111,7 @@ class PairGraph:
             energies=costs if costs is None else read_only(costs),
             weights=read_only(as_weights(weights, "weights", num=len(pairs))) if len(pairs) else np.ones(0),
             pattern=pattern,
-            held=read_only(np.zeros(len(pairs), dtype=bool)),
+            fixed=read_only(np.zeros(len(pairs), dtype=bool)),
         )
 
     @classmethod
@@ -157,7 +157,7 @@ class PairGraph:
             energies=read_only(costs),
             weights=read_only(np.ones(len(edges))),
             pattern=pattern,
-            held=read_only(np.zeros(len(edges), dtype=bool)),
+            fixed=read_only(np.zeros(len(edges), dtype=bool)),
             log_odds=odds if odds is None else read_only(odds),
         )
 
@@ -213,25 +213,25 @@ class PairGraph:
             energies=None if self.energies is None else self.energies[kept],
             log_odds=None if self.log_odds is None else self.log_odds[kept],
             weights=self.weights[kept],
-            held=self.held[kept],
+            fixed=self.fixed[kept],
         )
         return part, kept
 
     def with_constraints(self, fixed: Mapping[int, FloatArray]) -> PairGraph:
-        """Return the graph with held edges that state the relative rotations of the fixed shapes.
+        """Return the graph with fixed edges that state the relative rotations of the fixed shapes.
 
         Parameters
         ----------
         fixed : mapping of int to ndarray (d, d)
-            ``R_common_i`` of each fixed shape. Held edges join the first of them to each other one; a measured pair
-            of the same shapes becomes the held edge, in its place, the others are appended.
+            ``R_common_i`` of each fixed shape. Fixed edges join the first of them to each other one; a measured pair
+            of the same shapes becomes the fixed edge, in its place, the others are appended.
         """
         shapes = sorted(fixed)
         first = shapes[0] if shapes else 0
         row = {frozenset(pair): e for e, pair in enumerate(self.edges.tolist())}
         fresh = [(first, other) for other in shapes[1:] if frozenset((first, other)) not in row]
         grown = self._with_empty_edges(np.array(fresh, dtype=np.int64).reshape(-1, 2))
-        candidates, present, held = grown.candidates.copy(), grown.present.copy(), grown.held.copy()
+        candidates, present, is_fixed = grown.candidates.copy(), grown.present.copy(), grown.fixed.copy()
         energies = None if grown.energies is None else grown.energies.copy()
         for other in shapes[1:]:
             pair = frozenset((first, other))
@@ -239,10 +239,10 @@ class PairGraph:
             i, j = grown.edges[edge]
             candidates[edge] = fixed[int(i)].T @ fixed[int(j)]
             present[edge] = np.arange(present.shape[1]) == 0
-            held[edge] = True
+            is_fixed[edge] = True
             if energies is not None:
                 energies[edge] = np.where(present[edge], 0.0, np.inf)
-        return replace(grown, candidates=candidates, present=present, energies=energies, held=held)
+        return replace(grown, candidates=candidates, present=present, energies=energies, fixed=is_fixed)
 
     def _with_empty_edges(self, pairs: IntArray) -> PairGraph:
         """Return the graph with edges appended whose candidates are not set yet."""
@@ -257,7 +257,7 @@ class PairGraph:
             energies=None if self.energies is None else np.concatenate([self.energies, np.zeros((count, m))]),
             log_odds=None if self.log_odds is None else np.concatenate([self.log_odds, np.zeros((count, m))]),
             weights=np.concatenate([self.weights, np.full(count, weight)]),
-            held=np.concatenate([self.held, np.zeros(count, dtype=bool)]),
+            fixed=np.concatenate([self.fixed, np.zeros(count, dtype=bool)]),
         )
 
 

@@ -24,20 +24,20 @@ from data_tools.arrays import FloatArray, IntArray
 #: Prior noise per axis, radians, and the number of pairs that it counts for.
 PRIOR_NOISE_RAD, PRIOR_PAIRS = 0.1, 3.0
 
-#: Noise per axis is held between these, radians.
+#: Noise per axis is kept between these, radians.
 NOISE_RANGE_RAD = (1e-5, 0.35)
 
 #: Prior share of pairs without any right candidate, and the number of pairs that it counts for.
 PRIOR_OUTLIERS, PRIOR_OUTLIER_PAIRS = 0.1, 4.0
 
-#: Share of pairs without any right candidate is held between these.
+#: Share of pairs without any right candidate is kept between these.
 OUTLIER_RANGE = (1e-3, 0.9)
 
 #: Energies of pairs count within this factor of their median, either way.
 ENERGY_FACTOR = 100.0
 
 #: Pairs that state a constraint weigh this many times the heaviest other pair; the least weight of a pair.
-HELD_WEIGHT, LEAST_WEIGHT = 1e3, 1e-9
+FIXED_WEIGHT, LEAST_WEIGHT = 1e3, 1e-9
 
 #: Most of the right candidates that the frames may use up, when degrees of freedom are counted.
 SPENT_SHARE = 0.8
@@ -106,11 +106,11 @@ class EdgeModel:
 
     @cached_property
     def log_uniform(self) -> FloatArray:
-        """``log (p_out u_e)``, shape (E,); minus infinity for held pairs."""
+        """``log (p_out u_e)``, shape (E,); minus infinity for fixed pairs."""
         dof = self.graph.dim * (self.graph.dim - 1) / 2.0
         normal = dof / 2.0 * np.log(2.0 * np.pi * self.variances)
         density = np.minimum(normal - np.log(self._volume), -1.0)
-        return np.where(self.graph.held, -np.inf, np.log(self.outliers) + density)
+        return np.where(self.graph.fixed, -np.inf, np.log(self.outliers) + density)
 
     @property
     def _volume(self) -> float:
@@ -141,7 +141,7 @@ class EdgeModel:
     def updated(self, squared: FloatArray) -> EdgeModel:
         """Return the model re-estimated at the given squared distances (one expectation-maximisation step)."""
         share = self.responsibilities(squared)
-        free = ~self.graph.held
+        free = ~self.graph.fixed
         right = share.sum(axis=1) * free
         outliers = (free.sum() - right.sum() + PRIOR_OUTLIERS * PRIOR_OUTLIER_PAIRS) / (
             free.sum() + PRIOR_OUTLIER_PAIRS
@@ -190,29 +190,29 @@ def candidate_features(graph: PairGraph) -> FloatArray:
 
 def relative_energies(graph: PairGraph) -> FloatArray:
     """Return each pair's lowest energy over their median, shape (E,), within :data:`ENERGY_FACTOR`; else ones."""
-    if graph.energies is None or not (~graph.held).any():
+    if graph.energies is None or not (~graph.fixed).any():
         return np.ones(graph.num_edges)
     lowest = np.where(graph.present, graph.energies, np.inf).min(axis=1)
-    middle = float(np.median(lowest[~graph.held]))
+    middle = float(np.median(lowest[~graph.fixed]))
     if middle <= 0.0:
         return np.ones(graph.num_edges)
-    return np.where(graph.held, 1.0 / ENERGY_FACTOR, np.clip(lowest / middle, 1.0 / ENERGY_FACTOR, ENERGY_FACTOR))
+    return np.where(graph.fixed, 1.0 / ENERGY_FACTOR, np.clip(lowest / middle, 1.0 / ENERGY_FACTOR, ENERGY_FACTOR))
 
 
 def relative_weights(graph: PairGraph) -> FloatArray:
-    """Return the caller's weights over their median, shape (E,); held pairs weigh most, by ``HELD_WEIGHT``."""
-    used = graph.weights[(graph.weights > 0) & ~graph.held]
+    """Return the caller's weights over their median, shape (E,); fixed pairs weigh most, by ``FIXED_WEIGHT``."""
+    used = graph.weights[(graph.weights > 0) & ~graph.fixed]
     if not len(used):
         return np.ones(graph.num_edges)
     scaled = np.maximum(graph.weights / np.median(used), LEAST_WEIGHT)
-    return np.where(graph.held, HELD_WEIGHT * scaled[~graph.held].max(initial=1.0), scaled)
+    return np.where(graph.fixed, FIXED_WEIGHT * scaled[~graph.fixed].max(initial=1.0), scaled)
 
 
 def _fitted_noise(model: EdgeModel, share: FloatArray, squared: FloatArray) -> float:
     """Return the noise per axis, degrees of freedom spent on the frames discounted, shrunk to the prior."""
     graph = model.graph
     dof = graph.dim * (graph.dim - 1) / 2.0
-    share = share * ~graph.held[:, None]
+    share = share * ~graph.fixed[:, None]
     scaled = squared / 2.0 / (model.variances / model.noise_rad**2)[:, None]
     spent = min(graph.num_shapes - 1, SPENT_SHARE * float(share.sum()))
     total = float((share * scaled).sum()) + PRIOR_PAIRS * dof * PRIOR_NOISE_RAD**2
@@ -223,7 +223,7 @@ def _fitted_noise(model: EdgeModel, share: FloatArray, squared: FloatArray) -> f
 def _fitted_power(model: EdgeModel, share: FloatArray, squared: FloatArray) -> float:
     """Return the power of the energy that the noise follows: regression of log distance on log energy."""
     energy = np.log(relative_energies(model.graph))
-    right = share.sum(axis=1) * ~model.graph.held
+    right = share.sum(axis=1) * ~model.graph.fixed
     if np.ptp(energy) < LEAST_SPREAD or right.sum() < FEWEST_RIGHT:
         return 0.0
     distance = (share * squared).sum(axis=1) / np.maximum(right, 1e-12)
@@ -239,7 +239,7 @@ def _fitted_candidates(model: EdgeModel, share: FloatArray, rounds: int = 10) ->
     features = candidate_features(model.graph)
     if model.graph.log_odds is not None or not features.any():
         return model.best_log_odds, model.energy_slope
-    used = (model.graph.present.sum(axis=1) > 1) & ~model.graph.held
+    used = (model.graph.present.sum(axis=1) > 1) & ~model.graph.fixed
     features, counts = features[used], share[used]
     totals = counts.sum(axis=1)
     value = np.array([model.best_log_odds, model.energy_slope])

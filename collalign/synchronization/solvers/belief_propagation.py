@@ -19,7 +19,7 @@ def propagate_beliefs(
     num_shapes: int,
     *,
     start: FloatArray | None = None,
-    clamped: IntArray | None = None,
+    fixed: IntArray | None = None,
     max_rounds: int = 60,
     tol: float = 1e-3,
 ) -> FloatArray:
@@ -33,8 +33,8 @@ def propagate_beliefs(
     num_shapes : int
     start : ndarray, shape (N, L), optional
         Beliefs to start from; uniform by default.
-    clamped : ndarray of int, optional
-        Shapes held at turn 0: they break the symmetry of the gauge.
+    fixed : ndarray of int, optional
+        Shapes that stay at turn 0: they break the symmetry of the gauge.
     max_rounds, tol
         Stops when no message changes by more.
     """
@@ -44,13 +44,13 @@ def propagate_beliefs(
     source, target = edges.T.ravel(), edges[:, ::-1].T.ravel()
     reverse = np.concatenate([np.arange(count, 2 * count), np.arange(count)])
     beliefs = np.full((num_shapes, size), 1.0 / size) if start is None else start.copy()
-    hold = np.zeros(num_shapes, dtype=bool)
-    hold[clamped if clamped is not None else []] = True
-    pinned = np.where(np.arange(size) == 0, 1.0, 0.0)
+    is_fixed = np.zeros(num_shapes, dtype=bool)
+    is_fixed[fixed if fixed is not None else []] = True
+    at_turn_0 = np.where(np.arange(size) == 0, 1.0, 0.0)
     messages = np.zeros((2 * count, size))
     cavity = beliefs[source]
     for _ in range(max_rounds):
-        cavity[hold[source]] = pinned
+        cavity[is_fixed[source]] = at_turn_0
         fresh = np.log(np.maximum((cavity[:, None, :] @ kernel)[:, 0], 1e-300))
         fresh -= fresh.max(axis=1, keepdims=True)
         mixed = fresh if _ == 0 else DAMPING * messages + (1.0 - DAMPING) * fresh
@@ -61,7 +61,7 @@ def propagate_beliefs(
         if change < tol:
             break
     marginals = _softmax(_summed(messages, target, num_shapes))
-    marginals[hold] = pinned
+    marginals[is_fixed] = at_turn_0
     return marginals
 
 

@@ -76,7 +76,7 @@ def turn_differences(costs: FloatArray, num_common: int) -> FloatArray:
     return np.ascontiguousarray(single.T)
 
 
-def weak_cuts(graph: PairGraph, differences: FloatArray, common: FloatArray, held: BoolArray) -> list[Cut]:
+def weak_cuts(graph: PairGraph, differences: FloatArray, common: FloatArray, fixed: BoolArray) -> list[Cut]:
     """Return the weakest blocks of a group under each common turn, the doubted ones first.
 
     Two blocks per turn: the one that the pairs contradict in the most structured way, and the one that is cheapest
@@ -90,7 +90,7 @@ def weak_cuts(graph: PairGraph, differences: FloatArray, common: FloatArray, hel
     differences : ndarray, shape (G, E)
         From :func:`turn_differences`.
     common : ndarray, shape (G, d, d)
-    held : ndarray of bool, shape (N,)
+    fixed : ndarray of bool, shape (N,)
         Shapes that may not turn.
     """
     cuts: list[Cut] = []
@@ -102,7 +102,7 @@ def weak_cuts(graph: PairGraph, differences: FloatArray, common: FloatArray, hel
         cheapest = _settled(graph.edges, costs, _sweep(graph.edges, costs, order), minimum=2)
         cheapest = cheapest & _holds_together(graph.edges, costs, cheapest)
         for block in (structured, cheapest):
-            side = _turned_side(block, held)
+            side = _turned_side(block, fixed)
             if side is not None and side.sum() > 1:
                 cuts.append(_judged(graph, costs, turn, side))
     return sorted(cuts, key=lambda cut: (not cut.doubted, -len(cut.members) if cut.doubted else cut.log_odds))
@@ -210,12 +210,12 @@ def _holds_together(edges: IntArray, costs: FloatArray, block: BoolArray) -> boo
     return min(int(alone.sum()), int((~alone).sum())) > 1
 
 
-def _turned_side(block: BoolArray, held: BoolArray) -> BoolArray | None:
-    """Return the side that would turn: the smaller one, or the one without held shapes; None if both have some."""
+def _turned_side(block: BoolArray, fixed: BoolArray) -> BoolArray | None:
+    """Return the side that would turn: the smaller one, or the one without fixed shapes; None if both have some."""
     side = block if block.sum() <= len(block) / 2 else ~block
-    if (side & held).any():
+    if (side & fixed).any():
         side = ~side
-    return None if (side & held).any() else side
+    return None if (side & fixed).any() else side
 
 
 def _judged(graph: PairGraph, costs: FloatArray, turn: FloatArray, block: BoolArray) -> Cut:

@@ -18,7 +18,7 @@ from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.geometry import angles_rad, relative, transposed
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.problem.model import (
-    HELD_WEIGHT,
+    FIXED_WEIGHT,
     LEAST_WEIGHT,
     EdgeModel,
     best_candidates,
@@ -70,15 +70,15 @@ class BlockOutcome:
     certificate: SynchronizationCertificate
 
 
-def solve_block(graph: PairGraph, held: Mapping[int, FloatArray]) -> BlockOutcome:
+def solve_block(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> BlockOutcome:
     """Find the poses of a connected group and bring them to a stationary point of the weighted least squares."""
-    states, cuts = find_poses(graph, held)
+    states, cuts = find_poses(graph, fixed)
     best = states[0]
     squared = squared_distances(graph, best.frames)
     choice = best_candidates(squared, best.model)
     weights = refinement_weights(best.model, squared, choice)
     free = np.ones(graph.num_shapes, dtype=bool)
-    free[list(held) or [0]] = False
+    free[list(fixed) or [0]] = False
     frames = polish(best.frames, graph.edges, graph.chosen(choice), weights, free)
     return BlockOutcome(
         frames=frames,
@@ -109,7 +109,7 @@ def refinement_weights(model: EdgeModel, squared: FloatArray, choice: IntArray) 
         spread = [float(share[part] @ apart[part] / share[part].sum()) for part in (~lowest, lowest)]
         variance = np.where(lowest, 1.0, np.clip(spread[0] / max(spread[1], 1e-12), 1.0, MOST_VARIANCE)) * variance
     weights = share / variance**2
-    weights[graph.held] = HELD_WEIGHT * weights[~graph.held].max(initial=1.0)
+    weights[graph.fixed] = FIXED_WEIGHT * weights[~graph.fixed].max(initial=1.0)
     return np.maximum(weights / weights.max(), LEAST_WEIGHT)
 
 
@@ -155,7 +155,7 @@ def robust_synchronization(
         part, kept = full.subgraph(members)
         local = {int(np.searchsorted(members, i)): fixed[i].T for i in fixed if i in members}
         if part.num_edges:
-            _solve_group(draft, part, members, kept, local)
+            _solve_component(draft, part, members, kept, local)
         else:
             draft.parts.append(members)
     poses = fix_gauge(transposed(draft.frames), components, reference=reference, fixed=fixed, pattern=graph.pattern)
@@ -191,26 +191,26 @@ class _Draft:
         )
 
 
-def _solve_group(
-    draft: _Draft, part: PairGraph, members: IntArray, kept: IntArray, anchors: dict[int, FloatArray]
+def _solve_component(
+    draft: _Draft, part: PairGraph, members: IntArray, kept: IntArray, fixed: dict[int, FloatArray]
 ) -> None:
-    """Solve one connected group: the rotation block with its doubts, then the other blocks by the same candidates."""
+    """Solve one component: the rotation block with its doubts, then the other blocks by the same candidates."""
     for number, index in enumerate(part.pattern.components):
         block = restricted(part, index, draft.choice[kept] if number else None)
-        found = solve_block(block, {i: frame[index[:, None], index] for i, frame in anchors.items()})
+        found = solve_block(block, {i: frame[index[:, None], index] for i, frame in fixed.items()})
         draft.frames[np.ix_(members, index, index)] = found.frames
         draft.certificates.append(found.certificate)
         if number:
             continue
         draft.choice[kept], draft.weights[kept], draft.inlier[kept] = found.choice, found.weights, found.inlier
         free = np.ones(len(members), dtype=bool)
-        free[list(anchors)] = False
+        free[list(fixed)] = False
         _note_doubts(draft, assess(found.states, found.cuts, found.frames, free), members)
         draft.noise.append(found.states[0].model.noise_rad)
 
 
 def _note_doubts(draft: _Draft, doubts: Doubts, members: IntArray) -> None:
-    """Write the doubts about a group's rotation block, in the group's own frame, into the draft."""
+    """Write the doubts about a component's rotation block, in the component's own frame, into the draft."""
     draft.confidence[members] = doubts.confidence
     for shape, alternatives in zip(members, doubts.alternatives, strict=True):
         draft.alternatives[shape] = alternatives
@@ -236,7 +236,7 @@ def _result(
     """Bring what the draft says to the reported gauge."""
     count, index = graph.num_edges, graph.pattern.components[0]
     nearest = np.argmin(np.where(graph.present, squared_distances(graph, transposed(poses)), np.inf), axis=1)
-    choice = np.where(full.held[:count], nearest, draft.choice[:count])
+    choice = np.where(full.fixed[:count], nearest, draft.choice[:count])
     misfit = angles_rad(transposed(graph.chosen(choice)) @ relative(transposed(poses), graph.edges))
     gauge = (poses @ draft.frames)[:, index[:, None], index]
     identity = np.eye(graph.dim)

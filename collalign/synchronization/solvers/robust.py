@@ -60,7 +60,7 @@ def reweighted_frames(
         is_first = not np.isfinite(scale)
         falling = SCALE_FACTOR * min(scale, FIRST_SCALE)
         scale = target if is_first and target > FIRST_SCALE else max(target, falling)
-        redescending = np.where(graph.held, 1.0, (scale / (scale + squared)) ** 2)
+        redescending = np.where(graph.fixed, 1.0, (scale / (scale + squared)) ** 2)
         current = np.maximum(weights * redescending, LEAST_SHARE * weights.max())
         frames, step = gauss_newton_step(frames, graph.edges, rotations * current[:, None, None], current, free)
         if step < REWEIGHTED_STEP and scale <= SCALE_ARRIVED * target:

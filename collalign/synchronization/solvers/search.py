@@ -1,4 +1,4 @@
-"""Finding the poses of one connected group: several starts, discrete turns by beliefs, continuous refinement."""
+"""Finding the poses of one component: several starts, discrete turns by beliefs, continuous refinement."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ MAX_CANDIDATES = 60_000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """Poses of a group with the model fitted to them.
+    """Poses of a component with the model fitted to them.
 
     Attributes
     ----------
@@ -71,31 +71,31 @@ class State:
     cost: float
 
 
-def find_poses(graph: PairGraph, held: Mapping[int, FloatArray]) -> tuple[list[State], list[Cut]]:
+def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> tuple[list[State], list[Cut]]:
     """Return the states that several starts lead to, the most likely one first, and the weak blocks of that one.
 
     Parameters
     ----------
     graph : PairGraph
         Connected, with at least one pair.
-    held : mapping of int to ndarray (d, d)
+    fixed : mapping of int to ndarray (d, d)
         Frames that may not move; without any, the best connected shape holds the gauge.
     """
-    anchors = dict(held) or {int(np.argmax(degrees(graph, graph.weights))): np.eye(graph.dim)}
-    free, pinned = np.ones(graph.num_shapes, dtype=bool), np.zeros(graph.num_shapes, dtype=bool)
-    free[list(anchors)], pinned[list(held)] = False, True
+    gauge = dict(fixed) or {int(np.argmax(degrees(graph, graph.weights))): np.eye(graph.dim)}
+    free, is_fixed = np.ones(graph.num_shapes, dtype=bool), np.zeros(graph.num_shapes, dtype=bool)
+    free[list(gauge)], is_fixed[list(fixed)] = False, True
     states: list[State] = []
     for frames in _starts(graph, free):
-        states.append(improve(EdgeModel(graph=graph), _anchored(frames, anchors, graph), free))
+        states.append(improve(EdgeModel(graph=graph), _in_gauge(frames, gauge, graph), free))
         best = min(states, key=lambda state: state.cost)
         if 1.0 - best.beliefs[:, 0].mean() <= SETTLED_SHARE:
             break
     states.sort(key=lambda state: state.cost)
-    states[0], cuts = turn_blocks(states[0], free, pinned)
+    states[0], cuts = turn_blocks(states[0], free, is_fixed)
     return states, cuts
 
 
-def turn_blocks(state: State, free: BoolArray, pinned: BoolArray) -> tuple[State, list[Cut]]:
+def turn_blocks(state: State, free: BoolArray, fixed: BoolArray) -> tuple[State, list[Cut]]:
     """Return the state after turning whole blocks of shapes while that makes the pairs more likely, and its cuts.
 
     Parameters
@@ -103,11 +103,11 @@ def turn_blocks(state: State, free: BoolArray, pinned: BoolArray) -> tuple[State
     state : State
     free : ndarray of bool, shape (N,)
         Shapes that refinement moves; the others hold the gauge.
-    pinned : ndarray of bool, shape (N,)
+    fixed : ndarray of bool, shape (N,)
         Shapes that may not turn.
     """
     for remaining in range(MAX_BLOCK_MOVES, -1, -1):
-        cuts = weak_cuts(state.model.graph, state.turn_differences, state.alternatives.common, pinned)
+        cuts = weak_cuts(state.model.graph, state.turn_differences, state.alternatives.common, fixed)
         cheapest = min(cuts, key=lambda cut: cut.log_odds, default=None)
         if cheapest is None or cheapest.log_odds >= 0.0 or not remaining:
             break
@@ -149,7 +149,7 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray) -> Stat
     costs = turn_costs(blurred, aligned, alternatives)
     start = np.full((graph.num_shapes, costs.shape[2]), OTHER_TURNS / (costs.shape[2] - 1))
     start[:, 0] = OWN_POSE
-    beliefs = propagate_beliefs(graph.edges, costs, graph.num_shapes, start=start, clamped=np.flatnonzero(~free))
+    beliefs = propagate_beliefs(graph.edges, costs, graph.num_shapes, start=start, fixed=np.flatnonzero(~free))
     cost = float(costs[:, 0, 0].sum())
     return State(
         model=model,
@@ -175,18 +175,18 @@ def _starts(graph: PairGraph, free: BoolArray) -> Iterator[FloatArray]:
         yield graph.pattern.project(random)
 
 
-def _anchored(frames: FloatArray, held: Mapping[int, FloatArray], graph: PairGraph) -> FloatArray:
-    """Return the frames in the gauge of the held ones, which get exactly their values."""
-    turn = graph.pattern.project(sum(frames[i].T @ held[i] for i in held))
-    anchored = frames @ turn
-    for i, frame in held.items():
-        anchored[i] = frame
-    return anchored
+def _in_gauge(frames: FloatArray, gauge: Mapping[int, FloatArray], graph: PairGraph) -> FloatArray:
+    """Return the frames in the gauge of the given ones, which get exactly their values."""
+    turn = graph.pattern.project(sum(frames[i].T @ gauge[i] for i in gauge))
+    turned = frames @ turn
+    for i, frame in gauge.items():
+        turned[i] = frame
+    return turned
 
 
 def _tree_costs(graph: PairGraph) -> FloatArray:
-    """Return the lowest energy of each pair over its weight; the held ones first."""
+    """Return the lowest energy of each pair over its weight; the fixed ones first."""
     lowest = np.ones(graph.num_edges)
     if graph.energies is not None:
         lowest = np.where(graph.present, graph.energies, np.inf).min(axis=1)
-    return np.where(graph.held, -1.0, lowest / np.maximum(graph.weights, 1e-12))
+    return np.where(graph.fixed, -1.0, lowest / np.maximum(graph.weights, 1e-12))

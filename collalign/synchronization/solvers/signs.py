@@ -112,7 +112,7 @@ def _signs_of_group(graph: PairGraph, evidence: FloatArray) -> tuple[FloatArray,
     costs = turned[:, None, None] * np.array([[-1.0, 1.0], [1.0, -1.0]])
     hub = np.array([np.argmax(size)])
     beliefs = propagate_beliefs(
-        graph.edges, costs, count, start=np.tile(FIRST_BELIEFS, (count, 1)), clamped=hub, max_rounds=MAX_ROUNDS
+        graph.edges, costs, count, start=np.tile(FIRST_BELIEFS, (count, 1)), fixed=hub, max_rounds=MAX_ROUNDS
     )
     options = [np.argmax(beliefs, axis=1), np.zeros(count, dtype=np.int64)]
     free = np.ones(count, dtype=bool)

@@ -202,7 +202,7 @@ def _flipped_pairs(model: EdgeModel, aligned: FloatArray, common: FloatArray, ri
     both = np.stack([common, np.swapaxes(common, 1, 2)]).reshape(2 * len(common), -1)
     squared = (2.0 * graph.dim - 2.0 * best @ both.T).reshape(graph.num_edges, 2, len(common)).min(axis=1)
     near = squared <= np.minimum(SAME_TURN, FLIP_REACH * model.noise_rad**2)
-    wrong = np.maximum(1.0 - right, 0.0) * ~graph.held
+    wrong = np.maximum(1.0 - right, 0.0) * ~graph.fixed
     return wrong[:, None] * near / np.maximum(near.sum(axis=1, keepdims=True), 1)
 
 
@@ -228,7 +228,7 @@ def turn_costs(model: EdgeModel, aligned: FloatArray, alternatives: TurnSet) -> 
     for flip, rate in _directed_flips(alternatives):
         apart = _turned_distances(graph, best, alternatives, flip=flip)[:, 0]
         log_flip = np.log(rate) - apart / (4.0 * model.variances[:, None, None])
-        costs = -np.logaddexp(-costs, np.where(graph.held[:, None, None], -np.inf, log_flip))
+        costs = -np.logaddexp(-costs, np.where(graph.fixed[:, None, None], -np.inf, log_flip))
     left_out, right_out = ~alternatives.offered[first], ~alternatives.offered[second]
     if not (left_out.any() or right_out.any()):
         return costs

@@ -204,7 +204,7 @@ def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certa
     samples, truth = crowns(rng)
     pairs = pairs_at(truth)
     trust = trusted(samples, pairs, truth)
-    solution = with_trust(solved(pairs), trust, Constraints(fixed={1: truth[1]}, placed={}, reference=0))
+    solution = with_trust(solved(pairs), trust, Constraints(fixed={1: truth[1]}, fixed_transforms={}, reference=0))
     assert solution.confidence[1] == 1.0
     for confidence, others in zip(np.delete(solution.confidence, 1), np.delete(np.arange(NUM), 1), strict=True):
         chances = [confidence * np.exp(-other.log_odds) for other in solution.alternatives[others]]

@@ -118,8 +118,8 @@ def test_features_energies_and_weights_are_relative() -> None:
     np.testing.assert_allclose(features[..., 1], [[0, 1], [0, 1], [1, 0]], atol=1e-12)
     np.testing.assert_allclose(relative_energies(graph), [0.5, 1.0, 2.0])
     np.testing.assert_allclose(relative_weights(graph), [0.5, 1.0, 4.0])
-    held = replace(graph, held=np.array([False, False, True]))
-    assert relative_weights(held)[2] == pytest.approx(1e3 * relative_weights(held)[:2].max())
+    fixed = replace(graph, fixed=np.array([False, False, True]))
+    assert relative_weights(fixed)[2] == pytest.approx(1e3 * relative_weights(fixed)[:2].max())
 
 
 def turned_by(turn: np.ndarray, shape: int, num: int) -> tuple[EdgeModel, np.ndarray]:
@@ -255,8 +255,10 @@ def test_last_weights_fall_with_the_square_of_the_relative_variance() -> None:
     share = model.responsibilities(squared)[:, 0]
     expected = share / variance**2
     np.testing.assert_allclose(weights, expected / expected.max(), rtol=1e-12)
-    held = replace(graph, held=np.arange(len(edges)) == 3)
-    assert refinement_weights(replace(model, graph=held), squared, np.zeros(len(edges), dtype=np.int64)).argmax() == 3
+    fixed = replace(graph, fixed=np.arange(len(edges)) == 3)
+    assert (
+        refinement_weights(replace(model, graph=fixed), squared, np.zeros(len(edges), dtype=np.int64)).argmax() == 3
+    )
 
 
 def test_shapes_that_are_fixed_stay_and_the_reference_is_the_identity() -> None:
