@@ -1,22 +1,18 @@
-"""One consistent pose per shape from many pairs that are partly wrong, with certificates and doubts."""
+"""One consistent pose per shape from many pairs that are partly wrong, with doubts."""
 
 from collalign.synchronization.clusters import ClusteredSynchronization, synchronize_clusters
-from collalign.synchronization.doubt.certificate import SynchronizationCertificate
 from collalign.synchronization.gauge import principal_axes_gauge
 from collalign.synchronization.maps.permutations import UniverseLabels, synchronize_maps
 from collalign.synchronization.maps.superimpose import Superimposition, superimpose
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.result import SynchronizationResult, WeakCut
 from collalign.synchronization.solve import synchronize, synchronize_graph
-from collalign.synchronization.solvers.signs import ChiralityResult, synchronize_signs
 from collalign.synchronization.solvers.spectral import alternate_assignments
 
 __all__ = [
-    "ChiralityResult",
     "ClusteredSynchronization",
     "PairGraph",
     "Superimposition",
-    "SynchronizationCertificate",
     "SynchronizationResult",
     "UniverseLabels",
     "WeakCut",
@@ -27,5 +23,4 @@ __all__ = [
     "synchronize_clusters",
     "synchronize_graph",
     "synchronize_maps",
-    "synchronize_signs",
 ]

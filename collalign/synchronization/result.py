@@ -5,10 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from collalign.products.pair import Alternative
-from collalign.synchronization.doubt.certificate import SynchronizationCertificate
-from collalign.synchronization.solvers.signs import ChiralityResult
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-from pairwise.status import Status
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,8 +50,6 @@ class SynchronizationResult:
         The candidate of each pair nearest to the answer.
     edge_inconsistency_rad : ndarray, shape (E,)
         Angle between the chosen candidate and the answer, ``|log|_F / sqrt 2``; the rotation angle for d = 2 and 3.
-    edge_weights : ndarray, shape (E,)
-        Final weights of the least-squares objective.
     parts : tuple of ndarray of int
         Partition of the shapes: poses are comparable within a part. Parts that are not connected, or that the pairs
         join in an ambiguous way, are apart.
@@ -64,17 +59,8 @@ class SynchronizationResult:
         The weakest blocks of each connected part under each common turn; those that are doubted come first.
     alternatives : tuple of tuple of Alternative
         For each shape its best other poses, most probable first.
-    reflected : ndarray of bool, shape (N,)
-        Whether ``det R_common_i < 0`` for the rotation block.
-    chirality : ChiralityResult or None
-        For ``group="O"``: the signs that the chosen candidates' determinants agree on best, and the proof of that.
     symmetries : tuple of ndarray (d, d)
         Turns of the common frame under which the whole collection looks the same to the pairs.
-    noise_rad : float
-        Estimated standard deviation per axis of the good pairs; NaN where it was not estimated.
-    certificate : SynchronizationCertificate
-        Of the least-squares objective at the final weights; says nothing about consistently wrong pairs.
-    status : Status
     warnings : tuple of str
         Which poses cannot be compared, one sentence each.
     doubts : tuple of str
@@ -86,16 +72,10 @@ class SynchronizationResult:
     edge_inlier: BoolArray
     edge_choice: IntArray
     edge_inconsistency_rad: FloatArray
-    edge_weights: FloatArray
     parts: tuple[IntArray, ...]
     components: tuple[IntArray, ...]
     weak_cuts: tuple[WeakCut, ...]
     alternatives: tuple[tuple[Alternative, ...], ...]
-    reflected: BoolArray
-    chirality: ChiralityResult | None
     symmetries: tuple[FloatArray, ...]
-    noise_rad: float
-    certificate: SynchronizationCertificate
-    status: Status
     warnings: tuple[str, ...]
     doubts: tuple[str, ...]

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.synchronization.doubt.certificate import certify_frames, combine_certificates
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.checks import check_pattern
 from collalign.synchronization.problem.geometry import angles_rad, relative, transposed
@@ -15,9 +14,7 @@ from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solvers.blockwise import (
     connectivity_warnings,
-    reflected_shapes,
     robust_synchronization,
-    signs_of_pairs,
 )
 from collalign.synchronization.solvers.spectral import spectral_frames
 from data_tools.arrays import FloatArray, as_rotations, read_only
@@ -25,7 +22,6 @@ from data_tools.checks import check_choice
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 from pairwise.problem.pattern import PatternLike
-from pairwise.status import Status
 
 #: Methods that find the frames of a connected graph, (N, d, d), from one rotation per pair, (E, d, d), and weights.
 BASELINES: dict[str, Callable[[PairGraph, FloatArray, FloatArray], FloatArray]] = {"spectral": spectral_frames}
@@ -135,12 +131,10 @@ def _baseline(
     frames = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
     components = graph.connected_components()
     chosen = graph.chosen(graph.best_choice)
-    certificates = []
     for members in components:
         part, kept = graph.subgraph(members)
         if part.num_edges:
             frames[members] = find_frames(part, chosen[kept], part.weights)
-            certificates.append(certify_frames(part, chosen[kept], part.weights, frames[members]))
     poses = fix_gauge(transposed(frames), components, reference=reference, fixed=fixed, pattern=graph.pattern)
     misfit = angles_rad(transposed(chosen) @ relative(transposed(poses), graph.edges))
     return SynchronizationResult(
@@ -149,17 +143,11 @@ def _baseline(
         edge_inlier=read_only(misfit <= BASELINE_INLIER_RAD),
         edge_choice=read_only(graph.best_choice),
         edge_inconsistency_rad=read_only(misfit),
-        edge_weights=read_only(graph.weights.copy()),
         parts=components,
         components=components,
         weak_cuts=(),
         alternatives=((),) * graph.num_shapes,
-        reflected=read_only(reflected_shapes(poses, graph.pattern)),
-        chirality=signs_of_pairs(graph, chosen, graph.weights),
         symmetries=(),
-        noise_rad=float("nan"),
-        certificate=combine_certificates(certificates),
-        status=Status.CONVERGED,
         warnings=connectivity_warnings(len(components)),
         doubts=(),
     )

@@ -186,7 +186,7 @@ def chirality(seeds: int) -> None:
         mirrored = np.linalg.det(truth) * np.linalg.det(truth[0]) < 0
         for method, right in rows.items():
             found = synchronize(edges, pairs, group="O", method=method)
-            right.append(bool(np.array_equal(found.reflected, mirrored)))
+            right.append(bool(np.array_equal(np.linalg.det(found.rotations) < 0, mirrored)))
     print(
         "chirality, degree 10, 30 % wrong signs: all right",
         {m: float(np.mean(r)) for m, r in rows.items()},

@@ -122,7 +122,7 @@ def find_sides(edges: ArrayLike, energies: ArrayLike, num_shapes: int) -> Sides:
     signs = np.where(preference >= 0, 1.0, -1.0)
     # A pair without any preference keeps its edge, so that the graph stays connected.
     weights = np.maximum(_TRUST * np.abs(preference), 1e-6)
-    mirrored = synchronize_signs(pairs, signs, weights=weights, num_shapes=num_shapes).mirrored
+    mirrored = synchronize_signs(pairs, signs, weights, num_shapes)
     return _judged(_smaller_sides(mirrored, pairs), pairs, preference)
 
 

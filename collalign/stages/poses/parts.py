@@ -125,12 +125,8 @@ def _with_all_pairs(
         common = frames[pair.target].T @ frames[pair.source]
         angles = [rotation_angle_deg(rotation, common) for rotation in pair.rotations[:, :3, :3]]
         choice[e], misfit_deg[e] = np.argmin(angles), np.min(angles)
-    inlier, weights = misfit_deg <= AGREEMENT_DEG, np.zeros(len(pairs))
-    choice[within], inlier[within], weights[within] = (
-        solution.edge_choice,
-        solution.edge_inlier,
-        solution.edge_weights,
-    )
+    inlier = misfit_deg <= AGREEMENT_DEG
+    choice[within], inlier[within] = solution.edge_choice, solution.edge_inlier
     sizes = ", ".join(str(len(part)) for part in split.parts)
     words = (
         f"Split into {len(split.parts)} parts of {sizes} shapes: poses are comparable within each part; how the "
@@ -142,7 +138,6 @@ def _with_all_pairs(
         solution,
         edge_choice=read_only(choice),
         edge_inlier=read_only(inlier),
-        edge_weights=read_only(weights),
         edge_inconsistency_rad=read_only(np.deg2rad(misfit_deg)),
         warnings=(words, *own) if len(split.parts) > 1 else own,
     )

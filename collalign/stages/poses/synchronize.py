@@ -117,4 +117,4 @@ def synchronize_as_published(
     poses = given @ poses[first].T @ poses
     for shape, pose in constraints.fixed.items():
         poses[shape] = pose
-    return replace(solution, rotations=read_only(poses), reflected=read_only(np.linalg.det(poses) < 0))
+    return replace(solution, rotations=read_only(poses))

@@ -1,4 +1,4 @@
-"""The robust method as a whole: components, blocks of coordinates, poses, doubts and the certificate."""
+"""The robust method as a whole: components, blocks of coordinates, poses and doubts."""
 
 from __future__ import annotations
 
@@ -8,11 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from collalign.products.pair import Alternative
-from collalign.synchronization.doubt.certificate import (
-    SynchronizationCertificate,
-    certify_frames,
-    combine_certificates,
-)
 from collalign.synchronization.doubt.confidence import Doubts, assess, doubt_sentences
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.geometry import angles_rad, relative, transposed
@@ -28,10 +23,8 @@ from collalign.synchronization.result import SynchronizationResult, WeakCut
 from collalign.synchronization.solvers.blocks import Cut
 from collalign.synchronization.solvers.least_squares import polish
 from collalign.synchronization.solvers.search import State, find_poses
-from collalign.synchronization.solvers.signs import ChiralityResult, synchronize_signs
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from pairwise.problem.pattern import RotationPattern
-from pairwise.status import Status
 
 #: Pairs whose right candidate is at least this probable agree with the answer.
 INLIER_PROBABILITY = 0.5
@@ -51,23 +44,18 @@ class BlockOutcome:
     ----------
     frames : ndarray, shape (N, b, b)
     choice : ndarray of int, shape (E,)
-    weights : ndarray, shape (E,)
-        Final weights: probability that the chosen candidate is right over its variance, largest 1.
     inlier : ndarray of bool, shape (E,)
     states : list of State
         What the starts led to, the answer first.
     cuts : list of Cut
         Weak blocks of the answer.
-    certificate : SynchronizationCertificate
     """
 
     frames: FloatArray
     choice: IntArray
-    weights: FloatArray
     inlier: BoolArray
     states: list[State]
     cuts: list[Cut]
-    certificate: SynchronizationCertificate
 
 
 def solve_block(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> BlockOutcome:
@@ -83,11 +71,9 @@ def solve_block(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> BlockOutco
     return BlockOutcome(
         frames=frames,
         choice=choice,
-        weights=weights,
         inlier=best.model.responsibilities(squared_distances(graph, frames)).sum(axis=1) >= INLIER_PROBABILITY,
         states=states,
         cuts=cuts,
-        certificate=certify_frames(graph, graph.chosen(choice), weights, frames),
     )
 
 
@@ -168,15 +154,12 @@ class _Draft:
 
     frames: FloatArray
     choice: IntArray
-    weights: FloatArray
     inlier: BoolArray
     confidence: FloatArray
     alternatives: list[tuple[Alternative, ...]]
     parts: list[IntArray] = field(default_factory=list)
     cuts: list[WeakCut] = field(default_factory=list)
     symmetries: list[tuple[int, FloatArray]] = field(default_factory=list)
-    noise: list[float] = field(default_factory=list)
-    certificates: list[SynchronizationCertificate] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
 
     @classmethod
@@ -184,7 +167,6 @@ class _Draft:
         return cls(
             frames=np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1)),
             choice=graph.best_choice.copy(),
-            weights=np.zeros(graph.num_edges),
             inlier=np.zeros(graph.num_edges, dtype=bool),
             confidence=np.full(graph.num_shapes, np.nan),
             alternatives=[()] * graph.num_shapes,
@@ -199,14 +181,12 @@ def _solve_component(
         block = restricted(part, index, draft.choice[kept] if number else None)
         found = solve_block(block, {i: frame[index[:, None], index] for i, frame in fixed.items()})
         draft.frames[np.ix_(members, index, index)] = found.frames
-        draft.certificates.append(found.certificate)
         if number:
             continue
-        draft.choice[kept], draft.weights[kept], draft.inlier[kept] = found.choice, found.weights, found.inlier
+        draft.choice[kept], draft.inlier[kept] = found.choice, found.inlier
         free = np.ones(len(members), dtype=bool)
         free[list(fixed)] = False
         _note_doubts(draft, assess(found.states, found.cuts, found.frames, free), members)
-        draft.noise.append(found.states[0].model.noise_rad)
 
 
 def _note_doubts(draft: _Draft, doubts: Doubts, members: IntArray) -> None:
@@ -251,19 +231,13 @@ def _result(
         edge_inlier=read_only(draft.inlier[:count]),
         edge_choice=read_only(choice),
         edge_inconsistency_rad=read_only(misfit),
-        edge_weights=read_only(draft.weights[:count]),
         parts=tuple(sorted(draft.parts, key=lambda part: int(part[0]))),
         components=components,
         weak_cuts=tuple(cuts),
         alternatives=_posed_alternatives(draft, poses, gauge, index),
-        reflected=read_only(reflected_shapes(poses, graph.pattern)),
-        chirality=signs_of_pairs(graph, graph.chosen(choice), draft.weights[:count]),
         symmetries=tuple(
             _embedded(gauge[shape] @ turn @ gauge[shape].T, identity, index) for shape, turn in draft.symmetries
         ),
-        noise_rad=max(draft.noise, default=float("nan")),
-        certificate=combine_certificates(draft.certificates),
-        status=Status.CONVERGED,
         warnings=connectivity_warnings(len(components)),
         doubts=tuple(draft.doubts),
     )
@@ -287,23 +261,6 @@ def _embedded(block: FloatArray, around: FloatArray, index: IntArray) -> FloatAr
     matrix = around.copy()
     matrix[index[:, None], index] = block
     return read_only(matrix)
-
-
-def reflected_shapes(poses: FloatArray, pattern: RotationPattern) -> BoolArray:
-    """Return which poses mirror the rotation block, the pattern's first component, shape (N,)."""
-    index = pattern.components[0]
-    return np.linalg.det(poses[:, index[:, None], index]) < 0
-
-
-def signs_of_pairs(graph: PairGraph, rotations: FloatArray, weights: FloatArray) -> ChiralityResult | None:
-    """Return what the determinants of the pairs' rotation block say; None where all must be +1."""
-    if graph.pattern.special_blocks or not graph.num_edges:
-        return None
-    index = graph.pattern.components[0]
-    signs = np.where(np.linalg.det(rotations[:, index[:, None], index]) < 0, -1.0, 1.0)
-    return synchronize_signs(
-        graph.edges, signs, weights=weights / max(float(weights.max()), 1e-300), num_shapes=graph.num_shapes
-    )
 
 
 def connectivity_warnings(num_components: int) -> tuple[str, ...]:

