@@ -34,6 +34,12 @@ class SmoothField:
     widths: tuple[float, ...]
     amplitudes: tuple[float, ...]
 
+    @property
+    def bending(self) -> float:
+        """Squared norm of the displacement in the kernel's space: how unlikely the prior finds it."""
+        kernel = gaussian_kernel(self.centres, self.centres, self.widths, self.amplitudes)
+        return float((self.weights * (kernel @ self.weights)).sum())
+
     def with_weights(self, weights: FloatArray) -> SmoothField:
         """Return the field of other weights."""
         return replace(self, weights=weights)

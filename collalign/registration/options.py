@@ -11,7 +11,7 @@ from data_tools.options import MIN_POINTS
 
 @dataclass(frozen=True, kw_only=True)
 class RegistrationOptions:
-    """Smooth registration; lengths are in parts of the target's root mean square radius.
+    """Smooth registration; lengths are in parts of the shapes' root mean square radius.
 
     Chosen on eight mouse skulls and sixteen molars, by how well their landmarks carry each other's places over from
     the landmarks' own poses; quoted figures are of other specimens.

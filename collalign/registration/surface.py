@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from collalign.registration.pose import moved_by
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.sampling import farthest_points
 from data_tools.surface.closest import SurfaceLocator
@@ -64,6 +65,11 @@ class RegistrationSurface:
             spread=spread,
             radius=float(np.sqrt((centred**2).sum(axis=1).mean())),
         )
+
+    def placed(self, pose: FloatArray) -> RegistrationSurface:
+        """Return the surface where a similarity, shape (4, 4), takes it."""
+        scale = float(np.cbrt(np.linalg.det(pose[:3, :3])))
+        return replace(self, vertices=read_only(moved_by(pose, self.vertices)), radius=scale * self.radius)
 
     @cached_property
     def locator(self) -> SurfaceLocator:

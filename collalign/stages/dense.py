@@ -15,6 +15,7 @@ from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
 from collalign.products.dense import DenseCorrespondence
 from collalign.registration.options import RegistrationOptions
+from collalign.registration.pose import moved_by
 from collalign.registration.register import register
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import FloatArray, read_only
@@ -25,7 +26,7 @@ from data_tools.options import CleaningOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 
 #: Changes whenever the same surfaces and options would give another registration.
-DENSE_VERSION = "dense-1"
+DENSE_VERSION = "dense-2"
 #: Registrations of the collection: from its medoid, and then from the mean of those. A third changes the error of
 #: landmarks carried over by less than .5 % (eight mouse skulls).
 NUM_ROUNDS = 2
@@ -90,7 +91,7 @@ def correspond(
         found, failed = _register_all(session, files, source)
         if len(found) < 2:
             raise CollectionError("\n".join(["fewer than two shapes could be registered", *failed.values()]))
-        mean = np.mean([record["vertices"] for record in found.values()], axis=0)
+        mean = np.mean([unposed(record) for record in found.values()], axis=0)
         source = Shape.from_arrays(mean, source.faces, name="mean")
     parts = {part: np.stack([record[part] for record in found.values()]) for part in _PARTS}
     return DenseCorrespondence(
@@ -140,7 +141,17 @@ def register_file(task: RegistrationTask, shared: Any) -> Record:
     target = RegistrationSurface.from_shape(posed_shape(task.target), num_points)
     source = Shape.from_arrays(record["vertices"], record["faces"], name="mean")
     found = register(target, RegistrationSurface.from_shape(source, num_points), task.options)
-    return {"vertices": found.vertices, "residual": found.residual, "quality": found.quality}
+    return {
+        "vertices": found.vertices,
+        "residual": found.residual,
+        "quality": found.quality,
+        "pose": found.pose,
+    }
+
+
+def unposed(record: Record) -> FloatArray:
+    """Return the vertices of a registration without its similarity: what is averaged differs in shape alone."""
+    return moved_by(np.linalg.inv(record["pose"]), record["vertices"])
 
 
 def posed_shape(file: PosedFile) -> Shape:

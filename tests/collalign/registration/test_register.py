@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from collalign.registration.field import SmoothField
 from collalign.registration.mean import medoid
 from collalign.registration.options import RegistrationOptions
+from collalign.registration.pose import fitting_similarity, moved_by
 from collalign.registration.register import MIN_VOLUME_CHANGE, register
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import FloatArray
@@ -93,6 +95,38 @@ def test_nothing_folds_where_correspondences_would_cross() -> None:
     target = Shape.from_arrays(source.vertices * [0.15, 1.6, 1.0], source.faces)
     found = register(surface(target), surface(source), FEW)
     assert found.field.volume_change(source.vertices).min() >= 0.5 * MIN_VOLUME_CHANGE
+
+
+def test_a_wrong_size_and_turn_are_made_good_before_anything_bends(pair: tuple[Shape, Shape]) -> None:
+    target, _ = pair
+    turned = np.eye(4)
+    turned[:3, :3] = 1.06 * Rotation.from_euler("xyz", [4, -3, 5], degrees=True).as_matrix()
+    turned[:3, 3] = 0.03
+    found = register(surface(target.transformed(turned)), surface(target), FEW)
+    np.testing.assert_allclose(found.pose, turned, atol=5e-3)
+    assert found.field.bending < 1e-2
+    assert error(target.transformed(turned), found.vertices) < 5e-3
+
+
+def test_a_given_turn_stays_where_closest_points_would_slide() -> None:
+    """On a crown of revolution the poses' own turn is better than that of closest points."""
+    source = crown(np.random.default_rng(0))
+    for seed in (10, 11, 12):
+        target = bumped(source, np.random.default_rng(seed), rms=0.04)
+        linear = register(surface(target), surface(source), FEW).pose[:3, :3]
+        np.testing.assert_allclose(linear, linear[0, 0] * np.eye(3), atol=1e-9)
+
+
+def test_a_similarity_is_fitted_exactly_and_never_mirrors() -> None:
+    rng = np.random.default_rng(7)
+    points, pose = rng.random((30, 3)), np.eye(4)
+    pose[:3, :3] = 1.7 * Rotation.from_rotvec([0.3, -0.8, 0.4]).as_matrix()
+    pose[:3, 3] = [1, 2, 3]
+    np.testing.assert_allclose(fitting_similarity(moved_by(pose, points), points, rng.random(30)), pose, atol=1e-12)
+    mirrored = fitting_similarity(points * [1, 1, -1], points, np.ones(30))
+    assert np.linalg.det(mirrored[:3, :3]) > 0
+    held = fitting_similarity(1.5 * points + 2, points, np.ones(30), turns=False)
+    np.testing.assert_allclose(held[:3], np.hstack([1.5 * np.eye(3), np.full((3, 1), 2.0)]), atol=1e-12)
 
 
 def test_the_jacobian_is_that_of_the_displacement() -> None:
