@@ -111,7 +111,7 @@ def load(folder: str | Path) -> LoadedCollection:
 
     Examples
     --------
-    >>> import collalign, tempfile, numpy as np
+    >>> import tempfile
     >>> points = np.random.default_rng(0).random((40, 3))
     >>> aligned = collalign.align_collection([points, points[::-1]], progress=False)
     >>> with tempfile.TemporaryDirectory() as folder:

@@ -52,6 +52,17 @@ def dense_correspondence(
         If an original file is missing.
     CollectionError
         If fewer than two shapes can be registered.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = write_collection(folder + "/shapes", demo_collection(num=3, resolution=1))
+    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
+    ...     dense = collalign.dense_correspondence(folder + "/result", progress=False)
+    >>> dense.vertices.shape == (3, *dense.mean.shape)
+    True
     """
     view = load_view(result)
     cleaning = recorded_options(result)[0].cleaning

@@ -55,6 +55,19 @@ def add_to_collection(
     ------
     InputError
         If the folder holds no result, an old file has vanished or a name is taken.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> points = np.random.default_rng(0).random((40, 3))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     a, b, c = (pathlib.Path(folder, "shapes", name) for name in ("a.xyz", "b.xyz", "c.xyz"))
+    ...     a.parent.mkdir()
+    ...     for file in (a, b, c):
+    ...         np.savetxt(file, points)
+    ...     files = collalign.align_collection([a, b], progress=False).save(folder + "/result")
+    ...     collalign.add_to_collection(folder + "/result", [c], progress=False).names
+    ('a', 'b', 'c')
     """
     view = load_view(result)
     options, group = recorded_options(result)

@@ -139,7 +139,7 @@ def match_rigid(
     --------
     >>> points = np.random.default_rng(0).random((70, 3))
     >>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    >>> found = match_rigid(points, points @ quarter)
+    >>> found = collalign.match_rigid(points, points @ quarter)
     >>> bool(np.allclose(found.transform[:3, :3], quarter))
     True
     """

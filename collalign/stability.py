@@ -107,6 +107,18 @@ def check_stability(
     Evolution 7, 2017, PMC5528226) ask of everybody who aligns automatically. Neighbours are those by Procrustes
     distances of the samples. Poses set by hand are not kept in the repetitions: what speaks for them is asked as
     well.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
+    >>> once = collalign.StabilityOptions(num_points=(), num_seeds=1, num_subsets=0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = write_collection(folder + "/shapes", demo_collection(num=3, resolution=1))
+    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
+    ...     found = collalign.check_stability(folder + "/result", options=once, progress=False)
+    >>> bool((found.changes_deg < found.stay_deg).all())
+    True
     """
     view, files = load_view(result), source_files(load_view(result))
     asked, _ = recorded_options(result)

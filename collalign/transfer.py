@@ -14,6 +14,7 @@ from collalign.landmarks.carry import Template, on_surface, template
 from collalign.landmarks.fusion import fuse
 from collalign.landmarks.radii import Calibration, calibrate, radii
 from collalign.output.evidence.file import load_view
+from collalign.products.collection import DOUBT
 from collalign.products.dense import DenseCorrespondence
 from collalign.products.evidence import CollectionView
 from collalign.products.transfer import CARRIED, DOUBTFUL_POSE, NOT_REGISTERED, PLACED, UNKNOWN, TransferredLandmarks
@@ -58,6 +59,19 @@ def transfer_landmarks(
     Notes
     -----
     Shapes of confidence below the result's threshold get no landmarks.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
+    >>> from data_tools.io.landmarks import Landmarks
+    >>> planted = demo_collection(num=3, resolution=1)
+    >>> marks = {"chair1": Landmarks(labels=("tip",), points=planted.shapes[0].vertices[:1])}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = write_collection(folder + "/shapes", planted)
+    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
+    ...     collalign.transfer_landmarks(folder + "/result", marks, progress=False).status[1]
+    ('carried over',)
     """
     view = load_view(result)
     given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks)
@@ -182,7 +196,7 @@ class _Transfer:
     def _abstention(self, name: str) -> str | None:
         if name not in self._rows:
             return NOT_REGISTERED
-        doubtful = self._view.confidence[self._view.index(name)] < self._view.doubt_threshold
+        doubtful = self._view.confidence[self._view.index(name)] < DOUBT
         return DOUBTFUL_POSE if doubtful else None
 
     def _predict(self, name: str, templates: list[Template]) -> tuple[FloatArray, FloatArray]:

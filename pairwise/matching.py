@@ -84,10 +84,9 @@ def match(
 
     Examples
     --------
-    >>> import numpy as np
     >>> target = np.random.default_rng(0).random((12, 3))
     >>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    >>> result = match(target, target @ quarter)
+    >>> result = pairwise.match(target, target @ quarter)
     >>> bool(np.allclose(result.R_target_source, quarter)), result.map_target_source.tolist() == list(range(12))
     (True, True)
     """

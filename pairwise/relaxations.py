@@ -63,6 +63,13 @@ def solve_relaxation(
         If the points or the allowed matches do not make a problem.
     OptionsError
         If an option is unknown or out of range.
+
+    Examples
+    --------
+    >>> target = np.random.default_rng(0).random((8, 3))
+    >>> found = pairwise.solve_relaxation(target, target[::-1])
+    >>> bool(abs(found.lower_bound) < 1e-4)
+    True
     """
     _check_options(relaxation, solver, tol, max_iterations, time_limit_s)
     problem = Problem.from_user(target, source, **problem_arguments)

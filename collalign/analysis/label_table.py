@@ -14,6 +14,8 @@ from data_tools.io.csv_cells import plain_cell
 UNKNOWN = frozenset({"", "na", "n/a", "nan", "none", "unknown", "?"})
 #: Columns that may hold the shapes' names, the first found counts; otherwise it is the first column.
 NAME_COLUMNS = ("name", "shape", "specimen", "id", "file")
+#: Most names that a sentence lists.
+_MAX_NAMED = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,10 +28,13 @@ class Labels:
         The file it came from, for messages.
     columns : mapping of str to mapping of str to str
         Column name, then shape name, to the value; ``""`` where unknown.
+    rows : tuple of tuple of str
+        The names that lead to each row.
     """
 
     source: str
     columns: Mapping[str, Mapping[str, str]]
+    rows: tuple[tuple[str, ...], ...]
 
     def column(self, by: str, names: Sequence[str]) -> tuple[str, ...]:
         """Values of one column for the named shapes, ``""`` where the table has no row for a shape.
@@ -55,6 +60,22 @@ class Labels:
         """All columns that say something about the named shapes."""
         found = {by: tuple(values.get(name, "") for name in names) for by, values in self.columns.items()}
         return {by: values for by, values in found.items() if any(values)}
+
+    def mismatches(self, names: Sequence[str]) -> list[str]:
+        """Return sentences on rows that belong to none of the named shapes, and on shapes without a row."""
+        strange = [row[0] for row in self.rows if not {*row} & {*names}]
+        bare = sorted({*names} - {name for row in self.rows for name in row})
+        found = []
+        if strange:
+            found.append(f"{self.source}: no shape is called {_some(strange)}; rows are found by the shapes' names")
+        if bare:
+            found.append(f"{self.source}: there is no row for {_some(bare)}")
+        return found
+
+
+def _some(names: Sequence[str]) -> str:
+    shown = ", ".join(map(repr, names[:_MAX_NAMED]))
+    return shown if len(names) <= _MAX_NAMED else f"{shown} and {len(names) - _MAX_NAMED} more"
 
 
 def read_labels(path: Path | str) -> Labels:
@@ -88,17 +109,19 @@ def read_labels(path: Path | str) -> Labels:
     columns: dict[str, dict[str, str]] = {
         column: {} for at, column in enumerate(heading) if column and at not in (at_name, *at_file)
     }
+    named: list[tuple[str, ...]] = []
     for number, row in enumerate(rows[1:], start=2):
         if not any(cell.strip() for cell in row):
             continue
         if len(row) != len(heading):
             raise InputError(f"{source}, line {number}: {len(row)} cells under {len(heading)} headings")
-        for name in {shape_name(row[at]) for at in (at_name, *at_file)}:
+        named.append(tuple(dict.fromkeys(shape_name(row[at]) for at in (at_name, *at_file))))
+        for name in named[-1]:
             for column, cell in zip(heading, row, strict=True):
                 if column in columns:
                     problem = f"{source}, line {number}: {name!r} is listed twice"
                     _enter(columns[column], name, known_label(cell), problem)
-    return Labels(source=str(source), columns=columns)
+    return Labels(source=str(source), columns=columns, rows=tuple(named))
 
 
 def shape_name(text: str) -> str:

@@ -66,7 +66,7 @@ def align(
     refuse_overlap(out, [folder])
     listing = read_folder(folder)
     fixed = read_corrections(corrections).fixed(listing.names) if corrections is not None else {}
-    table = read_labels(labels) if labels is not None else None
+    table = _labels(labels, listing.names)
     store = run.store or out / STORE_FILE
     run = replace(run, store=store)
     with (
@@ -100,10 +100,9 @@ def add(
     report
         Write report.html.
     """
-    table = read_labels(labels) if labels is not None else None
+    table = _labels(labels, (*load_view(result).names, *read_folder(folder).names))
     store = run.store or result / STORE_FILE
     run = replace(run, store=store)
-    load_view(result)
     with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=[folder]) as output:
         collection = collalign.add_to_collection(result, folder, run=run)
         written = _save(collection, output, table, report=report)
@@ -154,6 +153,16 @@ def demo(
 def _most_upright(planted: PlantedCollection) -> str:
     """Return the shape that stands most upright in pictures (their up is y, a chair's is z): a reference for all."""
     return planted.shapes[int(np.argmax(planted.rotations[:, 2, 1]))].name
+
+
+def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:
+    """Read a table of labels, and warn of names that do not fit before hours go by."""
+    if path is None:
+        return None
+    table = read_labels(path)
+    for sentence in table.mismatches(names):
+        print(f"collalign: {sentence}", file=sys.stderr)
+    return table
 
 
 def _save(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -91,7 +92,10 @@ def classify(
         Print one JSON object instead of a table.
     """
     view = load_view(result)
-    values = read_labels(labels).column(by, view.names)
+    table = read_labels(labels)
+    values = table.column(by, view.names)
+    for sentence in table.mismatches(view.names):
+        print(f"collalign: {sentence}", file=sys.stderr)
     distances = surface_distances(posed_clouds(view), view.part_numbers)
     found = classify_leave_one_out(distances, values, names=view.names, singles=singles)
     print(json.dumps(found.as_dict(), indent=1) if as_json else found.table())

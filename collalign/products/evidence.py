@@ -57,8 +57,6 @@ class CollectionView:
         Rotation angle left after going around cycles of three pairs.
     notes : tuple of str
         Warnings about the collection as a whole, one sentence each.
-    doubt_threshold : float
-        Shapes of smaller confidence are called doubtful.
     landmark_names : tuple of str
         What the rows of ``samples`` are called; ``L1``, ``L2``, ... where nothing is given.
     """
@@ -80,7 +78,6 @@ class CollectionView:
     timings_s: Mapping[str, float] = field(default_factory=dict)
     cycle_errors_deg: FloatArray = field(default_factory=lambda: np.zeros(0))
     notes: tuple[str, ...] = ()
-    doubt_threshold: float = 0.5
     landmark_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

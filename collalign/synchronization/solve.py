@@ -83,6 +83,13 @@ def synchronize(
         If an index is out of range, a pair is a loop or repeated, or a matrix is not finite or not in the group.
     OptionsError
         If the method or the group is unknown.
+
+    Examples
+    --------
+    >>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> found = collalign.synchronize([(0, 1), (1, 2), (0, 2)], [quarter, quarter, quarter @ quarter])
+    >>> bool(np.allclose(found.rotations[2], quarter @ quarter))
+    True
     """
     check_choice("method", method, METHODS)
     graph = PairGraph.from_user(

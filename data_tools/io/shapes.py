@@ -126,7 +126,10 @@ def read_folder(folder: Path | str) -> FolderListing:
         if not folder.exists():
             raise InputError(f"{folder}: no such folder")
         if not folder.is_dir():
-            raise InputError(f"{folder}: is a file, not a folder; give the folder that holds the shapes")
+            raise InputError(
+                f"{folder}: is a file, not a folder; give the folder that holds the shapes, or two files to "
+                "`collalign match`"
+            )
         entries = sorted(
             (p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name)
         )

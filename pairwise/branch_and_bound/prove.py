@@ -119,6 +119,12 @@ def prove(
     ------
     OptionsError
         If the tolerance or limit is not positive, or the problem is of another kind (:func:`can_certify`).
+
+    Examples
+    --------
+    >>> target = np.random.default_rng(0).random((8, 3))
+    >>> pairwise.prove(pairwise.Problem.from_user(target, target[::-1])).status.name
+    'PROVEN_OPTIMAL'
     """
     started = time.monotonic()
     deadline = deadline_of(started, tol, time_limit_s)

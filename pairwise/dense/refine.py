@@ -109,6 +109,14 @@ def refine_pose(
         If the start is not a pose, or the shapes' arrays do not fit each other.
     OptionsError
         If an option is impossible, or Open3D is missing where it is needed.
+
+    Examples
+    --------
+    >>> points = pairwise.DensePoints.from_user(np.random.default_rng(0).random((200, 3)))
+    >>> turned_by_16_deg = np.array([[0.96, -0.28, 0.0], [0.28, 0.96, 0.0], [0.0, 0.0, 1.0]])
+    >>> found = pairwise.refine_pose(points, points, turned_by_16_deg)
+    >>> bool(np.allclose(found.R_target_source, np.eye(3), atol=1e-3))
+    True
     """
     _check_options(method, normal_weight, unmatched_penalty, matched_share, max_iterations)
     start = _start(target, source, R_target_source, scale, translation, estimate_scale=estimate_scale)

@@ -109,6 +109,12 @@ def exact_solutions(
         form a continuous family.
     OptionsError
         If a number is out of range.
+
+    Examples
+    --------
+    >>> square = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    >>> len(pairwise.exact_solutions(square, square).solutions)
+    4
     """
     problem = Problem.from_user(target, source, **problem_arguments)
     if not 0 < tol < 1 or max_draws < 1 or patience < 1:

@@ -54,6 +54,14 @@ def optimal_rotations(
     ------
     InputError
         If the moments have another shape.
+
+    Examples
+    --------
+    >>> square = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    >>> relaxed = pairwise.solve_relaxation(square, square, relaxation="tight")
+    >>> problem = pairwise.Problem.from_user(square, square)
+    >>> len(pairwise.optimal_rotations(problem, relaxed.moments))
+    4
     """
     size = 1 + problem.dim**2
     if moments.shape != (size, size):

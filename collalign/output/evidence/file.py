@@ -38,7 +38,6 @@ _TEXT_FIELDS = (
     "versions",
     "timings_s",
     "notes",
-    "doubt_threshold",
 )
 _PAIR_NUMBERS = ("energy", "lower_bound", "disagreement_deg")
 _PAIR_FLAGS = ("inlier", "chirality_proven")
@@ -139,7 +138,6 @@ def _from_arrays(data: dict[str, NDArray[Any]]) -> CollectionView:
         versions=text["versions"],
         timings_s=text["timings_s"],
         notes=tuple(text["notes"]),
-        doubt_threshold=float(text["doubt_threshold"]),
         transforms=read_only(as_floats(data["transforms"], "transforms", shape=(num, 4, 4))),
         confidence=read_only(data["confidence"].astype(np.float64)),
         samples=read_only(data["samples"].astype(np.float64)),

@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
-from collalign.products.collection import DOUBT, Collection
+from collalign.products.collection import Collection
 from collalign.products.evidence import CollectionView
 from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray, IntArray
@@ -77,7 +77,6 @@ def view_collection(
         timings_s=collection.run.times_s,
         cycle_errors_deg=cycle_errors_deg(collection.pairs, len(collection.names)),
         notes=(*collection.notes, *notes),
-        doubt_threshold=DOUBT,
     )
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import offered_poses, own_disagreements_deg
 from collalign.output.report.statistics import cycle_histogram, main_part, shape_map, variation
+from collalign.products.collection import DOUBT
 from collalign.products.evidence import CollectionView, json_types
 from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray
@@ -54,7 +55,7 @@ def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]
         "mainPart": int(view.part_numbers[main_part(view)[0]]),
         "run": _run_key(view),
         "labelColors": np.round(sample_colors(view.aligned_samples), 3),
-        "doubtThreshold": view.doubt_threshold,
+        "doubtThreshold": DOUBT,
         "labels": view.labels,
         "categories": categories(view),
         "meshes": meshes,

@@ -12,6 +12,7 @@ import numpy as np
 
 from collalign.output.report.content import build_content
 from collalign.output.report.shown import shown_part
+from collalign.products.collection import DOUBT
 from collalign.products.evidence import CollectionView
 from data_tools.threads import one_blas_thread
 
@@ -77,7 +78,7 @@ def _json_for_html(document: object) -> str:
 
 def _summary(view: CollectionView, notes: tuple[str, ...]) -> str:
     """The first thing a reader sees: how many, how sure, what is missing, in the whole collection."""
-    doubtful = int(np.sum(np.nan_to_num(view.confidence) < view.doubt_threshold))
+    doubtful = int(np.sum(np.nan_to_num(view.confidence) < DOUBT))
     num_parts = len(np.unique(view.part_numbers))
     left = sum(not pair.inlier for pair in view.pairs)
     other = sum(pair.inlier and pair.choice > 0 for pair in view.pairs)

@@ -18,6 +18,7 @@ from collalign.analysis.procrustes import (
 )
 from collalign.analysis.warp import thin_plate_warp
 from collalign.output.report.payload import pack_mesh
+from collalign.products.collection import DOUBT
 from collalign.products.evidence import CollectionView
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
@@ -94,7 +95,7 @@ def _map_words(view: CollectionView, num_members: int, num_labels: int) -> str:
 
 def doubt_words(view: CollectionView, members: IntArray) -> str:
     """Return a sentence about the shapes in doubt among those drawn; empty where there are none."""
-    in_doubt = np.nan_to_num(view.confidence) < view.doubt_threshold
+    in_doubt = np.nan_to_num(view.confidence) < DOUBT
     count = int(np.sum(in_doubt[members] | (view.part_numbers[members] != view.part_numbers[main_part(view)[0]])))
     return f" {count} of them are in doubt, and marked wherever they are drawn." if count else ""
 

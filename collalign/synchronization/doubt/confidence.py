@@ -100,8 +100,8 @@ def doubt_sentences(doubts: Doubts) -> list[str]:
     found = []
     if doubts.signal < ENOUGH_SIGNAL:
         found.append(
-            f"The pairs say too little to be sure of any pose (signal {doubts.signal:.1f}, at least "
-            f"{ENOUGH_SIGNAL:.0f} is needed): match more pairs."
+            "The pairs agree too seldom, or are too few, to be sure of any pose: match more of them (--pairs all) "
+            "or look at the shapes of least confidence."
         )
     if len(doubts.parts) > 1:
         sizes = ", ".join(str(len(group)) for group in doubts.parts)

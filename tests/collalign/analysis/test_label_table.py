@@ -19,6 +19,17 @@ def test_columns_by_name_with_unknown_values(tmp_path: Path) -> None:
     assert labels.columns_for(["nobody"]) == {}
 
 
+def test_names_that_do_not_fit_are_told(tmp_path: Path) -> None:
+    labels = read_labels(table(tmp_path, "name,file,taxon\na,x/A1.ply,X\nB,b.ply,Y\nbb,bbb.ply,Z\n"))
+    assert labels.mismatches(["A1", "b"]) == [
+        f"{labels.source}: no shape is called 'bb'; rows are found by the shapes' names"
+    ]
+    assert labels.mismatches(["a", "b", "bbb", "d", "e"]) == [f"{labels.source}: there is no row for 'd', 'e'"]
+    assert labels.mismatches(["a", "B", "bb"]) == []
+    many = labels.mismatches(["a", "b", "bb", *"123456"])
+    assert many == [f"{labels.source}: there is no row for '1', '2', '3', '4', '5' and 1 more"]
+
+
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_separators_and_byte_order_mark(tmp_path: Path, separator: str) -> None:
     text = "\ufeffspecimen,genus\na,X\nb,Y\n".replace(",", separator)

@@ -1,0 +1,72 @@
+"""Options that messages and pages name are there."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import pytest
+
+from collalign.cli import _COMMANDS, app
+
+ROOT = Path(__file__).resolve().parents[3]
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "integrations").rglob("*.md")]
+MODULES = [path for package in ("collalign", "pairwise", "data_tools") for path in (ROOT / package).rglob("*.py")]
+#: An option's name, but no variable of a style sheet.
+OPTION = re.compile(r"(?<![\w/(-])--[a-z][a-z0-9]*(?:[.-][a-z0-9]+)*(?![\w:.-]*[:(])")
+#: A call of a command, in a code block or between backquotes, on one line.
+CALL = re.compile(r"collalign ([a-z]+)((?: [^`\n|]*)?)")
+#: Of the program itself, of `python -m experiments`, of the scripts below tests, and of Dask, pip and ruff.
+OTHERS = {
+    *("--config", "--verbose", "--help", "--help-all", "--version"),
+    *("--data", "--quick"),
+    *("--only", "--stores", "--shapes", "--certificates", "--kills", "--signals"),
+    *("--nthreads", "--nworkers", "--port", "--check"),
+}
+
+
+def options_of(command: str) -> set[str]:
+    return {name for argument in app[command].assemble_argument_collection() for name in argument.names}
+
+
+@pytest.fixture(scope="module")
+def commands() -> dict[str, set[str]]:
+    return {command: options_of(command) for command in _COMMANDS}
+
+
+def unknown(text: str, known: Iterable[str]) -> set[str]:
+    """Return the options that a text names and that are not known."""
+    return {name for name in OPTION.findall(text) if name not in set(known)}
+
+
+def misplaced(text: str, commands: Mapping[str, set[str]]) -> set[str]:
+    """Return the calls of a command with an option that it has not."""
+    calls = [(name, rest) for name, rest in CALL.findall(text) if name in commands]
+    return {f"collalign {name}{rest}" for name, rest in calls if unknown(rest, commands[name] | OTHERS)}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_options_of_pages_exist(page: Path, commands: dict[str, set[str]]) -> None:
+    text = page.read_text("utf-8")
+    assert not unknown(text, set.union(OTHERS, *commands.values()))
+    assert not misplaced(text, commands)
+
+
+def test_options_in_messages_and_docstrings_exist(commands: dict[str, set[str]]) -> None:
+    known = set.union(
+        OTHERS, *commands.values(), {"--memory", "--pair-time", "--shape-time"}
+    )  # beginnings, in help.py
+    for module in MODULES:
+        tree = ast.parse(module.read_text("utf-8"))
+        texts = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
+        assert not unknown("\n".join(texts), known), module
+        assert not misplaced("\n".join(texts), commands), module
+
+
+def test_wrong_names_are_noticed(commands: dict[str, set[str]]) -> None:
+    assert unknown("give --num-pionts more, or `--group`", commands["align"]) == {"--num-pionts"}
+    assert not unknown("color: var(--ink); --card: #fff", commands["align"])
+    assert misplaced("`collalign verify OUT --certify`", commands) == {"collalign verify OUT --certify"}
+    assert not misplaced("`collalign align FOLDER --out OUT --certify` and `--json`", commands)
