@@ -50,7 +50,7 @@ def view_of(num_shapes: int = 10, *, seed: int = 0, num_missing: int = 0, subdiv
     samples = raw[:, chosen].copy()
     for at in range(num_missing):
         samples[at % num_shapes, at % NUM_SAMPLES] = np.nan
-    confidence = rng.uniform(0.8, 1.0, num_shapes)
+    confidence = rng.uniform(0.96, 1.0, num_shapes)
     confidence[1] = 0.21
     half_turn = np.diag([1.0, -1.0, -1.0])
     kinds = tuple(f"taxon {'ABC'[at % 3]}" for at in range(num_shapes))
