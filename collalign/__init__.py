@@ -11,14 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collalign.align import align_collection
+    from collalign.certify import certify_collection
     from collalign.collection import AlignedCollection, LoadedCollection, load
     from collalign.dense import dense_correspondence
     from collalign.engine.options import RunOptions
     from collalign.extend import add_to_collection
     from collalign.nonrigid import match_shapes
     from collalign.options import AlignOptions, TwoShapeOptions
+    from collalign.products.joint_bound import CertifiedCollection
     from collalign.rigid import RigidMatch, match_rigid
     from collalign.stability import StabilityOptions, check_stability
+    from collalign.stages.joint_bound import CertifyOptions
     from collalign.synchronization import synchronize
     from collalign.transfer import transfer_landmarks
 
@@ -27,6 +30,8 @@ __version__ = version("collalign")
 __all__ = [
     "AlignOptions",
     "AlignedCollection",
+    "CertifiedCollection",
+    "CertifyOptions",
     "LoadedCollection",
     "RigidMatch",
     "RunOptions",
@@ -34,6 +39,7 @@ __all__ = [
     "TwoShapeOptions",
     "add_to_collection",
     "align_collection",
+    "certify_collection",
     "check_stability",
     "dense_correspondence",
     "load",
@@ -47,6 +53,8 @@ __all__ = [
 _HOMES = {
     "AlignOptions": "collalign.options",
     "AlignedCollection": "collalign.collection",
+    "CertifiedCollection": "collalign.products.joint_bound",
+    "CertifyOptions": "collalign.stages.joint_bound",
     "LoadedCollection": "collalign.collection",
     "RigidMatch": "collalign.rigid",
     "RunOptions": "collalign.engine.options",
@@ -54,6 +62,7 @@ _HOMES = {
     "StabilityOptions": "collalign.stability",
     "add_to_collection": "collalign.extend",
     "align_collection": "collalign.align",
+    "certify_collection": "collalign.certify",
     "check_stability": "collalign.stability",
     "dense_correspondence": "collalign.dense",
     "load": "collalign.collection",

@@ -21,7 +21,7 @@ ALLOWED = {
 }
 HEAVY = {"trimesh", "cvxpy", "open3d", "matplotlib", "distributed", "clarabel", "scs", "numba"}
 #: Compiled by Numba, and therefore heavy themselves.
-COMPILED = {"pairwise.branch_and_bound.assignment"}
+COMPILED = {"pairwise.branch_and_bound.assignment", "collalign.synchronization.bound.simplex"}
 
 
 def imported_modules(tree: ast.AST, *, top_level_only: bool = False) -> set[str]:
@@ -83,6 +83,7 @@ ROOMS = {
     "collection": {"output", "products"},
     "align": {"collection", "engine", "options", "products", "stages"},
     "extend": {"align", "collection", "engine", "options", "output", "products"},
+    "certify": {"analysis", "engine", "output", "products", "stages"},
     "stability": {"align", "analysis", "collection", "engine", "options", "output", "products"},
     "batch": {"engine", "options", "stages"},
     "rigid": {"options", "stages"},

@@ -49,6 +49,7 @@ _COMMANDS = {
     "verify": ("collalign.cli.results:verify", "Check the certificates of a result made with --certify."),
     "classify": ("collalign.cli.results:classify", "Classify every shape by its nearest neighbour."),
     "stability": ("collalign.cli.stability:stability", "Repeat an alignment otherwise and say which poses stay."),
+    "certify": ("collalign.cli.certify:certify", "Prove how much cheaper any other arrangement could be at most."),
     "transfer": ("collalign.cli.transfer:transfer", "Carry landmarks of a few specimens to all others."),
     "view": ("collalign.cli.results:view", "Open a window with the aligned shapes."),
 }

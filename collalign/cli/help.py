@@ -17,7 +17,11 @@ _BASIC = frozenset(
     {
         "--certify",
         "--clusters",
+        "--budget-s",
         "--corrections",
+        "--enough",
+        "--max-rounds",
+        "--shapes",
         "--dry-run",
         "--file",
         "--folder",

@@ -28,6 +28,7 @@ from data_tools.arrays import (
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import InputError, SolveFailed, StoreError
 from pairwise.branch_and_bound.prove import Proof
+from pairwise.branch_and_bound.tilted import TiltedProof
 from pairwise.certificates.certificate import Certificate
 from pairwise.results import MatchResult
 from pairwise.status import Status
@@ -191,6 +192,33 @@ def proof_from_record(record: Record, name: str) -> Record:
             "chirality_proven": record["chirality_proven"],
             "certificate": None if record["certificate"] is None else _certificate(record["certificate"]),
         }
+
+
+def tilted_to_record(proof: TiltedProof) -> Record:
+    """Return what was found about a pair's energy less a linear function of its rotation as a record."""
+    return {
+        "lower_bound": float(proof.lower_bound),
+        "rotations": np.array(proof.rotations, dtype=np.float64),
+        "energies": np.array(proof.energies, dtype=np.float64),
+    }
+
+
+def tilted_from_record(record: Record, name: str) -> TiltedProof:
+    """Check such a record and return what was found.
+
+    Raises
+    ------
+    StoreError
+        If a field is missing, of another shape, or impossible.
+    """
+    with _as_store_error(name):
+        energies = _floats(record["energies"], "energies", (None,))
+        rotations = as_rotations(_floats(record["rotations"], "rotations", (len(energies), 3, 3)), "rotations")
+        return TiltedProof(
+            lower_bound=_number(record["lower_bound"], "lower_bound"),
+            rotations=read_only(rotations),
+            energies=energies,
+        )
 
 
 def _certificate(fields: Any) -> Certificate:

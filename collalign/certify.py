@@ -1,0 +1,108 @@
+"""Bounds the energy of all arrangements of a finished result, or of some of its shapes, from below."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from collalign.analysis.stability import pose_changes
+from collalign.engine.options import RunOptions
+from collalign.engine.session import ProgressFactory, Session, progress_display
+from collalign.output.evidence.file import load_view, source_files
+from collalign.output.write import recorded_options
+from collalign.products.evidence import CollectionView
+from collalign.products.joint_bound import CertifiedCollection
+from collalign.products.pair import Pair
+from collalign.stages.joint_bound import CertifyOptions, bound_collection
+from collalign.stages.shapes import prepare_shapes
+from data_tools.arrays import read_only
+from data_tools.errors import InputError
+from data_tools.io.shapes import FolderListing
+from data_tools.threads import one_blas_thread
+
+
+@one_blas_thread()
+def certify_collection(
+    result: str | Path,
+    *,
+    shapes: Sequence[str] = (),
+    options: CertifyOptions | None = None,
+    run: RunOptions | None = None,
+    progress: ProgressFactory | bool = True,
+) -> CertifiedCollection:
+    """Prove how much cheaper any other consistent arrangement of a result's shapes could be at most.
+
+    Parameters
+    ----------
+    result : str or Path
+        Folder that ``collalign align`` wrote; the files that it read must still be there.
+    shapes : sequence of str
+        Names of the shapes to speak of; all by default. The pairs among them that the run matched count.
+    options : CertifyOptions, optional
+    run : RunOptions, optional
+        With the store of the run the shapes need not be prepared again, and an interrupted certification goes on.
+    progress : bool or callable
+        As for :func:`collalign.align_collection`.
+
+    Raises
+    ------
+    InputError
+        If a shape is unknown, its file has vanished, or no two of the shapes were matched.
+    OptionsError
+        If the shapes are too many at once, or their embedding has more than the coordinates of space.
+    """
+    view = load_view(result)
+    members = _members(view, shapes)
+    pairs = _pairs_among(view, members)
+    asked, group = recorded_options(result)
+    files = source_files(view)
+    listing = FolderListing(
+        files=tuple(files[i] for i in members), names=tuple(view.names[i] for i in members), skipped=()
+    )
+    shown, frames = _numbered(progress_display(progress)), view.rotations[members]
+    with Session.open(replace(asked, group="O" if group == "O" else "SO"), run or RunOptions(), shown) as session:
+        prepared = prepare_shapes(session, listing)
+        if prepared.names != listing.names:
+            raise InputError(f"{result}: {prepared.excluded[0].file} cannot be read as it was for the result")
+        joint = bound_collection(session, prepared, pairs, frames, options or CertifyOptions())
+    changes, same = pose_changes(frames, joint.frames, view.part_numbers[members])
+    return CertifiedCollection(joint=joint, changes_deg=read_only(changes), same_chirality=read_only(same))
+
+
+def _members(view: CollectionView, shapes: Sequence[str]) -> list[int]:
+    """Return the positions of the named shapes in the order of the result, of all where none is named."""
+    unknown = sorted(set(shapes) - set(view.names))
+    if unknown:
+        raise InputError(
+            f"shapes: no aligned shape is called {unknown[0]!r}; names are the files' names without suffix"
+        )
+    return [i for i, name in enumerate(view.names) if not shapes or name in shapes]
+
+
+def _pairs_among(view: CollectionView, members: Sequence[int]) -> list[Pair]:
+    """Return the pairs of the result with both shapes among the members, by position among these."""
+    at = {shape: position for position, shape in enumerate(members)}
+    pairs = [
+        replace(pair, target=at[pair.target], source=at[pair.source])
+        for pair in view.pairs
+        if pair.target in at and pair.source in at
+    ]
+    if not pairs:
+        raise InputError("shapes: the result holds no pair of these shapes; name others, or align with --pairs all")
+    return pairs
+
+
+def _numbered(progress: ProgressFactory | None) -> ProgressFactory | None:
+    """Return a progress display that counts the rounds of proofs."""
+    if progress is None:
+        return None
+    rounds = count(1)
+
+    def numbered(description: str, total: int, **more: Any) -> AbstractContextManager[Any]:
+        return progress(f"round {next(rounds)}" if description == "proofs" else description, total, **more)
+
+    return numbered

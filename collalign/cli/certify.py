@@ -1,0 +1,46 @@
+"""``collalign certify``: how much cheaper any other arrangement of a result could be at most."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from collalign.certify import certify_collection
+from collalign.cli.interruption import resumable
+from collalign.engine.options import RunOptions
+from collalign.engine.store.layout import STORE_FILE
+from collalign.output.certify import JSON_FILE, WRITER, certification_summary, write_certification
+from collalign.output.evidence.file import load_view, source_files
+from collalign.output.write import inputs_of
+from collalign.stages.joint_bound import CertifyOptions
+from data_tools.io.output_folder import OutputFolder
+
+
+def certify(
+    result: Path,
+    *,
+    shapes: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())] = (),
+    options: Annotated[CertifyOptions, Parameter(name="*")] = CertifyOptions(),  # noqa: B008
+    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+) -> int:
+    """Prove how much cheaper any other consistent arrangement of a result's shapes could be at most.
+
+    Parameters
+    ----------
+    result
+        Folder that ``collalign align`` wrote; certification.json is written into it.
+    shapes
+        Names of the shapes to speak of; all by default.
+    """
+    files = source_files(load_view(result))
+    store = run.store or result / STORE_FILE
+    with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=inputs_of(files)) as output:
+        output.refuse_foreign((JSON_FILE,))
+        found = certify_collection(result, shapes=shapes, options=options, run=replace(run, store=store))
+        written = write_certification(found, output)
+    for line in (*certification_summary(found), *written):
+        print(line)
+    return 0

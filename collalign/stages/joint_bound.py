@@ -1,0 +1,233 @@
+"""A lower bound for all consistent arrangements of some shapes together, by rounds of proofs of all their pairs.
+
+Each round takes multipliers from the master problem (:mod:`collalign.synchronization.bound.master`), and bounds every
+pair's energy less a linear function of its rotation by branch and bound, in the workers. Any multipliers prove a
+bound, and the best of all rounds counts; the rotations where the pairs' minima lie make the next multipliers better.
+Rounding the relaxed Gram matrix also leads to arrangements that may be cheaper than any known one.
+
+Every proof of a pair is kept in the store under the pair, the multipliers and the rotations it started from, and the
+rounds are repeatable: an interrupted certification goes through them again at no cost and goes on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from collalign.engine.jobs.run import SharedTable
+from collalign.engine.store.keys import fingerprint
+from collalign.engine.store.records import Record
+from collalign.options import AlignSession
+from collalign.products.joint_bound import JointBound
+from collalign.products.pair import Pair
+from collalign.products.shapes import Shapes
+from collalign.stages.pairs.match import pair_problem
+from collalign.stages.stored_types import samples_from_record, tilted_from_record, tilted_to_record
+from collalign.synchronization.bound.arrangement import Arrangement, PairEnergies
+from collalign.synchronization.bound.master import JointMaster
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.checks import check_number
+from data_tools.errors import CollectionError, OptionsError
+from pairwise.branch_and_bound.prove import can_certify
+from pairwise.branch_and_bound.tilted import TiltedProof, prove_tilted
+from pairwise.tight.problem import energy_scale
+
+#: Changes whenever the same pair and multipliers would give another bound.
+JOINT_VERSION = "joint-1"
+#: How exactly each pair is bounded, as a share of the mean energy of a pair: what the joint bound loses to it.
+_GAP = 5e-4
+#: The rounds end when what the columns promise exceeds what is proven by no more than this share of the energy.
+_SETTLED = 5e-4
+#: Smallest energy, as a share of the shapes' spread, that shares are taken of.
+_LEAST_ENERGY = 1e-6
+#: Descents from perturbed arrangements before the first round and after the last: pairs times descents, and most.
+_PERTURBED_PAIRS, _MOST_PERTURBED = 3000, 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertifyOptions:
+    """How far a certification goes.
+
+    Raises
+    ------
+    OptionsError
+        If a value is impossible.
+    """
+
+    max_rounds: int = 20
+    """Rounds of proofs of all pairs."""
+
+    enough: float = 0.999
+    """Stop once this share of the cheapest known arrangement's energy is proven."""
+
+    budget_s: float = 3600.0
+    """Seconds after which no further round begins."""
+
+    def __post_init__(self) -> None:
+        if isinstance(self.max_rounds, bool) or not isinstance(self.max_rounds, int) or self.max_rounds < 1:
+            raise OptionsError(f"max_rounds: expected an integer of at least 1, got {self.max_rounds!r}")
+        if not 0.0 < self.enough <= 1.0:
+            raise OptionsError(f"enough: expected a share above 0 and at most 1, got {self.enough!r}")
+        check_number("budget_s", self.budget_s, positive=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TiltTask:
+    """What a worker needs to bound one pair."""
+
+    target_key: str
+    source_key: str
+    group: str
+    tilt: FloatArray
+    known: FloatArray
+    gap: float
+    time_limit_s: float
+
+
+def bound_pair(task: TiltTask, shared: SharedTable) -> Record:
+    """Bound a pair's energy less a linear function of its rotation; runs inside a worker."""
+    target, source = (samples_from_record(shared[key], key) for key in (task.target_key, task.source_key))
+    problem = pair_problem(target, source, task.group)
+    return tilted_to_record(
+        prove_tilted(problem, task.tilt, task.known, gap=task.gap, time_limit_s=task.time_limit_s)
+    )
+
+
+def bound_collection(
+    session: AlignSession,
+    shapes: Shapes,
+    pairs: Sequence[Pair],
+    frames: FloatArray,
+    options: CertifyOptions,
+) -> JointBound:
+    """Bound the energy of every arrangement of the shapes from below, and seek a cheaper one than the given.
+
+    Parameters
+    ----------
+    session : Session
+        Its group is decided, "SO" or "O".
+    shapes : Shapes
+    pairs : sequence of Pair
+        Whose energies count; ``target`` and ``source`` are positions in ``shapes``.
+    frames : ndarray, shape (N, 3, 3)
+        ``R_common_shape`` of the arrangement that is to be judged.
+    options : CertifyOptions
+
+    Raises
+    ------
+    OptionsError
+        If the embedding has more than the coordinates of space, or the shapes are too many at once.
+    CollectionError
+        If the proof of a pair failed.
+    """
+    started, edges = time.monotonic(), np.array([(pair.target, pair.source) for pair in pairs], dtype=np.int64)
+    problems = [pair_problem(shapes.samples[i], shapes.samples[j], session.options.group) for i, j in edges]
+    if not can_certify(problems[0]):
+        raise OptionsError("the shapes are embedded in more than space: there is no joint bound for such embeddings")
+    energies = PairEnergies(len(shapes.names), edges, problems)
+    stated, near = float(energies.at(frames).sum()), energies.descend(frames)
+    rng, num = np.random.default_rng(0), int(np.clip(_PERTURBED_PAIRS // len(pairs), 1, _MOST_PERTURBED))
+    best = energies.perturb(near, rng, num)
+    unit = max(best.energy, _LEAST_ENERGY * sum(map(energy_scale, problems))) / len(pairs)
+    relative, values = energies.relative(best.frames), energies.at(best.frames)
+    master = JointMaster(energies.num_shapes, edges, relative, values, unit=unit)
+    bounder = _Bounder(session=session, shapes=shapes, edges=edges, gap=_GAP * unit)
+    known = [np.concatenate([near_one[None], pair.rotations]) for near_one, pair in zip(relative, pairs, strict=True)]
+    proofs = bounder.bound(np.zeros_like(relative), known)
+    pair_bounds = np.array([proof.lower_bound for proof in proofs])
+    bounds, promised = [float(pair_bounds.sum())], np.inf
+    while not (ended := _ended(bounds, promised, best.energy, unit, started, options)):
+        for pair, proof in enumerate(proofs):
+            master.add(pair, proof.rotations, proof.energies)
+        multipliers = master.run()
+        promised = multipliers.column_bound
+        proofs = bounder.bound(multipliers.tilts, [master.used(pair) for pair in range(len(pairs))])
+        bounds.append(multipliers.gram_bound + sum(proof.lower_bound for proof in proofs))
+        best = _cheaper(energies, best, energies.descend(energies.rounded(master.gram)), master)
+    best = energies.perturb(best, rng, num)
+    return JointBound(
+        names=shapes.names,
+        edges=read_only(edges),
+        num_points=problems[0].num_source,
+        stated_energy=stated,
+        near_energy=near.energy,
+        energy=best.energy,
+        frames=read_only(best.frames),
+        pair_bounds=read_only(pair_bounds),
+        bounds=read_only(np.array(bounds)),
+        ended=ended,
+    )
+
+
+def _ended(
+    bounds: Sequence[float], promised: float, energy: float, unit: float, started: float, options: CertifyOptions
+) -> str:
+    """Return why no further round begins, empty if one does."""
+    best = max(bounds)
+    if best >= options.enough * energy:
+        return "enough is proven"
+    if promised - best <= _SETTLED * energy:
+        return "the bound no longer rises"
+    if len(bounds) > options.max_rounds:
+        return "the rounds ended"
+    return "the time ended" if time.monotonic() - started >= options.budget_s else ""
+
+
+def _cheaper(energies: PairEnergies, best: Arrangement, found: Arrangement, master: JointMaster) -> Arrangement:
+    """Return the cheaper of two arrangements; a new one becomes columns of the master problem."""
+    if found.energy >= best.energy:
+        return best
+    values = energies.at(found.frames)
+    for pair, rotation in enumerate(energies.relative(found.frames)):
+        master.add(pair, rotation[None], values[pair : pair + 1])
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Bounder:
+    """Bounds all pairs in the workers; what the store holds already is taken from there."""
+
+    session: AlignSession
+    shapes: Shapes
+    edges: IntArray
+    gap: float
+
+    def bound(self, tilts: FloatArray, known: Sequence[FloatArray]) -> list[TiltedProof]:
+        """Return the proof of each pair at the tilts (E, d, d), started from known rotations.
+
+        Raises
+        ------
+        CollectionError
+            If one of them failed.
+        """
+        keys, tasks = [], {}
+        for (i, j), tilt, some in zip(self.edges.tolist(), tilts, known, strict=True):
+            task = self._task(i, j, tilt, some)
+            keys.append(_key(task))
+            tasks[keys[-1]] = (self.shapes.label(i, j), task)
+        with self.session.shared_table("shapes", self.shapes.keys) as table:
+            failures = self.session.compute("proofs", bound_pair, tasks, time_limit_s=None, shared=table)
+        for key, failure in failures.items():
+            raise CollectionError(f"{tasks[key][0]}: its energy could not be bounded ({failure.reason})")
+        return [tilted_from_record(self.session.store.require("proofs", key), tasks[key][0]) for key in keys]
+
+    def _task(self, i: int, j: int, tilt: FloatArray, known: FloatArray) -> TiltTask:
+        return TiltTask(
+            target_key=self.shapes.keys[i],
+            source_key=self.shapes.keys[j],
+            group=self.session.options.group,
+            tilt=np.ascontiguousarray(tilt),
+            known=np.ascontiguousarray(known),
+            gap=self.gap,
+            time_limit_s=self.session.run.pair_time_limit_s,
+        )
+
+
+def _key(task: TiltTask) -> str:
+    arrays = (hashlib.sha256(array.tobytes()).hexdigest() for array in (task.tilt, task.known))
+    settings = {"group": task.group, "gap": task.gap}
+    return fingerprint(JOINT_VERSION, settings, task.target_key, task.source_key, *arrays)

@@ -1,0 +1,120 @@
+"""Arrangements of a collection: one pose per shape, the energy of all pairs, and descent to cheaper ones.
+
+The energy of an arrangement is ``sum over pairs of F_ij(R_i^T R_j)``, F_ij the least matching energy of any map. Maps
+of different pairs are independent of each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.transform import Rotation
+
+from collalign.synchronization.problem.geometry import relative, transposed
+from data_tools.arrays import FloatArray, IntArray
+from pairwise.problem.problem import Problem
+
+#: Most alternations of maps and poses, and most sweeps over the poses between two of them.
+_MOST_ROUNDS, _MOST_SWEEPS = 100, 50
+#: Poses and maps stay when the energy falls by less than this share of it.
+_LEAST_GAIN = 1e-9
+#: Perturbations: turns of this many degrees (one drawn each time) of each shape with one of these probabilities. Of
+#: the joint minima near a pose that eight teeth have, 100 such descents found one within .1 % of the cheapest known.
+_TURNS_DEG, _SHARES = (1.0, 3.0, 6.0), (0.15, 0.5, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Arrangement:
+    """One pose per shape and what it costs.
+
+    Attributes
+    ----------
+    frames : ndarray, shape (N, d, d)
+        ``R_common_i``.
+    energy : float
+        Of all pairs, with the best map of each.
+    """
+
+    frames: FloatArray
+    energy: float
+
+
+class PairEnergies:
+    """The energies of some pairs of N shapes.
+
+    Parameters
+    ----------
+    num_shapes : int
+    edges : ndarray of int, shape (E, 2)
+        Target and source of each pair.
+    problems : sequence of Problem
+        Of each pair.
+    """
+
+    def __init__(self, num_shapes: int, edges: IntArray, problems: Sequence[Problem]) -> None:
+        self.num_shapes = num_shapes
+        self.edges = edges
+        self.problems = tuple(problems)
+        self.pattern = self.problems[0].pattern
+
+    def at(self, frames: FloatArray) -> FloatArray:
+        """Return the energy of each pair at poses (N, d, d), shape (E,)."""
+        return self._assign(frames)[0]
+
+    def relative(self, frames: FloatArray) -> FloatArray:
+        """Return ``R_i^T R_j`` of each pair, shape (E, d, d)."""
+        return relative(transposed(frames), self.edges)
+
+    def descend(self, frames: FloatArray) -> Arrangement:
+        """Alternate exact maps of all pairs with sweeps of closed-form poses until neither lowers the energy."""
+        energy = np.inf
+        for _ in range(_MOST_ROUNDS):
+            energies, moments = self._assign(frames)
+            before, energy = energy, float(energies.sum())
+            if before - energy <= _LEAST_GAIN * energy:
+                break
+            frames = self._sweep(frames, moments)
+        return Arrangement(frames=frames, energy=energy)
+
+    def perturb(self, known: Arrangement, rng: np.random.Generator, num: int) -> Arrangement:
+        """Turn shapes of the cheapest arrangement a little and descend again, ``num`` times; return the cheapest."""
+        best = known
+        for _ in range(num):
+            turns = np.deg2rad(rng.choice(_TURNS_DEG)) * rng.standard_normal((self.num_shapes, 3))
+            turns *= (rng.random(self.num_shapes) < rng.choice(_SHARES))[:, None]
+            found = self.descend(best.frames @ Rotation.from_rotvec(turns).as_matrix())
+            best = min(best, found, key=lambda one: one.energy)
+        return best
+
+    def rounded(self, gram: FloatArray) -> FloatArray:
+        """Return poses (N, d, d) from a Gram matrix (dN, dN) of all of them: its leading eigenvectors, projected."""
+        dim = self.pattern.dim
+        blocks = np.linalg.eigh(gram)[1][:, -dim:].reshape(self.num_shapes, dim, dim)
+        return transposed(self.pattern.project(blocks @ blocks[0].T))
+
+    def _assign(self, frames: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return each pair's energy and its cross-covariance under the best map, shapes (E,) and (E, d, d)."""
+        energies, moments = [], []
+        for problem, rotation in zip(self.problems, self.relative(frames), strict=True):
+            costs = problem.assignment_costs(rotation).T
+            rows, columns = linear_sum_assignment(costs)
+            energies.append(costs[rows, columns].sum())
+            moments.append(problem.target[columns].T @ (problem.weights[rows, None] * problem.source[rows]))
+        return np.array(energies), np.array(moments)
+
+    def _sweep(self, frames: FloatArray, moments: FloatArray) -> FloatArray:
+        """Maximise ``sum <R_i^T R_j, M_ij>`` shape by shape, each in closed form, until little changes."""
+        left, right = self.edges.T
+        dense = np.zeros((self.num_shapes, self.num_shapes, *moments.shape[1:]))
+        dense[left, right], dense[right, left] = moments, transposed(moments)
+        frames = frames.copy()
+        for _ in range(_MOST_SWEEPS):
+            before = frames.copy()
+            for shape, pulls in enumerate(dense):
+                frames[shape] = self.pattern.project((frames @ transposed(pulls)).sum(axis=0))
+            if np.abs(frames - before).max() < _LEAST_GAIN:
+                break
+        return frames

@@ -1,0 +1,111 @@
+"""The least of a pair's energy less a linear function of the rotation: min over R of F(R) - <L, R>.
+
+With ``L / 2 = sum_a s_a u_a v_a^T`` and ``p_a = g sqrt(s_a) v_a``, ``q_a = sqrt(s_a) u_a / g`` one has
+``sum_a |R p_a - q_a|^2 = (g^2 + 1 / g^2) sum_a s_a - <L, R>``. So the linear term is d more points of the source,
+each of which may go to one more point of the target only, and all that is known about matching problems holds:
+search, quasi-bounds, certificates. The factor g makes both added sets as large as their shapes, which keeps the
+quasi-bound's constant K least.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from data_tools.arrays import FloatArray, read_only
+from data_tools.threads import one_blas_thread
+from pairwise.branch_and_bound.prove import deadline_of, finish, searches_of
+from pairwise.local.local_search import minimise
+from pairwise.problem.problem import Problem
+
+#: Most rotations that are returned.
+_MOST_ROTATIONS = 8
+#: Relative rounding of the linear term and of the constant that is taken off again.
+_ROUNDING = 64.0 * float(np.finfo(np.float64).eps)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TiltedProof:
+    """What was found about F(R) - <L, R>.
+
+    Attributes
+    ----------
+    lower_bound : float
+        It is nowhere smaller.
+    rotations : ndarray, shape (m, d, d)
+        Where it is small, the least first.
+    energies : ndarray, shape (m,)
+        F, without the linear term, at each of them.
+    """
+
+    lower_bound: float
+    rotations: FloatArray
+    energies: FloatArray
+
+
+@one_blas_thread()
+def prove_tilted(
+    problem: Problem, tilt: FloatArray, known: FloatArray, *, gap: float, time_limit_s: float | None = None
+) -> TiltedProof:
+    """Bound F(R) - <tilt, R> from below over the problem's group.
+
+    Parameters
+    ----------
+    problem : Problem
+        In dimension 2 or 3, every source point matched.
+    tilt : ndarray, shape (d, d)
+    known : ndarray, shape (m, d, d)
+        At least one pose to descend from.
+    gap : float
+        How far the bound may stay below the least value found, in units of the energy.
+    time_limit_s : float, optional
+        Stop about then; what is proven by then is returned.
+    """
+    tilted, offset = with_tilt(problem, tilt)
+    started = time.monotonic()
+    around = minimise(tilted, known)
+    tol = min(1.0, gap / max(float(around.energies[0]), gap))
+    searches = searches_of(tilted, around.rotations, tol)
+    proof = finish(searches, started, deadline_of(started, tol, time_limit_s))
+    found = minimise(tilted, np.concatenate([proof.candidate.R_target_source[None], around.rotations]))
+    rotations = found.rotations[:_MOST_ROTATIONS]
+    slack = _ROUNDING * (abs(proof.lower_bound) + offset + float(np.linalg.norm(tilt)))
+    return TiltedProof(
+        lower_bound=proof.lower_bound - offset - slack,
+        rotations=read_only(rotations),
+        energies=read_only(least_energies(problem, rotations)),
+    )
+
+
+def with_tilt(problem: Problem, tilt: FloatArray) -> tuple[Problem, float]:
+    """Return a problem whose energy is that of the given one less <tilt, R> plus a constant, and the constant."""
+    dim, (n, k) = problem.dim, problem.allowed.shape
+    left, strengths, right = np.linalg.svd(0.5 * tilt)
+    sizes = [np.linalg.norm(points) for points in (problem.weights[:, None] * problem.source, problem.target)]
+    factor = float(np.sqrt(sizes[0] / sizes[1])) if min(sizes) > 0.0 else 1.0
+    roots = np.sqrt(strengths)[:, None]
+    allowed, costs = np.zeros((n + dim, k + dim), dtype=bool), np.zeros((n + dim, k + dim))
+    allowed[:n, :k], costs[:n, :k] = problem.allowed, problem.constant_cost
+    allowed[n + np.arange(dim), k + np.arange(dim)] = True
+    tilted = replace(
+        problem,
+        target=np.concatenate([problem.target, roots * left.T / factor]),
+        source=np.concatenate([problem.source, roots * right * factor]),
+        allowed=allowed,
+        weights=np.append(problem.weights, np.ones(dim)),
+        constant_cost=costs,
+    )
+    return tilted, float((factor**2 + factor**-2) * strengths.sum())
+
+
+def least_energies(problem: Problem, rotations: FloatArray) -> FloatArray:
+    """Return F, the least energy of any map, at rotations (m, d, d), shape (m,)."""
+    return np.array([_assigned(costs) for costs in problem.assignment_costs(rotations)])
+
+
+def _assigned(costs: FloatArray) -> float:
+    rows, columns = linear_sum_assignment(costs.T)
+    return float(costs.T[rows, columns].sum())

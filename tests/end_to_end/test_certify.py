@@ -1,0 +1,113 @@
+"""The certification of a collection, as a user runs it, on generated shapes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import collalign
+from collalign.cli import main
+from collalign.engine.store.store import Store
+from collalign.options import AlignOptions
+from collalign.output.certify import certification_summary
+from collalign.output.evidence.file import load_view, save_view
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
+from data_tools.errors import InputError, OptionsError
+from data_tools.options import SamplingOptions
+
+OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=200))
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished result of four chairs, with its store."""
+    folder, rng = tmp_path_factory.mktemp("certify"), np.random.default_rng(5)
+    write_collection(
+        folder / "shapes", planted_collection(deformed_family(chair(rng, resolution=1), 4, rng, rms=0.02), rng)
+    )
+    run = collalign.RunOptions(jobs=1, store=folder / "out" / "store.sqlite")
+    (folder / "out").mkdir()
+    collalign.align_collection(folder / "shapes", options=OPTIONS, run=run, progress=False).save(
+        folder / "out", report=False
+    )
+    return folder / "out"
+
+
+def test_the_command_proves_most_of_the_energy_and_goes_on_from_the_store(
+    result: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["certify", str(result), "--jobs", "1"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("Proven: no consistent arrangement of these 4 shapes costs less than ")
+    assert "of the result are those of that arrangement" in said[1]
+    assert said[2].startswith("Not proven: that the poses are anatomically right")
+    first = (result / "certification.json").read_bytes()
+    record = json.loads(first)
+    assert record["statement"] == said[:3]
+    assert 0.8 < record["share"] <= 1.0
+    assert record["sum_of_pair_bounds"] <= record["lower_bound"] <= record["energy"]["cheapest_known"]
+    assert record["energy"]["cheapest_known"] <= record["energy"]["near"] <= record["energy"]["stated"]
+    with Store.open(result / "store.sqlite") as store:
+        num_proofs = len(store.keys("proofs"))
+    assert num_proofs == 6 * len(record["bound_of_each_round"])
+    assert main(["certify", str(result), "--jobs", "1"]) == 0
+    assert (result / "certification.json").read_bytes() == first
+    with Store.open(result / "store.sqlite") as store:
+        assert len(store.keys("proofs")) == num_proofs
+
+
+def test_a_part_is_named_and_a_shape_that_stands_on_its_head_is_found(result: Path, tmp_path: Path) -> None:
+    view, run = load_view(result), collalign.RunOptions(jobs=1, store=result / "store.sqlite")
+    few = collalign.CertifyOptions(max_rounds=1)
+    part = collalign.certify_collection(result, shapes=view.names[1:3], options=few, run=run, progress=False)
+    assert part.joint.names == view.names[1:3]
+    assert part.joint.edges.tolist() == [[0, 1]]
+    assert part.joint.share > 0.99
+    transforms = view.transforms.copy()
+    transforms[2, :3, :3] = np.diag([-1.0, -1.0, 1.0]) @ transforms[2, :3, :3]
+    save_view(replace(view, transforms=transforms), tmp_path)
+    shutil.copy(result / "alignment.json", tmp_path)
+    found = collalign.certify_collection(tmp_path, options=few, run=run, progress=False)
+    assert found.changes_deg[2] > 90.0
+    assert np.delete(found.changes_deg, 2).max() < 20.0
+    assert found.joint.near_energy > found.joint.energy
+    assert f"The result poses {view.names[2]} otherwise" in certification_summary(found)[1]
+
+
+def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(result: Path) -> None:
+    run = collalign.RunOptions(jobs=1, store=result / "store.sqlite")
+    ended = {}
+    for name, options in {
+        "time": {"budget_s": 1e-9},
+        "rounds": {"max_rounds": 1, "enough": 1.0},
+        "enough": {"enough": 0.5},
+    }.items():
+        found = collalign.certify_collection(
+            result, options=collalign.CertifyOptions(**options), run=run, progress=False
+        ).joint
+        ended[name] = found.ended
+        assert found.bound >= found.pair_bounds.sum()
+    assert ended == {"time": "the time ended", "rounds": "the rounds ended", "enough": "enough is proven"}
+
+
+def test_wrong_names_files_and_options_are_refused(result: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no aligned shape is called 'nobody'"):
+        collalign.certify_collection(result, shapes=["nobody"])
+    with pytest.raises(InputError, match="holds no pair of these shapes"):
+        collalign.certify_collection(result, shapes=load_view(result).names[:1])
+    for wrong in ({"max_rounds": 0}, {"enough": 1.5}, {"budget_s": 0.0}):
+        with pytest.raises(OptionsError, match=next(iter(wrong))):
+            collalign.CertifyOptions(**wrong)
+    copy = tmp_path / "out"
+    shutil.copytree(result, copy)
+    (copy / "certification.json").unlink(missing_ok=True)
+    (copy / ".collalign" / "manifest.json").unlink(missing_ok=True)
+    (copy / "certification.json").write_text("mine")
+    assert main(["certify", str(copy), "--jobs", "1"]) == 2
+    assert (copy / "certification.json").read_text() == "mine"

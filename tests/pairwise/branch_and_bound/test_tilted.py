@@ -1,0 +1,68 @@
+"""Branch and bound of an energy less a linear function of the rotation, against brute force over all maps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from data_tools.rotations import random_rotation
+from pairwise.branch_and_bound.tilted import least_energies, prove_tilted, with_tilt
+from pairwise.problem.problem import Problem
+from pairwise.tight.problem import energy_scale
+from tests.oracles import brute_force, every_pose
+from tests.tight_problems import small_problem
+
+
+def least_tilted(problem: Problem, tilt: NDArray[np.float64]) -> float:
+    """The least of F(R) - <tilt, R>: for a fixed map it is linear in R, so every map's best R is a projection."""
+    _, _, maps = every_pose(problem)
+    values = []
+    for point_map in maps:
+        moment = problem.target[point_map].T @ (problem.weights[:, None] * problem.source)
+        rotation = problem.pattern.project(moment + 0.5 * tilt)
+        values.append(problem.energy(rotation, point_map) - float((tilt * rotation).sum()))
+    return min(values)
+
+
+def tilted_problem(seed: int) -> tuple[Problem, NDArray[np.float64]]:
+    problem = small_problem(seed, max_target=5)
+    rng = np.random.default_rng([seed, 8])
+    strength = energy_scale(problem) * rng.choice([0.01, 0.3, 3.0])
+    return problem, strength * rng.standard_normal((problem.dim, problem.dim))
+
+
+@pytest.mark.parametrize("seed", range(28))
+def test_the_energy_changes_by_the_linear_term_and_a_constant(seed: int) -> None:
+    problem, tilt = tilted_problem(seed)
+    tilted, offset = with_tilt(problem, tilt)
+    rng, dim = np.random.default_rng(seed), problem.dim
+    best = brute_force(problem)
+    longer = np.append(best.point_map, problem.num_target + np.arange(dim))
+    for group in ("SO", "O"):
+        rotation = random_rotation(rng, dim, group=group)
+        wanted = problem.energy(rotation, best.point_map) - float((tilt * rotation).sum()) + offset
+        assert tilted.energy(rotation, longer) == pytest.approx(wanted, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(28))
+def test_the_bound_lies_within_the_gap_below_the_least_value_of_brute_force(seed: int) -> None:
+    problem, tilt = tilted_problem(seed)
+    scale = energy_scale(problem) + float(np.abs(tilt).sum())
+    known = np.eye(problem.dim)[None]
+    found, least = (
+        prove_tilted(problem, tilt, known, gap=1e-3 * scale, time_limit_s=20.0),
+        least_tilted(problem, tilt),
+    )
+    assert found.lower_bound <= least + 1e-9 * scale
+    assert found.lower_bound >= least - 1.01e-3 * scale
+    values = found.energies - (tilt * found.rotations).sum(axis=(1, 2))
+    assert values.min() <= least + 1.01e-3 * scale
+    assert found.energies == pytest.approx(least_energies(problem, found.rotations))
+
+
+def test_the_oracle_finds_less_where_the_tilt_favours_a_rotation() -> None:
+    problem, tilt = tilted_problem(3)
+    assert least_tilted(problem, 0.0 * tilt) == pytest.approx(brute_force(problem).energy)
+    favoured = brute_force(problem).rotation
+    assert least_tilted(problem, favoured) == pytest.approx(brute_force(problem).energy - problem.dim)
