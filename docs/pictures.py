@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 import collalign
 import pairwise
 from collalign.cli import main as collalign_command
-from data_tools.datasets.synthetic import planted_pair
 from data_tools.rotations import random_rotation, rotation_angle_deg
 
 HERE = Path(__file__).resolve().parent
@@ -29,10 +28,12 @@ def candidates() -> None:
     """Energy of a pair's distinct poses against their angle to the true one, and what is proven."""
     figure = Figure(figsize=(7.5, 3.0), layout="constrained")
     for axes, noise in zip(figure.subplots(1, 2, sharey=True), (0.05, 0.15), strict=True):
-        pair = planted_pair(np.random.default_rng(4), 20, 20, noise=noise)
-        result = pairwise.match(pair.target, pair.source, options=pairwise.MatchOptions(candidate_factor=10.0))
-        bound = pairwise.solve_relaxation(pair.target, pair.source, relaxation="tight").lower_bound
-        angles = [rotation_angle_deg(c.R_target_source, pair.R_target_source) for c in result.candidates]
+        rng = np.random.default_rng(4)
+        target, truth, order = rng.uniform(size=(20, 3)), random_rotation(rng), rng.permutation(20)
+        source = (target[order] + noise * rng.standard_normal((20, 3))) @ truth
+        result = pairwise.match(target, source, options=pairwise.MatchOptions(candidate_factor=10.0))
+        bound = pairwise.solve_relaxation(target, source, relaxation="tight").lower_bound
+        angles = [rotation_angle_deg(c.R_target_source, truth) for c in result.candidates]
         axes.scatter(angles, [c.energy for c in result.candidates])
         axes.axhline(bound, color="tab:green", label="proven lower bound")
         axes.set_title(f"20 points, noise {noise}", fontsize="small")

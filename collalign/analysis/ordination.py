@@ -24,15 +24,12 @@ class Tree:
         In SciPy's form: the two clusters joined, their distance, the number of shapes.
     order : ndarray of int, shape (N,)
         Leaves as drawn from top to bottom.
-    cophenetic : ndarray, shape (N, N)
-        Height at which two shapes are first joined.
     correlation : float
         Between cophenetic and given distances: how much of them a tree can show; NaN for fewer than three shapes.
     """
 
     linkage: FloatArray
     order: IntArray
-    cophenetic: FloatArray
     correlation: float
 
 
@@ -88,7 +85,6 @@ def cophenetic_tree(distances: ArrayLike, *, method: str = "average") -> Tree:
     return Tree(
         linkage=read_only(joined),
         order=read_only(leaves_list(joined).astype(np.int64)),
-        cophenetic=read_only(squareform(heights)),
         correlation=float(np.corrcoef(condensed, heights)[0, 1]) if spread > 0 else float("nan"),
     )
 

@@ -52,12 +52,6 @@ class SmoothField:
         ]
         return np.concatenate(blocks) if blocks else np.array(points)
 
-    def volume_change(self, points: FloatArray) -> FloatArray:
-        """Return the determinant of the field's Jacobian, shape (q,): not positive where space is folded."""
-        return np.concatenate(
-            [np.linalg.det(self.jacobian(block, self.slope_kernel(block))) for block in _blocks(points)]
-        )
-
     def slope_kernel(self, points: FloatArray) -> FloatArray:
         """Return ``sum_s a_s^2 / s^2 exp(...)``, shape (q, m): the kernel's gradient is ``-(x - c)`` times that."""
         scaled = tuple(a / s for a, s in zip(self.amplitudes, self.widths, strict=True))

@@ -44,22 +44,13 @@ class ClusteredSynchronization:
     labels : ndarray of int, shape (N,)
         Part of each shape, numbered by first member.
     parts : tuple of ndarray of int
-    results : tuple of SynchronizationResult
-        One per part; shapes, and edges, are numbered within the part.
     rotations : ndarray, shape (N, d, d)
         ``R_common_i`` of all shapes, parts turned to each other as most of the pairs between them ask for.
-    between_agreement : ndarray, shape (K,)
-        Share of the pairs between a part and the parts before it that agree with that; NaN for the first part.
-    affinity : ndarray, shape (N, N)
-        Closure rate of the triangles over each pair.
     """
 
     labels: IntArray
     parts: tuple[IntArray, ...]
-    results: tuple[SynchronizationResult, ...]
     rotations: FloatArray
-    between_agreement: FloatArray
-    affinity: FloatArray
 
 
 @one_blas_thread()
@@ -86,18 +77,13 @@ def synchronize_clusters(
     """
     if num_clusters is not None and not 1 <= num_clusters <= graph.num_shapes:
         raise OptionsError(f"num_clusters: expected 1 to {graph.num_shapes}, got {num_clusters}")
-    affinity = pair_affinity(graph)
-    labels = spectral_clusters(affinity, num_clusters, max_clusters)
+    labels = spectral_clusters(pair_affinity(graph), num_clusters, max_clusters)
     parts = tuple(np.flatnonzero(labels == part) for part in range(labels.max() + 1))
     results = tuple(synchronize_graph(graph.subgraph(part)[0]) for part in parts)
-    poses, agreement = _aligned_parts(graph, parts, results)
     return ClusteredSynchronization(
         labels=read_only(labels),
         parts=parts,
-        results=results,
-        rotations=read_only(poses),
-        between_agreement=read_only(agreement),
-        affinity=read_only(affinity),
+        rotations=read_only(_aligned_parts(graph, parts, results)),
     )
 
 
@@ -178,16 +164,15 @@ def _spread_rows(rows: FloatArray, count: int) -> FloatArray:
 
 def _aligned_parts(
     graph: PairGraph, parts: tuple[IntArray, ...], results: tuple[SynchronizationResult, ...]
-) -> tuple[FloatArray, FloatArray]:
-    """Return all poses with the parts turned to each other, and how far the pairs between them agree on the turns.
+) -> FloatArray:
+    """Return all poses with the parts turned to each other.
 
     The turn of a part is the mode of what the pairs to the parts already turned ask for.
     """
     poses = np.zeros((graph.num_shapes, graph.dim, graph.dim))
     turned = np.zeros(graph.num_shapes, dtype=bool)
-    agreement = np.full(len(parts), np.nan)
     chosen = graph.chosen(graph.best_choice)
-    for number, (members, result) in enumerate(zip(parts, results, strict=True)):
+    for members, result in zip(parts, results, strict=True):
         poses[members] = result.rotations
         inside = np.zeros(graph.num_shapes, dtype=bool)
         inside[members] = True
@@ -202,7 +187,6 @@ def _aligned_parts(
             close = ((flat[:, None] - flat[:: max(1, len(flat) // MAX_MODES)]) ** 2).sum(axis=2) <= CLOSED
             mode = int(np.argmax(close.sum(axis=0)))
             turn = graph.pattern.project(turns[close[:, mode]].sum(axis=0))
-            agreement[number] = close[:, mode].mean()
             poses[members] = turn @ poses[members]
         turned |= inside
-    return poses, agreement
+    return poses

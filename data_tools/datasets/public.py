@@ -18,7 +18,7 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray, as_points, as_rotations, read_only
 from data_tools.errors import InputError
 from data_tools.io.files import existing_file, natural_key
-from data_tools.io.landmarks import read_landmarks, read_side_labels, read_symmetry, read_vertex_indices
+from data_tools.io.landmarks import read_landmarks, read_symmetry, read_vertex_indices
 from data_tools.io.shapes import read_folder, read_shape
 from data_tools.options import CleaningOptions
 from data_tools.rotations import landmark_rotation
@@ -52,8 +52,6 @@ class Dataset:
         Known poses: x_common = rotations[i] @ x_shape + translations[i].
     vertices_correspond : bool
         Whether vertex j is the same point on all shapes.
-    vertex_sides : ndarray of int, shape (v,), or None
-        +1 and -1 for the two sides of a symmetric body, by vertex.
     """
 
     names: tuple[str, ...]
@@ -66,7 +64,6 @@ class Dataset:
     rotations: FloatArray | None = None
     translations: FloatArray | None = None
     vertices_correspond: bool = False
-    vertex_sides: IntArray | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -166,15 +163,15 @@ def read_registered_archive(folder: Path | str) -> Dataset:
         partial(Shape.from_arrays, v, f, name=n, file=archives[0])
         for v, f, n in zip(vertices, faces, names, strict=True)
     )
-    return _registered(names, loaders, vertices.shape[1], folder, folder / "Corrs")
+    return _registered(names, loaders, vertices.shape[1], folder / "Corrs")
 
 
 def read_registered_folder(folder: Path | str) -> Dataset:
-    """Read registered meshes kept as files in ``meshes/`` (one TOSCA class), with ``*.sym.labels``, ``*.pid``."""
+    """Read registered meshes kept as files in ``meshes/`` (one TOSCA class), with ``*.pid``."""
     folder = Path(folder)
     listing = read_folder(folder / "meshes")
     loaders = tuple(partial(read_shape, file, AS_STORED) for file in listing.files)
-    return _registered(listing.names, loaders, len(loaders[0]().vertices), folder, folder)
+    return _registered(listing.names, loaders, len(loaders[0]().vertices), folder)
 
 
 def read_faust(folder: Path | str) -> Dataset:
@@ -254,9 +251,9 @@ def read_landmark_archive(path: Path | str) -> Dataset:
 
 
 def _registered(
-    names: tuple[str, ...], loaders: tuple[Callable[[], Shape], ...], num_vertices: int, folder: Path, marks: Path
+    names: tuple[str, ...], loaders: tuple[Callable[[], Shape], ...], num_vertices: int, marks: Path
 ) -> Dataset:
-    sides, points = sorted(folder.glob("*.sym.labels")), sorted(marks.glob("*.pid"))
+    points = sorted(marks.glob("*.pid"))
     indices = read_vertex_indices(points[0], num_vertices=num_vertices) if points else None
     return Dataset(
         names=names,
@@ -264,7 +261,6 @@ def _registered(
         landmark_vertices=None if indices is None else read_only(np.tile(indices, (len(names), 1))),
         mirror=None if indices is None else _mirror(sorted(marks.glob("*.sym.info")), len(indices)),
         vertices_correspond=True,
-        vertex_sides=read_only(read_side_labels(sides[0], num_vertices=num_vertices)) if sides else None,
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.datasets.synthetic_shapes import chair, smooth_field
-from data_tools.errors import InputError, OptionsError
+from data_tools.errors import InputError
 from data_tools.io.files import write_atomic
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
@@ -22,57 +22,6 @@ from data_tools.threads import one_blas_thread
 NUM_BUMPS = 12
 #: Displacement of the demonstration's chairs, see :func:`bumped`.
 DEMO_RMS = 0.015
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlantedPair:
-    """Two point sets and how one was made from the other: R_target_source source_j = target_map(j) + noise.
-
-    Attributes
-    ----------
-    target, source : ndarray, shapes (n, d) and (k, d)
-    R_target_source : ndarray, shape (d, d)
-    map_target_source : ndarray of int, shape (k,)
-    """
-
-    target: FloatArray
-    source: FloatArray
-    R_target_source: FloatArray
-    map_target_source: IntArray
-
-
-def planted_pair(
-    rng: np.random.Generator, n: int, k: int, d: int = 3, *, noise: float = 0.0, group: str = "SO"
-) -> PlantedPair:
-    """Draw target points uniformly in the unit cube, and k of them turned and disturbed (Maron et al. 2016, fig. 5).
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    n, k, d : int
-        Target points, source points, dimension; k <= n.
-    noise : float
-        Standard deviation in each coordinate.
-    group : {"SO", "O"}
-        What R is drawn from.
-
-    Raises
-    ------
-    OptionsError
-        If k > n.
-    """
-    if not 1 <= k <= n:
-        raise OptionsError(f"k: expected 1 <= k <= n, got k = {k}, n = {n}")
-    target = rng.uniform(size=(n, d))
-    rotation = random_rotation(rng, d, group=group)
-    point_map = rng.permutation(n)[:k]
-    source = (target[point_map] + noise * rng.standard_normal((k, d))) @ rotation
-    return PlantedPair(
-        target=read_only(target),
-        source=read_only(np.ascontiguousarray(source)),
-        R_target_source=read_only(rotation),
-        map_target_source=read_only(point_map),
-    )
 
 
 def bumped(shape: Shape, rng: np.random.Generator, *, rms: float = 0.05, num_bumps: int = NUM_BUMPS) -> Shape:

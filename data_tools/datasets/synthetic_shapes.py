@@ -7,7 +7,6 @@ from scipy.spatial import ConvexHull
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import mesh_edges
 
 #: Polar angle where a crown ends, in radians.
 CROWN_RIM = 1.9
@@ -173,12 +172,6 @@ def smooth_field(points: FloatArray, rng: np.random.Generator, *, num_bumps: int
     heights = rng.uniform(-1.0, 1.0, num_bumps)
     squared = ((points[:, None, :] - centres) ** 2).sum(axis=2)
     return np.exp(-squared / (2.0 * width**2)) @ heights
-
-
-def is_closed_manifold(faces: IntArray) -> bool:
-    """Whether every edge is in exactly two triangles that run through it in opposite directions."""
-    edges = mesh_edges(faces)
-    return bool((edges.num_faces == 2).all() and edges.consistent.all())
 
 
 def _walls(fine: BoolArray, axis: int, side: int) -> IntArray:

@@ -114,24 +114,6 @@ def read_symmetry(path: Path | str, *, num_landmarks: int) -> IntArray:
     return partner
 
 
-def read_side_labels(path: Path | str, *, num_vertices: int) -> IntArray:
-    """Read one integer per vertex, such as the side of the body (``.sym.labels``), shape (v,).
-
-    Raises
-    ------
-    InputError
-        If there are not exactly so many integers.
-    """
-    path = existing_file(Path(path))
-    try:
-        labels = np.array([int(word) for word in _text(path).split()], dtype=np.int64)
-    except (ValueError, OverflowError) as error:
-        raise InputError(f"{path}: expected integers ({error})") from error
-    if len(labels) != num_vertices:
-        raise InputError(f"{path}: {len(labels)} labels for {num_vertices} vertices")
-    return labels
-
-
 def _read_slicer_json(path: Path) -> Landmarks:
     content: Any = json.loads(_text(path))
     points, labels = [], []

@@ -74,11 +74,6 @@ class Shape:
         a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
         return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
-    @property
-    def centroid_size(self) -> float:
-        """Square root of the summed squared distances of the vertices from their centroid."""
-        return float(np.linalg.norm(self.vertices - self.vertices.mean(axis=0)))
-
     def transformed(self, transform: FloatArray) -> Shape:
         """Return the shape elsewhere; triangles are turned round where the transform mirrors.
 

@@ -115,7 +115,6 @@ class _InteriorPoint:
         self.tol, self.max_iterations = tol, max_iterations
         size = float(np.sqrt((data.vectors**2).sum(axis=2)).max(initial=0.0))
         self.scale = max(size, 1e-3 * float(np.abs(data.cost).max(initial=0.0))) or 1.0
-        self.original = data
         self.data = _scaled(data, 1.0 / self.scale)
         self.basis = MomentBasis(data.lifted.num_variables, data.lifted.equations)
         self.primal, self.dual = starting_points(self.data, self.basis)

@@ -126,9 +126,7 @@ def extreme_starts(
     for _ in range(num_draws):
         direction = rng.standard_normal(data.lifted.num_variables)
         direction *= size / np.linalg.norm(direction)
-        # <direction, rho> is the mean over j of sum_i <direction, B_ij>.
-        tilt = direction / (2.0 * problem.num_source)
-        tilted = replace(data, vectors=np.where(data.valid[..., None], data.vectors - tilt, 0.0))
+        tilted = data.with_linear_energy(direction)
         x, b, rotation, moments = full_variables(data, solve_dual(tilted, tol=_TILTED_TOL))
         starts.append(appendix_starts(problem, replace(relaxation, R=rotation, X=x, C=moments, B=b)))
     return np.concatenate(starts)

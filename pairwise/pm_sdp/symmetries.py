@@ -26,9 +26,9 @@ from scipy.optimize import linear_sum_assignment
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.errors import InputError, OptionsError
 from data_tools.threads import one_blas_thread
+from pairwise.pm_sdp.data import RelaxationData
+from pairwise.pm_sdp.interior_point import solve_dual
 from pairwise.problem.problem import Problem, ProblemArguments
-from pairwise.reference.cvxpy import cvxpy_module, solve_program
-from pairwise.reference.pm_sdp import build_model
 from pairwise.results import Candidate
 from pairwise.status import Status
 
@@ -36,6 +36,9 @@ from pairwise.status import Status
 SAME_ROTATION = 1e-3
 #: Norm of the linear energy of R beside the relaxed energy relative to that of the source.
 LINEAR_ENERGY = 1e-3
+#: Relative gap that a draw is solved to, and by how much its bound must exceed what exact solutions reach, as a share
+#: of the energy of the source, before there is none.
+SOLVED_TOL, IMPOSSIBLE_TOL = 1e-6, 1e-5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,7 +76,6 @@ def exact_solutions(
     max_draws: int = 200,
     patience: int = 10,
     seed: int = 0,
-    solver: str = "clarabel",
     **problem_arguments: Unpack[ProblemArguments],
 ) -> ExactSolutions:
     """Enumerate the exact solutions of a problem without noise (Maron et al. 2016, theorem 3).
@@ -93,7 +95,6 @@ def exact_solutions(
         Draws at most, and draws without anything new after which the enumeration ends.
     seed : int
         Of the random linear energies.
-    solver : {"clarabel", "scs"}
     **problem_arguments
         Group, allowed matches, pattern, invariants and weights, as in
         :meth:`pairwise.problem.problem.Problem.from_user`; weights must be positive.
@@ -124,7 +125,7 @@ def exact_solutions(
     possible = _equal_norm_matches(problem, tol * radius)
     if not _has_map(possible):
         return _result(problem, [], 0, Status.FAILED)
-    draws = _Draws(replace(problem, allowed=read_only(possible)), tol * radius, solver, np.random.default_rng(seed))
+    draws = _Draws(replace(problem, allowed=read_only(possible)), tol * radius, np.random.default_rng(seed))
     found: list[Candidate] = []
     fruitless = count = 0
     while count < max_draws and fruitless < patience and not draws.impossible:
@@ -145,27 +146,22 @@ class _Draws:
     ``impossible`` turns true when the minimum exceeds what any exact solution reaches, ``1e-3 |R|_F``.
     """
 
-    def __init__(self, problem: Problem, tol: float, solver: str, rng: np.random.Generator) -> None:
-        cp = cvxpy_module()
-        self.problem, self.tol, self.solver, self.rng = problem, tol, solver, rng
+    def __init__(self, problem: Problem, tol: float, rng: np.random.Generator) -> None:
+        self.problem, self.tol, self.rng = problem, tol, rng
         self.impossible = False
-        self.model = build_model(problem, cross_products=True)
-        self.energy = cp.Parameter(problem.pattern.num_entries)
-        constant = self.model.constant
-        objective = (self.model.scale * self.model.objective + constant) / (constant or 1.0)
-        self.program = cp.Problem(
-            cp.Minimize(objective + self.energy @ self.model.entries), [*self.model.linear, *self.model.blocks]
-        )
+        self.data = RelaxationData.from_problem(problem, cross_products=True)
 
     def next_pose(self) -> Candidate | None:
         """Minimise one random linear energy and return the pose it ends at, or None if that is no exact solution."""
-        direction = self.rng.standard_normal(self.problem.pattern.num_entries)
-        self.energy.value = LINEAR_ENERGY * direction / np.linalg.norm(direction)
-        status = solve_program(self.program, solver=self.solver, tol=1e-8)
-        if status is Status.FAILED or self.model.entries.value is None:
-            return None
-        self.impossible = self.program.value > LINEAR_ENERGY * math.sqrt(self.problem.dim) + 1e-5
-        return self.verified(self.problem.pattern.project(self.problem.pattern.unpack(self.model.entries.value)))
+        scale, lifted = self.data.constant or 1.0, self.data.lifted
+        if not lifted.num_variables:
+            return self.verified(self.problem.pattern.unpack(lifted.basis[:, 0]))
+        direction = self.rng.standard_normal(lifted.num_variables)
+        direction *= LINEAR_ENERGY * scale / np.linalg.norm(direction)
+        solution = solve_dual(self.data.with_linear_energy(direction), tol=SOLVED_TOL)
+        self.impossible = solution.dual_value > scale * (LINEAR_ENERGY * math.sqrt(self.problem.dim) + IMPOSSIBLE_TOL)
+        entries = lifted.basis @ np.concatenate([[1.0], solution.primal.R])
+        return self.verified(self.problem.pattern.project(self.problem.pattern.unpack(entries)))
 
     def verified(self, rotation: FloatArray) -> Candidate | None:
         """Round a rotation to a map and back; return the pose if all matched points coincide."""

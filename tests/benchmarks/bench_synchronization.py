@@ -165,11 +165,11 @@ def clusters(seeds: int) -> None:
                 PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies)
             )
             exact.append(len(found.parts) == len(sizes))
-            for part, result in zip(found.parts, found.results, strict=True):
+            for part in found.parts:
                 kind = np.argmax(np.bincount(labels[part]))
-                errors = pose_errors_deg(result.rotations, problem.truth[part])
+                errors = pose_errors_deg(found.rotations[part], problem.truth[part])
                 right.append(((errors < 20) & (labels[part] == kind)).mean())
-        print(f"groups of {sizes}: number exact {np.mean(exact):.2f}, right within {np.mean(right):.3f}", flush=True)
+        print(f"parts of {sizes}: number exact {np.mean(exact):.2f}, right within {np.mean(right):.3f}", flush=True)
 
 
 def chirality(seeds: int) -> None:

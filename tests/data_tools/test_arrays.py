@@ -50,7 +50,6 @@ def test_face_index_beyond_the_vertices_is_refused() -> None:
 def test_shape_measures_and_is_read_only() -> None:
     shape = Shape.from_arrays([[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0, 1, 2]], name="t")
     assert shape.area == pytest.approx(2.0)
-    assert shape.centroid_size == pytest.approx(np.sqrt(16 / 3))
     assert not Shape.from_arrays(np.eye(3)).is_mesh
     with pytest.raises(ValueError, match="read-only"):
         shape.vertices[0, 0] = 1

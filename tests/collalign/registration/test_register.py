@@ -23,6 +23,11 @@ def surface(shape: Shape) -> RegistrationSurface:
     return RegistrationSurface.from_shape(shape, FEW.num_points)
 
 
+def volume_change(field: SmoothField, points: np.ndarray) -> np.ndarray:
+    """Determinant of the field's Jacobian: not positive where space is folded."""
+    return np.linalg.det(field.jacobian(points, field.slope_kernel(points)))
+
+
 def error(target: Shape, found: FloatArray) -> float:
     """Return the mean distance of vertices from where they truly are, in root mean square radii."""
     radius = np.sqrt(((target.vertices - target.vertices.mean(axis=0)) ** 2).sum(axis=1).mean())
@@ -41,7 +46,7 @@ def test_a_smoothly_deformed_copy_is_found_again(pair: tuple[Shape, Shape]) -> N
     before = error(target, source.vertices)
     assert error(target, found.vertices) < 0.6 * before
     assert np.median(found.residual) < 0.1 * before
-    assert found.field.volume_change(source.vertices[::5]).min() > 0
+    assert volume_change(found.field, source.vertices[::5]).min() > 0
 
 
 def test_the_order_of_the_vertices_does_not_matter(pair: tuple[Shape, Shape]) -> None:
@@ -94,7 +99,7 @@ def test_nothing_folds_where_correspondences_would_cross() -> None:
     source = crown(np.random.default_rng(4))
     target = Shape.from_arrays(source.vertices * [0.15, 1.6, 1.0], source.faces)
     found = register(surface(target), surface(source), FEW)
-    assert found.field.volume_change(source.vertices).min() >= 0.5 * MIN_VOLUME_CHANGE
+    assert volume_change(found.field, source.vertices).min() >= 0.5 * MIN_VOLUME_CHANGE
 
 
 def test_a_wrong_size_and_turn_are_made_good_before_anything_bends(pair: tuple[Shape, Shape]) -> None:
@@ -136,7 +141,7 @@ def test_the_jacobian_is_that_of_the_displacement() -> None:
     )
     points, step = rng.random((6, 3)), 1e-6
     columns = [(field.moved(points + step * e) - field.moved(points - step * e)) / (2 * step) for e in np.eye(3)]
-    np.testing.assert_allclose(field.volume_change(points), np.linalg.det(np.stack(columns, axis=2)), rtol=1e-5)
+    np.testing.assert_allclose(volume_change(field, points), np.linalg.det(np.stack(columns, axis=2)), rtol=1e-5)
 
 
 def test_the_medoid_is_in_the_middle() -> None:

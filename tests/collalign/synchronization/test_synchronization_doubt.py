@@ -140,8 +140,8 @@ def test_mixed_folders_are_split(sizes: tuple[int, ...], seed: int) -> None:
     found = synchronize_clusters(PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies))
     assert len(found.parts) == len(sizes)
     assert all(len(np.unique(labels[part])) == 1 for part in found.parts)
-    for part, result in zip(found.parts, found.results, strict=True):
-        assert (pose_errors_deg(result.rotations, problem.truth[part]) < 20.0).mean() > 0.95
+    for part in found.parts:
+        assert (pose_errors_deg(found.rotations[part], problem.truth[part]) < 20.0).mean() > 0.95
 
 
 def test_one_kind_of_shapes_is_not_split() -> None:
@@ -166,7 +166,6 @@ def test_parts_are_turned_to_each_other() -> None:
     edges = complete_edges(12)
     found = synchronize_clusters(PairGraph.from_user(edges, exact_pairs(truth, edges)), num_clusters=2)
     assert pose_errors_deg(found.rotations, truth).max() < 1e-5
-    assert found.between_agreement[1] == 1.0
 
 
 @pytest.mark.parametrize("slab", [1, 5, 2048])

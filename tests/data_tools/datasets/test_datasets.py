@@ -85,14 +85,12 @@ def test_registered_archive_layout(tmp_path: Path, registered: list[Shape]) -> N
     (tmp_path / "Corrs").mkdir()
     (tmp_path / "Corrs" / "1.pid").write_text("4 0 0 0\n9 0 0 0\n")
     (tmp_path / "Corrs" / "1.sym.info").write_text("0 1\n")
-    (tmp_path / "x.sym.labels").write_text("1\n" * 80)
     found = datasets.read_registered_archive(tmp_path)
     assert found.vertices_correspond
     assert found.landmark_vertices is not None
     assert found.landmark_vertices.tolist() == [[4, 9]] * 3
     assert found.mirror is not None
     assert found.mirror.tolist() == [1, 0]
-    assert found.vertex_sides is not None
     np.testing.assert_array_equal(found.shape("b").vertices, vertices[1])
     truth = landmark_rotation(vertices[0].astype(float), vertices[1].astype(float))
     np.testing.assert_allclose(found.rotation(0, 1), truth, atol=1e-12)
@@ -115,7 +113,7 @@ def test_registered_folder_and_faust_layouts(tmp_path: Path, registered: list[Sh
         write_mesh(tmp_path / "training" / "registrations" / f"tr_reg_{39 + i:03d}.ply", shape)
     found = datasets.read_registered_folder(tmp_path)
     assert found.names == ("centaur0", "centaur1", "centaur2")
-    assert found.vertex_sides is found.landmark_vertices is None
+    assert found.landmark_vertices is None
     faust = datasets.read_faust(tmp_path)
     assert faust.labels == {"subject": ("3", "4", "4"), "pose": ("9", "0", "1")}
     assert len(faust.shape(2).vertices) == 80
@@ -185,8 +183,7 @@ def test_public_scans_and_registered_bodies(shared_data: Path) -> None:
         np.testing.assert_allclose(scans.translations, verified["t"], atol=1e-6)
     bodies = datasets.read_registered_archive(shared_data / "scape71")
     assert len(bodies) == 71
-    assert bodies.vertex_sides is not None
-    assert len(bodies.vertex_sides) == len(bodies.shape(70).vertices) == 12500
+    assert len(bodies.shape(70).vertices) == 12500
     centaurs = datasets.read_registered_folder(shared_data / "tosca_centaur6")
     assert len(centaurs) == 6
     assert (

@@ -12,36 +12,16 @@ from data_tools.datasets.synthetic import (
     demo_collection,
     mirrored,
     planted_collection,
-    planted_pair,
     point_cloud,
     shuffled,
     write_collection,
 )
 from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure
-from data_tools.errors import InputError, OptionsError
+from data_tools.errors import InputError
 from data_tools.io.shapes import read_folder, read_shape
 from data_tools.rotations import landmark_rotation, rotation_angle_deg
 from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.topology import mesh_edges
-
-
-@pytest.mark.parametrize("group", ["SO", "O"])
-@pytest.mark.parametrize(("n", "k", "d"), [(8, 8, 3), (12, 5, 3), (10, 7, 5)])
-def test_planted_pair_without_noise_is_exact(rng: np.random.Generator, n: int, k: int, d: int, group: str) -> None:
-    pair = planted_pair(rng, n, k, d, group=group)
-    np.testing.assert_allclose(pair.source @ pair.R_target_source.T, pair.target[pair.map_target_source], atol=1e-12)
-    assert pair.target.shape == (n, d)
-    assert len(set(pair.map_target_source)) == k
-    if group == "SO":
-        assert np.linalg.det(pair.R_target_source) > 0
-
-
-def test_planted_noise_has_the_stated_size(rng: np.random.Generator) -> None:
-    pair = planted_pair(rng, 3000, 3000, noise=0.1)
-    residual = pair.source @ pair.R_target_source.T - pair.target[pair.map_target_source]
-    assert residual.std() == pytest.approx(0.1, rel=0.05)
-    with pytest.raises(OptionsError, match="k <= n"):
-        planted_pair(rng, 3, 4)
 
 
 def test_bumps_have_the_stated_size_and_keep_the_mesh(rng: np.random.Generator) -> None:

@@ -7,7 +7,6 @@ from data_tools.datasets.synthetic_shapes import (
     crown,
     fibonacci_sphere,
     figure,
-    is_closed_manifold,
     smooth_field,
     sphere_mesh,
     table,
@@ -15,6 +14,12 @@ from data_tools.datasets.synthetic_shapes import (
 )
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import is_open_surface, mesh_edges, vertex_components
+
+
+def is_closed_manifold(faces: np.ndarray) -> bool:
+    """Whether every edge is in exactly two triangles that run through it in opposite directions."""
+    edges = mesh_edges(faces)
+    return bool((edges.num_faces == 2).all() and edges.consistent.all())
 
 
 def volume(shape: Shape) -> float:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.io.landmarks import read_landmarks, read_side_labels, read_symmetry, read_vertex_indices
+from data_tools.io.landmarks import read_landmarks, read_symmetry, read_vertex_indices
 
 FCSV = """# Markups fiducial file version = 4.11
 # CoordinateSystem = LPS
@@ -92,14 +92,3 @@ def test_symmetry_is_an_involution(tmp_path: Path) -> None:
         path.write_text(content)
         with pytest.raises(InputError, match="line"):
             read_symmetry(path, num_landmarks=6)
-
-
-def test_side_labels(tmp_path: Path) -> None:
-    path = tmp_path / "a.sym.labels"
-    path.write_text("1\n-1\n1\n")
-    assert read_side_labels(path, num_vertices=3).tolist() == [1, -1, 1]
-    with pytest.raises(InputError, match="3 labels for 4"):
-        read_side_labels(path, num_vertices=4)
-    path.write_text("left\n")
-    with pytest.raises(InputError, match="integers"):
-        read_side_labels(path, num_vertices=1)

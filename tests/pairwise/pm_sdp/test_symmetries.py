@@ -104,3 +104,12 @@ def test_wrong_input_is_refused(rng: np.random.Generator) -> None:
         exact_solutions(points, points, weights=[1.0, 1.0, 1.0, 0.0])
     with pytest.raises(OptionsError, match="patience"):
         exact_solutions(points, points, patience=0)
+
+
+def test_a_rotation_without_freedom_is_verified_all_the_same() -> None:
+    points = np.array([[0.1], [0.5], [0.9]])
+    found = exact_solutions(points, points[::-1])
+    assert [pose.map_target_source.tolist() for pose in found.solutions] == [[2, 1, 0]]
+    assert exact_solutions(points, -points).solutions == ()
+    with pytest.raises(InputError, match="num_matches"):
+        exact_solutions(points, points, num_matches=2)
