@@ -54,6 +54,17 @@ def certify_collection(
         If a shape is unknown, its file has vanished, or no two of the shapes were matched.
     OptionsError
         If the shapes are too many at once, or their embedding has more than the coordinates of space.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = write_collection(folder + "/shapes", demo_collection(num=3, resolution=1))
+    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
+    ...     found = collalign.certify_collection(folder + "/result", progress=False)
+    >>> found.joint.pair_share <= found.joint.share <= 1.0
+    True
     """
     view = load_view(result)
     members = _members(view, shapes)
