@@ -64,6 +64,7 @@ def match_shapes(
     >>> found = collalign.match_shapes(body, body, surface_options=small)
     >>> len(found.point_map_target_source) == len(body.vertices)
     True
+    >>> figure = found.plot(body, body)
     """
     started = time.perf_counter()
     to = prepare_file(as_origin(target, "target"), surface_options)

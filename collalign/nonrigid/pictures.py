@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from data_tools.errors import InputError
 from data_tools.io.files import write_atomic
 from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.shape import Shape
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _GREY = np.full(3, 0.6)
 _LIGHT = np.array([0.3, 0.4, 0.87])
@@ -43,11 +46,18 @@ def transferred_colours(target: Shape, point_map_target_source: IntArray) -> tup
 def draw_match(
     path: Path | str, target: Shape, source: Shape, point_map_target_source: IntArray, *, title: str = ""
 ) -> Path:
-    """Draw target and source from the front and from behind, coloured by the map, and write a PNG.
+    """Write the picture of :func:`match_figure` as a PNG."""
+    buffer = BytesIO()
+    figure = match_figure(target, source, point_map_target_source, title=title)
+    figure.savefig(buffer, format="png", metadata={"Software": None})
+    return write_atomic(Path(path), buffer.getvalue())
+
+
+def match_figure(target: Shape, source: Shape, point_map_target_source: IntArray, *, title: str = "") -> Figure:
+    """Draw target and source from the front and from behind, coloured by the map.
 
     Parameters
     ----------
-    path : Path or str
     target, source : Shape
         As in their files; point clouds are drawn as points.
     point_map_target_source : ndarray of int, shape (v,)
@@ -69,9 +79,7 @@ def draw_match(
             _draw(panel, shape, colours, axes @ behind)
             panel.set_title(shape.name if view == 0 else "from behind", fontsize="small")
     figure.suptitle(title, fontsize="small")
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return write_atomic(Path(path), buffer.getvalue())
+    return figure
 
 
 def _axes(vertices: FloatArray) -> FloatArray:

@@ -5,14 +5,21 @@ from __future__ import annotations
 import io
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from collalign.nonrigid.evidence import MIXED_ORIENTATION, Evidence
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.files import write_atomic
+from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.output_folder import OutputFolder
+from data_tools.io.shapes import read_shape
+from data_tools.options import CleaningOptions
 from pairwise.status import Status
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,6 +103,22 @@ class NonrigidMatch:
     def bijectivity(self) -> float:
         """Share of the source's samples that come back near themselves by map and inverse."""
         return self.candidates[0].evidence.bijectivity
+
+    def plot(self, target: ShapeLike, source: ShapeLike) -> Figure:
+        """Draw both shapes coloured by the map, from the front and from behind; notebooks show the figure.
+
+        Parameters
+        ----------
+        target, source : as in :func:`collalign.match_shapes`
+            The shapes that were matched.
+        """
+        from collalign.nonrigid.page import vertices_map
+        from collalign.nonrigid.pictures import match_figure
+
+        as_stored = CleaningOptions(merge_vertices=False, largest_component=False)
+        left = read_shape(as_origin(target, self.target_name), as_stored, name=self.target_name)
+        right = read_shape(as_origin(source, self.source_name), as_stored, name=self.source_name)
+        return match_figure(left, right, vertices_map(self.point_map_target_source, left, right))
 
     def save(self, folder: Path | str) -> tuple[Path, Path]:
         """Write ``map.npz`` and ``map.txt``, each complete or not at all; other files of these names stay.

@@ -79,6 +79,17 @@ def test_doubts_groups_and_notes_come_along(out: Path) -> None:
     assert "note: Look at c." in done.stdout
 
 
+def test_rows_are_found_by_names_or_files(out: Path) -> None:
+    (out / "labels.csv").write_text("name,file,taxon\nC1,x/c.PLY,Lemur\na.ply,,Indri\nd,d.off,X\n", encoding="utf-8")
+    done = run_r(
+        f'x <- read_collalign("{out}", labels = "{out}/labels.csv"); '
+        'stopifnot(identical(x$shapes$taxon, c("Indri", NA, "Lemur")), sum(names(x$shapes) == "file") == 1)'
+    )
+    assert done.returncode == 0, done.stderr
+    assert "no aligned shape is called d" in done.stderr
+    assert "there is no row for zahn-ä" in done.stderr
+
+
 @pytest.mark.parametrize("dtype", ["<f4", ">f8", "<i2", ">i8", "<u1", "|b1", "<U4"])
 def test_arrays_of_every_kind_survive(tmp_path: Path, dtype: str) -> None:
     values = np.arange(12).reshape(2, 3, 2) % 2

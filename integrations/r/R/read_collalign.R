@@ -4,7 +4,8 @@ DOUBT <- 0.95
 #' Read an aligned collection
 #'
 #' @param folder Output folder of \code{collalign align}.
-#' @param labels Optional path of a CSV file with a column \code{name} (the shapes' names) and further columns.
+#' @param labels Optional path of a CSV file with a column \code{name} (the shapes' names, or their
+#'   files') or, beside it, \code{file}, and further columns.
 #' @return A list of class \code{collalign}:
 #'   \item{coords}{p x 3 x n array of corresponding points in the common frame, as geomorph and Morpho take it;
 #'     points are named by their label, specimens by name.}
@@ -76,9 +77,23 @@ shape_table <- function(record) {
 with_labels <- function(shapes, file) {
   table <- utils::read.csv(file, check.names = FALSE, colClasses = "character")
   if (!"name" %in% names(table)) stop(file, ": no column 'name'", call. = FALSE)
-  unknown <- setdiff(table$name, shapes$name)
-  if (length(unknown)) warning(file, ": no aligned shape is called ", paste(unknown, collapse = ", "), call. = FALSE)
-  cbind(shapes, table[match(shapes$name, table$name), names(table) != "name", drop = FALSE], row.names = NULL)
+  row <- match(shapes$name, shape_name(table$name))
+  if ("file" %in% names(table)) row <- ifelse(is.na(row), match(shapes$name, shape_name(table$file)), row)
+  unknown <- table$name[setdiff(seq_len(nrow(table)), row)]
+  if (length(unknown)) warning(file, ": no aligned shape is called ", some(unknown), call. = FALSE)
+  if (anyNA(row)) warning(file, ": there is no row for ", some(shapes$name[is.na(row)]), call. = FALSE)
+  cbind(shapes, table[row, !names(table) %in% c("name", "file"), drop = FALSE], row.names = NULL)
+}
+
+# As `collalign align --labels` reads names: without folder, without the ending of a mesh or point file.
+shape_name <- function(text) {
+  name <- basename(gsub("\\\\", "/", trimws(text)))
+  sub("\\.(ply|obj|stl|off|vtk|vtp|xyz|npz|npy)$", "", name, ignore.case = TRUE)
+}
+
+some <- function(names) {
+  shown <- paste(utils::head(names, 5), collapse = ", ")
+  if (length(names) > 5) sprintf("%s and %d more", shown, length(names) - 5L) else shown
 }
 
 transforms_of <- function(record) {
