@@ -20,6 +20,7 @@ from collalign.products.collection import ConsistentMaps, RunRecord
 from collalign.products.pair import FormerPairs
 from collalign.products.shapes import Constraints, Shapes
 from collalign.stages.chirality.pilot import decide_group
+from collalign.stages.deformation.solve import map_vertices, vertex_notes
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.rivals import try_rivals
 from collalign.stages.evidence.weigh import weigh_pairs
@@ -156,6 +157,11 @@ def align_listing(
             trust = gather_trust(session, samples, matched, rotations, solution.components)
             solution = with_trust(solution, trust, constraints)
             notes.extend(trust_notes(shapes.names, trust, solution.confidence, first, rotations, constraints.fixed))
+    vertices = None
+    if options.deformable:
+        with _timed(times_s, "vertices"):
+            vertices = map_vertices(session, shapes, pairs, rotations)
+            notes.extend(vertex_notes(vertices))
     record = RunRecord(
         times_s=times_s,
         versions={"python": platform.python_version()} | {name: version(name) for name in _LIBRARIES},
@@ -174,7 +180,7 @@ def align_listing(
         positions=read_only(positions),
         coordinates=read_only(np.stack([item.coordinates for item in samples])),
         invariants=read_only(np.stack([item.invariants for item in samples])),
-        maps=ConsistentMaps(names=shapes.names, labels=read_only(labels)),
+        maps=ConsistentMaps(names=shapes.names, labels=read_only(labels), vertices=vertices),
         consensus=read_only(in_label_order(positions, labels).mean(axis=0)),
         pairs=tuple(pairs),
         alternatives=solution.alternatives,

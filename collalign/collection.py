@@ -9,14 +9,16 @@ from pathlib import Path
 from collalign.output.browsing import Browsable
 from collalign.output.evidence.file import load_view
 from collalign.output.evidence.gather import part_numbers
+from collalign.output.vertex_maps import load_vertex_maps
 from collalign.output.write import MESH_FOLDER, WRITER, inputs_of, save_collection
 from collalign.products.collection import Collection
+from collalign.products.deformation import VertexMaps
 from collalign.products.evidence import CollectionView
 from data_tools.arrays import IntArray
 from data_tools.io.output_folder import OutputFolder, file_stems
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import location
-from data_tools.options import CleaningOptions
+from data_tools.options import AS_STORED
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
@@ -88,8 +90,18 @@ class LoadedCollection(Browsable, CollectionView):
 
     def _aligned_shape(self, at: int) -> Shape:
         stem = file_stems(self.names)[at]
-        as_written = CleaningOptions(merge_vertices=False, largest_component=False)
-        return read_shape(self.folder / MESH_FOLDER / f"{stem}.ply", as_written, name=self.names[at])
+        return read_shape(self.folder / MESH_FOLDER / f"{stem}.ply", AS_STORED, name=self.names[at])
+
+    @property
+    def vertex_maps(self) -> VertexMaps:
+        """Maps of all vertices between the shapes, as their files count them.
+
+        Raises
+        ------
+        InputError
+            If the result has none: it was aligned without ``deformable``.
+        """
+        return load_vertex_maps(self.folder)
 
 
 @one_blas_thread()

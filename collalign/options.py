@@ -97,6 +97,10 @@ class AlignOptions:
     refine: bool = True
     """Refine the poses on dense samples (``sampling.num_dense_points``) after synchronization."""
 
+    deformable: bool = False
+    """Map all vertices between all shapes, consistently around cycles (``collection.maps.vertices``): for meshes that
+    bend. Takes some seconds a shape and half a second for each of about six pairs a shape."""
+
     reference: str = ""
     """Name of the shape whose orientation is the common frame's; the first one if empty."""
 
@@ -147,7 +151,7 @@ class AlignOptions:
             check_choice(name, getattr(self, name), get_args(choices))
         for name in ("certify_budget_s", "certify_pair_s"):
             check_number(name, getattr(self, name), positive=True)
-        for name in ("refine", "certify", "strict"):
+        for name in ("refine", "deformable", "certify", "strict"):
             check_flag(name, getattr(self, name))
         check_count("clusters", self.clusters, lower=0)
         check_count("seed", self.seed, lower=0)

@@ -32,6 +32,10 @@ class CleaningOptions:
         check_flag("largest_component", self.largest_component)
 
 
+#: Files are read as stored: vertex indices are those of the file.
+AS_STORED = CleaningOptions(merge_vertices=False, largest_component=False)
+
+
 @dataclass(frozen=True, kw_only=True)
 class SamplingOptions:
     """Which points represent a shape."""

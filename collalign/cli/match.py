@@ -18,7 +18,7 @@ from collalign.rigid import RigidMatch, match_rigid
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
-from data_tools.options import CleaningOptions
+from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.percent import percent
 from data_tools.rotations import rotation_angle_deg
 from pairwise.options import DenseOptions
@@ -129,8 +129,7 @@ def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOpti
 
 def _draw_nonrigid(result: NonrigidMatch, target: Path, source: Path, output: OutputFolder) -> None:
     """Stage the picture and the page of a map."""
-    as_stored = CleaningOptions(merge_vertices=False, largest_component=False)
-    left, right = (read_shape(file, as_stored) for file in (target, source))
+    left, right = (read_shape(file, AS_STORED) for file in (target, source))
     point_map = vertices_map(result.point_map_target_source, left, right)
     draw_match(output.stage("map.png"), left, right, point_map)
     write_match_page(output.stage("map.html"), result, left, right)

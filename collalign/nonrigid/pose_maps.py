@@ -143,6 +143,23 @@ def posed_surface(spectral: SpectralShape, normals: FloatArray) -> PosedSurface:
     )
 
 
+def first_samples(surface: PosedSurface, num_points: int, num_functions: int) -> PosedSurface:
+    """Return the surface at its first samples, which are spread evenly, with its lowest functions alone."""
+    whole = surface.spectral
+    few = spectral_samples(
+        name=whole.name,
+        vertices=whole.vertices[:num_points],
+        area=whole.area,
+        eigenvalues=whole.eigenvalues[:num_functions],
+        functions=whole.functions[:num_points, :num_functions],
+        mass=whole.mass[:num_points] / whole.mass[:num_points].sum(),
+        agd=whole.agd[:num_points],
+        curvature=whole.curvature[:num_points],
+        orientation=whole.orientation[:num_points],
+    )
+    return posed_surface(few, surface.normals[:num_points])
+
+
 def axis_poses(target: PosedSurface, source: PosedSurface, *, mirrored: bool) -> FloatArray:
     """Return the rotations that bring the source's principal axes onto the target's in every order, shape (m, 3, 3).
 
@@ -185,6 +202,10 @@ class PoseMapper:
         """Return the map that closest points at a pose, either determinant, lead to."""
         moved = _start_features(self.source, R_target_source)
         return self._refiner.from_point_maps(*mutual_nearest_rows(self._features, moved))
+
+    def oriented(self, found: FunctionalMap, *, preserving: bool) -> FunctionalMap:
+        """Return the map that keeps the orientation of the surfaces, or reverses it, which a map leads to."""
+        return self._refiner.oriented(found.C_source_target, preserving=preserving)
 
     def evidence(self, found: FunctionalMap) -> Evidence:
         """Return the evidence for a map."""

@@ -9,12 +9,9 @@ from collalign.nonrigid.surface.spectral import SpectralShape, prepare_surface
 from collalign.nonrigid.symmetry import self_maps
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
-from data_tools.options import CleaningOptions
+from data_tools.options import AS_STORED
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
-
-#: Files are read as stored, so that vertex indices are those of the file.
-AS_STORED = CleaningOptions(merge_vertices=False, largest_component=False)
 
 
 @one_blas_thread()

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from collalign.output.evidence.display_mesh import display_mesh
 from collalign.products.collection import DOUBT
@@ -34,16 +35,20 @@ _MAX_COLUMNS = 10
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tile:
-    """One shape for the sheet: its mesh (decimated), its transform, and how far it is trusted (NaN: unknown)."""
+    """One shape for the sheet: its mesh (decimated), its transform, and how far it is trusted (NaN: unknown).
+
+    ``colours`` has one row for each vertex, or one for all.
+    """
 
     name: str
     vertices: FloatArray
     faces: IntArray
     transform: FloatArray
     confidence: float
+    colours: FloatArray
 
 
-def tile_of(shape: Shape, transform: FloatArray, confidence: float) -> Tile:
+def tile_of(shape: Shape, transform: FloatArray, confidence: float, colours: FloatArray | None = None) -> Tile:
     """Decimate a shape for drawing.
 
     Parameters
@@ -52,9 +57,16 @@ def tile_of(shape: Shape, transform: FloatArray, confidence: float) -> Tile:
     transform : ndarray, shape (4, 4)
         File coordinates to the common frame.
     confidence : float
+    colours : ndarray, shape (v, 3), optional
+        Red, green and blue of the shape's vertices, between 0 and 1.
     """
     vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=_MAX_FACES)
-    return Tile(name=shape.name, vertices=vertices, faces=faces, transform=transform, confidence=confidence)
+    shown = _COLOUR[None]
+    if colours is not None:
+        shown = colours[cKDTree(shape.vertices).query(vertices)[1]]
+    return Tile(
+        name=shape.name, vertices=vertices, faces=faces, transform=transform, confidence=confidence, colours=shown
+    )
 
 
 def draw_contact_sheet(tiles: Iterable[Tile], path: Path) -> None:
@@ -92,9 +104,10 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
         row, column = divmod(position, columns)
         corner = np.array([2.0 * column, size[1] - (row + 1) * _ROW_HEIGHT])
         linear = tile.transform[:3, :3]
-        panels.append(_panel(tile.vertices, tile.faces, corner, flipped=False))
+        panels.append(_panel(tile.vertices, tile.faces, tile.colours, corner, flipped=False))
         moved = tile.vertices @ linear.T
-        panels.append(_panel(moved, tile.faces, corner + _RIGHT, flipped=bool(np.linalg.det(linear) < 0)))
+        flipped = bool(np.linalg.det(linear) < 0)
+        panels.append(_panel(moved, tile.faces, tile.colours, corner + _RIGHT, flipped=flipped))
         words: dict[str, Any] = {"fontsize": 7, "va": "bottom", "parse_math": False}
         axes.text(corner[0] + _MARGIN, corner[1] + 1.0, tile.name, **words)
         if not np.isnan(tile.confidence):
@@ -111,28 +124,35 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Panel:
-    """A shape seen from the viewpoint, the farthest first: corners of triangles or points, and a shade of each."""
+    """A shape seen from the viewpoint, the farthest first: corners of triangles or points, shades, colours."""
 
     faces: bool
     corners: FloatArray
     shades: FloatArray
+    colours: FloatArray
 
 
-def _panel(vertices: FloatArray, faces: IntArray, corner: FloatArray, *, flipped: bool) -> _Panel:
+def _panel(
+    vertices: FloatArray, faces: IntArray, colours: FloatArray, corner: FloatArray, *, flipped: bool
+) -> _Panel:
     """Project one mesh (or point cloud) into the cell of unit size at ``corner``, with Lambert shading."""
     points = (vertices - vertices.mean(axis=0)) @ _VIEW.T
     points /= np.abs(points).max() or 1.0
     flat = corner + 0.5 + (0.5 - _MARGIN) * points[:, :2]
     if not len(faces):
         order = np.argsort(points[:, 2])
-        return _Panel(faces=False, corners=flat[order], shades=points[order, 2])
+        of_points = np.broadcast_to(colours, points.shape)[order]
+        return _Panel(faces=False, corners=flat[order], shades=points[order, 2], colours=of_points)
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     facing = normals @ _LIGHT * (-1.0 if flipped else 1.0)
     order = np.argsort(corners[:, :, 2].mean(axis=1))
     return _Panel(
-        faces=True, corners=flat[faces][order], shades=np.clip(0.25 + 0.7 * np.abs(facing), 0.0, 1.0)[order]
+        faces=True,
+        corners=flat[faces][order],
+        shades=np.clip(0.25 + 0.7 * np.abs(facing), 0.0, 1.0)[order],
+        colours=np.broadcast_to(colours, vertices.shape)[faces].mean(axis=1)[order],
     )
 
 
@@ -146,7 +166,8 @@ def _draw(axes: Any, panels: list[_Panel]) -> None:
     corners = np.concatenate([panel.corners for panel in panels]).reshape(-1, 2)
     shades = np.concatenate([panel.shades for panel in panels])
     triangles = np.arange(len(corners)).reshape(-1, 3)
-    colours: Any = np.repeat(np.clip(shades[:, None] * _COLOUR, 0.0, 1.0), 3, axis=0)
+    tints = np.concatenate([panel.colours for panel in panels])
+    colours: Any = np.repeat(np.clip(shades[:, None] * tints, 0.0, 1.0), 3, axis=0)
     mesh = TriMesh(Triangulation(corners[:, 0], corners[:, 1], triangles))
     mesh.set_facecolor(colours)
     axes.add_collection(mesh, autolim=False)

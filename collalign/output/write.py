@@ -16,6 +16,7 @@ from collalign.output.contact_sheet import Tile, draw_contact_sheet, tile_of
 from collalign.output.evidence.file import EVIDENCE_FILE, save_view
 from collalign.output.evidence.gather import view_collection
 from collalign.output.report.page import write_report
+from collalign.output.vertex_maps import VERTEX_MAPS_FILE, VERTEX_MAPS_PICTURE, PlaceColours, save_vertex_maps
 from collalign.products.collection import Collection
 from collalign.products.trust import KINDS
 from data_tools.errors import InputError
@@ -24,6 +25,7 @@ from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder, file_stems, refuse_overlap
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.io.source import Origin, location
+from data_tools.options import AS_STORED
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
@@ -112,7 +114,8 @@ def inputs_of(files: Iterable[Origin]) -> set[Path]:
 
 def output_names(names: Sequence[str]) -> list[str]:
     """Return the paths, relative to the folder, that the results of shapes of these names take."""
-    return [*_TABLES, REPORT_FILE, *(f"{MESH_FOLDER}/{stem}.ply" for stem in file_stems(names))]
+    optional = (REPORT_FILE, VERTEX_MAPS_FILE, VERTEX_MAPS_PICTURE)
+    return [*_TABLES, *optional, *(f"{MESH_FOLDER}/{stem}.ply" for stem in file_stems(names))]
 
 
 def recorded_options(result: Path | str) -> tuple[AlignOptions, str]:
@@ -188,6 +191,8 @@ def _write_tables(collection: Collection, output: OutputFolder) -> None:
         positions=collection.positions,
         consensus=collection.consensus,
     )
+    if collection.maps.vertices is not None:
+        save_vertex_maps(collection.maps.vertices, output.stage(VERTEX_MAPS_FILE))
 
 
 def _write_shapes(
@@ -202,6 +207,7 @@ def _write_shapes(
     num = len(collection.names)
     drawn = set(np.linspace(0, num - 1, min(num, _MAX_TILES)).round().astype(int).tolist())
     tiles: list[Tile] = []
+    colours, coloured = _place_colours(collection), list[Tile]()
     order = iter(range(num))
     stems = file_stems(collection.names)
 
@@ -211,7 +217,10 @@ def _write_shapes(
         shape = read_shape(file, collection.options.cleaning, name=collection.names[i], digest=collection.digests[i])
         write_mesh(output.stage(MESH_FOLDER, f"{stems[i]}.ply"), shape.transformed(collection.transforms[i]))
         if i in drawn:
-            tiles.append(tile_of(shape, collection.transforms[i], float(collection.confidence[i])))
+            seen = (shape, collection.transforms[i], float(collection.confidence[i]))
+            tiles.append(tile_of(*seen))
+            if colours is not None:
+                coloured.append(tile_of(*seen, colours.of(shape)))
         if advance is not None:
             advance()
         return shape
@@ -219,8 +228,20 @@ def _write_shapes(
     view = view_collection(collection, read_next, labels=labels)
     save_view(view, output.staging)
     draw_contact_sheet(tiles, output.stage(CONTACT_SHEET_FILE))
+    if coloured:
+        draw_contact_sheet(coloured, output.stage(VERTEX_MAPS_PICTURE))
     if report:
         write_report(view, output.stage(REPORT_FILE), title=f"Aligned collection {_folder_name(collection)}".rstrip())
+
+
+def _place_colours(collection: Collection) -> PlaceColours | None:
+    """Return what colours shapes alike where their vertices correspond; None without maps of vertices."""
+    maps = collection.maps.vertices
+    if maps is None:
+        return None
+    i = collection.names.index(maps.reference)
+    reference = read_shape(collection.files[i], AS_STORED, name=maps.reference, digest=collection.digests[i])
+    return PlaceColours(maps, reference)
 
 
 def _folder_name(collection: Collection) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from collalign.options import AlignOptions
+from collalign.products.deformation import VertexMaps
 from collalign.products.pair import Alternative, Pair
 from collalign.products.shapes import Excluded
 from collalign.products.trust import Trust
@@ -30,10 +31,13 @@ class ConsistentMaps:
     names : tuple of str
     labels : ndarray of int, shape (N, k)
         Universe label of each sample; -1 for a sample that corresponds to nothing.
+    vertices : VertexMaps or None
+        The same of all vertices, where they were asked for (``options.deformable``).
     """
 
     names: tuple[str, ...]
     labels: IntArray
+    vertices: VertexMaps | None = None
 
     def __getitem__(self, pair: tuple[str | int, str | int]) -> IntArray:
         """Return ``map_a_b``, shape (k,): the sample on a of each sample of b, -1 where there is none."""

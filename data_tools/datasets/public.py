@@ -20,12 +20,9 @@ from data_tools.errors import InputError
 from data_tools.io.files import existing_file, natural_key
 from data_tools.io.landmarks import read_landmarks, read_symmetry, read_vertex_indices
 from data_tools.io.shapes import read_folder, read_shape
-from data_tools.options import CleaningOptions
+from data_tools.options import AS_STORED
 from data_tools.rotations import landmark_rotation
 from data_tools.surface.shape import Shape
-
-#: Registered meshes keep every vertex: ground truth is by vertex index.
-AS_STORED = CleaningOptions(merge_vertices=False, largest_component=False)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -18,7 +18,7 @@ from data_tools.options import CleaningOptions
 #: Changes whenever the same file would give another surface.
 SURFACE_VERSION = "surface-1"
 #: Fields of a record, with one row for each dense sample.
-_ROWS = ("functions", "mass", "agd", "curvature", "orientation")
+SURFACE_ROWS = ("functions", "mass", "agd", "curvature", "orientation")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,7 @@ def prepare_surface_file(task: SurfaceTask) -> Record:
     """Read and prepare one surface; runs inside a worker."""
     surface = prepare_posed(read_shape(task.path, task.cleaning, name=task.name, digest=task.digest))
     spectral = surface.spectral
-    rows = {name: getattr(spectral, name) for name in _ROWS}
+    rows = {name: getattr(spectral, name) for name in SURFACE_ROWS}
     return rows | {
         "vertices": spectral.vertices,
         "normals": surface.normals,

@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
-from collalign.nonrigid.functional_map import mutual_nearest_rows
+from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.options import AlignSession
 from collalign.products.pair import Pair
@@ -116,8 +116,10 @@ class PoseWeigher:
 
     def candidate_from(self, start: FloatArray) -> WeighedPose:
         """Return the pose of the map that a pose leads to, with its evidence."""
-        chirality = float(np.sign(np.linalg.det(start)))
-        found = self._mapper.map_from(start)
+        return self.weigh(self._mapper.map_from(start), chirality=float(np.sign(np.linalg.det(start))))
+
+    def weigh(self, found: FunctionalMap, *, chirality: float) -> WeighedPose:
+        """Return the pose of determinant ``chirality`` that a map asks for, with the evidence of both."""
         rotation = self._mapper.rotation_of(found, chirality=chirality)
         of_map = self._mapper.evidence(found)
         point_map, energy = self._match_at(rotation)

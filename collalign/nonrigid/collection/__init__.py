@@ -1,0 +1,1 @@
+"""Maps between all shapes of a collection that agree around its cycles."""

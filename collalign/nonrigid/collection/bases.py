@@ -1,0 +1,124 @@
+"""Common bases: orthogonal matrices that make the functional maps of a collection consistent.
+
+Every shape gets a matrix ``Y_i`` that expresses k common functions in its own eigenfunctions, such that a functional
+map takes those of its target to those of its source, ``C_source_target Y_target ~ Y_source``. Maps between any two
+shapes follow from the bases, and compose around every cycle. This is the synchronization of rotations once more, in k
+dimensions instead of three: consistent latent bases (Wang, Huang, Guibas 2013; Huang, Achlioptas, Guibas,
+Ovsjanikov 2019), with orthogonal blocks (maps of nearly isometric surfaces are orthogonal; blocks that are free lose
+the functions of shapes that fit badly), found by the generalised power method (Boumal 2016), with weights that fall
+with the residual as in least absolute deviations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import networkx as nx
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.rotations import nearest_orthogonal
+
+#: The power iteration ends when no entry changes by more, or after so many steps.
+TOLERANCE, MAX_STEPS = 1e-3, 60
+#: How often the weights are set by the residuals.
+NUM_REWEIGHTED = 3
+#: Residuals below this share of their median count as that.
+SMALLEST_RESIDUAL = 0.3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CommonBases:
+    """Bases of all shapes and how well the maps agree with them.
+
+    Attributes
+    ----------
+    bases : ndarray, shape (N, k, k)
+        Orthogonal: coefficients of the common functions in each shape's own.
+    residuals : ndarray, shape (E,)
+        ``|C Y_target - Y_source|_F / sqrt(k)`` of each map: 0 if it agrees, some 1.4 if it has
+        nothing to do with it.
+    """
+
+    bases: FloatArray
+    residuals: FloatArray
+
+
+def common_bases(
+    edges: IntArray, maps: FloatArray, num_shapes: int, weights: FloatArray | None = None
+) -> CommonBases:
+    """Return the bases that most maps agree with.
+
+    Parameters
+    ----------
+    edges : ndarray of int, shape (E, 2)
+        Target and source of each map; together they connect all shapes.
+    maps : ndarray, shape (E, k, k)
+        ``C_source_target``.
+    num_shapes : int
+    weights : ndarray, shape (E,), optional
+        How far each map is trusted at first.
+
+    Raises
+    ------
+    ValueError
+        If the maps do not connect the shapes.
+    """
+    weights = np.ones(len(edges)) if weights is None else weights
+    bases = _along_tree(edges, maps, num_shapes, weights)
+    for _ in range(NUM_REWEIGHTED):
+        bases = _power_iteration(edges, maps, bases, weights)
+        residuals = map_residuals(edges, maps, bases)
+        weights = residual_weights(residuals)
+    return CommonBases(bases=bases, residuals=residuals)
+
+
+def map_residuals(edges: IntArray, maps: FloatArray, bases: FloatArray) -> FloatArray:
+    """Return how far maps are from what the bases ask for, shape (E,); see :class:`CommonBases`.
+
+    Parameters
+    ----------
+    edges : ndarray of int, shape (E, 2)
+    maps : ndarray, shape (E, k, k)
+    bases : ndarray, shape (N, k, k)
+    """
+    gaps = maps @ bases[edges[:, 0]] - bases[edges[:, 1]]
+    return np.asarray(np.linalg.norm(gaps, axis=(1, 2)) / np.sqrt(bases.shape[-1]))
+
+
+def residual_weights(residuals: FloatArray) -> FloatArray:
+    """Return weights of maps by their residuals, 1 at the median one."""
+    median = max(float(np.median(residuals)), float(np.finfo(float).tiny))
+    return np.asarray(1.0 / np.maximum(residuals / median, SMALLEST_RESIDUAL))
+
+
+def _along_tree(edges: IntArray, maps: FloatArray, num_shapes: int, weights: FloatArray) -> FloatArray:
+    """Return bases that agree with the maps of the most trusted spanning tree."""
+    graph = nx.Graph()
+    graph.add_nodes_from(range(num_shapes))
+    for e, (target, source) in enumerate(edges.tolist()):
+        graph.add_edge(target, source, number=e, trust=float(weights[e]))
+    tree = nx.maximum_spanning_tree(graph, weight="trust")
+    if not nx.is_connected(tree):
+        raise ValueError("the maps do not connect the shapes")
+    size = maps.shape[-1]
+    bases = np.tile(np.eye(size), (num_shapes, 1, 1))
+    for known, new in nx.bfs_edges(tree, 0):
+        e = tree[known][new]["number"]
+        step = maps[e] if edges[e, 0] == known else maps[e].T
+        bases[new] = nearest_orthogonal(step @ bases[known])
+    return bases
+
+
+def _power_iteration(edges: IntArray, maps: FloatArray, bases: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the bases after steps of averaging what maps ask for and taking the nearest orthogonal blocks."""
+    target, source = edges[:, 0], edges[:, 1]
+    weighted = weights[:, None, None] * maps
+    for _ in range(MAX_STEPS):
+        asked = np.zeros_like(bases)
+        np.add.at(asked, source, weighted @ bases[target])
+        np.add.at(asked, target, np.swapaxes(weighted, 1, 2) @ bases[source])
+        before, bases = bases, nearest_orthogonal(asked)
+        if float(np.abs(bases - before).max()) < TOLERANCE:
+            break
+    return bases

@@ -1,0 +1,73 @@
+"""Which of several candidate maps of each pair is right: its own evidence and agreement around cycles together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from collalign.nonrigid.collection.bases import CommonBases, common_bases, map_residuals
+from data_tools.arrays import FloatArray, IntArray
+
+#: Log-odds that a candidate map loses per unit of the logarithm of its residual, the number of functions in which
+#: candidates are compared, and rounds of choosing.
+CYCLE_WEIGHT, NUM_COMPARED, MAX_ROUNDS = 4.0, 30, 8
+#: Residuals are not counted as smaller than this.
+FLOOR = 1e-3
+
+
+def choose_maps(
+    edges: IntArray, candidates: Sequence[FloatArray], log_odds: Sequence[FloatArray], num_shapes: int
+) -> tuple[IntArray, CommonBases]:
+    """Choose one candidate for each pair.
+
+    Parameters
+    ----------
+    edges : ndarray of int, shape (E, 2)
+        They connect all shapes.
+    candidates : sequence of E ndarray (m, k, k)
+        ``C_source_target`` of each candidate, the likeliest first; k at least :data:`NUM_COMPARED` or the same for
+        all.
+    log_odds : sequence of E ndarray (m,)
+        By the pair's own evidence, up to a constant of the pair.
+    num_shapes : int
+
+    Returns
+    -------
+    choice : ndarray of int, shape (E,)
+    found : CommonBases
+        Of the chosen maps in their lowest functions.
+    """
+    size = min(NUM_COMPARED, *(maps.shape[-1] for maps in candidates))
+    low = [maps[:, :size, :size] for maps in candidates]
+    choice = np.array([int(np.argmax(odds)) for odds in log_odds])
+    weights = np.array([_certainty(odds) for odds in log_odds])
+    found = _bases_of(edges, low, choice, num_shapes, weights)
+    for _ in range(MAX_ROUNDS):
+        better = np.array(
+            [
+                int(np.argmax(odds - CYCLE_WEIGHT * np.log(np.maximum(_residuals(edge, maps, found), FLOOR))))
+                for edge, maps, odds in zip(edges, low, log_odds, strict=True)
+            ]
+        )
+        if (better == choice).all():
+            break
+        choice = better
+        found = _bases_of(edges, low, choice, num_shapes, weights)
+    return choice, found
+
+
+def _bases_of(
+    edges: IntArray, maps: Sequence[FloatArray], choice: IntArray, num_shapes: int, weights: FloatArray
+) -> CommonBases:
+    return common_bases(edges, np.stack([own[c] for own, c in zip(maps, choice, strict=True)]), num_shapes, weights)
+
+
+def _residuals(edge: IntArray, maps: FloatArray, found: CommonBases) -> FloatArray:
+    return map_residuals(np.tile(edge, (len(maps), 1)), maps, found.bases)
+
+
+def _certainty(log_odds: FloatArray) -> float:
+    """Return the probability of the likeliest candidate against the others."""
+    chances = np.exp(log_odds - log_odds.max())
+    return float(1.0 / chances.sum())

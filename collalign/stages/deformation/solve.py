@@ -1,0 +1,269 @@
+"""From poses and pairs to consistent maps of all vertices, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import networkx as nx
+import numpy as np
+
+from collalign.engine.jobs.run import SharedTable
+from collalign.engine.store.keys import fingerprint
+from collalign.engine.store.records import Record
+from collalign.nonrigid.collection.bases import CommonBases, common_bases
+from collalign.nonrigid.collection.choice import choose_maps
+from collalign.nonrigid.functional_map import mutual_nearest_rows
+from collalign.nonrigid.options import SurfaceOptions
+from collalign.options import AlignSession
+from collalign.products.deformation import VertexMaps
+from collalign.products.pair import Pair
+from collalign.products.shapes import Shapes
+from collalign.stages.deformation.pairs import (
+    FIRST_SIZE,
+    CandidatesTask,
+    RefinementTask,
+    candidate_maps,
+    refine_map,
+)
+from collalign.stages.deformation.surfaces import prepare_all_detailed, table_of_samples, table_of_vertices
+from collalign.stages.poses.refinement import local_pairs
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.rotations import rotation_angle_deg
+
+#: Changes whenever the same surfaces and starts would give other maps.
+CONSISTENT_VERSION = "consistent-1"
+#: Poses that start maps of a pair: the common one, and candidates of the pair that are this far apart.
+MAX_STARTS, APART_DEG = 5, 25.0
+#: Shapes whose maps disagree this many times as much as the median shape's are named.
+SUSPECT = 1.5
+_SMALLEST = float(np.finfo(float).tiny)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VertexTask:
+    """Two surfaces of the shared table and their common bases; the first is the reference."""
+
+    reference: str
+    surface: str
+    bases: FloatArray
+
+
+def map_vertices(
+    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], rotations: FloatArray
+) -> VertexMaps | None:
+    """Map all vertices between all shapes that the pairs connect, consistently; None where fewer than two are.
+
+    Similar shapes are mapped pair by pair, from the common poses and from other poses that the pairs offer. One
+    candidate of each pair is chosen by its evidence and by agreement around cycles; a common basis of functions
+    (consistent latent basis) is fitted, the pairs' maps are refined from there by ZoomOut in all functions, as in
+    Consistent ZoomOut (Huang, Ren, Wonka, Ovsjanikov 2020), and the basis that these agree with gives the maps.
+
+    Parameters
+    ----------
+    session : Session
+    shapes : Shapes
+    pairs : sequence of Pair
+    rotations : ndarray, shape (N, 3, 3)
+        ``R_common_shape``.
+    """
+    keys, reasons = prepare_all_detailed(session, shapes, SurfaceOptions())
+    able = [pair for pair in pairs if pair.inlier and pair.target not in reasons and pair.source not in reasons]
+    members, chosen = _linked(_similar(len(shapes.names), able))
+    if not chosen:
+        return None
+    with table_of_samples(session, shapes, {i: keys[i] for i in members}) as table:
+        stage = _PairStage(session=session, shapes=shapes, surfaces=keys, table=table)
+        found = stage.candidates(chosen, rotations)
+        members, chosen = _linked([pair for pair in chosen if _ends(pair) in found])
+        if not chosen:
+            return None
+        records = [found[_ends(pair)] for pair in chosen]
+        _, coarse = choose_maps(
+            _edges(members, chosen),
+            [one["maps"] for one in records],
+            [one["log_odds"] for one in records],
+            len(members),
+        )
+        trust = dict(zip(map(_ends, chosen), 1.0 / np.maximum(coarse.residuals, _SMALLEST), strict=True))
+        refined = stage.refined(chosen, _edges(members, chosen), coarse)
+    members, chosen = _linked([pair for pair in chosen if _ends(pair) in refined])
+    if not chosen:
+        return None
+    edges, ends = _edges(members, chosen), [_ends(pair) for pair in chosen]
+    maps = np.stack([refined[end]["map"] for end in ends])
+    fine = common_bases(edges, maps, len(members), np.array([trust[end] for end in ends]))
+    return _vertices(session, shapes, members, edges, fine, {i: keys[i] for i in members}, reasons)
+
+
+def _similar(num: int, pairs: Sequence[Pair]) -> list[Pair]:
+    """Return the pairs of similar shapes, which connect whatever all pairs do."""
+    ends = np.array([_ends(pair) for pair in pairs]).reshape(-1, 2)
+    kept = {tuple(edge) for edge in local_pairs(num, ends, np.array([pair.energy for pair in pairs])).tolist()}
+    return [pair for pair in pairs if _ends(pair) in kept]
+
+
+def _linked(pairs: Sequence[Pair]) -> tuple[list[int], list[Pair]]:
+    """Return the largest set of shapes that pairs connect, the first of several, and the pairs within it."""
+    graph = nx.Graph([_ends(pair) for pair in pairs])
+    parts = sorted((sorted(part) for part in nx.connected_components(graph)), key=lambda part: (-len(part), part))
+    members: list[int] = parts[0] if parts else []
+    inside = set(members)
+    return members, [pair for pair in pairs if pair.target in inside]
+
+
+def _ends(pair: Pair) -> tuple[int, int]:
+    return pair.target, pair.source
+
+
+def _edges(members: Sequence[int], pairs: Sequence[Pair]) -> IntArray:
+    """Return target and source of pairs, as positions among the members."""
+    at = {shape: position for position, shape in enumerate(members)}
+    return np.array([(at[pair.target], at[pair.source]) for pair in pairs])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _PairStage:
+    """What the two rounds of jobs over pairs share; pairs that fail are left out of what they return."""
+
+    session: AlignSession
+    shapes: Shapes
+    surfaces: Sequence[str]
+    table: SharedTable
+
+    def candidates(self, pairs: Sequence[Pair], rotations: FloatArray) -> dict[tuple[int, int], Record]:
+        """Return the weighed candidate maps of pairs."""
+        tasks = {}
+        for pair in pairs:
+            starts = _starts(pair, rotations[pair.target].T @ rotations[pair.source])
+            tasks[_ends(pair)] = CandidatesTask(
+                target_key=self.shapes.keys[pair.target],
+                source_key=self.shapes.keys[pair.source],
+                target_surface=self.surfaces[pair.target],
+                source_surface=self.surfaces[pair.source],
+                starts=starts,
+            )
+        return self._computed(candidate_maps, tasks, {ends: task.starts for ends, task in tasks.items()})
+
+    def refined(self, pairs: Sequence[Pair], edges: IntArray, coarse: CommonBases) -> dict[tuple[int, int], Record]:
+        """Return the maps of pairs in all functions, refined from those that the common basis asks for."""
+        size = min(FIRST_SIZE, coarse.bases.shape[-1])
+        tasks = {}
+        for pair, (target, source) in zip(pairs, edges.tolist(), strict=True):
+            asked = (coarse.bases[source] @ coarse.bases[target].T)[:size, :size]
+            tasks[_ends(pair)] = RefinementTask(
+                target_surface=self.surfaces[pair.target],
+                source_surface=self.surfaces[pair.source],
+                coarse=np.ascontiguousarray(asked),
+            )
+        return self._computed(refine_map, tasks, {ends: task.coarse for ends, task in tasks.items()})
+
+    def _computed(
+        self,
+        function: Callable[..., Record],
+        tasks: Mapping[tuple[int, int], CandidatesTask | RefinementTask],
+        starts: Mapping[tuple[int, int], FloatArray],
+    ) -> dict[tuple[int, int], Record]:
+        keys = {
+            ends: fingerprint(
+                CONSISTENT_VERSION,
+                {"function": function.__name__, "start": starts[ends].tolist()},
+                task.target_surface,
+                task.source_surface,
+            )
+            for ends, task in tasks.items()
+        }
+        failures = self.session.compute(
+            "evidence",
+            function,
+            {key: (self.shapes.label(*ends), tasks[ends]) for ends, key in keys.items()},
+            time_limit_s=self.session.run.pair_time_limit_s,
+            strict=self.session.options.strict,
+            shared=self.table,
+        )
+        require = self.session.store.require
+        return {ends: require("evidence", key) for ends, key in keys.items() if key not in failures}
+
+
+def _starts(pair: Pair, common: FloatArray) -> FloatArray:
+    """Return the relative rotation of the common poses and those of the pair's likeliest other candidates."""
+    doubt = -pair.log_odds if len(pair.log_odds) else np.asarray(pair.energies)
+    starts = [common]
+    for candidate in np.argsort(doubt, kind="stable"):
+        rotation = pair.rotations[candidate, :3, :3]
+        angles = np.nan_to_num(rotation_angle_deg(np.stack(starts), np.stack([rotation] * len(starts))), nan=0.0)
+        if len(starts) < MAX_STARTS and np.isfinite(doubt[candidate]) and (angles > APART_DEG).all():
+            starts.append(rotation)
+    return np.stack(starts)
+
+
+def _vertices(
+    session: AlignSession,
+    shapes: Shapes,
+    members: Sequence[int],
+    edges: IntArray,
+    fine: CommonBases,
+    surfaces: dict[int, str],
+    reasons: dict[int, str],
+) -> VertexMaps:
+    """Return the maps of all vertices that the bases give, through the most central shape."""
+    own = [fine.residuals[(edges == position).any(axis=1)] for position in range(len(members))]
+    residuals = np.array([float(np.median(values)) for values in own])
+    centre = int(np.argmin(residuals))
+    tasks = {
+        str(position): VertexTask(
+            reference=surfaces[members[centre]],
+            surface=surfaces[shape],
+            bases=np.stack([fine.bases[centre], fine.bases[position]]),
+        )
+        for position, shape in enumerate(members)
+    }
+    with table_of_vertices(session, surfaces) as table:
+        found = session.spread("maps of all vertices", map_to_reference, tasks, shared=table)
+    left_out = {
+        i: reasons.get(i, "no trusted pair connects it to the others")
+        for i in range(len(shapes.names))
+        if i not in set(members)
+    }
+    return VertexMaps(
+        names=tuple(shapes.names[i] for i in members),
+        reference=shapes.names[members[centre]],
+        to_reference=tuple(read_only(found[str(n)]["to_reference"]) for n in range(len(members))),
+        from_reference=tuple(read_only(found[str(n)]["from_reference"]) for n in range(len(members))),
+        residuals=read_only(residuals),
+        left_out=tuple((shapes.names[i], reason) for i, reason in left_out.items()),
+    )
+
+
+def map_to_reference(task: VertexTask, shared: SharedTable) -> Record:
+    """Return the maps of all vertices of a file to those of the reference's, and back; runs inside a worker."""
+    reference, shape = shared[task.reference], shared[task.surface]
+    size = task.bases.shape[-1]
+    of_reference, of_shape = (
+        np.asarray(record["basis"][:, :size], dtype=np.float64) @ basis
+        for record, basis in zip((reference, shape), task.bases, strict=True)
+    )
+    to_reference, from_reference = mutual_nearest_rows(of_reference, of_shape)
+    return {
+        "to_reference": _in_files(to_reference, reference, shape),
+        "from_reference": _in_files(from_reference, shape, reference),
+    }
+
+
+def _in_files(working_map: IntArray, to: Record, of: Record) -> IntArray:
+    """Return a map between working vertices as one between the vertices of the files, -1 where there is none."""
+    start = np.asarray(of["to_working"], dtype=np.int64)
+    images = np.asarray(to["to_original"], dtype=np.int64)[working_map][start]
+    return np.where(start >= 0, images, -1)
+
+
+def vertex_notes(found: VertexMaps | None) -> tuple[str, ...]:
+    """Return what a user must know of the maps of all vertices."""
+    if found is None:
+        return ("There are no maps of vertices: fewer than two meshes could be mapped to each other.",)
+    notes = [f"No maps of the vertices of {name}: {reason}" for name, reason in found.left_out]
+    suspects = np.flatnonzero(found.residuals > SUSPECT * np.median(found.residuals))
+    if len(suspects):
+        names = ", ".join(found.names[i] for i in suspects)
+        notes.append(f"The maps of {names} disagree with each other more than those of other shapes: look at them.")
+    return tuple(notes)

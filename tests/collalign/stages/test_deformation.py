@@ -1,0 +1,190 @@
+"""Consistent maps of a collection: bases that synchronize functional maps, choice by cycles, and bent shapes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign.align import align_collection
+from collalign.collection import AlignedCollection, load
+from collalign.engine.options import RunOptions
+from collalign.nonrigid.collection.bases import common_bases, map_residuals
+from collalign.nonrigid.collection.choice import choose_maps
+from collalign.options import AlignOptions
+from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
+from collalign.products.deformation import VertexMaps
+from collalign.stages.deformation.solve import SUSPECT, vertex_notes
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.errors import InputError
+from data_tools.io.shapes import write_mesh
+from data_tools.rotations import random_rotation
+from data_tools.surface.shape import Shape
+
+NUM, SIZE = 6, 12
+
+
+def planted(rng: np.random.Generator, *, num_wrong: int = 0) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return all edges of a graph, maps that hidden bases make consistent, some replaced, and the bases."""
+    bases = np.linalg.qr(rng.normal(size=(NUM, SIZE, SIZE)))[0]
+    edges = np.array([(i, j) for i in range(NUM) for j in range(i + 1, NUM)])
+    maps = bases[edges[:, 1]] @ np.swapaxes(bases[edges[:, 0]], 1, 2)
+    wrong = rng.permutation(len(edges))[:num_wrong]
+    maps[wrong] = np.linalg.qr(rng.normal(size=(num_wrong, SIZE, SIZE)))[0]
+    return edges, maps, bases
+
+
+def test_consistent_maps_are_recovered_up_to_one_gauge() -> None:
+    edges, maps, bases = planted(np.random.default_rng(0))
+    found = common_bases(edges, maps, NUM)
+    gauge = bases[0].T @ found.bases[0]
+    assert np.allclose(found.bases, bases @ gauge, atol=1e-6)
+    assert found.residuals.max() < 1e-6
+
+
+def test_a_fifth_of_wrong_maps_is_outvoted_and_seen() -> None:
+    rng = np.random.default_rng(1)
+    edges, maps, bases = planted(rng, num_wrong=3)
+    found = common_bases(edges, maps, NUM)
+    truth = bases[edges[:, 1]] @ np.swapaxes(bases[edges[:, 0]], 1, 2)
+    is_right = np.isclose(maps, truth).all(axis=(1, 2))
+    assert is_right.sum() == len(edges) - 3
+    assert found.residuals[is_right].max() < 0.1 < 0.8 < found.residuals[~is_right].min()
+    assert map_residuals(edges, truth, found.bases).max() < 0.1
+
+
+def test_turning_the_functions_of_a_shape_turns_its_basis_alone() -> None:
+    rng = np.random.default_rng(2)
+    edges, maps, _ = planted(rng, num_wrong=2)
+    turn = np.linalg.qr(rng.normal(size=(SIZE, SIZE)))[0]
+    turned = maps.copy()
+    turned[edges[:, 1] == 3] = turn @ maps[edges[:, 1] == 3]
+    turned[edges[:, 0] == 3] = maps[edges[:, 0] == 3] @ turn.T
+    one, other = common_bases(edges, maps, NUM), common_bases(edges, turned, NUM)
+    assert np.allclose(one.residuals, other.residuals, atol=1e-2)
+
+
+def test_maps_that_do_not_connect_the_shapes_are_refused() -> None:
+    edges, maps, _ = planted(np.random.default_rng(3))
+    apart = (edges != 5).all(axis=1)
+    with pytest.raises(ValueError, match="connect"):
+        common_bases(edges[apart], maps[apart], NUM)
+
+
+def test_cycles_choose_a_map_that_its_own_evidence_places_second_but_not_against_all_odds() -> None:
+    rng = np.random.default_rng(4)
+    edges, maps, _ = planted(rng)
+    others = np.linalg.qr(rng.normal(size=(len(edges), SIZE, SIZE)))[0]
+    candidates = [np.stack([right, wrong]) for right, wrong in zip(maps, others, strict=True)]
+    odds = [np.array([0.0, -2.0]) for _ in edges]
+    odds[4] = np.array([0.0, 1.0])
+    choice, found = choose_maps(edges, candidates, odds, NUM)
+    assert (choice == 0).all()
+    assert found.residuals.max() < 1e-3
+    odds[4] = np.array([0.0, 100.0])
+    assert choose_maps(edges, candidates, odds, NUM)[0][4] == 1
+
+
+def bent_blobs(folder: Path, num: int) -> list[Shape]:
+    """Write one blob bent in several ways, in random poses: vertex i of one corresponds to vertex i of all."""
+    rng = np.random.default_rng(5)
+    body = blob(np.random.default_rng(8), num_vertices=1500)
+    shapes = []
+    for n in range(num):
+        shape = bent(body, rng, angle=0.5)
+        posed = Shape.from_arrays(shape.vertices @ random_rotation(rng).T, shape.faces, name=f"f{n}")
+        write_mesh(folder / f"f{n}.ply", posed)
+        shapes.append(posed)
+    return shapes
+
+
+@pytest.fixture(scope="module")
+def deformed(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Shape], AlignedCollection, Path]:
+    root = tmp_path_factory.mktemp("deformed")
+    folder = root / "shapes"
+    folder.mkdir()
+    shapes = bent_blobs(folder, 4)
+    aligned = align_collection(folder, options=AlignOptions(deformable=True), run=RunOptions(jobs=1), progress=False)
+    aligned.save(root / "out", report=False)
+    return shapes, aligned, root / "out"
+
+
+def worst_share(maps: VertexMaps, shapes: list[Shape], *, within: float) -> float:
+    """Return the least share of vertices, over the pairs, that land within a part of the size of their own place."""
+    shares = []
+    for a, first in enumerate(shapes):
+        size = np.ptp(first.vertices, axis=0).max()
+        for b in range(len(shapes)):
+            found = maps[f"f{a}", f"f{b}"]
+            gaps = np.linalg.norm(first.vertices[found] - first.vertices, axis=1)
+            shares.append(float((gaps <= within * size).mean()))
+    return min(shares)
+
+
+def test_maps_of_bent_blobs_find_every_vertex(deformed: tuple[list[Shape], AlignedCollection, Path]) -> None:
+    shapes, aligned, _ = deformed
+    maps = aligned.maps.vertices
+    assert maps is not None
+    assert maps.names == ("f0", "f1", "f2", "f3")
+    assert not maps.left_out
+    assert worst_share(maps, shapes, within=0.2) > 0.9
+    backwards = replace(maps, to_reference=tuple(own[::-1] for own in maps.to_reference))
+    assert worst_share(backwards, shapes, within=0.2) < 0.5
+
+
+def test_maps_compose_around_cycles(deformed: tuple[list[Shape], AlignedCollection, Path]) -> None:
+    shapes, aligned, _ = deformed
+    maps = aligned.maps.vertices
+    assert maps is not None
+    around = maps["f0", "f1"][maps["f1", "f2"]][maps["f2", "f0"]]
+    gaps = np.linalg.norm(shapes[0].vertices[around] - shapes[0].vertices, axis=1)
+    assert np.quantile(gaps, 0.9) < 0.1 * np.ptp(shapes[0].vertices, axis=0).max()
+
+
+def test_maps_survive_saving(deformed: tuple[list[Shape], AlignedCollection, Path]) -> None:
+    _, aligned, out = deformed
+    maps, again = aligned.maps.vertices, load(out).vertex_maps
+    assert maps is not None
+    assert (again["f1", "f3"] == maps["f1", "f3"]).all()
+    assert again.reference == maps.reference
+    assert (out / "vertex_maps.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(InputError, match="no maps of 'g'"):
+        again["g", "f0"]
+
+
+def test_a_result_without_maps_and_a_damaged_file_say_so(
+    deformed: tuple[list[Shape], AlignedCollection, Path], tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match="--deformable"):
+        load_vertex_maps(tmp_path)
+    data = dict(np.load(deformed[2] / VERTEX_MAPS_FILE))
+    np.savez(tmp_path / VERTEX_MAPS_FILE, **data | {"to_reference": data["to_reference"] + 10**6})
+    with pytest.raises(InputError, match="not maps of vertices"):
+        load_vertex_maps(tmp_path)
+
+
+def test_point_clouds_have_no_maps_of_vertices() -> None:
+    points = np.random.default_rng(6).random((80, 3))
+    aligned = align_collection([points, points[::-1]], options=AlignOptions(deformable=True), progress=False)
+    assert aligned.maps.vertices is None
+    assert any("no maps of vertices" in note for note in aligned.notes)
+
+
+def test_shapes_whose_maps_disagree_are_named() -> None:
+    none = (np.zeros(1, dtype=np.int64),) * 3
+    maps = VertexMaps(
+        names=("a", "b", "c"),
+        reference="a",
+        to_reference=none,
+        from_reference=none,
+        residuals=np.array([0.2, 0.2, 0.2 * SUSPECT + 0.01]),
+        left_out=(("d", "too small"),),
+    )
+    notes = vertex_notes(maps)
+    assert any("of c disagree" in note for note in notes)
+    assert any("d: too small" in note for note in notes)
+    assert not vertex_notes(replace(maps, residuals=np.full(3, 0.2), left_out=()))
