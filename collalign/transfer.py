@@ -10,9 +10,9 @@ import numpy as np
 from collalign.dense import dense_correspondence
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory
-from collalign.landmarks.carry import Template, on_surface, template
-from collalign.landmarks.fusion import fuse
-from collalign.landmarks.radii import Calibration, calibrate, radii
+from collalign.landmarks.carry import Template, at_places, on_surface, template
+from collalign.landmarks.fusion import fuse, template_distance
+from collalign.landmarks.radii import Calibration, Evidence, calibrate, radii
 from collalign.output.evidence.file import load_view
 from collalign.products.collection import DOUBT
 from collalign.products.dense import DenseCorrespondence
@@ -133,7 +133,7 @@ class _Transfer:
         self._view, self._dense, self._labels, self._known = view, dense, labels, known
         self._rows = {name: row for row, name in enumerate(dense.names)}
         centred = dense.mean - dense.mean.mean(axis=0)
-        radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
+        self._radius = radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
         self._templates = [
             template(
                 self._rows[name], self._posed(name, points), dense.vertices[self._rows[name]], dense.faces, radius
@@ -147,13 +147,14 @@ class _Transfer:
 
     def run(self) -> TransferredLandmarks:
         """Predict every specimen, and every template from the others."""
-        errors, spreads = self._leave_one_out()
-        calibration = calibrate(errors, spreads)
+        errors, evidence = self._leave_one_out()
+        calibration = calibrate(errors, evidence)
         found = [self._specimen(name, calibration) for name in self._view.names]
         names = tuple(self._dense.names[item.shape] for item in self._templates)
         unit = np.array([self._scale[name] for name in names])[:, None]
-        without = [calibrate(np.delete(errors, at, 0), np.delete(spreads, at, 0)) for at in range(len(errors))]
-        radius = np.array([radii(one, row) for one, row in zip(without, spreads, strict=True)])
+        rest = [evidence[:at] + evidence[at + 1 :] for at in range(len(evidence))]
+        without = [calibrate(np.delete(errors, at, 0), others) for at, others in enumerate(rest)]
+        radius = np.array([radii(one, own) for one, own in zip(without, evidence, strict=True)])
         return TransferredLandmarks(
             names=self._view.names,
             labels=self._labels,
@@ -165,18 +166,19 @@ class _Transfer:
             left_out_radii=read_only(radius / unit),
         )
 
-    def _leave_one_out(self) -> tuple[FloatArray, FloatArray]:
-        """Errors and spreads of every template predicted from the others, in the common frame, shape (t, l)."""
+    def _leave_one_out(self) -> tuple[FloatArray, list[Evidence]]:
+        """Errors (t, l), in the common frame, of every template predicted from the others, and their evidence."""
         shape = (len(self._templates), len(self._labels))
         if len(self._templates) < 2:
-            return np.full(shape, np.nan), np.full(shape, np.nan)
-        errors, spreads = [], []
+            nothing = np.full(shape[1], np.nan)
+            return np.full(shape, np.nan), [Evidence(spread=nothing, distance=0.0, residual=nothing, unit=1.0)]
+        errors, evidence = [], []
         for at, item in enumerate(self._templates):
             name = self._dense.names[item.shape]
-            points, deviation = self._predict(name, self._templates[:at] + self._templates[at + 1 :])
+            points, shown = self._predict(name, self._templates[:at] + self._templates[at + 1 :])
             errors.append(np.linalg.norm(points - self._posed(name, self._known[name]), axis=1))
-            spreads.append(deviation)
-        return np.array(errors), np.array(spreads)
+            evidence.append(shown)
+        return np.array(errors), evidence
 
     def _specimen(self, name: str, calibration: Calibration) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
         """Points and radii in the file's unit and what became of each landmark."""
@@ -185,10 +187,10 @@ class _Transfer:
         points, radius = np.array(own), np.where(placed, 0.0, np.nan)
         reason = self._abstention(name)
         if reason is None and not placed.all():
-            predicted, spreads = self._predict(name, self._templates)
+            predicted, evidence = self._predict(name, self._templates)
             inverse = np.linalg.inv(self._view.transforms[self._view.index(name)])
             points[~placed] = (predicted @ inverse[:3, :3].T + inverse[:3, 3])[~placed]
-            radius[~placed] = radii(calibration, spreads)[~placed] / self._scale[name]
+            radius[~placed] = radii(calibration, evidence)[~placed] / self._scale[name]
         there = np.isfinite(points).all(axis=1)
         words = np.where(placed, PLACED, np.where(there, CARRIED, reason or UNKNOWN))
         return points, radius, tuple(words.tolist())
@@ -199,12 +201,18 @@ class _Transfer:
         doubtful = self._view.confidence[self._view.index(name)] < DOUBT
         return DOUBTFUL_POSE if doubtful else None
 
-    def _predict(self, name: str, templates: list[Template]) -> tuple[FloatArray, FloatArray]:
-        """Landmarks of a specimen and their spread, in the common frame."""
-        row, at = self._rows[name], self._view.index(name)
-        points, spreads = fuse(templates, row, self._dense.vertices, self._dense.quality)
+    def _predict(self, name: str, templates: list[Template]) -> tuple[FloatArray, Evidence]:
+        """Landmarks of a specimen, in the common frame, and what the prediction shows of its error."""
+        row, at, dense = self._rows[name], self._view.index(name), self._dense
+        points, spreads = fuse(templates, row, dense.vertices, dense.quality)
         shape = read_shape(self._view.file(at), name=name).transformed(self._view.transforms[at])
-        return on_surface(points, templates, SurfaceLocator(shape.vertices, shape.faces)), spreads
+        evidence = Evidence(
+            spread=spreads,
+            distance=template_distance(templates, row, dense.vertices),
+            residual=at_places(templates, dense.residual[row]).mean(axis=0),
+            unit=self._radius,
+        )
+        return on_surface(points, templates, SurfaceLocator(shape.vertices, shape.faces)), evidence
 
     def _posed(self, name: str, points: FloatArray) -> FloatArray:
         T = self._view.transforms[self._view.index(name)]

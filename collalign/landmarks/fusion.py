@@ -36,12 +36,23 @@ def template_weights(
     here = at_places(templates, quality[specimen])
     rows = [at_places([item], quality[item.shape])[0] for item in templates]
     trust = _LEAST_QUALITY + np.sqrt(np.stack(rows) * here)
-    squares = np.array([((vertices[item.shape] - vertices[specimen]) ** 2).sum(axis=1).mean() for item in templates])
+    squares = _squared_distances(templates, specimen, vertices)
     largest = float(squares.max())
     trust /= np.maximum(squares / largest, _LEAST_SQUARE)[:, None] if largest > 0 else 1.0
     trust *= np.stack([np.isfinite(item.offsets).all(axis=1) for item in templates])
     total = trust.sum(axis=0)
     return np.asarray(trust / np.where(total > 0, total, 1.0))
+
+
+def template_distance(templates: Sequence[Template], specimen: int, vertices: FloatArray) -> float:
+    """Return the root of the harmonic mean of the mean squared distances of a specimen from its templates."""
+    squares = _squared_distances(templates, specimen, vertices)
+    return float(np.sqrt(1.0 / np.mean(1.0 / squares))) if squares.all() else 0.0
+
+
+def _squared_distances(templates: Sequence[Template], specimen: int, vertices: FloatArray) -> FloatArray:
+    """Mean squared distance of corresponding points of the specimen and each template, shape (t,)."""
+    return np.array([((vertices[item.shape] - vertices[specimen]) ** 2).sum(axis=1).mean() for item in templates])
 
 
 def fuse(

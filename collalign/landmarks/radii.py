@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +12,43 @@ from data_tools.arrays import FloatArray
 
 #: Share of landmarks that lie within their radius.
 COVERAGE = 0.9
+#: How much the spread of the templates counts beside the landmark's error on other templates, and the powers of what
+#: else foretells errors. Chosen on 44 molars and 22 mouse skulls with seven templates, by the rank correlation of
+#: radius and error: .559 and .522; without these three .506 and .521.
+_SPREAD_WEIGHT, _DISTANCE_POWER, _RESIDUAL_POWER = 1.5, 0.3, 0.1
+#: Distances and residuals below these parts of the radius say no more.
+_LEAST_DISTANCE, _LEAST_RESIDUAL = 1e-3, 2e-4
 #: Fewest templates that anything can be calibrated on.
 MIN_TEMPLATES = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evidence:
+    """What a prediction shows of its own error, without knowing the answer.
+
+    Attributes
+    ----------
+    spread : ndarray, shape (l,)
+        Of what the templates say, see :func:`spread`.
+    distance : float
+        Of the specimen from its templates, see :func:`collalign.landmarks.fusion.template_distance`.
+    residual : ndarray, shape (l,)
+        Distance of the registered mean from the specimen's surface at each landmark.
+    unit : float
+        Root mean square radius, in the unit of all of these.
+    """
+
+    spread: FloatArray
+    distance: float
+    residual: FloatArray
+    unit: float
+
+    def expected(self, landmark_error: FloatArray) -> FloatArray:
+        """Return a number in proportion to the error to expect, given each landmark's error elsewhere, shape (l,)."""
+        distance = max(self.distance / self.unit, _LEAST_DISTANCE)
+        residual = np.maximum(self.residual / self.unit, _LEAST_RESIDUAL)
+        known = np.hypot(landmark_error, _SPREAD_WEIGHT * self.spread)
+        return np.asarray(known * distance**_DISTANCE_POWER * residual**_RESIDUAL_POWER)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,19 +70,19 @@ class Calibration:
     num_scores: int
 
 
-def calibrate(errors: FloatArray, spreads: FloatArray) -> Calibration:
+def calibrate(errors: FloatArray, evidence: Sequence[Evidence]) -> Calibration:
     """Learn radii from templates that were left out in turn.
 
-    The expected error of a landmark on a specimen is the root of the sum of two squares: this landmark's error on the
-    other templates, and the spread of what the templates say there. The factor is the split-conformal quantile of
-    error over expected error, where each error is expected without itself.
+    A landmark's error on a specimen is expected to be the larger, the larger it is on the other templates, the less
+    the templates agree there, the less the specimen is like them, and the worse the registration fits there. The
+    factor is the split-conformal quantile of error over expected error, where each error is expected without itself.
 
     Parameters
     ----------
     errors : ndarray, shape (t, l)
         Of each landmark on each template, predicted from the others; NaN where unknown.
-    spreads : ndarray, shape (t, l)
-        Of those predictions, see :func:`spread`.
+    evidence : sequence of Evidence, length t
+        Of those predictions.
 
     References
     ----------
@@ -58,16 +94,17 @@ def calibrate(errors: FloatArray, spreads: FloatArray) -> Calibration:
     if len(errors) < MIN_TEMPLATES:
         return Calibration(landmark_error=landmark_error, factor=math.nan, num_scores=0)
     others = np.stack([_rms(np.delete(errors, at, axis=0)) for at in range(len(errors))])
-    scores = errors / np.hypot(others, spreads)
+    expected = [one.expected(without) for one, without in zip(evidence, others, strict=True)]
+    scores = errors / np.array(expected)
     scores = np.sort(scores[np.isfinite(scores)])
     rank = math.ceil((len(scores) + 1) * COVERAGE)
     factor = float(scores[rank - 1]) if rank <= len(scores) else math.nan
     return Calibration(landmark_error=landmark_error, factor=factor, num_scores=len(scores))
 
 
-def radii(calibration: Calibration, spreads: FloatArray) -> FloatArray:
+def radii(calibration: Calibration, evidence: Evidence) -> FloatArray:
     """Return the radius of each landmark on a specimen, shape (l,); NaN where nothing was calibrated."""
-    return np.asarray(calibration.factor * np.hypot(calibration.landmark_error, spreads))
+    return np.asarray(calibration.factor * evidence.expected(calibration.landmark_error))
 
 
 def spread(said: FloatArray, weights: FloatArray) -> FloatArray:

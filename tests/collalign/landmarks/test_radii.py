@@ -3,10 +3,15 @@
 import numpy as np
 
 from collalign.landmarks.carry import carried, on_surface, template
-from collalign.landmarks.fusion import fuse, template_weights
-from collalign.landmarks.radii import COVERAGE, MIN_TEMPLATES, calibrate, radii, spread
+from collalign.landmarks.fusion import fuse, template_distance, template_weights
+from collalign.landmarks.radii import COVERAGE, MIN_TEMPLATES, Evidence, calibrate, radii, spread
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.surface.closest import SurfaceLocator
+
+
+def shown(num: int = 30, distance: float = 1.0, residual: float = 1.0) -> Evidence:
+    """Return evidence of templates that agree."""
+    return Evidence(spread=np.zeros(num), distance=distance, residual=np.full(num, residual), unit=1.0)
 
 
 def simulated(rng: np.random.Generator, num: int) -> np.ndarray:
@@ -19,14 +24,14 @@ def test_nine_of_ten_new_landmarks_lie_within_their_radius() -> None:
     inside = []
     for _ in range(40):
         errors = simulated(rng, 8)
-        calibration = calibrate(errors, np.zeros_like(errors))
-        inside.append(simulated(rng, 40) <= radii(calibration, np.zeros(30)))
+        calibration = calibrate(errors, [shown()] * len(errors))
+        inside.append(simulated(rng, 40) <= radii(calibration, shown()))
     assert abs(np.mean(inside) - COVERAGE) < 0.03
 
 
 def test_radii_tell_hard_landmarks_from_easy_ones() -> None:
     errors = simulated(np.random.default_rng(1), 8)
-    radius = radii(calibrate(errors, np.zeros_like(errors)), np.zeros(30))
+    radius = radii(calibrate(errors, [shown()] * len(errors)), shown())
     assert np.corrcoef(np.log(radius), np.arange(30))[0, 1] > 0.9
 
 
@@ -34,20 +39,30 @@ def test_a_wrong_scale_would_be_noticed() -> None:
     """The check of the coverage fails for radii that are too small by half."""
     rng = np.random.default_rng(2)
     errors = simulated(rng, 8)
-    radius = radii(calibrate(errors, np.zeros_like(errors)), np.zeros(30))
+    radius = radii(calibrate(errors, [shown()] * len(errors)), shown())
     assert np.mean(simulated(rng, 400) <= 0.5 * radius) < COVERAGE - 0.1
+
+
+def test_specimens_unlike_the_templates_and_bad_fits_get_larger_radii() -> None:
+    errors = simulated(np.random.default_rng(5), 8)
+    calibration = calibrate(errors, [shown()] * 8)
+    plain = radii(calibration, shown())
+    for evidence in (shown(distance=2.0), shown(residual=2.0)):
+        assert (radii(calibration, evidence) > 1.05 * plain).all()
+    split = Evidence(spread=np.full(30, 5.0), distance=1.0, residual=np.ones(30), unit=1.0)
+    assert (radii(calibration, split) > plain).all()
 
 
 def test_too_few_templates_give_no_radius() -> None:
     errors = simulated(np.random.default_rng(3), MIN_TEMPLATES - 1)
-    assert np.isnan(radii(calibrate(errors, np.zeros_like(errors)), np.zeros(30))).all()
+    assert np.isnan(radii(calibrate(errors, [shown()] * len(errors)), shown())).all()
 
 
 def test_missing_landmarks_count_for_nothing() -> None:
     errors = simulated(np.random.default_rng(4), 8)
     errors[2, 5] = np.nan
     errors[:, 7] = np.nan
-    radius = radii(calibrate(errors, np.zeros_like(errors)), np.zeros(30))
+    radius = radii(calibrate(errors, [shown()] * len(errors)), shown())
     assert np.isnan(radius[7])
     assert np.isfinite(np.delete(radius, 7)).all()
 
@@ -66,6 +81,7 @@ def test_templates_nearer_to_the_specimen_count_more() -> None:
     weights = template_weights(templates, 1, vertices, np.ones((3, 200)))
     assert (weights[0] > weights[1]).all()
     np.testing.assert_allclose(weights.sum(axis=0), 1)
+    assert 0 < template_distance(templates, 1, vertices) < template_distance(templates[1:], 1, vertices)
     points, spreads = fuse(templates, 1, vertices, np.ones((3, 200)))
     np.testing.assert_allclose(points, 1.1 * marks, atol=1e-9)
     np.testing.assert_allclose(spreads, 0, atol=1e-6)
