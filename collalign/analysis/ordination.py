@@ -13,6 +13,9 @@ from data_tools.arrays import FloatArray, IntArray, as_floats, read_only
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
+#: Coordinates of multidimensional scaling.
+NUM_DIMENSIONS = 2
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tree:
@@ -34,19 +37,18 @@ class Tree:
 
 
 @one_blas_thread()
-def classical_mds(distances: ArrayLike, *, num_dimensions: int = 2) -> tuple[FloatArray, FloatArray]:
+def classical_mds(distances: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Classical multidimensional scaling (principal coordinates) of a complete distance matrix.
 
     Parameters
     ----------
     distances : array_like, shape (N, N)
-    num_dimensions : int
 
     Returns
     -------
-    coordinates : ndarray, shape (N, num_dimensions)
+    coordinates : ndarray, shape (N, NUM_DIMENSIONS)
         The largest entry of each column is positive.
-    shares : ndarray, shape (num_dimensions,)
+    shares : ndarray, shape (NUM_DIMENSIONS,)
         Part of the sum of positive eigenvalues that each axis shows.
 
     References
@@ -57,18 +59,18 @@ def classical_mds(distances: ArrayLike, *, num_dimensions: int = 2) -> tuple[Flo
     centring = np.eye(len(squared)) - 1.0 / len(squared)
     values, vectors = np.linalg.eigh(-0.5 * centring @ squared @ centring)
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
-    coordinates = np.zeros((len(squared), num_dimensions))
-    count = min(num_dimensions, len(squared))
+    coordinates = np.zeros((len(squared), NUM_DIMENSIONS))
+    count = min(NUM_DIMENSIONS, len(squared))
     coordinates[:, :count] = (vectors * np.sqrt(values))[:, :count]
     largest = np.abs(coordinates).argmax(axis=0)
-    coordinates *= np.where(coordinates[largest, np.arange(num_dimensions)] < 0, -1.0, 1.0)
-    shares = np.zeros(num_dimensions)
+    coordinates *= np.where(coordinates[largest, np.arange(NUM_DIMENSIONS)] < 0, -1.0, 1.0)
+    shares = np.zeros(NUM_DIMENSIONS)
     shares[:count] = values[:count] / max(float(values.sum()), np.finfo(float).tiny)
     return coordinates, shares
 
 
-def cophenetic_tree(distances: ArrayLike, *, method: str = "average") -> Tree:
-    """Cluster shapes hierarchically by a complete distance matrix; ``"average"`` is UPGMA.
+def cophenetic_tree(distances: ArrayLike) -> Tree:
+    """Cluster shapes hierarchically by a complete distance matrix, by average linkage (UPGMA).
 
     Raises
     ------
@@ -79,7 +81,7 @@ def cophenetic_tree(distances: ArrayLike, *, method: str = "average") -> Tree:
     if len(matrix) < 2:
         raise InputError(f"distances: a tree needs at least two shapes, got {len(matrix)}")
     condensed = squareform(matrix, checks=False)
-    joined = linkage(condensed, method=method)
+    joined = linkage(condensed, method="average")
     heights = cophenet(joined)
     spread = min(float(np.ptp(condensed)), float(np.ptp(heights)))
     return Tree(

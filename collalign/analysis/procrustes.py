@@ -6,17 +6,18 @@ Everything here takes samples with consistent labels, shape (N, k, 3): row b of 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import BoolArray, FloatArray, as_floats, read_only
-from data_tools.errors import InputError, OptionsError
+from data_tools.errors import InputError
 from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
 
-Distance = Literal["partial", "full", "riemannian"]
+#: Rounds of superimposition on the mean, at most; it has settled when its squared movement is below this, relative to
+#: its squared size.
+MAX_ROUNDS, SETTLED = 200, 1e-12
 #: Fewest common labels from which a pose in space is determined.
 MIN_LABELS = 3
 
@@ -28,23 +29,13 @@ class ProcrustesMean:
     Attributes
     ----------
     mean : ndarray, shape (k, 3)
-        Of unit centroid size where sizes were removed.
+        Of unit centroid size.
     aligned : ndarray, shape (N, k, 3)
-        The superimposed shapes.
-    rotations : ndarray, shape (N, 3, 3)
-        ``aligned[n] = factor_n * (samples[n] - centroid_n) @ rotations[n].T``.
-    centroid_sizes : ndarray, shape (N,)
-        Before superimposition, in the units of the samples.
-    iterations : int
-    converged : bool
+        The superimposed shapes, of unit centroid size.
     """
 
     mean: FloatArray
     aligned: FloatArray
-    rotations: FloatArray
-    centroid_sizes: FloatArray
-    iterations: int
-    converged: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,10 +72,8 @@ def common_labels(samples: ArrayLike) -> BoolArray:
 
 
 @one_blas_thread()
-def generalized_procrustes(
-    samples: ArrayLike, *, scale: bool = True, tol: float = 1e-12, max_iterations: int = 200
-) -> ProcrustesMean:
-    """Superimpose all shapes on their mean, repeatedly, until the mean stands still.
+def generalized_procrustes(samples: ArrayLike) -> ProcrustesMean:
+    """Superimpose all shapes, at unit size, on their mean, repeatedly, until the mean stands still.
 
     Rotations only: shapes of opposite handedness must have been mirrored before, as aligned samples are.
 
@@ -92,11 +81,6 @@ def generalized_procrustes(
     ----------
     samples : array_like, shape (N, k, 3)
         Complete; see :func:`common_labels`.
-    scale : bool
-        Whether shapes are brought to unit centroid size first (partial Procrustes superimposition).
-    tol : float
-        Stop when the squared movement of the mean, relative to its squared size, is below this.
-    max_iterations : int
 
     Returns
     -------
@@ -112,29 +96,18 @@ def generalized_procrustes(
     Gower, Generalized Procrustes analysis, Psychometrika 40 (1975). Rohlf and Slice, Extensions of the Procrustes
     method for the optimal superimposition of landmarks, Systematic Zoology 39 (1990).
     """
-    centred, sizes = _centred(as_floats(samples, "samples", shape=(None, None, 3)))
-    if not len(centred):
+    shapes = _unit_size(as_floats(samples, "samples", shape=(None, None, 3)))
+    if not len(shapes):
         raise InputError("samples: no shapes")
-    shapes = centred / sizes[:, None, None] if scale else centred
     mean = shapes[0]
-    iterations, converged = 0, False
-    while not converged and iterations < max_iterations:
-        iterations += 1
-        rotations = best_rotations(mean, shapes)
-        aligned = shapes @ np.swapaxes(rotations, 1, 2)
+    for _ in range(MAX_ROUNDS):
+        aligned = shapes @ np.swapaxes(best_rotations(mean, shapes), 1, 2)
         new = aligned.mean(axis=0)
-        if scale:
-            new /= np.linalg.norm(new)
-        converged = bool(np.sum((new - mean) ** 2) <= tol * np.sum(mean**2))
-        mean = new
-    return ProcrustesMean(
-        mean=read_only(mean),
-        aligned=read_only(aligned),
-        rotations=read_only(rotations),
-        centroid_sizes=read_only(sizes),
-        iterations=iterations,
-        converged=converged,
-    )
+        new /= np.linalg.norm(new)
+        moved, mean = np.sum((new - mean) ** 2) / np.sum(mean**2), new
+        if moved <= SETTLED:
+            break
+    return ProcrustesMean(mean=read_only(mean), aligned=read_only(aligned))
 
 
 def best_rotations(targets: FloatArray, sources: FloatArray) -> FloatArray:
@@ -174,24 +147,22 @@ def principal_components(aligned: ArrayLike, *, num_components: int | None = Non
 
 
 @one_blas_thread()
-def procrustes_distances(samples: ArrayLike, *, kind: Distance = "partial") -> FloatArray:
-    """Procrustes distances of all pairs, each pair superimposed by itself on the labels that both have.
+def procrustes_distances(samples: ArrayLike) -> FloatArray:
+    """Partial Procrustes distances of all pairs, each pair superimposed by itself on the labels that both have.
+
+    ``2 sin(rho / 2)``, rho the arccos of the summed singular values of the two unit-size configurations (Dryden and
+    Mardia, Statistical Shape Analysis, chapter 4).
 
     Parameters
     ----------
     samples : array_like, shape (N, k, 3)
         NaN where a shape has no such label.
-    kind : {"partial", "full", "riemannian"}
-        With rho = arccos of the summed singular values of the two unit-size configurations: ``2 sin(rho / 2)``,
-        ``sin(rho)`` and ``rho`` (Dryden and Mardia, Statistical Shape Analysis, chapter 4).
 
     Returns
     -------
     ndarray, shape (N, N)
         Symmetric, zero diagonal; NaN for pairs with fewer than three labels in common.
     """
-    if kind not in ("partial", "full", "riemannian"):
-        raise OptionsError(f"kind: expected 'partial', 'full' or 'riemannian', got {kind!r}")
     points = np.array(samples, dtype=np.float64)
     if points.ndim != 3 or points.shape[2] != 3:
         raise InputError(f"samples: expected shape (N, k, 3), got {points.shape}")
@@ -203,15 +174,15 @@ def procrustes_distances(samples: ArrayLike, *, kind: Distance = "partial") -> F
         )
     rho = np.arccos(np.clip(cosines, -1.0, 1.0))
     np.fill_diagonal(rho, 0.0)
-    return {"partial": 2 * np.sin(rho / 2), "full": np.sin(rho), "riemannian": rho}[kind]
+    return 2 * np.sin(rho / 2)
 
 
-def _centred(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _unit_size(points: FloatArray) -> FloatArray:
     centred = points - points.mean(axis=1, keepdims=True)
     sizes = np.sqrt((centred**2).sum(axis=(1, 2)))
     if (sizes <= 0).any():
         raise InputError(f"samples: shape {int(sizes.argmin())} is a single point and has no size")
-    return centred, sizes
+    return centred / sizes[:, None, None]
 
 
 def _cosines(one: FloatArray, others: FloatArray, common: BoolArray) -> FloatArray:

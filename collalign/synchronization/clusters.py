@@ -31,6 +31,9 @@ NUM_TYPICAL, LEAST_TYPICAL = 5, 1e-9
 #: Turns that the pairs between two parts ask for are counted around this many of them, at most; rounds of k-means.
 MAX_MODES, MAX_KMEANS = 256, 100
 
+#: Parts that are looked for, at most.
+MAX_PARTS = 12
+
 #: Third shapes looked at per pair, at most.
 MAX_TRIANGLES = 64
 
@@ -54,9 +57,7 @@ class ClusteredSynchronization:
 
 
 @one_blas_thread()
-def synchronize_clusters(
-    graph: PairGraph, *, num_clusters: int | None = None, max_clusters: int = 12
-) -> ClusteredSynchronization:
+def synchronize_clusters(graph: PairGraph, *, num_clusters: int | None = None) -> ClusteredSynchronization:
     """Split the shapes into parts whose pairs are consistent, synchronize each, and align the parts to each other.
 
     The affinity of a pair is the share of the triangles over it that close, times how low its energy is. Spectral
@@ -67,8 +68,6 @@ def synchronize_clusters(
     graph : PairGraph
     num_clusters : int, optional
         Number of parts; found by the eigenvalues by default.
-    max_clusters : int
-        Most parts that are looked for.
 
     Raises
     ------
@@ -77,7 +76,7 @@ def synchronize_clusters(
     """
     if num_clusters is not None and not 1 <= num_clusters <= graph.num_shapes:
         raise OptionsError(f"num_clusters: expected 1 to {graph.num_shapes}, got {num_clusters}")
-    labels = spectral_clusters(pair_affinity(graph), num_clusters, max_clusters)
+    labels = spectral_clusters(pair_affinity(graph), num_clusters)
     parts = tuple(np.flatnonzero(labels == part) for part in range(labels.max() + 1))
     results = tuple(synchronize_graph(graph.subgraph(part)[0]) for part in parts)
     return ClusteredSynchronization(
@@ -117,7 +116,7 @@ def pair_affinity(graph: PairGraph) -> FloatArray:
     return affinity
 
 
-def spectral_clusters(affinity: FloatArray, num_clusters: int | None, max_clusters: int = 12) -> IntArray:
+def spectral_clusters(affinity: FloatArray, num_clusters: int | None) -> IntArray:
     """Return the part of each shape, shape (N,), parts numbered by first member.
 
     Parameters
@@ -128,7 +127,6 @@ def spectral_clusters(affinity: FloatArray, num_clusters: int | None, max_cluste
         By the largest ratio of successive eigenvalues of ``D^-1/2 A D^-1/2`` where it is None. The affinities are
         first divided by what is typical of their shapes (Zelnik-Manor and Perona 2004): members of small parts
         close few triangles.
-    max_clusters : int
     """
     count = len(affinity)
     typical = _typical_affinity(affinity)
@@ -138,7 +136,7 @@ def spectral_clusters(affinity: FloatArray, num_clusters: int | None, max_cluste
     values, vectors = eigh(spread[:, None] * scaled * spread)
     values, vectors = np.maximum(values[::-1], LEAST_EIGENVALUE), vectors[:, ::-1]
     if num_clusters is None:
-        most = min(max_clusters, count - 1)
+        most = min(MAX_PARTS, count - 1)
         num_clusters = 1 + int(np.argmax(values[:most] / values[1 : most + 1])) if most else 1
     rows = vectors[:, :num_clusters]
     rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
@@ -148,9 +146,9 @@ def spectral_clusters(affinity: FloatArray, num_clusters: int | None, max_cluste
     return np.asarray(order[inverse.ravel()], dtype=np.int64)
 
 
-def _typical_affinity(affinity: FloatArray, num_nearest: int = NUM_TYPICAL) -> FloatArray:
+def _typical_affinity(affinity: FloatArray) -> FloatArray:
     """Return the mean of the largest affinities of each shape, shape (N,)."""
-    nearest = np.sort(affinity, axis=1)[:, -num_nearest:]
+    nearest = np.sort(affinity, axis=1)[:, -NUM_TYPICAL:]
     return np.maximum(nearest.mean(axis=1), LEAST_TYPICAL * max(float(affinity.max(initial=0.0)), 1e-300))
 
 

@@ -23,6 +23,9 @@ from data_tools.threads import one_blas_thread
 #: Most that the distance to a label counts, relative to the strongest support by maps.
 NEARNESS_SHARE = 0.5
 
+#: A sample's label counts this much more than others of equal support, relative to the strongest.
+TIE_SHARE = 1e-6
+
 #: Rounds of projected power iteration, at most.
 MAX_ROUNDS = 30
 
@@ -195,7 +198,7 @@ def _assigned(support: FloatArray, starts: IntArray, labels: IntArray) -> IntArr
     fresh = labels.copy()
     for first, last in pairwise(starts):
         part = support[first:last].copy()
-        part[np.arange(last - first), labels[first:last]] += 1e-6 * max(float(part.max(initial=0.0)), 1.0)
+        part[np.arange(last - first), labels[first:last]] += TIE_SHARE * max(float(part.max(initial=0.0)), 1.0)
         fresh[first:last] = linear_sum_assignment(-part)[1]
     return fresh
 

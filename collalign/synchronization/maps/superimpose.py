@@ -12,6 +12,9 @@ from data_tools.arrays import FloatArray, IntArray, as_indices, as_points, read_
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
+#: Rounds of means and fits, at most; they end when the mean moves by less than this, relative to its size.
+MAX_ROUNDS, MEAN_TOL = 100, 1e-12
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Superimposition:
@@ -37,8 +40,6 @@ def superimpose(
     rotations: ArrayLike,
     *,
     with_scale: bool = True,
-    max_iterations: int = 100,
-    tol: float = 1e-12,
 ) -> Superimposition:
     """Alternate the mean of each label with the best scale and shift of each shape to the mean.
 
@@ -52,8 +53,6 @@ def superimpose(
         ``R_common_i``; they are kept. :func:`collalign.analysis.procrustes.generalized_procrustes` turns as well.
     with_scale : bool
         Whether scales are estimated.
-    max_iterations, tol
-        Stops when the mean moves by less, relative to its size.
 
     Raises
     ------
@@ -66,12 +65,12 @@ def superimpose(
     scales = np.ones(len(points))
     shifts = np.stack([-r @ x.mean(axis=0) for x, r in zip(points, frames, strict=True)])
     mean = np.zeros((total, frames.shape[-1]))
-    for _ in range(max_iterations):
+    for _ in range(MAX_ROUNDS):
         fresh = _mean(points, marks, frames, scales, shifts, total)
         scales, shifts = _fitted(points, marks, fresh, frames, scales, with_scale=with_scale)
         change, size = np.nansum((fresh - mean) ** 2), np.nansum(fresh**2)
         mean = fresh
-        if change <= tol**2 * size:
+        if change <= MEAN_TOL**2 * size:
             break
     return Superimposition(scales=read_only(scales), translations=read_only(shifts))
 

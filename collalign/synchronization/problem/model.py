@@ -52,6 +52,9 @@ MOST_LOG_ODDS = (6.0, 50.0)
 #: Prior log-odds of a pair's lowest energy against another candidate of median energy.
 PRIOR_LOG_ODDS = 1.5
 
+#: Precision of that prior, either half of it; Newton steps to what energies say of candidates.
+PRIOR_PRECISION, MAX_NEWTON_STEPS = 1.0, 10
+
 
 def group_volume(dim: int) -> float:
     """Return the volume of SO(d) in the metric ``|log R|_F^2 / 2``: the product of the spheres S^1 ... S^(d-1)."""
@@ -234,7 +237,7 @@ def _fitted_power(model: EdgeModel, share: FloatArray, squared: FloatArray) -> f
     return float(np.clip(slope, *POWER_RANGE))
 
 
-def _fitted_candidates(model: EdgeModel, share: FloatArray, rounds: int = 10) -> tuple[float, float]:
+def _fitted_candidates(model: EdgeModel, share: FloatArray) -> tuple[float, float]:
     """Return what energies say about candidates: conditional logit by Newton, shrunk to the prior."""
     features = candidate_features(model.graph)
     if model.graph.log_odds is not None or not features.any():
@@ -243,8 +246,8 @@ def _fitted_candidates(model: EdgeModel, share: FloatArray, rounds: int = 10) ->
     features, counts = features[used], share[used]
     totals = counts.sum(axis=1)
     value = np.array([model.best_log_odds, model.energy_slope])
-    prior, precision = np.array([PRIOR_LOG_ODDS / 2, PRIOR_LOG_ODDS / 2]), 1.0
-    for _ in range(rounds):
+    prior, precision = np.array([PRIOR_LOG_ODDS / 2, PRIOR_LOG_ODDS / 2]), PRIOR_PRECISION
+    for _ in range(MAX_NEWTON_STEPS):
         score = np.where(model.graph.present[used], -(features @ value), -np.inf)
         chance = np.exp(score - score.max(axis=1, keepdims=True))
         chance /= chance.sum(axis=1, keepdims=True)

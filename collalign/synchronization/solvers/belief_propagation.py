@@ -9,6 +9,9 @@ from data_tools.arrays import FloatArray, IntArray
 #: A change of labels gains when the cost falls by more than this, nats: less is rounding.
 GAIN_TOL = 1e-9
 
+#: Rounds of messages, and of moves, at most; messages have settled when none changes by more.
+MAX_ROUNDS, MAX_MOVES, MESSAGE_TOL = 60, 100, 1e-3
+
 #: Part of the old message kept at each round.
 DAMPING = 0.4
 
@@ -20,8 +23,7 @@ def propagate_beliefs(
     *,
     start: FloatArray | None = None,
     fixed: IntArray | None = None,
-    max_rounds: int = 60,
-    tol: float = 1e-3,
+    max_rounds: int = MAX_ROUNDS,
 ) -> FloatArray:
     """Return sum-product marginals of the turns, shape (N, L).
 
@@ -35,8 +37,8 @@ def propagate_beliefs(
         Beliefs to start from; uniform by default.
     fixed : ndarray of int, optional
         Shapes that stay at turn 0: they break the symmetry of the gauge.
-    max_rounds, tol
-        Stops when no message changes by more.
+    max_rounds : int
+        At most; it ends before when no message changes by ``MESSAGE_TOL``.
     """
     count, size = costs.shape[:2]
     likelihood = np.exp(-(costs - costs.min(axis=(1, 2), keepdims=True)))
@@ -58,16 +60,14 @@ def propagate_beliefs(
         messages = mixed
         field = _summed(messages, target, num_shapes)
         cavity = _softmax(field[source] - messages[reverse])
-        if change < tol:
+        if change < MESSAGE_TOL:
             break
     marginals = _softmax(_summed(messages, target, num_shapes))
     marginals[is_fixed] = at_turn_0
     return marginals
 
 
-def conditional_moves(
-    edges: IntArray, costs: FloatArray, labels: IntArray, *, free: FloatArray, max_rounds: int = 100
-) -> IntArray:
+def conditional_moves(edges: IntArray, costs: FloatArray, labels: IntArray, *, free: FloatArray) -> IntArray:
     """Return labels that no change of a single shape improves (iterated conditional modes).
 
     Each round changes an independent set of the shapes that gain most, so that the cost falls at every step.
@@ -75,7 +75,7 @@ def conditional_moves(
     labels = labels.copy()
     left, right = edges.T
     span = np.arange(len(edges))
-    for _ in range(max_rounds):
+    for _ in range(MAX_MOVES):
         field = _summed(costs[span, :, labels[right]], left, len(labels))
         field += _summed(costs[span, labels[left]], right, len(labels))
         best = np.argmin(field, axis=1)

@@ -25,6 +25,9 @@ DOUBTED_LOG_ODDS = 6.0
 #: A pair offers a turn when it costs less than this, nats. Half of the pairs must offer a turn of the collection.
 OFFERED_COST, OFFERED_SHARE = 4.0, 0.5
 
+#: Orders of the shapes, by slow vectors of the signed Laplacian, along which blocks are looked for.
+NUM_SLOW = 4
+
 #: Smaller components have no blocks: two shapes against two are the least.
 LEAST_SHAPES = 4
 
@@ -125,8 +128,8 @@ def symmetric_turns(graph: PairGraph, differences: FloatArray, common: FloatArra
     return found
 
 
-def _slow_orders(edges: IntArray, costs: FloatArray, num_shapes: int, count: int = 4) -> IntArray:
-    """Return the shapes' ranks along the slowest vectors of the signed Laplacian, shape (count, N)."""
+def _slow_orders(edges: IntArray, costs: FloatArray, num_shapes: int) -> IntArray:
+    """Return the shapes' ranks along the slowest vectors of the signed Laplacian, shape (NUM_SLOW, N)."""
     left, right = edges.T
     weights = coo_matrix((costs, (left, right)), shape=(num_shapes, num_shapes))
     weights = (weights + weights.T).tocsr()
@@ -134,7 +137,7 @@ def _slow_orders(edges: IntArray, costs: FloatArray, num_shapes: int, count: int
     scale = 1.0 / np.sqrt(np.maximum(size, 1e-9 * max(size.max(initial=0.0), 1e-12)))
     signed = np.asarray(weights.sum(axis=1)).ravel()
     operator = diags(scale) @ (weights - diags(signed)) @ diags(scale) + identity(num_shapes, format="csr")
-    _, vectors = leading_eigenvectors(operator.tocsr(), min(count + 1, num_shapes))
+    _, vectors = leading_eigenvectors(operator.tocsr(), min(NUM_SLOW + 1, num_shapes))
     return np.argsort(np.argsort(vectors * scale[:, None], axis=0, kind="stable"), axis=0, kind="stable").T
 
 

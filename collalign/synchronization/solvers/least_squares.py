@@ -16,6 +16,12 @@ DENSE_SHAPES = 400
 #: Largest tangent step per axis, radians: beyond it the quadratic model means nothing.
 MAX_STEP_RAD = 0.7
 
+#: The last least squares takes so many steps at most, and ends with one shorter than this, radians.
+MAX_STEPS, SETTLED_RAD = 50, 1e-11
+
+#: Conjugate gradients take so many steps at most, to this residual relative to the first.
+MAX_CG_STEPS, CG_TOL = 60, 1e-3
+
 
 def gauss_newton_step(
     frames: FloatArray,
@@ -73,15 +79,12 @@ def polish(
     rotations: FloatArray,
     weights: FloatArray,
     free: BoolArray,
-    *,
-    max_iterations: int = 50,
-    step_tol: float = 1e-11,
 ) -> FloatArray:
     """Return a stationary point of ``sum_e w_e |R_e - P_i P_j^T|_F^2`` near the given frames."""
     targets = rotations * weights[:, None, None]
-    for _ in range(max_iterations):
+    for _ in range(MAX_STEPS):
         frames, step = gauss_newton_step(frames, edges, targets, weights, free)
-        if step <= step_tol:
+        if step <= SETTLED_RAD:
             break
     return frames
 
@@ -91,7 +94,7 @@ def _solve_laplacian(
 ) -> FloatArray:
     """Solve the weighted graph Laplacian of the free shapes: directly, or where it is large by conjugate gradients.
 
-    These are stopped at a thousandth (each step of Gauss-Newton starts anew), and replaced by a factorization where
+    These are stopped at ``CG_TOL`` (each step of Gauss-Newton starts anew), and replaced by a factorization where
     they are slow, as on chains.
     """
     left, right = edges.T
@@ -111,16 +114,14 @@ def _solve_laplacian(
     return splu(sparse.tocsc()).solve(force) if solution is None else solution
 
 
-def _conjugate_gradients(
-    matrix: csr_matrix, diagonal: FloatArray, force: FloatArray, *, max_iterations: int = 60, rel_tol: float = 1e-3
-) -> FloatArray | None:
+def _conjugate_gradients(matrix: csr_matrix, diagonal: FloatArray, force: FloatArray) -> FloatArray | None:
     """Return the solution for all columns by Jacobi-preconditioned conjugate gradients; None if they are too slow."""
     scale = 1.0 / diagonal[:, None]
     solution, residual = np.zeros_like(force), force.copy()
     direction = scale * residual
     energy = (residual * direction).sum(axis=0)
-    goal = rel_tol**2 * np.maximum(energy, 1e-300)
-    for _ in range(max_iterations):
+    goal = CG_TOL**2 * np.maximum(energy, 1e-300)
+    for _ in range(MAX_CG_STEPS):
         image = matrix @ direction
         step = energy / np.maximum((direction * image).sum(axis=0), 1e-300)
         solution += step * direction

@@ -26,6 +26,12 @@ LEAST_SHARE = 1e-9
 #: Reweighting ends with steps shorter than this, radians; the likelihood's own steps follow.
 REWEIGHTED_STEP = 1e-3
 
+#: Reweightings, and steps of the likelihood, at most; these end with steps shorter than this, radians.
+MAX_REWEIGHTINGS, MAX_LIKELIHOOD_STEPS, LIKELIHOOD_STEP = 40, 30, 1e-4
+
+#: Every pair's lowest candidate keeps this share of the heaviest pair's weight: no shape is left without any.
+UNTRUSTED_SHARE = 1e-7
+
 
 def reweighted_frames(
     graph: PairGraph,
@@ -33,8 +39,6 @@ def reweighted_frames(
     weights: FloatArray,
     frames: FloatArray,
     free: BoolArray,
-    *,
-    max_iterations: int = 40,
 ) -> FloatArray:
     """Return iteratively reweighted least squares with Geman-McClure weights, one rotation per pair.
 
@@ -54,7 +58,7 @@ def reweighted_frames(
     """
     left, right = graph.edges.T
     scale = np.inf
-    for _ in range(max_iterations):
+    for _ in range(MAX_REWEIGHTINGS):
         squared = ((rotations - frames[left] @ np.swapaxes(frames[right], 1, 2)) ** 2).sum(axis=(1, 2))
         target = max(GOOD_SCALE * float(np.quantile(squared, GOOD_SHARE)), LEAST_SCALE)
         is_first = not np.isfinite(scale)
@@ -74,8 +78,6 @@ def maximise_likelihood(
     free: BoolArray,
     *,
     estimate: bool = True,
-    max_iterations: int = 30,
-    step_tol: float = 1e-4,
 ) -> tuple[EdgeModel, FloatArray]:
     """Alternate the candidates' probabilities, the model's parameters and one Gauss-Newton step of the frames.
 
@@ -86,21 +88,19 @@ def maximise_likelihood(
     free : ndarray of bool, shape (N,)
     estimate : bool
         Whether the parameters are estimated as well.
-    max_iterations, step_tol
-        Stops when no frame moves by more, radians.
     """
     graph = model.graph
-    for _ in range(max_iterations):
+    for _ in range(MAX_LIKELIHOOD_STEPS):
         squared = squared_distances(graph, frames)
         if estimate:
             model = model.updated(squared)
         share = model.responsibilities(squared) / model.variances[:, None]
         weights = share.sum(axis=1)
-        floor = 1e-7 * weights.max(initial=0.0)
+        floor = UNTRUSTED_SHARE * weights.max(initial=0.0)
         targets = np.einsum("ek,ekab->eab", share, graph.candidates)
         targets += floor * graph.candidates[:, 0]
         frames, step = gauss_newton_step(frames, graph.edges, targets, weights + floor, free)
-        if step < step_tol:
+        if step < LIKELIHOOD_STEP:
             break
     return model, frames
 

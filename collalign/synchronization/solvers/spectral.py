@@ -28,6 +28,8 @@ DENSE_SHARE = 0.2
 LEAST_LANCZOS, LANCZOS_FACTOR, MAX_RESTARTS = 20, 4, 300
 #: How far above the largest eigenvalue the factored matrix is shifted.
 SHIFT = 1e-6
+#: Alternations of assignments and rotations, at most; they end when the energy falls by less than this share of it.
+MAX_ALTERNATIONS, ALTERNATION_TOL = 100, 1e-6
 
 
 def spectral_frames(graph: PairGraph, rotations: FloatArray, weights: FloatArray) -> FloatArray:
@@ -108,8 +110,6 @@ def alternate_assignments(
     rotations: FloatArray,
     *,
     pattern: RotationPattern | None = None,
-    max_rounds: int = 100,
-    rel_tol: float = 1e-6,
 ) -> tuple[FloatArray, dict[tuple[int, int], IntArray], FloatArray]:
     """Alternate exact assignments of all pairs with closed-form rotations of all shapes (appendix B).
 
@@ -125,10 +125,6 @@ def alternate_assignments(
         ``R_common_i`` to start from.
     pattern : RotationPattern, optional
         Full SO(d) by default.
-    max_rounds : int
-        Most alternations.
-    rel_tol : float
-        Stops when the energy falls by less than this part.
 
     Returns
     -------
@@ -150,10 +146,10 @@ def alternate_assignments(
     kept = pattern or RotationPattern.from_user(None, frames.shape[-1], "SO")
     energies: list[float] = []
     maps: dict[tuple[int, int], IntArray] = {}
-    for _ in range(max_rounds):
+    for _ in range(MAX_ALTERNATIONS):
         maps, energy = assign_all_pairs(points, frames)
         energies.append(energy)
-        if len(energies) > 1 and energies[-2] - energy <= rel_tol * energies[-2]:
+        if len(energies) > 1 and energies[-2] - energy <= ALTERNATION_TOL * energies[-2]:
             break
         frames = _rotations_from_maps(points, frames, maps, kept)
     return frames, maps, np.array(energies)

@@ -20,6 +20,12 @@ EXPLAINED_SHARE = 0.8
 #: Common turns by which fewer pairs than this are wrong are left out of their costs.
 RARE_FLIP = 0.003
 
+#: Turns per shape, L, at most, the identity and those of the whole collection among them; the latter, at most.
+MAX_TURNS, MAX_GLOBAL = 6, 3
+
+#: How many pairs, of one more, are taken to be wrong by each common turn where none is seen.
+PRIOR_FLIPPED = 0.1
+
 #: Cost of a turn that is not offered.
 FORBIDDEN = 1e4
 
@@ -64,7 +70,7 @@ class TurnSet:
     rates: FloatArray
 
 
-def propose_turns(model: EdgeModel, aligned: FloatArray, *, num_global: int = 3, num_turns: int = 6) -> TurnSet:
+def propose_turns(model: EdgeModel, aligned: FloatArray) -> TurnSet:
     """Return turns ``T`` of each shape, the identity first, so that ``P_i T`` are its candidate poses.
 
     The modes of all pairs' turns come first, because a block of shapes can turn as one only by a turn that all its
@@ -75,14 +81,10 @@ def propose_turns(model: EdgeModel, aligned: FloatArray, *, num_global: int = 3,
     model : EdgeModel
     aligned : ndarray, shape (E, m, d, d)
         From :func:`aligned_candidates`.
-    num_global : int
-        Most turns taken from the whole collection.
-    num_turns : int
-        L, turns per shape.
     """
     graph = model.graph
-    common = global_turns(model, aligned, num_global)
-    turns = np.tile(np.eye(graph.dim), (graph.num_shapes, num_turns, 1, 1))
+    common = global_turns(model, aligned, MAX_GLOBAL)
+    turns = np.tile(np.eye(graph.dim), (graph.num_shapes, MAX_TURNS, 1, 1))
     turns[:, 1 : 1 + len(common)] = common
     offered = np.zeros(turns.shape[:2], dtype=bool)
     offered[:, : 1 + len(common)] = True
@@ -94,7 +96,7 @@ def propose_turns(model: EdgeModel, aligned: FloatArray, *, num_global: int = 3,
         turns=turns[:, :used],
         offered=offered[:, :used],
         common=common,
-        rates=(flipped.sum(axis=0) + 0.1) / (graph.num_edges + 1.0),
+        rates=(flipped.sum(axis=0) + PRIOR_FLIPPED) / (graph.num_edges + 1.0),
     )
 
 

@@ -11,7 +11,7 @@ from collalign.analysis.procrustes import (
     procrustes_distances,
 )
 from data_tools.arrays import FloatArray
-from data_tools.errors import InputError, OptionsError
+from data_tools.errors import InputError
 
 
 def moved(shapes: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -24,7 +24,6 @@ def moved(shapes: FloatArray, rng: np.random.Generator) -> FloatArray:
 def test_superimposition_undoes_similarities(rng: np.random.Generator) -> None:
     shape = rng.standard_normal((12, 3))
     found = generalized_procrustes(moved(np.tile(shape, (6, 1, 1)), rng))
-    assert found.converged
     np.testing.assert_allclose(found.aligned, np.tile(found.mean, (6, 1, 1)), atol=1e-9)
     assert np.linalg.norm(found.mean) == pytest.approx(1)
 
@@ -36,18 +35,9 @@ def test_superimposition_does_not_depend_on_where_shapes_lie(rng: np.random.Gene
     np.testing.assert_allclose(two.aligned @ gauge.T, one.aligned, atol=1e-5)
 
 
-def test_superimposition_keeps_sizes_if_asked(rng: np.random.Generator) -> None:
-    shapes = moved(rng.standard_normal((12, 3)) + 0.1 * rng.standard_normal((5, 12, 3)), rng)
-    found = generalized_procrustes(shapes, scale=False)
-    np.testing.assert_allclose(np.linalg.norm(found.aligned, axis=(1, 2)), found.centroid_sizes, rtol=1e-9)
-    centred = shapes - shapes.mean(axis=1, keepdims=True)
-    np.testing.assert_allclose(centred @ np.swapaxes(found.rotations, 1, 2), found.aligned, atol=1e-9)
-
-
 def test_superimposition_never_mirrors(rng: np.random.Generator) -> None:
     shape = rng.standard_normal((12, 3))
     found = generalized_procrustes(np.stack([shape, -shape, shape, shape]))
-    np.testing.assert_allclose(np.linalg.det(found.rotations), 1)
     assert np.linalg.norm(found.aligned[1] - found.aligned[0]) > 0.5
 
 
@@ -70,10 +60,10 @@ def test_scores_and_axes_give_the_shapes_back(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(found.mean + np.tensordot(found.scores, found.axes, 1), shapes, atol=1e-12)
 
 
-def test_full_distance_is_scipy_s_disparity(rng: np.random.Generator) -> None:
+def test_distance_is_scipy_s_disparity(rng: np.random.Generator) -> None:
     shapes = rng.standard_normal((2, 15, 3)) * 0.3 + rng.standard_normal((15, 3))
-    disparity = procrustes(shapes[0], shapes[1])[2]
-    assert procrustes_distances(shapes, kind="full")[0, 1] ** 2 == pytest.approx(disparity)
+    disparity = procrustes(shapes[0], shapes[1])[2]  # the square of sin(rho)
+    assert np.sin(2.0 * np.arcsin(procrustes_distances(shapes)[0, 1] / 2.0)) ** 2 == pytest.approx(disparity)
 
 
 def test_distances_ignore_similarities_but_not_reflections(rng: np.random.Generator) -> None:
@@ -83,14 +73,6 @@ def test_distances_ignore_similarities_but_not_reflections(rng: np.random.Genera
     np.testing.assert_array_equal(before, before.T)
     mirrored = procrustes_distances(np.stack([shapes[0], shapes[0] * [1, 1, -1]]))
     assert mirrored[0, 1] > 0.1
-
-
-def test_kinds_of_distances_are_ordered(rng: np.random.Generator) -> None:
-    shapes = rng.standard_normal((4, 12, 3))
-    full, partial, angle = (
-        procrustes_distances(shapes, kind=kind)[0, 1] for kind in ("full", "partial", "riemannian")
-    )
-    assert full <= partial <= angle
 
 
 def test_distances_use_the_labels_that_two_shapes_share(rng: np.random.Generator) -> None:
@@ -117,5 +99,3 @@ def test_bad_input_is_refused(rng: np.random.Generator) -> None:
         principal_components(np.ones((1, 5, 3)))
     with pytest.raises(InputError, match="expected shape"):
         procrustes_distances(np.ones((5, 3)))
-    with pytest.raises(OptionsError, match="kind"):
-        procrustes_distances(np.ones((2, 5, 3)), kind="kendall")  # type: ignore[arg-type]

@@ -231,9 +231,8 @@ def test_parts_are_turned_to_each_other() -> None:
     graph = PairGraph.from_user(edges, exact_pairs(truth, edges))
     parts = (np.arange(3), np.arange(3, 6))
     results = tuple(synchronize(*_within(graph, part)) for part in parts)
-    poses, agreement = _aligned_parts(graph, parts, results)
+    poses = _aligned_parts(graph, parts, results)
     np.testing.assert_allclose(exact_pairs(poses, edges), graph.candidates[:, 0], atol=1e-8)
-    assert agreement[1] == 1.0
 
 
 def _within(graph: PairGraph, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
