@@ -27,6 +27,9 @@ class JointBound:
         Of the arrangement that was to be judged, as it stands.
     near_energy : float
         Of the arrangement that descent from there leads to.
+    perturbed_energy, rounded_energy : float
+        Of the cheapest arrangement that descent from perturbations of that one led to, and of the cheapest that
+        rounding the relaxed Gram matrices led to; NaN where there was no round.
     energy : float
         Of the cheapest arrangement known.
     frames : ndarray, shape (N, 3, 3)
@@ -44,6 +47,8 @@ class JointBound:
     num_points: int
     stated_energy: float
     near_energy: float
+    perturbed_energy: float
+    rounded_energy: float
     energy: float
     frames: FloatArray
     pair_bounds: FloatArray

@@ -131,50 +131,82 @@ def bound_collection(
     energies = PairEnergies(len(shapes.names), edges, problems)
     stated, near = float(energies.at(frames).sum()), energies.descend(frames)
     rng, num = np.random.default_rng(0), int(np.clip(_PERTURBED_PAIRS // len(pairs), 1, _MOST_PERTURBED))
-    best = energies.perturb(near, rng, num)
-    unit = max(best.energy, _LEAST_ENERGY * sum(map(energy_scale, problems))) / len(pairs)
-    relative, values = energies.relative(best.frames), energies.at(best.frames)
-    master = JointMaster(energies.num_shapes, edges, relative, values, unit=unit)
-    bounder = _Bounder(session=session, shapes=shapes, edges=edges, gap=_GAP * unit)
-    known = [np.concatenate([near_one[None], pair.rotations]) for near_one, pair in zip(relative, pairs, strict=True)]
-    proofs = bounder.bound(np.zeros_like(relative), known)
-    pair_bounds = np.array([proof.lower_bound for proof in proofs])
-    bounds, promised = [float(pair_bounds.sum())], np.inf
-    while not (ended := _ended(bounds, promised, best.energy, unit, started, options)):
-        for pair, proof in enumerate(proofs):
-            master.add(pair, proof.rotations, proof.energies)
-        multipliers = master.run()
-        promised = multipliers.column_bound
-        proofs = bounder.bound(multipliers.tilts, [master.used(pair) for pair in range(len(pairs))])
-        bounds.append(multipliers.gram_bound + sum(proof.lower_bound for proof in proofs))
-        best = _cheaper(energies, best, energies.descend(energies.rounded(master.gram)), master)
-    best = energies.perturb(best, rng, num)
+    perturbed = energies.perturb(near, rng, num)
+    scale = max(perturbed.energy, _LEAST_ENERGY * sum(map(energy_scale, problems)))
+    bounder = _Bounder(session=session, shapes=shapes, edges=edges, gap=_GAP * scale / len(pairs))
+    known = [
+        np.concatenate([rotation[None], pair.rotations])
+        for rotation, pair in zip(energies.relative(perturbed.frames), pairs, strict=True)
+    ]
+    found = _run_rounds(energies, perturbed, bounder, known, scale, started + options.budget_s, options)
+    best = energies.perturb(found.best, rng, num)
     return JointBound(
         names=shapes.names,
         edges=read_only(edges),
         num_points=problems[0].num_source,
         stated_energy=stated,
         near_energy=near.energy,
+        perturbed_energy=perturbed.energy,
+        rounded_energy=found.rounded_energy,
         energy=best.energy,
         frames=read_only(best.frames),
-        pair_bounds=read_only(pair_bounds),
-        bounds=read_only(np.array(bounds)),
-        ended=ended,
+        pair_bounds=read_only(found.pair_bounds),
+        bounds=read_only(np.array(found.bounds)),
+        ended=found.ended,
     )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Rounds:
+    """What all rounds found."""
+
+    pair_bounds: FloatArray
+    bounds: list[float]
+    rounded_energy: float
+    best: Arrangement
+    ended: str
+
+
+def _run_rounds(
+    energies: PairEnergies,
+    best: Arrangement,
+    bounder: _Bounder,
+    known: Sequence[FloatArray],
+    scale: float,
+    deadline: float,
+    options: CertifyOptions,
+) -> _Rounds:
+    """Bound all pairs alone, then with the multipliers of one round after the other."""
+    relative, num = energies.relative(best.frames), len(energies.edges)
+    master = JointMaster(energies.num_shapes, energies.edges, relative, energies.at(best.frames), unit=scale / num)
+    proofs = bounder.bound(np.zeros_like(relative), known)
+    pair_bounds = np.array([proof.lower_bound for proof in proofs])
+    bounds, promised, rounded = [float(pair_bounds.sum())], np.inf, np.nan
+    while not (ended := _ended(bounds, promised, best.energy, scale, deadline, options)):
+        for pair, proof in enumerate(proofs):
+            master.add(pair, proof.rotations, proof.energies)
+        multipliers = master.run()
+        promised = multipliers.column_bound
+        proofs = bounder.bound(multipliers.tilts, [master.used(pair) for pair in range(num)])
+        bounds.append(multipliers.gram_bound + sum(proof.lower_bound for proof in proofs))
+        found = energies.descend(energies.rounded(master.gram))
+        rounded = float(np.fmin(rounded, found.energy))
+        best = _cheaper(energies, best, found, master)
+    return _Rounds(pair_bounds=pair_bounds, bounds=bounds, rounded_energy=rounded, best=best, ended=ended)
+
+
 def _ended(
-    bounds: Sequence[float], promised: float, energy: float, unit: float, started: float, options: CertifyOptions
+    bounds: Sequence[float], promised: float, energy: float, scale: float, deadline: float, options: CertifyOptions
 ) -> str:
     """Return why no further round begins, empty if one does."""
     best = max(bounds)
-    if best >= options.enough * energy:
+    if best >= energy - (1.0 - options.enough) * scale:
         return "enough is proven"
-    if promised - best <= _SETTLED * energy:
+    if promised - best <= _SETTLED * scale:
         return "the bound no longer rises"
     if len(bounds) > options.max_rounds:
         return "the rounds ended"
-    return "the time ended" if time.monotonic() - started >= options.budget_s else ""
+    return "the time ended" if time.monotonic() >= deadline else ""
 
 
 def _cheaper(energies: PairEnergies, best: Arrangement, found: Arrangement, master: JointMaster) -> Arrangement:
