@@ -1,0 +1,199 @@
+"""Matches two surfaces that overlap in part: rotations, shifts and scales searched, then trimmed closest points.
+
+Centroids and sizes of different parts of a shape say nothing, so all seven unknowns are searched: a low-discrepancy
+set of rotations, a lattice of shifts, a few scales. The best of each rotation are refined by closest points of both
+surfaces, of which those without a counterpart have no say, and compared by the energy of :class:`Counterparts`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.checks import check_choice
+from data_tools.rotations import rotation_angle_deg
+from data_tools.threads import one_blas_thread
+from pairwise.local.rotation_sets import rotation_set
+from pairwise.partial.poses import NORMAL_WEIGHT, Counterparts, Poses, counterparts, step
+from pairwise.partial.screen import screen
+from pairwise.partial.surface import PartialSurface
+
+#: Rotations that are searched, about 20 degrees apart; per chirality.
+NUM_TURNS = 1500
+#: Shifts of the centroids that are searched, and their lattice's spacing, in radii of the target.
+REACH, SPACING = 0.6, 0.3
+#: Sizes of the source relative to the target's that are searched: a shape without a quarter is smaller by up to a
+#: third than the whole one of the same root mean square radius.
+SCALES = (1.15, 1.0, 0.87, 0.75)
+#: Scales, relative to equal radii, beyond which refinement does not go.
+SCALE_RANGE = (0.6, 1.6)
+#: Points of each surface that are compared in the search, in the refinement of many poses, and of few.
+NUM_POINTS = (64, 150, 500)
+#: Poses that are refined on few points, and those of them that are on many.
+NUM_STARTS, NUM_REFINED = 300, 40
+#: Cutoffs, in radii: of the search, of the refinement's steps on few points, and on many.
+SCREEN_CUTOFF = 0.35
+FEW_STEPS = (0.4,) * 4 + (0.35,) * 6
+MANY_STEPS = (0.35,) * 4 + (0.3,) * 6 + (0.25,) * 6
+#: Poses nearer than this in angle and in shift (radii) are one.
+SAME_POSE_DEG, SAME_SHIFT = 10.0, 0.3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PartialPose:
+    """A pose of a source on a target that it overlaps in part: x -> scale * R x + translation.
+
+    Attributes
+    ----------
+    R_target_source : ndarray, shape (3, 3)
+    scale : float
+    translation : ndarray, shape (3,)
+    energy : float
+        Geometric mean of squared distances, normals included, what has no counterpart at the cutoff; in squared radii
+        of the target.
+    overlap_target, overlap_source : float
+        Share of each surface's points with a counterpart on the other.
+    """
+
+    R_target_source: FloatArray
+    scale: float
+    translation: FloatArray
+    energy: float
+    overlap_target: float
+    overlap_source: float
+
+
+@one_blas_thread()
+def match_partial(
+    target: PartialSurface,
+    source: PartialSurface,
+    *,
+    group: str = "SO",
+    estimate_scale: bool = True,
+    num_candidates: int = 16,
+) -> tuple[PartialPose, ...]:
+    """Return distinct poses of a source on a target, the least energy first.
+
+    Parameters
+    ----------
+    target, source : PartialSurface
+    group : {"SO", "O"}
+        O looks among mirror images as well.
+    estimate_scale : bool
+        Without it the units of both are the same.
+    num_candidates : int
+        At most so many poses.
+
+    Raises
+    ------
+    OptionsError
+        If the group is unknown.
+    """
+    check_choice("group", group, ("SO", "O"))
+    scale_range = scales_allowed(target, source, estimate_scale=estimate_scale)
+    starts = _starts(target, source, group, estimate_scale=estimate_scale)
+    few, many = NUM_POINTS[1:]
+    poses = refine([target], source, starts, FEW_STEPS, num_points=few, scale_range=scale_range)
+    found = counterparts(target, source, poses, few)
+    poses = poses[distinct(poses, found.energies, NUM_REFINED, target.radius)]
+    poses = refine([target], source, poses, MANY_STEPS, num_points=many, scale_range=scale_range)
+    found = counterparts(target, source, poses, many)
+    return ranked(target, poses, found, num_candidates)
+
+
+def scales_allowed(
+    target: PartialSurface, source: PartialSurface, *, estimate_scale: bool
+) -> tuple[float, float]:
+    """Return the least and the largest factor of the source."""
+    if not estimate_scale:
+        return 1.0, 1.0
+    ratio = target.radius / source.radius
+    return SCALE_RANGE[0] * ratio, SCALE_RANGE[1] * ratio
+
+
+def refine(
+    targets: Sequence[PartialSurface],
+    source: PartialSurface,
+    poses: Poses,
+    cutoffs: Sequence[float] = MANY_STEPS,
+    *,
+    num_points: int = NUM_POINTS[2],
+    scale_range: tuple[float, float],
+) -> Poses:
+    """Refine poses by closest points on one or several targets in one frame, one step per cutoff."""
+    for cutoff in cutoffs:
+        poses = step(targets, source, poses, num_points=num_points, cutoff=cutoff, scale_range=scale_range)
+    return poses
+
+
+def ranked(
+    target: PartialSurface, poses: Poses, found: Counterparts, num_candidates: int
+) -> tuple[PartialPose, ...]:
+    """Return the distinct poses, the least energy first."""
+    energies, overlaps = found.energies, found.overlaps()
+    return tuple(
+        PartialPose(
+            R_target_source=read_only(poses.turns[p]),
+            scale=float(poses.scales[p]),
+            translation=read_only(poses.shifts[p]),
+            energy=float(energies[p]),
+            overlap_target=float(overlaps[p, 0]),
+            overlap_source=float(overlaps[p, 1]),
+        )
+        for p in distinct(poses, energies, num_candidates, target.radius)
+    )
+
+
+def distinct(poses: Poses, energies: FloatArray, num: int, radius: float) -> IntArray:
+    """Return at most so many poses that differ, the least energy first."""
+    kept: list[int] = []
+    for p in np.argsort(energies, kind="stable").tolist():
+        apart = np.nan_to_num(rotation_angle_deg(poses.turns[kept], poses.turns[p]), nan=180.0) > SAME_POSE_DEG
+        shifted = np.linalg.norm(poses.shifts[kept] - poses.shifts[p], axis=1) > SAME_SHIFT * radius
+        if (apart | shifted).all():
+            kept.append(p)
+        if len(kept) == num:
+            break
+    return np.array(kept, dtype=np.int64)
+
+
+def _starts(target: PartialSurface, source: PartialSurface, group: str, *, estimate_scale: bool) -> Poses:
+    """Return the best pose of each rotation, the most promising rotations."""
+    turns = rotation_set(3, NUM_TURNS)
+    if group == "O":
+        turns = np.concatenate([turns, -turns])
+    ratio = target.radius / source.radius if estimate_scale else 1.0
+    scales = ratio * np.array(SCALES) if estimate_scale else np.ones(1)
+    # Surfaces are searched about their centres, in radii of the target.
+    to, of = target.centred(target.radius), source.centred(target.radius)
+    lattice = _lattice()
+    signed = target.oriented and source.oriented
+    costs, which_shift, which_scale = screen(
+        to,
+        of,
+        turns,
+        lattice,
+        scales,
+        num_points=NUM_POINTS[0],
+        normal_weight=NORMAL_WEIGHT if signed else 0.0,
+        cutoff=SCREEN_CUTOFF,
+    )
+    best = np.argsort(costs, kind="stable")[: NUM_STARTS * (2 if group == "O" else 1)]
+    turns, factors = turns[best], scales[which_scale[best]]
+    shifts = target.centre + target.radius * lattice[which_shift[best]]
+    return Poses(turns=turns, scales=factors, shifts=shifts - factors[:, None] * (turns @ source.centre))
+
+
+@lru_cache(maxsize=1)
+def _lattice() -> FloatArray:
+    """Return the shifts of a cubic lattice within reach, the shortest first, shape (t, 3)."""
+    steps = SPACING * np.arange(-int(REACH / SPACING), int(REACH / SPACING) + 1)
+    shifts = np.array(list(product(steps, steps, steps)))
+    lengths = np.linalg.norm(shifts, axis=1)
+    order = np.argsort(lengths, kind="stable")
+    return read_only(shifts[order[lengths[order] <= REACH + 1e-9]])

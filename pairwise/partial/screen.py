@@ -1,0 +1,117 @@
+"""The coarse search: the best shift and scale at each of many rotations, by few points of both surfaces."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from data_tools.arrays import FloatArray, IntArray
+from pairwise.partial.surface import PartialSurface
+
+
+def screen(
+    target: PartialSurface,
+    source: PartialSurface,
+    turns: FloatArray,
+    shifts: FloatArray,
+    scales: FloatArray,
+    *,
+    num_points: int,
+    normal_weight: float,
+    cutoff: float,
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Return the least mean truncated cost at each rotation, and which shift and which scale it has.
+
+    Points of both surfaces look up the nearest one of the other in its grid; a cost is the squared distance plus the
+    weighted squared difference of normals, at most the squared cutoff.
+
+    Parameters
+    ----------
+    target, source : PartialSurface
+    turns : ndarray, shape (r, 3, 3)
+    shifts : ndarray, shape (t, 3)
+    scales : ndarray, shape (s,)
+    num_points : int
+        First points of each surface that are compared.
+    normal_weight, cutoff : float
+        In units of the target.
+
+    Returns
+    -------
+    costs : ndarray, shape (r,)
+    which_shift, which_scale : ndarray of int, shape (r,)
+    """
+    return _screen(
+        (target.grid, target.corner, target.cell, target.points, target.normals),
+        (source.grid, source.corner, source.cell, source.points, source.normals),
+        num_points,
+        np.ascontiguousarray(turns),
+        shifts,
+        scales,
+        normal_weight**2,
+        cutoff**2,
+    )
+
+
+@numba.njit(cache=True)
+def _nearest(grid: NDArray[np.int32], corner: FloatArray, cell: float, place: FloatArray) -> int:
+    i = int(np.floor((place[0] - corner[0]) / cell))
+    j = int(np.floor((place[1] - corner[1]) / cell))
+    k = int(np.floor((place[2] - corner[2]) / cell))
+    if i < 0 or j < 0 or k < 0 or i >= grid.shape[0] or j >= grid.shape[1] or k >= grid.shape[2]:
+        return -1
+    return int(grid[i, j, k])
+
+
+@numba.njit(cache=True)
+def _mean_cost(surface, places, normals, scale, shift, factor, weight, most, enough):  # type: ignore[no-untyped-def]
+    """Return the mean truncated cost of moved places beside the surface's nearest points, or anything above enough."""
+    grid, corner, cell, points, directions = surface
+    num = places.shape[0]
+    total, place = 0.0, np.empty(3)
+    for m in range(num):
+        for a in range(3):
+            place[a] = scale * places[m, a] + shift[a]
+        n = _nearest(grid, corner, cell, place)
+        cost = most
+        if n >= 0:
+            squared, turned = 0.0, 0.0
+            for a in range(3):
+                squared += (place[a] - points[n, a]) ** 2
+                turned += (normals[m, a] - directions[n, a]) ** 2
+            cost = min(factor * squared + weight * turned, most)
+        total += cost
+        if total > enough * num:
+            break
+    return total / num
+
+
+@numba.njit(cache=True)
+def _screen(target, source, num, turns, shifts, scales, weight, most):  # type: ignore[no-untyped-def]
+    costs = np.full(turns.shape[0], np.inf)
+    which_shift = np.zeros(turns.shape[0], np.int64)
+    which_scale = np.zeros(turns.shape[0], np.int64)
+    to, to_normals = target[3][:num], target[4][:num]
+    of, of_normals = source[3][:num], source[4][:num]
+    back = np.empty(3)
+    for r in range(turns.shape[0]):
+        turn = np.ascontiguousarray(turns[r].T)
+        turned, turned_normals = of @ turn, of_normals @ turn
+        unturned, unturned_normals = to @ turns[r], to_normals @ turns[r]
+        for s in range(scales.shape[0]):
+            scale = scales[s]
+            for t in range(shifts.shape[0]):
+                shift = shifts[t]
+                cost = _mean_cost(target, turned, turned_normals, scale, shift, 1.0, weight, most, 2.0 * costs[r])
+                if cost >= 2.0 * costs[r]:
+                    continue
+                for a in range(3):
+                    back[a] = -(shift[0] * turns[r, 0, a] + shift[1] * turns[r, 1, a] + shift[2] * turns[r, 2, a]) / scale
+                rest = 2.0 * costs[r] - cost
+                cost += _mean_cost(
+                    source, unturned, unturned_normals, 1.0 / scale, back, scale**2, weight, most, rest
+                )
+                if cost < 2.0 * costs[r]:
+                    costs[r], which_shift[r], which_scale[r] = 0.5 * cost, t, s
+    return costs, which_shift, which_scale

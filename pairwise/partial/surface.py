@@ -1,0 +1,125 @@
+"""A surface as points with normals, and a grid that answers which of them is nearest to any place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from data_tools.arrays import BoolArray, FloatArray, IntArray, as_floats, as_points, read_only
+from data_tools.errors import InputError
+
+#: Cells of the grid along the longest side of the box.
+GRID_CELLS = 40
+#: The box reaches so many radii beyond the points; places beyond it have no nearest point.
+GRID_MARGIN = 0.35
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PartialSurface:
+    """Points of a surface of which parts may be missing; build it with :meth:`from_user`.
+
+    Attributes
+    ----------
+    points : ndarray, shape (l, 3)
+        In the order of farthest point sampling, so that the first ones cover the surface as well.
+    normals : ndarray, shape (l, 3)
+        Outward unit normals; zeros where the shape has none.
+    on_rim : ndarray of bool, shape (l,)
+        Points at a boundary of the surface: what lies beyond it is unknown.
+    centre : ndarray, shape (3,)
+    radius : float
+        Root mean square distance of the points from the centre.
+    oriented : bool
+        Whether the normals' signs are known.
+    grid : ndarray of int32, shape (a, b, c)
+        The point nearest to the centre of each cell, -1 where none is within reach.
+    corner : ndarray, shape (3,)
+        Of the grid's box.
+    cell : float
+        Side of a cell.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    on_rim: BoolArray
+    centre: FloatArray
+    radius: float
+    oriented: bool
+    grid: NDArray[np.int32]
+    corner: FloatArray
+    cell: float
+
+    @classmethod
+    def from_user(
+        cls,
+        points: ArrayLike,
+        normals: ArrayLike | None = None,
+        on_rim: ArrayLike | None = None,
+        *,
+        oriented: bool = True,
+    ) -> PartialSurface:
+        """Check the arrays and build the grid; ``oriented`` says whether all normals point outwards.
+
+        Raises
+        ------
+        InputError
+            If they are not finite, of different lengths, or all points lie in one place.
+        """
+        checked = as_points(points, "points", min_points=4, dim=3)
+        if not np.ptp(checked, axis=0).any():
+            raise InputError("points: all lie in one place")
+        num = len(checked)
+        directions = np.zeros((num, 3)) if normals is None else as_floats(normals, "normals", shape=(num, 3))
+        rim = np.zeros(num, dtype=bool) if on_rim is None else np.asarray(on_rim)
+        if rim.shape != (num,) or rim.dtype != bool:
+            raise InputError(f"on_rim: expected {num} booleans, got {rim.dtype} of shape {rim.shape}")
+        centre = checked.mean(axis=0)
+        radius = float(np.sqrt(((checked - centre) ** 2).sum(axis=1).mean()))
+        reach = GRID_MARGIN * radius
+        corner, top = checked.min(axis=0) - reach, checked.max(axis=0) + reach
+        cell = float((top - corner).max() / GRID_CELLS)
+        sides = np.maximum(np.ceil((top - corner) / cell).astype(int), 1)
+        places = np.stack(np.meshgrid(*(np.arange(n) for n in sides), indexing="ij"), axis=-1).reshape(-1, 3)
+        found = cKDTree(checked).query(corner + (places + 0.5) * cell, distance_upper_bound=reach + cell)[1]
+        return cls(
+            points=read_only(checked),
+            normals=read_only(directions),
+            on_rim=read_only(rim),
+            centre=read_only(centre),
+            radius=radius,
+            oriented=oriented,
+            grid=read_only(np.where(found < num, found, -1).astype(np.int32).reshape(sides)),
+            corner=read_only(corner),
+            cell=cell,
+        )
+
+    def nearest(self, places: FloatArray) -> IntArray:
+        """Return about the nearest point to each place (that of the cell's centre), -1 where none is within reach."""
+        cells = np.floor((places - self.corner) / self.cell).astype(np.int64)
+        inside = ((cells >= 0) & (cells < self.grid.shape)).all(axis=-1)
+        cells[~inside] = 0
+        found = self.grid[cells[..., 0], cells[..., 1], cells[..., 2]]
+        return np.where(inside, found, -1).astype(np.int64)
+
+    def centred(self, unit: float) -> PartialSurface:
+        """Return the surface about its centre, in the given unit of length."""
+        return self.moved(np.eye(3), 1.0 / unit, -self.centre / unit)
+
+    def moved(self, turn: FloatArray, scale: float, shift: FloatArray) -> PartialSurface:
+        """Return the surface elsewhere; only turns that keep the grid's axes keep the grid."""
+        points = scale * self.points @ turn.T + shift
+        if not np.array_equal(turn, np.eye(3)):
+            return PartialSurface.from_user(
+                points, self.normals @ turn.T, np.array(self.on_rim), oriented=self.oriented
+            )
+        return replace(
+            self,
+            points=read_only(points),
+            centre=read_only(scale * self.centre + shift),
+            radius=scale * self.radius,
+            corner=read_only(scale * self.corner + shift),
+            cell=scale * self.cell,
+        )
