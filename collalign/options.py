@@ -25,6 +25,8 @@ Synchronizer = Literal["robust", "spectral"]
 Gauge = Literal["reference", "axes"]
 #: Whether non-rigid maps help to choose the poses.
 Maps = Literal["auto", "always", "never"]
+#: Values of ``AlignOptions.incomplete`` that name no shapes.
+AUTO, NEVER = "auto", "never"
 #: Whether the common frame keeps the sizes of the shapes.
 Scaling = Literal["similarity", "rigid"]
 
@@ -94,6 +96,10 @@ class AlignOptions:
     auto asks them where the pairs match badly and contradict each other; they take about a tenth of a second a
     pair, and need meshes."""
 
+    incomplete: str = AUTO
+    """Shapes of which parts are missing: their names, separated by commas; never, or auto for those that turn out to
+    be a part of what the others are. They are posed on the complete ones by what has a counterpart there."""
+
     refine: bool = True
     """Refine the poses on dense samples (``sampling.num_dense_points``) after synchronization."""
 
@@ -155,6 +161,8 @@ class AlignOptions:
             check_flag(name, getattr(self, name))
         check_count("clusters", self.clusters, lower=0)
         check_count("seed", self.seed, lower=0)
+        if not isinstance(self.incomplete, str):
+            raise OptionsError(f"incomplete: expected names separated by commas, got {self.incomplete!r}")
         if self.gauge == "axes" and self.reference:
             raise OptionsError("reference: the gauge 'axes' takes no reference; choose one of the two")
         if self.clusters != 1 and self.synchronization != "robust":

@@ -21,7 +21,11 @@ ALLOWED = {
 }
 HEAVY = {"trimesh", "cvxpy", "open3d", "matplotlib", "distributed", "clarabel", "scs", "numba"}
 #: Compiled by Numba, and therefore heavy themselves.
-COMPILED = {"pairwise.branch_and_bound.assignment", "collalign.synchronization.bound.simplex"}
+COMPILED = {
+    "pairwise.branch_and_bound.assignment",
+    "pairwise.partial.screen",
+    "collalign.synchronization.bound.simplex",
+}
 
 
 def imported_modules(tree: ast.AST, *, top_level_only: bool = False) -> set[str]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from collalign.options import AlignOptions
 from collalign.products.deformation import VertexMaps
+from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair
 from collalign.products.shapes import Excluded
 from collalign.products.trust import Trust
@@ -125,6 +126,8 @@ class Collection:
     group : str
         "SO" or "O": whether shapes could be mirrored, as asked for or, with ``options.group`` "auto", as decided.
     run : RunRecord
+    incomplete : tuple of Incomplete
+        The shapes of which parts are missing; what they lack has no labels, and counts in no mean.
     """
 
     names: tuple[str, ...]
@@ -151,6 +154,7 @@ class Collection:
     group: str
     run: RunRecord
     trust: Trust | None = None
+    incomplete: tuple[Incomplete, ...] = ()
 
     @property
     def complete(self) -> bool:

@@ -20,7 +20,6 @@ from data_tools.rotations import rotation_angle_deg
 from data_tools.threads import one_blas_thread
 from pairwise.local.rotation_sets import rotation_set
 from pairwise.partial.poses import NORMAL_WEIGHT, Counterparts, Poses, counterparts, step
-from pairwise.partial.screen import screen
 from pairwise.partial.surface import PartialSurface
 
 #: Rotations that are searched, about 20 degrees apart; per chirality.
@@ -124,10 +123,22 @@ def refine(
     *,
     num_points: int = NUM_POINTS[2],
     scale_range: tuple[float, float],
+    hold_turns: bool = False,
 ) -> Poses:
-    """Refine poses by closest points on one or several targets in one frame, one step per cutoff."""
+    """Refine poses by closest points on one or several targets in one frame, one step per cutoff.
+
+    With ``hold_turns`` only shifts and scales change.
+    """
     for cutoff in cutoffs:
-        poses = step(targets, source, poses, num_points=num_points, cutoff=cutoff, scale_range=scale_range)
+        poses = step(
+            targets,
+            source,
+            poses,
+            num_points=num_points,
+            cutoff=cutoff,
+            scale_range=scale_range,
+            hold_turns=hold_turns,
+        )
     return poses
 
 
@@ -164,6 +175,8 @@ def distinct(poses: Poses, energies: FloatArray, num: int, radius: float) -> Int
 
 def _starts(target: PartialSurface, source: PartialSurface, group: str, *, estimate_scale: bool) -> Poses:
     """Return the best pose of each rotation, the most promising rotations."""
+    from pairwise.partial.screen import screen  # compiled, and loads Numba
+
     turns = rotation_set(3, NUM_TURNS)
     if group == "O":
         turns = np.concatenate([turns, -turns])

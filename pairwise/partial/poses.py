@@ -129,6 +129,7 @@ def step(
     num_points: int,
     cutoff: float,
     scale_range: tuple[float, float],
+    hold_turns: bool = False,
 ) -> Poses:
     """Move each pose to the similarity that brings counterparts together best, on one or several posed targets.
 
@@ -151,11 +152,17 @@ def step(
         parts.append((target.points[found.of_source], of, there))
         parts.append((to, source.points[found.of_target], back))
     to, of, weights = (np.concatenate([part[n] for part in parts], axis=1) for n in range(3))
-    return _similarities(to, of, weights, poses, scale_range)
+    return _similarities(to, of, weights, poses, scale_range, hold_turns=hold_turns)
 
 
 def _similarities(
-    to: FloatArray, of: FloatArray, weights: FloatArray, poses: Poses, scale_range: tuple[float, float]
+    to: FloatArray,
+    of: FloatArray,
+    weights: FloatArray,
+    poses: Poses,
+    scale_range: tuple[float, float],
+    *,
+    hold_turns: bool,
 ) -> Poses:
     """Return the weighted similarities (Umeyama 1991; symmetric scale) that keep each pose's chirality."""
     total = weights.sum(axis=1, keepdims=True)
@@ -164,7 +171,9 @@ def _similarities(
     to, of = to - mean_to[:, None], of - mean_of[:, None]
     moments = np.swapaxes(share[..., None] * to, 1, 2) @ of
     signs = np.where(np.linalg.det(poses.turns) < 0, -1.0, 1.0)
-    turns = nearest_orthogonal(moments * signs[:, None, None], determinant=1.0) * signs[:, None, None]
+    turns = poses.turns
+    if not hold_turns:
+        turns = nearest_orthogonal(moments * signs[:, None, None], determinant=1.0) * signs[:, None, None]
     sizes = [(share * (points**2).sum(axis=2)).sum(axis=1) for points in (to, of)]
     scales = np.clip(np.sqrt(sizes[0] / np.maximum(sizes[1], np.finfo(float).tiny)), *scale_range)
     shifts = mean_to - scales[:, None] * np.einsum("pab,pb->pa", turns, mean_of)

@@ -1,0 +1,242 @@
+"""Adds incomplete shapes to the aligned complete ones, which stay exactly as they are without them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from collalign.engine.store.records import Record
+from collalign.options import AlignSession
+from collalign.products.collection import Collection, ConsistentMaps
+from collalign.products.incomplete import Incomplete
+from collalign.products.pair import Alternative, Pair
+from collalign.products.shapes import Constraints, Shapes
+from collalign.products.trust import KINDS, Trust
+from collalign.stages.incomplete.place import PlaceTask, nearest_labels, place_shape, pose_certainty
+from collalign.stages.incomplete.surfaces import prepare_points
+from collalign.stages.poses.placement import common_positions
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.rotations import rotation_angle_deg
+
+#: Complete shapes that an incomplete one is posed on.
+MAX_PARTNERS = 8
+#: A pair agrees with the common pose within this angle.
+AGREEMENT_DEG = 20.0
+#: Other poses reported per shape.
+MAX_ALTERNATIVES = 3
+
+
+def with_incomplete(
+    session: AlignSession,
+    shapes: Shapes,
+    complete: Collection,
+    reasons: Mapping[int, str],
+    constraints: Constraints,
+) -> Collection:
+    """Return the collection with its incomplete shapes posed on the complete ones.
+
+    Parameters
+    ----------
+    session : Session
+        Its group is decided.
+    shapes : Shapes
+        All shapes.
+    complete : Collection
+        Of the others, in their order.
+    reasons : mapping of int to str
+        Positions of the incomplete shapes among all, and why they count as such.
+    constraints : Constraints
+        By position among all shapes.
+    """
+    start_s = time.perf_counter()
+    at = np.array([i for i in range(len(shapes.names)) if i not in reasons])
+    partners = _partners(shapes, complete, at)
+    found = place_on(session, shapes, sorted(reasons), at[partners], complete.transforms[partners], constraints)
+    merged = _merged(shapes, complete, at, found, reasons, at[partners])
+    times_s = complete.run.times_s | {"incomplete shapes": time.perf_counter() - start_s}
+    return replace(merged, run=replace(complete.run, times_s=times_s))
+
+
+def place_on(
+    session: AlignSession,
+    shapes: Shapes,
+    chosen: Sequence[int],
+    partners: IntArray,
+    transforms: FloatArray,
+    constraints: Constraints,
+) -> dict[int, Record]:
+    """Return what :func:`place_shape` finds for some shapes on partners (n,) that lie at transforms (n, 4, 4)."""
+    options = session.options
+    with prepare_points(session, shapes, sorted({*chosen, *partners.tolist()})) as table:
+        tasks = {}
+        for i in chosen:
+            others = partners != i
+            tasks[str(i)] = PlaceTask(
+                shape=i,
+                partners=tuple(partners[others].tolist()),
+                transforms=transforms[others],
+                group=options.group,
+                estimate_scale=options.scaling == "similarity",
+                fixed=constraints.fixed.get(i),
+            )
+        found = session.spread("incomplete shapes", place_shape, tasks, shared=table)
+    for i in chosen:
+        if i in constraints.fixed_transforms:
+            found[str(i)] = _held(found[str(i)], constraints.fixed_transforms[i])
+    return {i: found[str(i)] for i in chosen}
+
+
+def _held(record: Record, transform: FloatArray) -> Record:
+    """Return a record whose pose is the one that stays."""
+    scale = float(np.cbrt(abs(np.linalg.det(transform[:3, :3]))))
+    return record | {
+        "turns": (transform[:3, :3] / scale)[None],
+        "scales": np.array([scale]),
+        "shifts": transform[None, :3, 3],
+        "energies": record["energies"][:1],
+    }
+
+
+def _partners(shapes: Shapes, complete: Collection, at: IntArray) -> IntArray:
+    """Return the complete shapes, by position among them, that others are posed on: sure ones, whatever their names."""
+    part = max(complete.parts, key=len)
+    order = sorted(part.tolist(), key=lambda c: (not complete.confidence[c] >= 0.9, shapes.keys[at[c]]))
+    return np.array(sorted(order[:MAX_PARTNERS]), dtype=np.int64)
+
+
+def _merged(
+    shapes: Shapes,
+    complete: Collection,
+    at: IntArray,
+    found: Mapping[int, Record],
+    reasons: Mapping[int, str],
+    partners: IntArray,
+) -> Collection:
+    """Return all shapes as one collection, in the order of the folder."""
+    num, samples = len(shapes.names), shapes.samples
+    transforms, rotations = np.tile(np.eye(4), (num, 1, 1)), np.tile(np.eye(3), (num, 1, 1))
+    confidence, alternatives = np.full(num, np.nan), [()] * num
+    transforms[at], rotations[at], confidence[at] = complete.transforms, complete.rotations, complete.confidence
+    for c, i in enumerate(at):
+        alternatives[i] = complete.alternatives[c]
+    for i, record in found.items():
+        rotations[i] = record["turns"][0]
+        transforms[i, :3, :3] = record["scales"][0] * record["turns"][0]
+        transforms[i, :3, 3] = record["shifts"][0]
+        confidence[i] = pose_certainty(record)
+        alternatives[i] = _alternatives(record)
+    positions = common_positions(samples, transforms)
+    labels = np.full((num, complete.maps.labels.shape[1]), -1, dtype=np.int64)
+    labels[at] = complete.maps.labels
+    for i in found:
+        labels[i] = nearest_labels(positions[i], complete.consensus)
+    pairs = [replace(pair, target=int(at[pair.target]), source=int(at[pair.source])) for pair in complete.pairs]
+    for i, record in found.items():
+        pairs.extend(_pairs(i, record, partners[partners != i], rotations, labels))
+    parts = [at[part] for part in complete.parts]
+    largest = max(range(len(parts)), key=lambda n: len(parts[n]))
+    parts[largest] = np.sort(np.concatenate([parts[largest], np.array(sorted(found), dtype=np.int64)]))
+    incomplete = tuple(
+        Incomplete(
+            shape=i,
+            reason=reasons[i],
+            partners=read_only(partners[partners != i]),
+            overlaps=read_only(record["overlaps"]),
+        )
+        for i, record in found.items()
+    )
+    return replace(
+        complete,
+        names=shapes.names,
+        files=shapes.files,
+        digests=shapes.digests,
+        transforms=read_only(transforms),
+        rotations=read_only(rotations),
+        reflected=read_only(np.linalg.det(rotations) < 0),
+        confidence=read_only(confidence),
+        samples=tuple(item.vertex_indices for item in samples),
+        positions=read_only(positions),
+        coordinates=read_only(np.stack([item.coordinates for item in samples])),
+        invariants=read_only(np.stack([item.invariants for item in samples])),
+        maps=ConsistentMaps(names=shapes.names, labels=read_only(labels)),
+        pairs=tuple(pairs),
+        alternatives=tuple(alternatives),
+        parts=tuple(read_only(part) for part in parts),
+        notes=(*complete.notes, incomplete_note(shapes.names, incomplete)),
+        shape_notes=tuple(item.notes for item in samples),
+        trust=_trust(complete.trust, at, num),
+        incomplete=incomplete,
+    )
+
+
+def _alternatives(record: Record) -> tuple[Alternative, ...]:
+    """Return the rivals of a pose, the likeliest first."""
+    energies = np.log(record["energies"]).mean(axis=1)
+    apart = np.nan_to_num(rotation_angle_deg(record["turns"], record["turns"][0]), nan=180.0) > AGREEMENT_DEG
+    return tuple(
+        Alternative(rotation=read_only(record["turns"][m]), log_odds=float(energies[m] - energies[0]))
+        for m in np.flatnonzero(apart)[:MAX_ALTERNATIVES]
+    )
+
+
+def _pairs(i: int, record: Record, partners: IntArray, rotations: FloatArray, labels: IntArray) -> list[Pair]:
+    """Return the pairs of an incomplete shape: what each partner asks for alone, and the map at the common poses."""
+    pairs = []
+    for n, partner in enumerate(partners.tolist()):
+        first, second = min(i, partner), max(i, partner)
+        asked = rotations[partner].T @ record["proposed"][n]
+        asked = asked if second == i else np.swapaxes(asked, 1, 2)
+        common = rotations[first].T @ rotations[second]
+        angles = np.nan_to_num(rotation_angle_deg(asked, common), nan=180.0)
+        choice = int(np.argmin(angles))
+        agrees = bool(angles[choice] <= AGREEMENT_DEG)
+        pairs.append(
+            Pair(
+                target=first,
+                source=second,
+                rotations=read_only(np.ascontiguousarray(asked)),
+                maps=read_only(np.full((len(asked), labels.shape[1]), -1)),
+                energies=read_only(record["proposed_energies"][n]),
+                status="ESTIMATED",
+                choice=choice if agrees else -1,
+                inlier=agrees,
+                disagreement_deg=float(angles[choice]),
+                map_target_source=read_only(_label_map(labels[first], labels[second])),
+                energy=float(record["energies"][0, n]),
+            )
+        )
+    return pairs
+
+
+def _label_map(target: IntArray, source: IntArray) -> IntArray:
+    """Return the sample of the target with the label of each of the source's, -1 where there is none."""
+    inverse = np.full(int(max(target.max(), source.max())) + 2, -1, dtype=np.int64)
+    inverse[target[target >= 0]] = np.flatnonzero(target >= 0)
+    return np.where(source >= 0, inverse[source], -1)
+
+
+def _trust(trust: Trust | None, at: IntArray, num: int) -> Trust | None:
+    """Return the evidence of all shapes; nothing of this kind was gathered for the incomplete ones."""
+    if trust is None:
+        return None
+    evidence = np.full((num, len(KINDS)), np.nan)
+    evidence[at] = trust.evidence
+    position = {int(i): c for c, i in enumerate(at)}
+    none = read_only(np.zeros((0, 3, 3))), read_only(np.zeros(0))
+    return Trust(
+        evidence=read_only(evidence),
+        rivals=tuple(trust.rivals[position[i]] if i in position else none[0] for i in range(num)),
+        excess=tuple(trust.excess[position[i]] if i in position else none[1] for i in range(num)),
+    )
+
+
+def incomplete_note(names: Sequence[str], incomplete: Sequence[Incomplete]) -> str:
+    """Return the sentence that names the incomplete shapes and says what follows from that."""
+    listed = "; ".join(f"{names[one.shape]} ({one.reason}; covers {one.coverage:.0%})" for one in incomplete)
+    return (
+        f"Incomplete, posed on the complete shapes by what has a counterpart there: {listed}. The mean is that of the "
+        f"complete shapes; samples without a counterpart have no label."
+    )

@@ -1,0 +1,170 @@
+"""Poses one incomplete shape on several posed ones: each proposes poses, and all together decide and refine them.
+
+A shape that is not symmetric itself may look so where a part is missing, and a single partner may fit badly where it
+differs. What is common to the partners decides: every pose that fits one of them is tried on all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from collalign.engine.jobs.table import SharedTable
+from collalign.engine.store.records import Record
+from collalign.stages.incomplete.surfaces import posed_points
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.rotations import rotation_angle_deg
+from data_tools.threads import one_blas_thread
+from pairwise.partial.match import NUM_POINTS, distinct, match_partial, refine, scales_allowed
+from pairwise.partial.poses import Poses, counterparts
+from pairwise.partial.surface import PartialSurface
+
+#: Poses that each partner proposes, and those of all that are refined on all partners.
+NUM_PROPOSED, NUM_REFINED = 8, 6
+#: Poses beyond this angle from the best one are its rivals.
+RIVAL_DEG = 20.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlaceTask:
+    """What a worker needs to pose one shape; surfaces come from the shared table, by position.
+
+    Attributes
+    ----------
+    shape : int
+    partners : tuple of int
+    transforms : ndarray, shape (n, 4, 4)
+        File coordinates of the partners to the common frame.
+    group : {"SO", "O"}
+    estimate_scale : bool
+    fixed : ndarray, shape (3, 3), or None
+        A rotation that a person has decided.
+    """
+
+    shape: int
+    partners: tuple[int, ...]
+    transforms: FloatArray
+    group: str
+    estimate_scale: bool
+    fixed: FloatArray | None = None
+
+
+@one_blas_thread()
+def place_shape(task: PlaceTask, shared: SharedTable) -> Record:
+    """Return the poses of a shape on its partners, the best first; runs inside a worker.
+
+    Returns
+    -------
+    dict
+        ``turns`` (m, 3, 3), ``scales`` (m,), ``shifts`` (m, 3): file coordinates to the common frame; ``energies``
+        (m, n) with each partner; ``overlaps`` (n, 2), see :class:`collalign.products.incomplete.Incomplete`;
+        ``proposed`` (n, p, 3, 3) and ``proposed_energies`` (n, p), what each partner alone asks for, padded by its best.
+    """
+    source = posed_points(shared[str(task.shape)], str(task.shape))
+    targets = [
+        posed_points(shared[str(i)], str(i), transform)
+        for i, transform in zip(task.partners, task.transforms, strict=True)
+    ]
+    alone = [
+        match_partial(
+            target,
+            source,
+            group=task.group,
+            estimate_scale=task.estimate_scale,
+            num_candidates=NUM_PROPOSED,
+        )
+        for target in targets
+    ]
+    every = [pose for poses in alone for pose in poses]
+    proposed = Poses(
+        turns=np.stack([pose.R_target_source for pose in every]),
+        scales=np.array([pose.scale for pose in every]),
+        shifts=np.stack([pose.translation for pose in every]),
+    )
+    poses, energies = _on_all(targets, source, proposed, task)
+    found = [counterparts(target, source, poses[:1], NUM_POINTS[2]) for target in targets]
+    padded = [[*asked, *[asked[0]] * (NUM_PROPOSED - len(asked))] for asked in alone]
+    return {
+        "turns": poses.turns,
+        "scales": poses.scales,
+        "shifts": poses.shifts,
+        "energies": energies,
+        "overlaps": np.concatenate([item.overlaps() for item in found]),
+        "proposed": np.array([[pose.R_target_source for pose in asked] for asked in padded]),
+        "proposed_energies": np.array([[pose.energy for pose in asked] for asked in padded]),
+    }
+
+
+def _on_all(
+    targets: Sequence[PartialSurface], source: PartialSurface, proposed: Poses, task: PlaceTask
+) -> tuple[Poses, FloatArray]:
+    """Return the proposed poses that fit all targets best, refined on all, and their energies, shape (m, n)."""
+    radius = float(np.mean([target.radius for target in targets]))
+    ranges = [scales_allowed(target, source, estimate_scale=task.estimate_scale) for target in targets]
+    scale_range = min(low for low, _ in ranges), max(high for _, high in ranges)
+    if task.fixed is not None:
+        apart = np.nan_to_num(rotation_angle_deg(proposed.turns, task.fixed), nan=180.0)
+        kept = np.argsort(apart, kind="stable")[:NUM_REFINED]
+        proposed = Poses(
+            turns=np.tile(task.fixed, (len(kept), 1, 1)), scales=proposed.scales[kept], shifts=proposed.shifts[kept]
+        )
+    else:
+        energies = energies_on(targets, source, proposed, NUM_POINTS[1])
+        proposed = proposed[distinct(proposed, np.log(energies).mean(axis=1), NUM_REFINED, radius)]
+    poses = refine(targets, source, proposed, scale_range=scale_range, hold_turns=task.fixed is not None)
+    energies = energies_on(targets, source, poses, NUM_POINTS[2])
+    kept = distinct(poses, np.log(energies).mean(axis=1), NUM_REFINED, radius)
+    return poses[kept], energies[kept]
+
+
+def energies_on(
+    targets: Sequence[PartialSurface], source: PartialSurface, poses: Poses, num_points: int
+) -> FloatArray:
+    """Return the energy of every pose on every target, shape (p, n)."""
+    return np.stack([counterparts(target, source, poses, num_points).energies for target in targets], axis=1)
+
+
+def pose_certainty(record: Record) -> float:
+    """Return how probable the best pose is against its rivals, by the partners that prefer it.
+
+    Each partner compares both by the logarithm of its energies; the mean of the differences over its standard error
+    says how far from chance the preference is, and the least certain rival counts. The share of right poses at this
+    statistic was fitted, see :data:`SLOPE`.
+    """
+    turns, energies = np.asarray(record["turns"]), np.log(np.asarray(record["energies"]))
+    apart = np.nan_to_num(rotation_angle_deg(turns, turns[0]), nan=180.0) > RIVAL_DEG
+    if not apart.any():
+        return 1.0 / (1.0 + np.exp(-MOST_CERTAIN))
+    gains = energies[apart] - energies[0]
+    margin = float(gains.mean(axis=1).min())
+    return float(1.0 / (1.0 + np.exp(-min(SLOPE * margin, MOST_CERTAIN))))
+
+
+#: Log odds of a pose per unit of its least mean margin over a rival, in logarithms of energy, and the most they can be.
+SLOPE, MOST_CERTAIN = 30.0, 5.0
+
+
+def nearest_labels(positions: FloatArray, consensus: FloatArray) -> IntArray:
+    """Return the label of each sample, -1 where none of the consensus is near, shape (k,).
+
+    A one-to-one assignment of least squared distance in which leaving a sample out costs the squared distance that
+    points of the consensus lie apart.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (k, 3)
+        In the common frame.
+    consensus : ndarray, shape (l, 3)
+    """
+    spacing = float(np.median(cKDTree(consensus).query(consensus, k=2)[0][:, 1]))
+    costs = np.minimum(cdist(positions, consensus, "sqeuclidean"), spacing**2)
+    rows, columns = linear_sum_assignment(costs)
+    labels = np.full(len(positions), -1, dtype=np.int64)
+    is_near = costs[rows, columns] < spacing**2
+    labels[rows[is_near]] = columns[is_near]
+    return labels
