@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import version
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from collalign.collection import AlignedCollection
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
-from collalign.options import AlignOptions, AlignSession
+from collalign.options import AUTO, AlignOptions, AlignSession
 from collalign.products.collection import ConsistentMaps, RunRecord
 from collalign.products.pair import FormerPairs
 from collalign.products.shapes import Constraints, Shapes
@@ -24,6 +24,8 @@ from collalign.stages.deformation.solve import map_vertices, vertex_notes
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.rivals import try_rivals
 from collalign.stages.evidence.weigh import weigh_pairs
+from collalign.stages.incomplete.add import with_incomplete
+from collalign.stages.incomplete.detect import MIN_SHAPES, find_incomplete, told_incomplete
 from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs
 from collalign.stages.pairs.match import match_pairs, num_reused_pairs
 from collalign.stages.poses.agreement import resolve_pairs, with_common_match
@@ -37,12 +39,14 @@ from collalign.stages.shapes import prepare_shapes
 from collalign.stages.trust.assess import gather_trust, with_trust
 from collalign.stages.trust.words import trust_notes
 from data_tools.arrays import FloatArray, as_rotations, read_only
-from data_tools.errors import InputError
+from data_tools.errors import CollectionError, InputError
 from data_tools.io.files import readable_name
 from data_tools.io.objects import ShapesLike, list_shapes
 from data_tools.io.shapes import FolderListing
 from data_tools.threads import one_blas_thread
 
+#: How often incomplete shapes are looked for among those that are left.
+MAX_ROUNDS = 3
 _LIBRARIES = ("collalign", "numpy", "scipy", "trimesh", "potpourri3d", "robust-laplacian", "joblib")
 
 
@@ -106,6 +110,7 @@ def align_listing(
     fixed: Mapping[str, ArrayLike],
     fixed_transforms: Mapping[str, FloatArray] | None = None,
     former: FormerPairs | None = None,
+    incomplete: Collection[str] = (),
 ) -> AlignedCollection:
     """Align listed files; :func:`align_collection` and :func:`collalign.extend.add_to_collection` both end here.
 
@@ -119,11 +124,97 @@ def align_listing(
         Whole transforms that stay, of shapes whose rotation is fixed as well.
     former : FormerPairs, optional
         Pairs of an earlier run.
+    incomplete : collection of str
+        Shapes that an earlier run found to be incomplete.
     """
-    asked, times_s = session.options, dict[str, float]()
+    times_s = dict[str, float]()
     with _timed(times_s, "shapes"):
         shapes = prepare_shapes(session, listing)
-        constraints = _constraints(shapes, asked, fixed, fixed_transforms or {})
+        constraints = _constraints(shapes, session.options, fixed, fixed_transforms or {})
+    skipped = tuple(readable_name(path) for path in listing.skipped)
+    missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
+    aligned = _align_others(session, shapes, constraints, times_s, missing, former)
+    if not missing and session.options.incomplete == AUTO:
+        missing, aligned = _without_found(session, shapes, constraints, times_s, aligned, former)
+    if missing:
+        decided = _with_group(session, aligned.group)
+        aligned = with_incomplete(decided, shapes, aligned, missing, constraints)
+    return replace(aligned, skipped=skipped)
+
+
+def _with_group(session: AlignSession, group: str) -> AlignSession:
+    """Return the session with the group that was decided."""
+    return session.with_options(replace(session.options, group="O" if group == "O" else "SO"))
+
+
+def _without_found(
+    session: AlignSession,
+    shapes: Shapes,
+    constraints: Constraints,
+    times_s: dict[str, float],
+    aligned: AlignedCollection,
+    former: FormerPairs | None,
+) -> tuple[dict[int, str], AlignedCollection]:
+    """Return the shapes that turn out to be incomplete, and the others aligned without them; in rounds.
+
+    Incomplete shapes among complete ones may spoil poses, and so hide others.
+    """
+    missing: dict[int, str] = {}
+    for _ in range(MAX_ROUNDS):
+        kept = [i for i in range(len(shapes.names)) if i not in missing]
+        with _timed(times_s, "incomplete shapes"):
+            found = find_incomplete(shapes.some(kept).samples, aligned)
+        fresh = {kept[n]: reason for n, reason in found.items() if kept[n] not in constraints.fixed}
+        if not fresh or len(kept) - len(fresh) < MIN_SHAPES:
+            break
+        missing |= fresh
+        aligned = _align_others(session, shapes, constraints, times_s, missing, former)
+    return missing, aligned
+
+
+def _align_others(
+    session: AlignSession,
+    shapes: Shapes,
+    constraints: Constraints,
+    times_s: dict[str, float],
+    missing: Mapping[int, str],
+    former: FormerPairs | None,
+) -> AlignedCollection:
+    """Align the shapes that are not incomplete."""
+    if not missing:
+        return _align_shapes(session, shapes, constraints, times_s, former)
+    kept = [i for i in range(len(shapes.names)) if i not in missing]
+    if len(kept) < 2:
+        raise CollectionError(
+            f"{len(kept)} complete shapes: at least two are needed to pose {len(missing)} incomplete ones on"
+        )
+    if session.options.reference and constraints.reference in missing:
+        raise InputError(f"reference: {session.options.reference!r} is incomplete; choose a complete shape")
+    at = {i: number for number, i in enumerate(kept)}
+    some = Constraints(
+        fixed={at[i]: pose for i, pose in constraints.fixed.items() if i in at},
+        fixed_transforms={at[i]: pose for i, pose in constraints.fixed_transforms.items() if i in at},
+        reference=at.get(constraints.reference, 0),
+    )
+    if former is not None:
+        edges = [[at[i], at[j]] for i, j in former.edges.tolist() if i in at and j in at]
+        former = FormerPairs(
+            num_shapes=sum(i < former.num_shapes for i in kept),
+            edges=np.array(edges, dtype=np.int64).reshape(-1, 2),
+            group=former.group,
+        )
+    return _align_shapes(session, shapes.some(kept), some, times_s, former)
+
+
+def _align_shapes(
+    session: AlignSession,
+    shapes: Shapes,
+    constraints: Constraints,
+    times_s: dict[str, float],
+    former: FormerPairs | None,
+) -> AlignedCollection:
+    """Align complete shapes; the steps are those of section 6.3 of Maron et al. (2016)."""
+    asked = session.options
     with _timed(times_s, "pairs"):
         descriptors = describe_shapes(shapes)
         edges = choose_pairs(session, shapes, descriptors, former)
@@ -186,7 +277,7 @@ def align_listing(
         alternatives=solution.alternatives,
         parts=solution.parts,
         excluded=(*shapes.excluded, *failed),
-        skipped=tuple(readable_name(path) for path in listing.skipped),
+        skipped=(),
         notes=(
             *solution.warnings,
             *shapes.notes,

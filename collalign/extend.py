@@ -12,7 +12,7 @@ from collalign.collection import AlignedCollection
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.output.evidence.file import load_view, source_files
-from collalign.output.write import recorded_options
+from collalign.output.write import recorded_incomplete, recorded_options
 from collalign.products.pair import FormerPairs
 from collalign.products.shapes import Excluded
 from data_tools.errors import InputError
@@ -85,6 +85,7 @@ def add_to_collection(
             fixed=dict(zip(view.names, view.rotations, strict=True)),
             fixed_transforms=dict(zip(view.names, view.transforms, strict=True)),
             former=FormerPairs(num_shapes=len(files), edges=edges, group=group),
+            incomplete=recorded_incomplete(result),
         )
     again = {file.name for file in new.files}
     left_out = tuple(Excluded(file=file, reason=reason) for file, reason in view.excluded if file not in again)

@@ -135,12 +135,51 @@ def recorded_options(result: Path | str) -> tuple[AlignOptions, str]:
         raise InputError(f"{record}: not the summary of an alignment ({error})") from None
 
 
+def recorded_incomplete(result: Path | str) -> tuple[str, ...]:
+    """Return the names of a result's incomplete shapes.
+
+    Raises
+    ------
+    InputError
+        If the folder's ``alignment.json`` cannot be read.
+    """
+    record = Path(result) / ALIGNMENT_FILE
+    try:
+        content = json.loads(record.read_text("utf-8"))
+        return tuple(str(one["name"]) for one in content.get("incomplete", []))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{record}: not the summary of an alignment ({error})") from None
+
+
 def _evidence(collection: Collection, shape: int) -> dict[str, float | None]:
     """Return what speaks for a pose, by kind; empty where nothing was gathered."""
     if collection.trust is None:
         return {}
     row = collection.trust.evidence[shape]
     return {kind: _number(value) for kind, value in zip(KINDS, row, strict=True)}
+
+
+def _incomplete(collection: Collection) -> dict[str, Any]:
+    """Return what is known of the incomplete shapes; nothing where all are complete."""
+    if not collection.incomplete:
+        return {}
+    return {
+        "incomplete": [
+            {
+                "name": collection.names[one.shape],
+                "reason": one.reason,
+                "scale": float(np.cbrt(abs(np.linalg.det(collection.transforms[one.shape][:3, :3])))),
+                "translation": collection.transforms[one.shape][:3, 3].tolist(),
+                "coverage": _number(one.coverage),
+                "samples_with_labels": int((collection.maps.labels[one.shape] >= 0).sum()),
+                "overlaps": {
+                    collection.names[partner]: {"partner": float(theirs), "own": float(own)}
+                    for partner, (theirs, own) in zip(one.partners.tolist(), one.overlaps.tolist(), strict=True)
+                },
+            }
+            for one in collection.incomplete
+        ]
+    }
 
 
 def alignment_record(collection: Collection) -> dict[str, Any]:
@@ -173,6 +212,7 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
         "groups": [[collection.names[i] for i in part] for part in collection.parts],
         "excluded": [{"file": item.file, "reason": item.reason} for item in collection.excluded],
         "notes": list(collection.notes),
+        **_incomplete(collection),
         "shape_notes": {
             name: list(notes) for name, notes in zip(collection.names, collection.shape_notes, strict=True) if notes
         },

@@ -19,6 +19,8 @@ from data_tools.surface.topology import mesh_edges
 MAX_DEFECTS = 0.01
 #: Neighbours that a plane is fitted to where there are no triangles.
 NUM_NEIGHBOURS = 30
+#: A point of a cloud lies on a rim if so many neighbours leave a gap of more than this angle around it, in radians.
+RIM_NEIGHBOURS, RIM_GAP = 12, 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,7 +32,8 @@ class SurfacePoints:
     points : ndarray, shape (l, 3)
     normals : ndarray, shape (l, 3)
     on_rim : ndarray of bool, shape (l,)
-        No farther from the mesh's boundary than points lie apart; false throughout for point clouds.
+        No farther from the mesh's boundary than points lie apart; of a point cloud, those whose neighbours leave a
+        wide gap around them.
     oriented : bool
         Whether all normals point outwards; else their signs mean nothing.
     """
@@ -48,17 +51,33 @@ def surface_points(shape: Shape, num: int) -> SurfacePoints:
     points = small.vertices[chosen]
     normals = outward_normals(small, max_defects=MAX_DEFECTS)
     oriented = len(normals) > 0
-    rim = np.unique(mesh_edges(small.faces).boundary) if small.is_mesh else np.empty(0, dtype=np.int64)
-    on_rim = np.zeros(len(points), dtype=np.bool_)
-    if len(rim):
-        spacing = np.median(cKDTree(points).query(points, k=2)[0][:, 1])
-        on_rim = cKDTree(small.vertices[rim]).query(points)[0] < spacing
+    directions = normals[chosen] if oriented else plane_normals(small.vertices, points)
+    on_rim = _mesh_rim(small, points) if small.is_mesh else cloud_rim(points, directions)
     return SurfacePoints(
-        points=read_only(points),
-        normals=read_only(normals[chosen] if oriented else plane_normals(small.vertices, points)),
-        on_rim=read_only(on_rim),
-        oriented=oriented,
+        points=read_only(points), normals=read_only(directions), on_rim=read_only(on_rim), oriented=oriented
     )
+
+
+def _mesh_rim(mesh: Shape, points: FloatArray) -> BoolArray:
+    """Return which points are near the mesh's boundary."""
+    rim = np.unique(mesh_edges(mesh.faces).boundary)
+    if not len(rim):
+        return np.zeros(len(points), dtype=np.bool_)
+    spacing = np.median(cKDTree(points).query(points, k=2)[0][:, 1])
+    return np.asarray(cKDTree(mesh.vertices[rim]).query(points)[0] < spacing)
+
+
+def cloud_rim(points: FloatArray, normals: FloatArray) -> BoolArray:
+    """Return which points of a cloud lie on a rim: their neighbours, seen along the normal, leave a wide gap."""
+    num = min(RIM_NEIGHBOURS + 1, len(points))
+    arms = points[cKDTree(points).query(points, k=num)[1][:, 1:]] - points[:, None]
+    across = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    other = np.cross(normals, across)
+    angles = np.arctan2(np.einsum("lka,la->lk", arms, other), np.einsum("lka,la->lk", arms, across))
+    angles = np.sort(angles, axis=1)
+    gaps = np.diff(angles, axis=1, append=angles[:, :1] + 2.0 * np.pi)
+    return np.asarray(gaps.max(axis=1) > RIM_GAP)
 
 
 def plane_normals(cloud: FloatArray, places: FloatArray) -> FloatArray:

@@ -1,1 +1,1 @@
-"""Poses of two surfaces that overlap in part: rotation, shift and scale searched, what has no counterpart left out."""
+"""Poses of two surfaces that overlap in part: rotation, shift and scale searched, trimmed closest points."""

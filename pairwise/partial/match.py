@@ -35,10 +35,10 @@ SCALE_RANGE = (0.6, 1.6)
 NUM_POINTS = (64, 150, 500)
 #: Poses that are refined on few points, and those of them that are on many.
 NUM_STARTS, NUM_REFINED = 300, 40
-#: Cutoffs, in radii: of the search, of the refinement's steps on few points, and on many.
+#: Cutoffs, in radii: of the search, of the refinement's steps on few points, and on many; None for a pose's own.
 SCREEN_CUTOFF = 0.35
 FEW_STEPS = (0.4,) * 4 + (0.35,) * 6
-MANY_STEPS = (0.35,) * 4 + (0.3,) * 6 + (0.25,) * 6
+MANY_STEPS = (0.35,) * 3 + (0.3,) * 3 + (0.25,) * 4 + (None,) * 8
 #: Poses nearer than this in angle and in shift (radii) are one.
 SAME_POSE_DEG, SAME_SHIFT = 10.0, 0.3
 
@@ -105,9 +105,7 @@ def match_partial(
     return ranked(target, poses, found, num_candidates)
 
 
-def scales_allowed(
-    target: PartialSurface, source: PartialSurface, *, estimate_scale: bool
-) -> tuple[float, float]:
+def scales_allowed(target: PartialSurface, source: PartialSurface, *, estimate_scale: bool) -> tuple[float, float]:
     """Return the least and the largest factor of the source."""
     if not estimate_scale:
         return 1.0, 1.0
@@ -119,7 +117,7 @@ def refine(
     targets: Sequence[PartialSurface],
     source: PartialSurface,
     poses: Poses,
-    cutoffs: Sequence[float] = MANY_STEPS,
+    cutoffs: Sequence[float | None] = MANY_STEPS,
     *,
     num_points: int = NUM_POINTS[2],
     scale_range: tuple[float, float],
@@ -142,9 +140,7 @@ def refine(
     return poses
 
 
-def ranked(
-    target: PartialSurface, poses: Poses, found: Counterparts, num_candidates: int
-) -> tuple[PartialPose, ...]:
+def ranked(target: PartialSurface, poses: Poses, found: Counterparts, num_candidates: int) -> tuple[PartialPose, ...]:
     """Return the distinct poses, the least energy first."""
     energies, overlaps = found.energies, found.overlaps()
     return tuple(

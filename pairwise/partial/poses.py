@@ -15,17 +15,19 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal
 from pairwise.partial.surface import PartialSurface
 
-#: Weight of unit normals beside positions, in radii of the target. Right pairs of teeth that are both cut, and of
-#: ants of which one is, with weights 0, .1, .2 and .4 : 52 and 23 %, 65 and 40, 82 and 53, 88 and 53 (40 and 30 pairs;
-#: 53 and 43 to 82 and 88 for other ways to add up costs); .4 loses glasses (70 for 75 %).
+#: Weight of unit normals beside positions, in radii of the target. With weights 0, .1, .2 and .4, 52, 65, 82 and 88 %
+#: of 40 pairs of teeth that are both cut are right, and 23, 40, 53 and 53 % of 30 pairs of ants of which one is;
+#: .4 loses glasses (70 for 75 % of 20). The shapes at even positions of each collection, a quarter cut off.
 NORMAL_WEIGHT = 0.3
-#: Costs are compared by the logarithm of what they exceed this squared length by, in radii of the target: the noise of
-#: shapes that differ is unknown, and a fit that is twice as good over a part counts as much at any level.
+#: Costs count by their logarithm, this squared length (in radii of the target) added: the noise of shapes that differ
+#: is unknown, and a fit that is twice as good over a part counts as much at any level.
 RESOLUTION = 0.05
 #: Whatever is farther than this, in radii of the target, is as good as absent.
 CUTOFF = 0.4
 #: A point has a counterpart if its cost is below this squared length.
 COUNTERPART = 0.25
+#: A pose's own cutoff is so many times the root of the median cost of what has a counterpart, and not below this.
+OWN_CUTOFF, LEAST_CUTOFF = 2.5, 0.06
 #: Sum of weights, of at most 2, below which a pose moves no more.
 _LEAST_WEIGHT = 1e-3
 
@@ -80,12 +82,19 @@ class Counterparts:
 
     @property
     def energies(self) -> FloatArray:
-        """Geometric mean over both surfaces of (cost + resolution^2), costs at most the squared cutoff, shape (p,)."""
+        """Geometric mean over both surfaces of cost + resolution^2, costs at most the squared cutoff, shape (p,)."""
         means = [
             np.log(np.minimum(costs, CUTOFF**2) + RESOLUTION**2).mean(axis=1)
             for costs in (self.source_costs, self.target_costs)
         ]
         return np.asarray(np.exp(means[0] + means[1]) ** 0.5)
+
+    def own_cutoffs(self) -> FloatArray:
+        """Return the cutoff that suits each pose, from the median cost of what has a counterpart, shape (p,)."""
+        costs = np.concatenate([self.source_costs, self.target_costs], axis=1)
+        there = np.where(costs < COUNTERPART**2, costs, np.nan)
+        there[np.isnan(there).all(axis=1)] = COUNTERPART**2
+        return np.clip(OWN_CUTOFF * np.sqrt(np.nanmedian(there, axis=1)), LEAST_CUTOFF, COUNTERPART)
 
     def overlaps(self) -> FloatArray:
         """Return the share of the target, and that of the source, with a counterpart, shape (p, 2)."""
@@ -127,20 +136,21 @@ def step(
     poses: Poses,
     *,
     num_points: int,
-    cutoff: float,
+    cutoff: float | None,
     scale_range: tuple[float, float],
     hold_turns: bool = False,
 ) -> Poses:
     """Move each pose to the similarity that brings counterparts together best, on one or several posed targets.
 
     Weights are Tukey's biweight of the costs at the cutoff (in radii), zero where either point lies on a rim, each
-    surface's in sum its share of counterparts.
+    surface's in sum its share of counterparts. Without a cutoff each pose sets its own, by how well it fits.
     """
     parts = []
     for target in targets:
         found = counterparts(target, source, poses, num_points)
+        reach = found.own_cutoffs() if cutoff is None else np.full(len(poses), cutoff)
         there, back = (
-            np.clip(1.0 - costs / cutoff**2, 0.0, 1.0) ** 2 / costs.shape[1]
+            np.clip(1.0 - costs / reach[:, None] ** 2, 0.0, 1.0) ** 2 / costs.shape[1]
             for costs in (found.source_costs, found.target_costs)
         )
         there *= ~(target.on_rim[found.of_source] | source.on_rim[: there.shape[1]])

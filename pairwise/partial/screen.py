@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray, IntArray
 from pairwise.partial.surface import PartialSurface
@@ -55,18 +54,18 @@ def screen(
 
 
 @numba.njit(cache=True)
-def _nearest(grid: NDArray[np.int32], corner: FloatArray, cell: float, place: FloatArray) -> int:
+def _nearest(grid, corner, cell, place):  # type: ignore[no-untyped-def]
     i = int(np.floor((place[0] - corner[0]) / cell))
     j = int(np.floor((place[1] - corner[1]) / cell))
     k = int(np.floor((place[2] - corner[2]) / cell))
     if i < 0 or j < 0 or k < 0 or i >= grid.shape[0] or j >= grid.shape[1] or k >= grid.shape[2]:
         return -1
-    return int(grid[i, j, k])
+    return grid[i, j, k]
 
 
 @numba.njit(cache=True)
 def _mean_cost(surface, places, normals, scale, shift, factor, weight, most, enough):  # type: ignore[no-untyped-def]
-    """Return the mean truncated cost of moved places beside the surface's nearest points, or anything above enough."""
+    """Return the mean truncated cost of moved places beside the nearest points, or anything above enough."""
     grid, corner, cell, points, directions = surface
     num = places.shape[0]
     total, place = 0.0, np.empty(3)
@@ -107,7 +106,9 @@ def _screen(target, source, num, turns, shifts, scales, weight, most):  # type: 
                 if cost >= 2.0 * costs[r]:
                     continue
                 for a in range(3):
-                    back[a] = -(shift[0] * turns[r, 0, a] + shift[1] * turns[r, 1, a] + shift[2] * turns[r, 2, a]) / scale
+                    back[a] = (
+                        -(shift[0] * turns[r, 0, a] + shift[1] * turns[r, 1, a] + shift[2] * turns[r, 2, a]) / scale
+                    )
                 rest = 2.0 * costs[r] - cost
                 cost += _mean_cost(
                     source, unturned, unturned_normals, 1.0 / scale, back, scale**2, weight, most, rest

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,7 +21,10 @@ from collalign.stages.incomplete.surfaces import prepare_points
 from collalign.stages.poses.placement import common_positions
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.rotations import rotation_angle_deg
+from pairwise.status import Status
 
+#: A collection, as it came.
+CollectionT = TypeVar("CollectionT", bound=Collection)
 #: Complete shapes that an incomplete one is posed on.
 MAX_PARTNERS = 8
 #: A pair agrees with the common pose within this angle.
@@ -32,10 +36,10 @@ MAX_ALTERNATIVES = 3
 def with_incomplete(
     session: AlignSession,
     shapes: Shapes,
-    complete: Collection,
+    complete: CollectionT,
     reasons: Mapping[int, str],
     constraints: Constraints,
-) -> Collection:
+) -> CollectionT:
     """Return the collection with its incomplete shapes posed on the complete ones.
 
     Parameters
@@ -81,27 +85,14 @@ def place_on(
                 group=options.group,
                 estimate_scale=options.scaling == "similarity",
                 fixed=constraints.fixed.get(i),
+                fixed_transform=constraints.fixed_transforms.get(i),
             )
         found = session.spread("incomplete shapes", place_shape, tasks, shared=table)
-    for i in chosen:
-        if i in constraints.fixed_transforms:
-            found[str(i)] = _held(found[str(i)], constraints.fixed_transforms[i])
     return {i: found[str(i)] for i in chosen}
 
 
-def _held(record: Record, transform: FloatArray) -> Record:
-    """Return a record whose pose is the one that stays."""
-    scale = float(np.cbrt(abs(np.linalg.det(transform[:3, :3]))))
-    return record | {
-        "turns": (transform[:3, :3] / scale)[None],
-        "scales": np.array([scale]),
-        "shifts": transform[None, :3, 3],
-        "energies": record["energies"][:1],
-    }
-
-
 def _partners(shapes: Shapes, complete: Collection, at: IntArray) -> IntArray:
-    """Return the complete shapes, by position among them, that others are posed on: sure ones, whatever their names."""
+    """Return the complete shapes, by position among them, that others are posed on: sure ones, by content."""
     part = max(complete.parts, key=len)
     order = sorted(part.tolist(), key=lambda c: (not complete.confidence[c] >= 0.9, shapes.keys[at[c]]))
     return np.array(sorted(order[:MAX_PARTNERS]), dtype=np.int64)
@@ -109,16 +100,17 @@ def _partners(shapes: Shapes, complete: Collection, at: IntArray) -> IntArray:
 
 def _merged(
     shapes: Shapes,
-    complete: Collection,
+    complete: CollectionT,
     at: IntArray,
     found: Mapping[int, Record],
     reasons: Mapping[int, str],
     partners: IntArray,
-) -> Collection:
+) -> CollectionT:
     """Return all shapes as one collection, in the order of the folder."""
     num, samples = len(shapes.names), shapes.samples
     transforms, rotations = np.tile(np.eye(4), (num, 1, 1)), np.tile(np.eye(3), (num, 1, 1))
-    confidence, alternatives = np.full(num, np.nan), [()] * num
+    confidence = np.full(num, np.nan)
+    alternatives: list[tuple[Alternative, ...]] = [()] * num
     transforms[at], rotations[at], confidence[at] = complete.transforms, complete.rotations, complete.confidence
     for c, i in enumerate(at):
         alternatives[i] = complete.alternatives[c]
@@ -185,7 +177,7 @@ def _alternatives(record: Record) -> tuple[Alternative, ...]:
 def _pairs(i: int, record: Record, partners: IntArray, rotations: FloatArray, labels: IntArray) -> list[Pair]:
     """Return the pairs of an incomplete shape: what each partner asks for alone, and the map at the common poses."""
     pairs = []
-    for n, partner in enumerate(partners.tolist()):
+    for n, partner in enumerate(partners[: len(record["proposed"])].tolist()):
         first, second = min(i, partner), max(i, partner)
         asked = rotations[partner].T @ record["proposed"][n]
         asked = asked if second == i else np.swapaxes(asked, 1, 2)
@@ -200,7 +192,7 @@ def _pairs(i: int, record: Record, partners: IntArray, rotations: FloatArray, la
                 rotations=read_only(np.ascontiguousarray(asked)),
                 maps=read_only(np.full((len(asked), labels.shape[1]), -1)),
                 energies=read_only(record["proposed_energies"][n]),
-                status="ESTIMATED",
+                status=Status.LOCAL_OPTIMUM.name,
                 choice=choice if agrees else -1,
                 inlier=agrees,
                 disagreement_deg=float(angles[choice]),
@@ -237,6 +229,6 @@ def incomplete_note(names: Sequence[str], incomplete: Sequence[Incomplete]) -> s
     """Return the sentence that names the incomplete shapes and says what follows from that."""
     listed = "; ".join(f"{names[one.shape]} ({one.reason}; covers {one.coverage:.0%})" for one in incomplete)
     return (
-        f"Incomplete, posed on the complete shapes by what has a counterpart there: {listed}. The mean is that of the "
-        f"complete shapes; samples without a counterpart have no label."
+        f"Incomplete, posed on the complete shapes by what has a counterpart there: {listed}. "
+        "The mean is that of the complete shapes; samples without a counterpart have no label."
     )

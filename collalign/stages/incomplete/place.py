@@ -24,8 +24,8 @@ from pairwise.partial.match import NUM_POINTS, distinct, match_partial, refine, 
 from pairwise.partial.poses import Poses, counterparts
 from pairwise.partial.surface import PartialSurface
 
-#: Poses that each partner proposes, and those of all that are refined on all partners.
-NUM_PROPOSED, NUM_REFINED = 8, 6
+#: Partners that propose poses, those that each proposes, and those of all that are refined on all partners.
+NUM_PROPOSERS, NUM_PROPOSED, NUM_REFINED = 4, 8, 6
 #: Poses beyond this angle from the best one are its rivals.
 RIVAL_DEG = 20.0
 
@@ -44,6 +44,8 @@ class PlaceTask:
     estimate_scale : bool
     fixed : ndarray, shape (3, 3), or None
         A rotation that a person has decided.
+    fixed_transform : ndarray, shape (4, 4), or None
+        A whole transform that stays: nothing is searched then.
     """
 
     shape: int
@@ -52,6 +54,7 @@ class PlaceTask:
     group: str
     estimate_scale: bool
     fixed: FloatArray | None = None
+    fixed_transform: FloatArray | None = None
 
 
 @one_blas_thread()
@@ -63,13 +66,16 @@ def place_shape(task: PlaceTask, shared: SharedTable) -> Record:
     dict
         ``turns`` (m, 3, 3), ``scales`` (m,), ``shifts`` (m, 3): file coordinates to the common frame; ``energies``
         (m, n) with each partner; ``overlaps`` (n, 2), see :class:`collalign.products.incomplete.Incomplete`;
-        ``proposed`` (n, p, 3, 3) and ``proposed_energies`` (n, p), what each partner alone asks for, padded by its best.
+        ``proposed`` (q, p, 3, 3) and ``proposed_energies`` (q, p), what each of the first partners alone asks for,
+        padded by its best.
     """
     source = posed_points(shared[str(task.shape)], str(task.shape))
     targets = [
         posed_points(shared[str(i)], str(i), transform)
         for i, transform in zip(task.partners, task.transforms, strict=True)
     ]
+    if task.fixed_transform is not None:
+        return _record(targets, source, _pose_of(task.fixed_transform), np.zeros((0, 1, 3, 3)), np.zeros((0, 1)))
     alone = [
         match_partial(
             target,
@@ -78,7 +84,7 @@ def place_shape(task: PlaceTask, shared: SharedTable) -> Record:
             estimate_scale=task.estimate_scale,
             num_candidates=NUM_PROPOSED,
         )
-        for target in targets
+        for target in targets[:NUM_PROPOSERS]
     ]
     every = [pose for poses in alone for pose in poses]
     proposed = Poses(
@@ -86,24 +92,46 @@ def place_shape(task: PlaceTask, shared: SharedTable) -> Record:
         scales=np.array([pose.scale for pose in every]),
         shifts=np.stack([pose.translation for pose in every]),
     )
-    poses, energies = _on_all(targets, source, proposed, task)
-    found = [counterparts(target, source, poses[:1], NUM_POINTS[2]) for target in targets]
     padded = [[*asked, *[asked[0]] * (NUM_PROPOSED - len(asked))] for asked in alone]
+    return _record(
+        targets,
+        source,
+        _on_all(targets, source, proposed, task),
+        np.array([[pose.R_target_source for pose in asked] for asked in padded]),
+        np.array([[pose.energy for pose in asked] for asked in padded]),
+    )
+
+
+def _pose_of(transform: FloatArray) -> Poses:
+    """Return a transform (4, 4) as a pose."""
+    scale = float(np.cbrt(abs(np.linalg.det(transform[:3, :3]))))
+    return Poses(
+        turns=transform[None, :3, :3] / scale, scales=np.array([scale]), shifts=np.array(transform[None, :3, 3])
+    )
+
+
+def _record(
+    targets: Sequence[PartialSurface],
+    source: PartialSurface,
+    poses: Poses,
+    proposed: FloatArray,
+    proposed_energies: FloatArray,
+) -> Record:
+    """Return what is known of the poses, the best first, as :func:`place_shape` says."""
+    found = [counterparts(target, source, poses[:1], NUM_POINTS[2]) for target in targets]
     return {
         "turns": poses.turns,
         "scales": poses.scales,
         "shifts": poses.shifts,
-        "energies": energies,
+        "energies": energies_on(targets, source, poses, NUM_POINTS[2]),
         "overlaps": np.concatenate([item.overlaps() for item in found]),
-        "proposed": np.array([[pose.R_target_source for pose in asked] for asked in padded]),
-        "proposed_energies": np.array([[pose.energy for pose in asked] for asked in padded]),
+        "proposed": proposed,
+        "proposed_energies": proposed_energies,
     }
 
 
-def _on_all(
-    targets: Sequence[PartialSurface], source: PartialSurface, proposed: Poses, task: PlaceTask
-) -> tuple[Poses, FloatArray]:
-    """Return the proposed poses that fit all targets best, refined on all, and their energies, shape (m, n)."""
+def _on_all(targets: Sequence[PartialSurface], source: PartialSurface, proposed: Poses, task: PlaceTask) -> Poses:
+    """Return the proposed poses that fit all targets best, refined on all, the best first."""
     radius = float(np.mean([target.radius for target in targets]))
     ranges = [scales_allowed(target, source, estimate_scale=task.estimate_scale) for target in targets]
     scale_range = min(low for low, _ in ranges), max(high for _, high in ranges)
@@ -118,8 +146,7 @@ def _on_all(
         proposed = proposed[distinct(proposed, np.log(energies).mean(axis=1), NUM_REFINED, radius)]
     poses = refine(targets, source, proposed, scale_range=scale_range, hold_turns=task.fixed is not None)
     energies = energies_on(targets, source, poses, NUM_POINTS[2])
-    kept = distinct(poses, np.log(energies).mean(axis=1), NUM_REFINED, radius)
-    return poses[kept], energies[kept]
+    return poses[distinct(poses, np.log(energies).mean(axis=1), NUM_REFINED, radius)]
 
 
 def energies_on(
@@ -145,7 +172,7 @@ def pose_certainty(record: Record) -> float:
     return float(1.0 / (1.0 + np.exp(-min(SLOPE * margin, MOST_CERTAIN))))
 
 
-#: Log odds of a pose per unit of its least mean margin over a rival, in logarithms of energy, and the most they can be.
+#: Log odds of a pose per unit of its least mean margin over a rival, in logarithms of energy; and their most.
 SLOPE, MOST_CERTAIN = 30.0, 5.0
 
 

@@ -1,0 +1,156 @@
+"""Incomplete shapes of a collection: told or found, posed on the complete ones, which stay as without them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
+from collalign.collection import AlignedCollection
+from collalign.stages.incomplete.detect import find_incomplete, told_incomplete
+from collalign.stages.incomplete.place import nearest_labels, pose_certainty
+from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic_shapes import crown
+from data_tools.errors import CollectionError, InputError, OptionsError
+from data_tools.io.shapes import write_mesh
+from data_tools.options import SamplingOptions
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from tests.pairwise.partial.test_partial_match import cut, moved
+
+OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=24, num_dense_points=200))
+BROKEN = ("tooth2",)
+
+
+@pytest.fixture(scope="module")
+def planted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
+    """Five teeth in random poses, one of them without a quarter, and the turn of each."""
+    rng = np.random.default_rng(11)
+    folder = tmp_path_factory.mktemp("teeth")
+    teeth = deformed_family(crown(rng, num_vertices=900), 5, rng, rms=0.015)
+    turns = np.stack([random_rotation(rng) for _ in teeth])
+    for number, (tooth, turn) in enumerate(zip(teeth, turns, strict=True)):
+        name = f"tooth{number}"
+        part = cut(tooth, rng.standard_normal(3), 0.25) if name in BROKEN else tooth
+        write_mesh(folder / f"{name}.ply", moved(part, turn, rng.uniform(0.5, 2.0), rng.standard_normal(3)))
+    return folder, turns
+
+
+@pytest.fixture(scope="module")
+def aligned(planted: tuple[Path, np.ndarray]) -> AlignedCollection:
+    options = replace(OPTIONS, incomplete="tooth2, ")
+    return align_collection(planted[0], options=options, progress=False)
+
+
+def errors_deg(collection: AlignedCollection, turns: np.ndarray) -> np.ndarray:
+    frames = collection.rotations @ turns
+    return np.nan_to_num(rotation_angle_deg(frames, frames[0]), nan=180.0)
+
+
+def test_broken_teeth_are_posed_on_the_whole_ones(
+    aligned: AlignedCollection, planted: tuple[Path, np.ndarray]
+) -> None:
+    assert errors_deg(aligned, planted[1]).max() < 12
+    assert [aligned.names[one.shape] for one in aligned.incomplete] == list(BROKEN)
+    for one in aligned.incomplete:
+        assert 0.5 < one.coverage < 0.95
+        assert (one.overlaps[:, 1] > one.overlaps[:, 0]).mean() > 0.5
+        assert aligned.confidence[one.shape] > 0.5
+    assert any("tooth2 (as told" in note for note in aligned.notes)
+    assert np.isfinite(aligned.consensus).all()
+
+
+def test_missing_regions_have_no_labels(aligned: AlignedCollection) -> None:
+    labels = aligned.maps.labels
+    for shape, name in enumerate(aligned.names):
+        there = labels[shape] >= 0
+        assert there.all() == (name not in BROKEN)
+        assert len(set(labels[shape][there])) == there.sum() >= 8
+    onto = aligned.maps["tooth2", "tooth0"]
+    lacking = np.flatnonzero(onto < 0)
+    assert len(lacking) == 24 - (labels[2] >= 0).sum()
+    distances = np.linalg.norm(aligned.positions[0][:, None] - aligned.positions[2], axis=2).min(axis=1)
+    assert distances[lacking].mean() > distances[onto >= 0].mean()
+
+
+def test_the_complete_shapes_stay_as_they_are_without_the_broken_ones(
+    aligned: AlignedCollection, planted: tuple[Path, np.ndarray], tmp_path: Path
+) -> None:
+    for file in planted[0].glob("*.ply"):
+        if file.stem not in BROKEN:
+            (tmp_path / file.name).write_bytes(file.read_bytes())
+    without = align_collection(tmp_path, options=OPTIONS, progress=False)
+    kept = [aligned.names.index(name) for name in without.names]
+    np.testing.assert_array_equal(aligned.transforms[kept], without.transforms)
+    np.testing.assert_array_equal(aligned.maps.labels[kept], without.maps.labels)
+    np.testing.assert_array_equal(aligned.consensus, without.consensus)
+
+
+def test_the_result_says_what_is_missing_and_takes_more(
+    aligned: AlignedCollection, planted: tuple[Path, np.ndarray], tmp_path: Path
+) -> None:
+    aligned.save(tmp_path / "out")
+    record = json.loads((tmp_path / "out" / "alignment.json").read_text())
+    assert [one["name"] for one in record["incomplete"]] == list(BROKEN)
+    assert set(record["incomplete"][0]["overlaps"]) <= {"tooth0", "tooth1", "tooth3", "tooth4"}
+    view = load(tmp_path / "out")
+    assert np.isnan(view.samples).any(axis=(1, 2)).tolist() == [name in BROKEN for name in aligned.names]
+    fresh = tmp_path / "fresh"
+    fresh.mkdir()
+    (fresh / "new.ply").write_bytes((planted[0] / "tooth0.ply").read_bytes())
+    more = add_to_collection(tmp_path / "out", fresh, run=RunOptions(), progress=False)
+    np.testing.assert_array_equal(more.transforms[:5], aligned.transforms)
+    assert rotation_angle_deg(more.rotations[5], more.rotations[0]) < 2
+    assert [more.names[one.shape] for one in more.incomplete] == list(BROKEN)
+
+
+def test_names_are_checked(planted: tuple[Path, np.ndarray]) -> None:
+    with pytest.raises(InputError, match="'tooth9'"):
+        told_incomplete(replace(OPTIONS, incomplete="tooth9"), ["tooth1"])
+    assert told_incomplete(replace(OPTIONS, incomplete="never"), ["tooth1"]) == {}
+    assert told_incomplete(OPTIONS, ["tooth0", "tooth1"], ["tooth1"]).keys() == {1}
+    with pytest.raises(OptionsError, match="incomplete"):
+        AlignOptions(incomplete=3)  # type: ignore[arg-type]
+    most = ",".join(f"tooth{n}" for n in range(4))
+    with pytest.raises(CollectionError, match="1 complete"):
+        align_collection(planted[0], options=replace(OPTIONS, incomplete=most), progress=False)
+    options = replace(OPTIONS, incomplete="tooth2", reference="tooth2")
+    with pytest.raises(InputError, match="reference"):
+        align_collection(planted[0], options=options, progress=False)
+
+
+def test_a_broken_tooth_is_found_among_seven(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    teeth = deformed_family(crown(rng, num_vertices=900), 7, rng, rms=0.012)
+    for number, tooth in enumerate(teeth):
+        part = cut(tooth, np.array([1.0, 0.3, 0.2]), 0.25) if number == 4 else tooth
+        write_mesh(tmp_path / f"tooth{number}.ply", moved(part, random_rotation(rng), 1.0, np.zeros(3)))
+    options = replace(OPTIONS, sampling=SamplingOptions(num_points=24))
+    aligned = align_collection(tmp_path, options=options, progress=False)
+    assert [aligned.names[one.shape] for one in aligned.incomplete] == ["tooth4"]
+    assert "beyond its rim" in aligned.incomplete[0].reason
+    blind = align_collection(tmp_path, options=replace(options, incomplete="never"), progress=False)
+    assert not blind.incomplete
+
+
+def test_nothing_is_missing_among_whole_teeth(planted: tuple[Path, np.ndarray], aligned: AlignedCollection) -> None:
+    whole = [i for i, name in enumerate(aligned.names) if name not in BROKEN]
+    again = align_collection([planted[0] / f"{aligned.names[i]}.ply" for i in whole], progress=False)
+    assert not again.incomplete
+    assert find_incomplete([], again) == {}
+
+
+def test_a_rival_that_partners_like_nearly_as_much_takes_certainty() -> None:
+    turns = np.stack([np.eye(3), np.diag([1.0, -1.0, -1.0])])
+    sure = pose_certainty({"turns": turns, "energies": np.array([[0.1, 0.1], [0.2, 0.2]])})
+    close = pose_certainty({"turns": turns, "energies": np.array([[0.1, 0.1], [0.101, 0.1]])})
+    assert close < 0.6 < 0.95 < sure
+
+
+def test_samples_far_from_everything_get_no_label() -> None:
+    consensus = np.stack([np.arange(6.0), np.zeros(6), np.zeros(6)], axis=1)
+    labels = nearest_labels(np.array([[2.1, 0.0, 0.0], [9.0, 0.0, 0.0], [0.1, 0.2, 0.0]]), consensus)
+    assert labels.tolist() == [2, -1, 0]

@@ -1,0 +1,36 @@
+"""Surfaces as points: what is a rim, and normals with and without signs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data_tools.datasets.synthetic_shapes import blob, crown
+from data_tools.embedding.surface_points import surface_points
+from data_tools.surface.shape import Shape
+
+
+def test_only_open_surfaces_have_points_on_a_rim() -> None:
+    closed, opened = surface_points(blob(np.random.default_rng(0)), 300), surface_points(crown(), 300)
+    assert not closed.on_rim.any()
+    assert 0.03 < opened.on_rim.mean() < 0.4
+    lowest = opened.points[:, 2] < np.quantile(opened.points[:, 2], 0.02)
+    assert opened.on_rim[lowest].all()
+
+
+def test_planes_of_a_cloud_agree_with_the_mesh_but_for_their_sign() -> None:
+    mesh = blob(np.random.default_rng(1))
+    known, fitted = surface_points(mesh, 300), surface_points(Shape.from_arrays(mesh.vertices, name="cloud"), 300)
+    assert known.oriented
+    assert not fitted.oriented
+    np.testing.assert_array_equal(known.points, fitted.points)
+    agreement = np.abs((known.normals * fitted.normals).sum(axis=1))
+    assert np.median(agreement) > 0.98
+
+
+def test_a_clouds_rim_is_found_by_its_gaps() -> None:
+    closed, opened = (Shape.from_arrays(s.vertices, name="c") for s in (blob(np.random.default_rng(2)), crown()))
+    assert surface_points(closed, 300).on_rim.mean() < 0.05
+    found = surface_points(opened, 300)
+    lowest = found.points[:, 2] < np.quantile(found.points[:, 2], 0.03)
+    assert found.on_rim[lowest].mean() > 0.7
+    assert found.on_rim[~lowest].mean() < 0.25

@@ -1,0 +1,114 @@
+"""Matching surfaces that overlap in part: planted poses of cut blobs, wrong poses that cost more, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from data_tools.datasets.synthetic import bumped
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.embedding.surface_points import surface_points
+from data_tools.errors import InputError, OptionsError
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
+from pairwise.partial.match import match_partial, refine, scales_allowed
+from pairwise.partial.poses import Poses, counterparts
+from pairwise.partial.surface import PartialSurface
+
+NUM = 400
+
+
+def cut(shape: Shape, direction: np.ndarray, share: float) -> Shape:
+    """Return the shape without the share of its vertices that lies farthest in a direction."""
+    heights = shape.vertices @ direction
+    kept = heights <= np.quantile(heights, 1.0 - share)
+    faces = shape.faces[kept[shape.faces].all(axis=1)]
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return Shape.from_arrays(shape.vertices[used], renumbered.reshape(-1, 3), name=shape.name)
+
+
+def surface(shape: Shape) -> PartialSurface:
+    found = surface_points(shape, NUM)
+    return PartialSurface.from_user(found.points, found.normals, found.on_rim, oriented=found.oriented)
+
+
+def moved(shape: Shape, turn: np.ndarray, scale: float, shift: np.ndarray) -> Shape:
+    faces = shape.faces if np.linalg.det(turn) > 0 else shape.faces[:, ::-1]
+    return Shape.from_arrays(scale * shape.vertices @ turn.T + shift, faces, name=shape.name)
+
+
+@pytest.fixture(scope="module")
+def whole() -> Shape:
+    return blob(np.random.default_rng(5), num_vertices=1200)
+
+
+@pytest.mark.parametrize("group", ["SO", "O"])
+def test_a_cut_blob_finds_its_place_on_the_whole_one(whole: Shape, group: str) -> None:
+    rng = np.random.default_rng(1)
+    turn = random_rotation(rng, group="SO") * (-1.0 if group == "O" else 1.0)
+    other = bumped(whole, rng, rms=0.01)
+    broken = moved(cut(other, rng.standard_normal(3), 0.35), turn, 0.4, np.array([3.0, -1.0, 2.0]))
+    best, *rest = match_partial(surface(whole), surface(broken), group=group)
+    assert rotation_angle_deg(best.R_target_source, turn.T) < 4
+    assert best.scale == pytest.approx(1 / 0.4, rel=0.05)
+    np.testing.assert_allclose(
+        best.scale * broken.vertices.mean(axis=0) @ best.R_target_source.T + best.translation,
+        (broken.vertices.mean(axis=0) - [3.0, -1.0, 2.0]) / 0.4 @ turn,
+        atol=0.1,
+    )
+    assert best.overlap_source > 0.9
+    assert 0.5 < best.overlap_target < 0.85
+    assert all(pose.energy > best.energy for pose in rest)
+    assert match_partial(surface(whole), surface(broken), group=group)[0].energy == best.energy
+
+
+def test_known_scales_stay(whole: Shape) -> None:
+    rng = np.random.default_rng(2)
+    turn = random_rotation(rng)
+    parts = cut(whole, np.array([0.0, 0.0, 1.0]), 0.3), cut(whole, np.array([0.0, 1.0, -0.3]), 0.3)
+    best = match_partial(surface(parts[0]), surface(moved(parts[1], turn, 1.0, np.ones(3))), estimate_scale=False)[0]
+    assert best.scale == 1.0
+    assert rotation_angle_deg(best.R_target_source, turn.T) < 3
+
+
+def test_clouds_without_signs_of_normals_match_as_well(whole: Shape) -> None:
+    turn = random_rotation(np.random.default_rng(3))
+    broken = cut(whole, np.array([1.0, 0.2, 0.0]), 0.3)
+    cloud = surface(Shape.from_arrays(broken.vertices @ turn.T, name="cloud"))
+    assert not cloud.oriented
+    best = match_partial(surface(whole), cloud)[0]
+    assert rotation_angle_deg(best.R_target_source, turn.T) < 4
+
+
+def test_the_energy_tells_a_wrong_pose_from_the_right_one(whole: Shape) -> None:
+    to = surface(whole)
+    of = surface(cut(whole, np.array([0.0, 1.0, 0.0]), 0.25))
+    turns = np.stack([np.eye(3), random_rotation(np.random.default_rng(4))])
+    poses = Poses(turns=turns, scales=np.ones(2), shifts=np.zeros((2, 3)))
+    found = counterparts(to, of, poses, NUM)
+    right, wrong = found.energies
+    assert right < 0.5 * wrong
+    assert found.overlaps()[0, 1] > found.overlaps()[1, 1]
+    held = refine([to], of, poses[1:], scale_range=scales_allowed(to, of, estimate_scale=True), hold_turns=True)
+    np.testing.assert_array_equal(held.turns, turns[1:])
+    assert not np.allclose(held.shifts, 0.0)
+
+
+def test_the_grid_answers_with_nearly_the_nearest_point(whole: Shape) -> None:
+    to = surface(whole)
+    rng = np.random.default_rng(6)
+    places = to.points[rng.integers(NUM, size=50)] + 0.05 * rng.standard_normal((50, 3))
+    found = to.nearest(places)
+    exact = cKDTree(to.points).query(places)[0]
+    assert (np.linalg.norm(to.points[found] - places, axis=1) <= exact + np.sqrt(3) * to.cell).all()
+    assert to.nearest(np.full((1, 3), 100.0)).tolist() == [-1]
+
+
+def test_impossible_surfaces_are_refused() -> None:
+    with pytest.raises(InputError, match="one place"):
+        PartialSurface.from_user(np.ones((5, 3)))
+    with pytest.raises(InputError, match="on_rim"):
+        PartialSurface.from_user(np.random.default_rng(0).random((5, 3)), on_rim=np.zeros(4, dtype=bool))
+    with pytest.raises(OptionsError, match="group"):
+        match_partial(*[PartialSurface.from_user(np.random.default_rng(0).random((5, 3)))] * 2, group="E")
