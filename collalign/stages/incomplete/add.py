@@ -12,6 +12,7 @@ import numpy as np
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.collection import Collection, ConsistentMaps
+from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair
 from collalign.products.shapes import Constraints, Shapes
@@ -153,7 +154,11 @@ def _merged(
         positions=read_only(positions),
         coordinates=read_only(np.stack([item.coordinates for item in samples])),
         invariants=read_only(np.stack([item.invariants for item in samples])),
-        maps=ConsistentMaps(names=shapes.names, labels=read_only(labels)),
+        maps=ConsistentMaps(
+            names=shapes.names,
+            labels=read_only(labels),
+            vertices=_vertex_maps(complete.maps.vertices, [shapes.names[i] for i in found]),
+        ),
         pairs=tuple(pairs),
         alternatives=tuple(alternatives),
         parts=tuple(read_only(part) for part in parts),
@@ -162,6 +167,13 @@ def _merged(
         trust=_trust(complete.trust, at, num),
         incomplete=incomplete,
     )
+
+
+def _vertex_maps(maps: VertexMaps | None, without: Sequence[str]) -> VertexMaps | None:
+    """Return the maps of the complete shapes' vertices, which say that the others have none."""
+    if maps is None:
+        return None
+    return replace(maps, left_out=(*maps.left_out, *((name, "it is incomplete") for name in without)))
 
 
 def _alternatives(record: Record) -> tuple[Alternative, ...]:
