@@ -44,7 +44,15 @@ def fingerprint(algorithm_version: str, options: Any, *content_hashes: str) -> s
 
 
 def pair_seed(seed: int, target: str, source: str) -> int:
-    """Return the seed of a pair: it depends on the collection's seed and the two names only.
+    """Return the seed of a pair, the same in every order and company of shapes.
+
+    Parameters
+    ----------
+    seed : int
+        Of the collection.
+    target, source : str
+        What identifies the two shapes: in an alignment their keys, made of their contents and options, so that
+        neither the names of files nor their places matter.
 
     Returns
     -------

@@ -1,0 +1,73 @@
+"""CONTRIBUTING.md shows the house as it is: its rooms, the way of a pair, and where something new goes."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from tests.test_layers import ROOMS, ROOT
+
+TEXT = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+#: Folders from which the text names files.
+BASES = (
+    ROOT,
+    *(ROOT / base for base in ("collalign", "collalign/output", "collalign/stages", "collalign/synchronization")),
+)
+
+
+def section(title: str) -> str:
+    """The text below a heading, up to the next one."""
+    found = re.search(rf"^#+ {title}$(.*?)(?=^#+ )", TEXT, re.MULTILINE | re.DOTALL)
+    assert found is not None
+    return found.group(1)
+
+
+def named(text: str) -> list[str]:
+    return re.findall(r"`([^`]+)`", text)
+
+
+def exists(path: str) -> bool:
+    return any((base / path).exists() for base in BASES)
+
+
+def defined(name: str) -> bool:
+    """Whether a module of the project defines the name, or the attribute of a class: ``Class.attribute``."""
+    pattern = re.compile(rf"^\s*(def|class) {name.split('.')[-1]}\b|^\s*{name.split('.')[-1]}\b.*[:=]", re.MULTILINE)
+    return any(pattern.search(file.read_text("utf-8")) for file in (ROOT / "collalign").rglob("*.py"))
+
+
+def test_every_room_is_in_the_table_in_the_order_of_its_imports() -> None:
+    rows = [line.split("|")[1] for line in section("The rooms of collalign").splitlines() if line.startswith("| `")]
+    rooms = [re.sub(r"/$|\.py$", "", name) for row in rows for name in named(row)]
+    assert set(rooms) == {*ROOMS, "cli"} - {"former_options"}
+    listed = [
+        room for room in rooms if room in ("engine", "options", "products", "synchronization", "stages", "output")
+    ]
+    assert listed == ["engine", "options", "products", "synchronization", "stages", "output"]
+
+
+@pytest.mark.parametrize("path", sorted({name for name in named(TEXT) if re.fullmatch(r"[\w/]+(\.py|/)", name)}))
+def test_every_file_and_folder_that_is_named_exists(path: str) -> None:
+    assert exists(path) or list((ROOT / "collalign").rglob(path.rstrip("/"))), path
+
+
+def test_the_way_of_a_pair_goes_through_steps_that_align_takes() -> None:
+    driver = (ROOT / "collalign" / "align.py").read_text("utf-8")
+    steps = [name for name in named(section("The way of a pair")) if re.fullmatch(r"[a-z]+(_[a-z]+)+", name)]
+    assert len(steps) > 15
+    for step in steps:
+        assert defined(step), step
+    called = [step for step in steps if f"{step}(" in driver]
+    places = [driver.index(f"{step}(") for step in called]
+    assert len(called) > 12
+    assert places == sorted(places)
+
+
+def test_the_checks_can_fail() -> None:
+    assert not exists("collalign/nowhere.py")
+    assert exists("exports/")
+    assert not defined("no_such_function")
+    assert defined("pair_from_record")
+    with pytest.raises(AssertionError):
+        section("No such heading")
