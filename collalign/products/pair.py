@@ -9,6 +9,9 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray, read_only
 from pairwise.certificates.certificate import Certificate
 
+#: Differences of gaps below this say little, in squared radii.
+SMALLEST_GAP = 0.003
+
 
 def _no_values() -> FloatArray:
     return read_only(np.zeros(0))
@@ -37,6 +40,9 @@ class Pair:
         The samples matched at each candidate; -1 where unmatched.
     energies : ndarray, shape (m,)
         Sum of squared distances of the normalised samples, invariants included.
+    gaps : ndarray, shape (m,)
+        Mean squared distance of closest dense points, normals included, at each candidate, in squared radii; NaN
+        where it is not known, empty where it is not for any.
     log_odds : ndarray, shape (m,)
         How plausible each candidate is by all evidence, up to a constant of the pair; minus infinity for those that
         another one stands for (rigid poses, where maps were asked). Empty where energies alone decide.
@@ -68,6 +74,7 @@ class Pair:
     rotations: FloatArray
     maps: IntArray
     energies: FloatArray
+    gaps: FloatArray = field(default_factory=_no_values)
     log_odds: FloatArray = field(default_factory=_no_values)
     evidence: FloatArray = field(default_factory=_no_evidence)
     lower_bound: float = float("nan")
@@ -79,6 +86,18 @@ class Pair:
     disagreement_deg: float = float("nan")
     map_target_source: IntArray = field(default_factory=_no_map)
     energy: float = float("nan")
+
+    @property
+    def costs(self) -> FloatArray:
+        """What speaks against each candidate, shape (m,): the geometric mean of its energy and its gap.
+
+        In units of energy: scaled such that the candidate of the lowest energy costs just that. Where a gap is not
+        known, the energies alone.
+        """
+        if len(self.gaps) != len(self.energies) or np.isnan(self.gaps).any() or not self.energies.min() > 0:
+            return self.energies
+        best, gaps = int(np.argmin(self.energies)), self.gaps + SMALLEST_GAP
+        return read_only(np.sqrt(self.energies * self.energies[best] * gaps / gaps[best]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -190,6 +190,7 @@ def with_proof(pair: Pair, proof: Record) -> Pair:
         rotations=np.concatenate([proof["rotation"][None], pair.rotations]),
         maps=np.concatenate([proof["map"][None], pair.maps]),
         energies=np.concatenate([[proof["energy"]], pair.energies]),
+        gaps=np.concatenate([[np.nan], pair.gaps]),
     )
 
 

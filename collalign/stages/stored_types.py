@@ -35,6 +35,9 @@ from pairwise.status import Status
 
 _MAX_INDEX = 2**31
 
+#: Of pairs that were matched without their dense samples.
+_NO_GAPS = read_only(np.zeros(0))
+
 
 def samples_to_record(samples: Samples) -> Record:
     """Return a preprocessed shape as a record, without its name."""
@@ -152,6 +155,7 @@ def pair_from_record(record: Record, name: str, target: int = 0, source: int = 1
             rotations=read_only(rotations),
             maps=read_only(maps),
             energies=energies,
+            gaps=_floats(record["gaps"], "gaps", (num_poses,)) if "gaps" in record else _NO_GAPS,
             lower_bound=_number(record["lower_bound"], "lower_bound", allow_nan=True),
             status=_status(record["status"]).name,
         )

@@ -45,7 +45,11 @@ TRUST: tuple[Mutant, ...] = (
         ("_near", "np.deg2rad(SAME_DEG)", "np.deg2rad(0.1 * SAME_DEG)"),
         ("_representatives", "left &= ~near[best]", "left[best] = False"),
         ("pose_costs", "partner_pose.T @ pose", "partner_pose @ pose"),
-        ("surface_cost", "(2.0 - 2.0 * target[1]", "(2.0 + 2.0 * target[1]"),
-        ("surface_cost", "gaps.min(axis=0).mean() + gaps.min(axis=1).mean()", "2.0 * gaps.min(axis=0).mean()"),
+    ),
+    *faults(
+        "collalign/stages/surface_gap.py",
+        _TESTS,
+        ("surface_gap", "(2.0 - 2.0 * target[1]", "(2.0 + 2.0 * target[1]"),
+        ("surface_gap", "gaps.min(axis=0).mean() + gaps.min(axis=1).mean()", "2.0 * gaps.min(axis=0).mean()"),
     ),
 )

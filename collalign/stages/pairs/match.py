@@ -12,6 +12,7 @@ from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Excluded, Shapes
 from collalign.stages.stored_types import pair_from_record, poses_to_record, samples_from_record
+from collalign.stages.surface_gap import surface_gaps
 from data_tools.arrays import IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError
@@ -20,7 +21,7 @@ from pairwise.options import MatchOptions
 from pairwise.problem.problem import Problem
 
 #: Changes whenever the same two shapes and options would give other poses.
-PAIR_VERSION = "pair-3"
+PAIR_VERSION = "pair-4"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,10 +40,11 @@ def match_pair(task: PairTask, shared: SharedTable) -> Record:
     Returns
     -------
     dict
-        ``rotations`` (m, d, d), ``maps`` (m, k), ``energies`` (m,), ``lower_bound``, ``status``.
+        ``rotations`` (m, d, d), ``maps`` (m, k), ``energies`` (m,), ``gaps`` (m,), ``lower_bound``, ``status``.
     """
     target, source = (samples_from_record(shared[key], key) for key in (task.target_key, task.source_key))
-    return poses_to_record(match_problem(pair_problem(target, source, task.group), task.options))
+    record = poses_to_record(match_problem(pair_problem(target, source, task.group), task.options))
+    return record | {"gaps": surface_gaps(target, source, record["rotations"])}
 
 
 def pair_problem(

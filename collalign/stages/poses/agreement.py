@@ -17,6 +17,7 @@ from collalign.products.shapes import Constraints
 from collalign.stages.pairs.match import pair_problem
 from collalign.stages.poses.synchronize import pair_graph
 from collalign.stages.stored_types import samples_from_record, samples_to_record
+from collalign.stages.surface_gap import surface_gaps
 from collalign.synchronization import SynchronizationResult, synchronize_graph
 from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
 from data_tools.arrays import FloatArray, IntArray, read_only
@@ -44,7 +45,7 @@ def resolve_pair(task: ResolveTask, shared: SharedTable) -> Record:
     Returns
     -------
     dict
-        ``rotations`` (1, d, d), ``maps`` (1, k), ``energies`` (1,).
+        ``rotations`` (1, d, d), ``maps`` (1, k), ``energies`` (1,), ``gaps`` (1,).
     """
     target, source = (samples_from_record(shared[str(i)], str(i)) for i in (task.target, task.source))
     problem = pair_problem(target, source, task.group)
@@ -53,7 +54,8 @@ def resolve_pair(task: ResolveTask, shared: SharedTable) -> Record:
         # The eigenfunctions' block follows in closed form from the map that positions and invariants give.
         start = problem.procrustes(linear_sum_assignment(_costs(target, source, task.start))[1])
     pose = minimise(problem, start[None])
-    return {"rotations": pose.rotations, "maps": pose.maps, "energies": pose.energies}
+    gaps = surface_gaps(target, source, pose.rotations)
+    return {"rotations": pose.rotations, "maps": pose.maps, "energies": pose.energies, "gaps": gaps}
 
 
 def resolve_pairs(
@@ -93,16 +95,17 @@ def resolve_pairs(
         for _ in range(MAX_ROUNDS):
             edges, asked = disagreeing_pairs(graph, solution.rotations)
             poses = solve_again(session, [pairs[e] for e in edges], asked, table)
+            resolved = [_with_pose(pairs[edges[n]], pose) for n, pose in enumerate(poses)]
             graph, accepted = with_resolved(
                 graph,
                 edges,
                 [np.ascontiguousarray(pose["rotations"][0, :3, :3]) for pose in poses],
-                [float(pose["energies"][0]) for pose in poses],
+                [float(pair.costs[-1]) for pair in resolved],
             )
             if not accepted.any():
                 break
             for n in np.flatnonzero(accepted):
-                agreed[edges[n]] = _with_pose(pairs[edges[n]], poses[n])
+                agreed[edges[n]] = resolved[n]
             solution = synchronize_graph(graph, fixed=constraints.fixed, reference=constraints.reference)
     last = np.array([len(pair.energies) - 1 for pair in agreed])
     is_resolved = solution.edge_choice == graph.present.shape[1] - 1
@@ -127,6 +130,7 @@ def _with_pose(pair: Pair, pose: Record) -> Pair:
         rotations=np.concatenate([pair.rotations, pose["rotations"]]),
         maps=np.concatenate([pair.maps, pose["maps"]]),
         energies=np.concatenate([pair.energies, pose["energies"]]),
+        gaps=np.concatenate([pair.gaps, pose["gaps"]]),
     )
 
 

@@ -22,7 +22,12 @@ from pairwise.problem.pattern import RotationPattern
 
 
 def pair_graph(
-    pairs: Sequence[Pair], num_shapes: int, group: str, *, block_sizes: tuple[int, ...] = (3,)
+    pairs: Sequence[Pair],
+    num_shapes: int,
+    group: str,
+    *,
+    block_sizes: tuple[int, ...] = (3,),
+    energies_alone: bool = False,
 ) -> PairGraph:
     """Return the graph of the pairs' candidates.
 
@@ -33,12 +38,14 @@ def pair_graph(
     group : {"SO", "O"}
     block_sizes : tuple of int
         Blocks of the embedding that are kept, from the first on; the rotations of space alone by default.
+    energies_alone : bool
+        Leave out what dense points say of the candidates, as the paper does.
     """
     dim = sum(block_sizes)
     is_weighed = any(len(pair.log_odds) for pair in pairs)
     return PairGraph.of_candidates(
         np.array([(pair.target, pair.source) for pair in pairs], dtype=np.int64),
-        [(pair.rotations[:, :dim, :dim], pair.energies) for pair in pairs],
+        [(pair.rotations[:, :dim, :dim], pair.energies if energies_alone else pair.costs) for pair in pairs],
         num_shapes=num_shapes,
         pattern=RotationPattern.from_user(block_sizes if len(block_sizes) > 1 else None, dim, group),
         log_odds=[pair.log_odds for pair in pairs] if is_weighed else None,
@@ -61,7 +68,8 @@ def synchronize_pairs(
     pairs : sequence of Pair
     constraints : Constraints, optional
     """
-    graph = pair_graph(pairs, num_shapes, options.group)
+    published = options.synchronization == "spectral"
+    graph = pair_graph(pairs, num_shapes, options.group, energies_alone=published)
     return synchronize_graph(
         graph, method=options.synchronization, fixed=constraints.fixed, reference=constraints.reference
     )
@@ -107,7 +115,8 @@ def synchronize_as_published(
     SynchronizationResult
         With rotations of space, shape (N, 3, 3).
     """
-    graph = pair_graph(pairs, len(samples), options.group, block_sizes=samples[0].block_sizes)
+    blocks = samples[0].block_sizes
+    graph = pair_graph(pairs, len(samples), options.group, block_sizes=blocks, energies_alone=True)
     solution = synchronize_graph(graph, method="spectral", reference=constraints.reference)
     frames, _, _ = alternate_assignments(
         [item.coordinates for item in samples], solution.rotations, pattern=graph.pattern

@@ -82,7 +82,7 @@ def partners_of(pairs: Sequence[Pair], rotations: FloatArray) -> list[list[Partn
     """Return for each shape the shapes that it was matched with, the best match first."""
     partners: list[list[Partner]] = [[] for _ in rotations]
     for pair in pairs:
-        doubt = -pair.log_odds if len(pair.log_odds) else np.log(pair.energies)
+        doubt = -pair.log_odds if len(pair.log_odds) else np.log(pair.costs)
         order = np.argsort(doubt, kind="stable")
         order = order[np.isfinite(doubt[order])]
         turns, excess = pair.rotations[order, :3, :3], doubt[order] - doubt[order[0]]

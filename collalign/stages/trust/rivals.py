@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.records import Record
 from collalign.stages.stored_types import samples_from_record
+from collalign.stages.surface_gap import surface_gap, surface_points
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.embedding.embedding import Samples
 
@@ -20,11 +20,6 @@ SAME_DEG = 30.0
 MAX_RIVALS = 7
 #: Partners that a pose is tried against, the ones that match best.
 MAX_PARTNERS = 8
-#: Dense points of each shape that are compared, of one shape the even and of the other the odd ones: otherwise copies
-#: that share their samples would tell poses apart that look the same.
-NUM_POINTS = 250
-#: Weight of unit normals beside positions of root mean square radius 1.
-NORMAL_WEIGHT = 0.3
 #: Support of a candidate falls by this power of its energy over the pair's lowest.
 SUPPORT_POWER = 4.0
 #: Excess energy at which a half turn that no pair proposed is counted.
@@ -125,34 +120,10 @@ def pose_costs(task: RivalTask, shared: SharedTable) -> Record:
     dict
         ``costs``, shape (r, p): mean squared distance of closest points and normals, both ways, in squared radii.
     """
-    own = _points_and_normals(samples_from_record(shared[str(task.shape)], str(task.shape)), first=0)
+    own = surface_points(samples_from_record(shared[str(task.shape)], str(task.shape)), first=0)
     costs = np.empty((len(task.poses), len(task.partners)))
     for p, (partner, partner_pose) in enumerate(zip(task.partners, task.partner_poses, strict=True)):
-        other = _points_and_normals(samples_from_record(shared[str(partner)], str(partner)), first=1)
+        other = surface_points(samples_from_record(shared[str(partner)], str(partner)), first=1)
         for r, pose in enumerate(task.poses):
-            costs[r, p] = surface_cost(other, own, partner_pose.T @ pose)
+            costs[r, p] = surface_gap(other, own, partner_pose.T @ pose)
     return {"costs": costs}
-
-
-def surface_cost(
-    target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], rotation: FloatArray
-) -> float:
-    """Return the mean squared distance of closest points, normals included where both have any, both ways."""
-    gaps = cdist(target[0], source[0] @ rotation.T, "sqeuclidean")
-    if len(target[1]) and len(source[1]):
-        gaps += NORMAL_WEIGHT**2 * (2.0 - 2.0 * target[1] @ (source[1] @ rotation.T).T)
-    return max(0.0, float(0.5 * (gaps.min(axis=0).mean() + gaps.min(axis=1).mean())))
-
-
-def _points_and_normals(samples: Samples, *, first: int) -> tuple[FloatArray, FloatArray]:
-    """Return every second dense point, in radii about the mean of all, and their normals; all samples without any."""
-    if len(samples.dense_positions) < 2:
-        return _normalised(samples.positions), np.empty((0, 3))
-    chosen = slice(first, 2 * NUM_POINTS, 2)
-    return _normalised(samples.dense_positions)[chosen], samples.dense_normals[chosen]
-
-
-def _normalised(points: FloatArray) -> FloatArray:
-    """Return points of mean zero and root mean square radius 1."""
-    centred = points - points.mean(axis=0)
-    return np.asarray(centred / max(float(np.sqrt((centred**2).sum(axis=1).mean())), np.finfo(float).tiny))

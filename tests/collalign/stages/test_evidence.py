@@ -161,3 +161,26 @@ def test_the_strongest_votes_are_rivals_and_asked_of_every_partner() -> None:
     by_ends = {(pairs[e].target, pairs[e].source): starts for e, starts in asked.items()}
     assert rotation_angle_deg(by_ends[0, 3][0], poses[0].T @ poses[3] @ flip) < 1e-3
     assert rotation_angle_deg(by_ends[1, 3][0], poses[1].T @ poses[3]) < 1e-3
+
+
+def test_dense_points_speak_beside_energies() -> None:
+    pair = replace(a_pair([0.10, 0.11, 0.3]), gaps=np.array([0.09, 0.03, 0.2]))
+    assert np.argmin(pair.costs) == 1
+    assert pair.costs[0] == pytest.approx(0.10)
+    assert (replace(pair, energies=2.0 * pair.energies).costs == pytest.approx(2.0 * pair.costs)).all()
+    assert np.argmin(replace(pair, gaps=pair.gaps[::-1]).costs) == 0
+
+
+@pytest.mark.parametrize("gaps", [np.zeros(0), np.array([0.1, np.nan, 0.2]), np.array([0.1])])
+def test_where_a_gap_is_unknown_the_energies_decide(gaps: np.ndarray) -> None:
+    pair = replace(a_pair([0.2, 0.1, 0.3]), gaps=gaps)
+    assert (pair.costs == pair.energies).all()
+
+
+def test_the_paper_s_own_synchronization_takes_energies_alone() -> None:
+    pair = replace(a_pair([0.10, 0.11]), gaps=np.array([0.09, 0.03]))
+    dense, published = (pair_graph([pair], 2, "SO", energies_alone=alone) for alone in (False, True))
+    assert published.energies is not None
+    assert dense.energies is not None
+    assert (published.energies[0] == pair.energies).all()
+    assert (dense.energies[0] == pair.costs).all()

@@ -16,9 +16,10 @@ from collalign.products.collection import DOUBT
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
+from collalign.stages.surface_gap import surface_gap
 from collalign.stages.trust.assess import RIVAL_POWER, gather_trust, partners_of, with_trust
 from collalign.stages.trust.model import MOST_CONFIDENT, pose_confidence, probability
-from collalign.stages.trust.rivals import Partner, rival_poses, surface_cost
+from collalign.stages.trust.rivals import Partner, rival_poses
 from collalign.stages.trust.words import listed, trust_notes
 from collalign.synchronization import SynchronizationResult, synchronize
 from collalign.synchronization.result import WeakCut
@@ -119,11 +120,11 @@ def test_rivals_are_apart_from_the_pose_and_from_each_other(rng: np.random.Gener
 def test_the_cost_is_zero_on_itself_and_sees_normals(rng: np.random.Generator) -> None:
     points = rng.standard_normal((40, 3))
     normals = points / np.linalg.norm(points, axis=1, keepdims=True)
-    assert surface_cost((points, normals), (points, normals), np.eye(3)) == pytest.approx(0.0, abs=1e-12)
-    inside_out = surface_cost((points, normals), (points, -normals), np.eye(3))
-    assert inside_out > surface_cost((points, normals), (points, np.empty((0, 3))), np.eye(3))
+    assert surface_gap((points, normals), (points, normals), np.eye(3)) == pytest.approx(0.0, abs=1e-12)
+    inside_out = surface_gap((points, normals), (points, -normals), np.eye(3))
+    assert inside_out > surface_gap((points, normals), (points, np.empty((0, 3))), np.eye(3))
     turn = Rotation.from_euler("z", 40, degrees=True).as_matrix()
-    assert surface_cost((points, normals), (points @ turn, normals @ turn), turn) == pytest.approx(0.0, abs=1e-12)
+    assert surface_gap((points, normals), (points @ turn, normals @ turn), turn) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_evidence_for_a_pose_never_lowers_its_probability() -> None:
@@ -195,7 +196,7 @@ def test_the_most_supported_rival_comes_first(rng: np.random.Generator) -> None:
 def test_the_cost_looks_both_ways(rng: np.random.Generator) -> None:
     whole, none = rng.standard_normal((40, 3)), np.empty((0, 3))
     part = whole[:10]
-    costs = [surface_cost((a, none), (b, none), np.eye(3)) for a, b in ((whole, part), (part, whole))]
+    costs = [surface_gap((a, none), (b, none), np.eye(3)) for a, b in ((whole, part), (part, whole))]
     assert costs[0] == pytest.approx(costs[1])
     assert min(costs) > 0.01
 
