@@ -167,7 +167,7 @@ def test_dense_points_speak_beside_energies() -> None:
     pair = replace(a_pair([0.10, 0.11, 0.3]), gaps=np.array([0.09, 0.03, 0.2]))
     assert np.argmin(pair.costs) == 1
     assert pair.costs[0] == pytest.approx(0.10)
-    assert (replace(pair, energies=2.0 * pair.energies).costs == pytest.approx(2.0 * pair.costs)).all()
+    assert replace(pair, energies=2.0 * pair.energies).costs == pytest.approx(2.0 * pair.costs)
     assert np.argmin(replace(pair, gaps=pair.gaps[::-1]).costs) == 0
 
 
