@@ -137,11 +137,11 @@ MATCHING: tuple[Mutant, ...] = (
         ("evaluate_stage", "lift.trace * smallest[matches]", "smallest[matches]"),
         ("evaluate_stage", "base = level + float(unmatched.sum())", "base = level"),
         ("evaluate_stage", "- lift.trace * rest", "+ lift.trace * rest"),
-        ("single_map_stage", "(total - smallest * lift.one)", "total"),
+        ("single_map_stage", "lift.one) / num_source", "lift.one) / (1.0 + num_source)"),
     ),
     *faults(
         "pairwise/tight/run.py",
-        ("tests/pairwise/tight/test_tight_solve.py",),
+        ("tests/pairwise/tight/test_tight_run.py", "tests/pairwise/tight/test_tight_solve.py"),
         ("TightRun._record", "min(stage.bound, self._floor)", "stage.bound"),
         ("TightRun._drop", "min(self._floor, float(", "max(-np.inf, float("),
         ("TightRun._drop", "(stage.forced <= limit)", "(stage.forced <= 0.5 * limit)"),

@@ -37,3 +37,20 @@ def test_a_single_map_is_bounded_by_its_procrustes_energy(seed):
     stage = single_map_stage(lift, lift_problem(problem, lift, kept), problem.num_source)
     assert stage.bound <= best.energy + 1e-14
     assert stage.bound == pytest.approx(best.energy, abs=1e-9)
+
+
+def test_multipliers_whose_sums_miss_the_identity_pay_for_it() -> None:
+    _, problem = chiralities(small_problem(3))[0]
+    best = brute_force(problem)
+    kept = np.zeros(problem.allowed.shape, bool)
+    kept[best.point_map, np.arange(problem.num_source)] = True
+    lift = make_lift("quaternion", problem.dim)
+    blocks = lift_problem(problem, lift, kept)
+    exact = single_map_stage(lift, blocks, problem.num_source)
+    rng = np.random.default_rng(0)
+    for size in (1e-6, 1e-3, 0.1):
+        missed = exact.source_multipliers + size * rng.standard_normal(exact.source_multipliers.shape)
+        found = evaluate_stage(
+            lift, blocks, problem.num_source, exact.target_multipliers, missed, exact.identity_multipliers
+        )
+        assert found.bound <= best.energy + 1e-14
