@@ -15,6 +15,7 @@ from collalign.products.trust import KINDS, Trust
 from collalign.stages.stored_types import samples_to_record
 from collalign.stages.trust.model import pose_confidence
 from collalign.stages.trust.rivals import MAX_PARTNERS, Partner, RivalTask, pose_costs, rival_poses
+from collalign.stages.trust.symmetry import near_symmetries
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
@@ -55,8 +56,14 @@ def gather_trust(
     """
     partners = partners_of(pairs, rotations)
     mirrored = session.options.group == "O"
+    turns = _turns_of_parts(samples, partners, rotations, components)
     poses = [
-        np.concatenate([rotations[i][None], rival_poses(samples[i], rotations[i], partners[i], mirrored=mirrored)])
+        np.concatenate(
+            [
+                rotations[i][None],
+                rival_poses(samples[i], rotations[i], partners[i], turns=turns[i], mirrored=mirrored),
+            ]
+        )
         for i in range(len(samples))
     ]
     costs = _costs(session, samples, rotations, partners, poses)
@@ -76,6 +83,24 @@ def gather_trust(
         rivals=tuple(read_only(pose[1:]) for pose in poses),
         excess=tuple(read_only(rises) for rises in excess),
     )
+
+
+def _turns_of_parts(
+    samples: Sequence[Samples],
+    partners: Sequence[Sequence[Partner]],
+    rotations: FloatArray,
+    components: Sequence[IntArray],
+) -> list[FloatArray]:
+    """Return turns of the common frame that each part's most typical shape looks alike after, for every shape."""
+    turns = [np.zeros((0, 3, 3))] * len(samples)
+    for members in components:
+        energies = [np.mean([partner.energy for partner in partners[i]] or [np.inf]) for i in members]
+        typical = int(members[int(np.argmin(energies))])
+        frame = rotations[typical]
+        found = frame @ near_symmetries(samples[typical]) @ frame.T
+        for i in members:
+            turns[int(i)] = found
+    return turns
 
 
 def partners_of(pairs: Sequence[Pair], rotations: FloatArray) -> list[list[Partner]]:

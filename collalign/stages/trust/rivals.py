@@ -66,11 +66,14 @@ class RivalTask:
     partner_poses: FloatArray
 
 
-def rival_poses(samples: Samples, pose: FloatArray, partners: Sequence[Partner], *, mirrored: bool) -> FloatArray:
+def rival_poses(
+    samples: Samples, pose: FloatArray, partners: Sequence[Partner], *, turns: FloatArray, mirrored: bool
+) -> FloatArray:
     """Return the poses that a shape could have instead, the most supported first.
 
     They are the candidates of its pairs, and the half turns about its principal axes, which wrong pairs mostly are;
-    where shapes may be mirrored, the mirror images in the planes of these axes as well.
+    where shapes may be mirrored, the mirror images in the planes of these axes as well. Turns after which such
+    shapes look alike come on top.
 
     Parameters
     ----------
@@ -78,6 +81,8 @@ def rival_poses(samples: Samples, pose: FloatArray, partners: Sequence[Partner],
     pose : ndarray, shape (3, 3)
         The reported one.
     partners : sequence of Partner
+    turns : ndarray, shape (t, 3, 3)
+        Of the common frame.
     mirrored : bool
 
     Returns
@@ -85,13 +90,15 @@ def rival_poses(samples: Samples, pose: FloatArray, partners: Sequence[Partner],
     ndarray, shape (r, 3, 3)
     """
     axes = np.linalg.svd(samples.positions, full_matrices=False)[2]
-    turns = [2.0 * np.outer(axis, axis) - np.eye(3) for axis in axes]
-    turns += [-turn for turn in turns] if mirrored else []
+    halves = [2.0 * np.outer(axis, axis) - np.eye(3) for axis in axes]
+    halves += [-half for half in halves] if mirrored else []
     offered = [candidate for partner in partners for candidate in partner.poses]
-    poses = np.array([*offered, *(pose @ turn for turn in turns)])
-    excess = np.concatenate([*(partner.excess for partner in partners), np.full(len(turns), HALF_TURN_EXCESS)])
+    poses = np.array([*offered, *(pose @ half for half in halves)])
+    excess = np.concatenate([*(partner.excess for partner in partners), np.full(len(halves), HALF_TURN_EXCESS)])
     apart = ~_near(poses, pose[None])[:, 0]
-    return _representatives(poses[apart], np.exp(-SUPPORT_POWER * excess[apart]))
+    found = _representatives(poses[apart], np.exp(-SUPPORT_POWER * excess[apart])).reshape(-1, 3, 3)
+    alike = turns @ pose
+    return np.concatenate([found, alike[~_near(alike, np.concatenate([pose[None], found])).any(axis=1)]])
 
 
 def _near(poses: FloatArray, others: FloatArray) -> BoolArray:

@@ -9,6 +9,7 @@ import numpy as np
 from collalign.products.collection import DOUBT
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.trust.model import TIED
+from collalign.stages.trust.symmetry import turns_in_words
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.rotations import rotation_angle_deg
@@ -47,7 +48,7 @@ def trust_notes(
     fixed : mapping of int to ndarray (3, 3)
         Poses set by hand.
     """
-    notes = [*_contradicted(names, trust, fixed), *_symmetric(trust), *_blocks(names, first, rotations)]
+    notes = [*_contradicted(names, trust, fixed), *_symmetric(trust, rotations), *_blocks(names, first, rotations)]
     free = [i for i in range(len(names)) if i not in fixed]
     doubted = [i for i in free if not confidence[i] >= DOUBT]
     votes = trust.evidence[:, KINDS.index("votes")]
@@ -80,16 +81,20 @@ def _contradicted(names: Sequence[str], trust: Trust, fixed: Mapping[int, FloatA
     ]
 
 
-def _symmetric(trust: Trust) -> list[str]:
+def _symmetric(trust: Trust, rotations: FloatArray) -> list[str]:
     """Return the sentence about collections whose shapes look the same in several poses."""
     tied = [excess for excess in trust.excess if len(excess) and excess.min() < TIED]
     if not trust.excess or len(tied) < max(2, SYMMETRIC_SHARE * len(trust.excess)):
         return []
-    most = max(int((excess < TIED).sum()) for excess in tied)
-    poses = "another pose" if most == 1 else "several other poses"
+    turns = [
+        rivals[excess < TIED] @ pose.T
+        for rivals, excess, pose in zip(trust.rivals, trust.excess, rotations, strict=True)
+        if len(excess)
+    ]
+    typical = max(turns, key=len)
     return [
-        f"{len(tied)} of {len(trust.excess)} shapes fit as well in {poses}: poses are defined only up to turns that "
-        "leave such shapes as they are."
+        f"{len(tied)} of {len(trust.excess)} shapes fit as well in other poses: poses are defined only up to turns "
+        f"that leave such shapes as they are, in the common frame {turns_in_words(typical)}."
     ]
 
 

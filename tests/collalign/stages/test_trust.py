@@ -20,6 +20,7 @@ from collalign.stages.surface_gap import surface_gap
 from collalign.stages.trust.assess import RIVAL_POWER, gather_trust, partners_of, with_trust
 from collalign.stages.trust.model import MOST_CONFIDENT, pose_confidence, probability
 from collalign.stages.trust.rivals import Partner, rival_poses
+from collalign.stages.trust.symmetry import near_symmetries, turns_in_words
 from collalign.stages.trust.words import listed, trust_notes
 from collalign.synchronization import SynchronizationResult, synchronize
 from collalign.synchronization.result import WeakCut
@@ -32,6 +33,7 @@ from data_tools.surface.shape import Shape
 
 NUM = 8
 HALF_TURN = np.diag([-1.0, -1.0, 1.0])
+NO_TURNS = np.zeros((0, 3, 3))
 
 
 def samples_of(shapes: list[Shape]) -> list[Samples]:
@@ -109,12 +111,14 @@ def test_poses_of_a_sphere_are_all_in_doubt(rng: np.random.Generator) -> None:
 def test_rivals_are_apart_from_the_pose_and_from_each_other(rng: np.random.Generator) -> None:
     samples, truth = crowns(rng)
     partners = partners_of(pairs_at(truth), truth)
-    rivals = rival_poses(samples[0], truth[0], partners[0], mirrored=True)
+    rivals = rival_poses(samples[0], truth[0], partners[0], turns=NO_TURNS, mirrored=True)
     assert (np.linalg.det(rivals) < 0).any()
     poses = [truth[0], *rivals]
     angles = [rotation_angle_deg(a, b) for a, b in itertools.combinations(poses, 2)]
     assert np.nanmin(angles) >= 30.0
-    assert not (np.linalg.det(rival_poses(samples[0], truth[0], partners[0], mirrored=False)) < 0).any()
+    assert not (
+        np.linalg.det(rival_poses(samples[0], truth[0], partners[0], turns=NO_TURNS, mirrored=False)) < 0
+    ).any()
 
 
 def test_the_cost_is_zero_on_itself_and_sees_normals(rng: np.random.Generator) -> None:
@@ -188,7 +192,7 @@ def test_the_most_supported_rival_comes_first(rng: np.random.Generator) -> None:
         for axis, angle in (("y", 25), ("x", 70), ("z", 70))
     )
     partner = Partner(shape=1, poses=np.stack([same, far, likely]), excess=np.array([0.0, 2.0, 0.2]), energy=1.0)
-    rivals = rival_poses(samples[0], truth[0], [partner], mirrored=False)
+    rivals = rival_poses(samples[0], truth[0], [partner], turns=NO_TURNS, mirrored=False)
     assert rotation_angle_deg(rivals[0], likely) < 1e-4
     assert min(rotation_angle_deg(rival, truth[0]) for rival in rivals) > 30.0  # less is the same pose
 
@@ -250,3 +254,39 @@ def test_a_block_is_named_as_long_as_the_final_poses_have_it(rng: np.random.Gene
 def test_long_lists_are_cut() -> None:
     assert listed(["a", "b"]) == "a, b"
     assert listed([str(i) for i in range(11)]) == "0, 1, 2, 3, 4, 5, 6, 7 and 3 more"
+
+
+def brick(sides: np.ndarray) -> Samples:
+    """Return a box with points on its faces, and their normals, in a pose that no axis favours."""
+    directions, faces = sphere_mesh(900)
+    extent = 1.0 / np.abs(directions / sides).max(axis=1)
+    turn = random_rotation(np.random.default_rng(3))
+    return samples_of([Shape.from_arrays((directions * extent[:, None]) @ turn.T, faces)])[0]
+
+
+@pytest.mark.parametrize(("sides", "num"), [((1.0, 0.8, 0.6), 3), ((1.0, 1.0, 0.6), 7)])
+def test_the_turns_of_a_box_come_first(sides: tuple[float, float, float], num: int) -> None:
+    found = near_symmetries(brick(np.array(sides)))
+    turn = random_rotation(np.random.default_rng(3))
+    aligned = turn.T @ found[:num] @ turn
+    axes = np.abs(np.round(aligned, 1))
+    assert ((axes == 0.0) | (axes == 1.0)).mean() > 0.9
+    angles = rotation_angle_deg(found[:num])
+    assert (np.minimum(np.abs(angles - 180.0), np.abs(angles - 90.0)) < 8.0).all()
+
+
+def test_cubes_are_named_as_symmetric_and_in_doubt(rng: np.random.Generator) -> None:
+    sample = brick(np.ones(3))
+    poses = np.stack([np.eye(3)] * 4)
+    trust = trusted([sample] * 4, pairs_at(poses), poses)
+    assert (pose_confidence(trust) <= 0.1).all()
+    notes = trust_notes([*"abcd"], trust, pose_confidence(trust), solved(pairs_at(poses)), poses, {})
+    assert any("4 of 4 shapes fit as well in other poses" in note and "deg about" in note for note in notes)
+
+
+def test_turns_are_told_by_their_axes() -> None:
+    quarter = Rotation.from_rotvec([0, 0, 90], degrees=True).as_matrix()
+    words = turns_in_words(np.stack([quarter, quarter @ quarter, np.diag([1.0, -1.0, -1.0])]))
+    assert words == "90, 180 deg about (0.00, 0.00, 1.00); 180 deg about (1.00, 0.00, 0.00)"
+    skew = [Rotation.from_rotvec(v, degrees=True).as_matrix() for v in ([90, 90, 0], [90, 0, 90], [0, 90, -90])]
+    assert "about 2 more axes" in turns_in_words(np.stack([quarter, np.diag([1.0, -1.0, -1.0]), *skew]))

@@ -1,0 +1,89 @@
+"""Turns that leave a shape nearly as it is: other poses that no pair can tell from the reported one."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from collalign.stages.surface_gap import NORMAL_WEIGHT, surface_gap, surface_points
+from data_tools.arrays import FloatArray
+from data_tools.embedding.embedding import Samples
+from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
+from pairwise.local.rotation_sets import quaternions_to_rotations, super_fibonacci
+
+#: Turns that are looked at, at so many points, and the best of them that are refined, in so many steps.
+NUM_TURNS, NUM_SCREEN_POINTS, NUM_REFINED, NUM_STEPS = 600, 100, 40, 8
+#: Turns that are returned, the best ones; the cube has 23.
+MAX_TURNS = 12
+#: Turns within this angle are the same, and below it none at all.
+SAME_DEG = 30.0
+
+_Surface = tuple[FloatArray, FloatArray]
+
+
+def near_symmetries(samples: Samples) -> FloatArray:
+    """Return the turns that bring a shape's surface nearest to itself, the best first, shape (m, 3, 3).
+
+    Every second dense point is compared with the others, so that no point finds itself.
+
+    Parameters
+    ----------
+    samples : Samples
+    """
+    fixed, moving = surface_points(samples, first=0), surface_points(samples, first=1)
+    turns = quaternions_to_rotations(super_fibonacci(NUM_TURNS))
+    turns = turns[rotation_angle_deg(turns) > SAME_DEG]
+    few = tuple((points[:NUM_SCREEN_POINTS], normals[:NUM_SCREEN_POINTS]) for points, normals in (fixed, moving))
+    gaps = np.array([surface_gap(few[0], few[1], turn) for turn in turns])
+    best = [_refined(fixed, moving, turn) for turn in turns[np.argsort(gaps, kind="stable")[:NUM_REFINED]]]
+    exact = np.array([surface_gap(fixed, moving, turn) for turn in best])
+    kept: list[FloatArray] = [np.eye(3)]
+    for n in np.argsort(exact, kind="stable"):
+        angles = rotation_angle_deg(np.stack(kept), np.stack([best[n]] * len(kept)))
+        if (angles > SAME_DEG).all() and len(kept) <= MAX_TURNS:
+            kept.append(best[n])
+    return np.stack(kept)[1:]
+
+
+def _refined(fixed: _Surface, moving: _Surface, turn: FloatArray) -> FloatArray:
+    """Return the turn after some steps of closest points, both ways, and Procrustes."""
+    for _ in range(NUM_STEPS):
+        gaps = cdist(fixed[0], moving[0] @ turn.T, "sqeuclidean")
+        if len(fixed[1]):
+            gaps -= 2.0 * NORMAL_WEIGHT**2 * fixed[1] @ (moving[1] @ turn.T).T
+        there, back = gaps.argmin(axis=0), gaps.argmin(axis=1)
+        cross = fixed[0][there].T @ moving[0] + fixed[0].T @ moving[0][back]
+        turn = nearest_orthogonal(cross, determinant=1.0)
+    return turn
+
+
+def turns_in_words(turns: FloatArray) -> str:
+    """Return what some turns are: their axes, as directions, and the angles about each.
+
+    Parameters
+    ----------
+    turns : ndarray, shape (m, 3, 3)
+    """
+    by_axis: list[tuple[FloatArray, list[float]]] = []
+    for turn in turns:
+        axis = _axis(turn)
+        angle = float(rotation_angle_deg(turn))
+        known = next((angles for other, angles in by_axis if abs(other @ axis) > np.cos(np.deg2rad(10.0))), None)
+        if known is None:
+            by_axis.append((axis, [angle]))
+        else:
+            known.append(angle)
+    parts = []
+    for axis, angles in by_axis[:3]:
+        degrees = ", ".join(f"{angle:.0f}" for angle in sorted({round(angle) for angle in angles}))
+        parts.append(f"{degrees} deg about ({', '.join(f'{x:.2f}' for x in axis)})")
+    more = f" and turns about {len(by_axis) - 3} more axes" if len(by_axis) > 3 else ""
+    return "; ".join(parts) + more
+
+
+def _axis(turn: FloatArray) -> FloatArray:
+    """Return the axis of a turn, its largest coordinate positive."""
+    values, vectors = np.linalg.eigh(turn + turn.T)
+    axis = vectors[:, int(np.argmax(values))]
+    axis = axis * np.sign(axis[int(np.argmax(np.abs(axis)))])
+    return np.asarray(np.round(axis, 2) + 0.0)
