@@ -12,6 +12,9 @@ from data_tools.errors import InputError
 from pairwise import Certificate, Problem, solve_relaxation, verify_certificate
 from pairwise.certificates.statement import read_problem
 from pairwise.certificates.verify import proven_bound
+from pairwise.pm_sdp.certify import _close_constraints
+from pairwise.pm_sdp.lifted_rotation import LiftedRotation
+from pairwise.problem.pattern import RotationPattern
 from pairwise.relaxations import solve_pm_sdp
 from tests.oracles import brute_force
 from tests.problems import planted
