@@ -228,9 +228,11 @@ def _align_shapes(
         with _timed(times_s, "proofs"):
             pairs, solution, report = certify_pairs(session, shapes, pairs, solution)
             notes.append(str(report))
+    search_gain = None
     if wants_maps(session.options, pairs):
         with _timed(times_s, "maps"):
-            pairs, solution = try_rivals(session, shapes, weigh_pairs(session, shapes, pairs)), None
+            search = try_rivals(session, shapes, weigh_pairs(session, shapes, pairs))
+            pairs, solution, search_gain = search.pairs, search.solution, search.gain
     options, samples = session.options, shapes.samples
     with _timed(times_s, "synchronization"):
         parts, linked = split_shapes(options, samples, pairs)
@@ -287,6 +289,7 @@ def _align_shapes(
         shape_notes=tuple(item.notes for item in samples),
         options=asked,
         group=choice.group,
+        search_gain=search_gain,
         run=record,
         trust=trust,
     )

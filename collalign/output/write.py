@@ -197,7 +197,11 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
     return {
         "version": __version__,
         "options": asdict(collection.options),
-        "decided": {"group": collection.group},
+        "decided": {
+            "group": collection.group,
+            "maps": collection.search_gain is not None,
+            "search_gain": collection.search_gain,
+        },
         "shapes": [
             {
                 "name": name,

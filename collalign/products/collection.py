@@ -128,6 +128,9 @@ class Collection:
     run : RunRecord
     incomplete : tuple of Incomplete
         The shapes of which parts are missing; what they lack has no labels, and counts in no mean.
+    search_gain : float or None
+        Log-odds, summed over the pairs, that trying the rival poses of all shapes by maps gained; None where maps
+        were not asked.
     """
 
     names: tuple[str, ...]
@@ -155,6 +158,7 @@ class Collection:
     run: RunRecord
     trust: Trust | None = None
     incomplete: tuple[Incomplete, ...] = ()
+    search_gain: float | None = None
 
     @property
     def complete(self) -> bool:

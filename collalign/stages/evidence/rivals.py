@@ -17,6 +17,7 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.weigh import SAME_CANDIDATE_DEG, weigh_starts, weighed_poses, with_candidates
 from collalign.stages.poses.synchronize import synchronize_pairs
+from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray
 from data_tools.rotations import rotation_angle_deg
 
@@ -41,8 +42,27 @@ class Votes:
     weights: FloatArray
 
 
-def try_rivals(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> list[Pair]:
-    """Return the pairs with the candidates that maps make of the rival poses of their shapes.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RivalSearch:
+    """What trying the rival poses of all shapes came to.
+
+    Attributes
+    ----------
+    pairs : list of Pair
+        With the candidates that were found.
+    solution : SynchronizationResult
+        Of these pairs.
+    gain : float
+        Log-odds, summed over the pairs, of its poses against those of the first synchronization.
+    """
+
+    pairs: list[Pair]
+    solution: SynchronizationResult
+    gain: float
+
+
+def try_rivals(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> RivalSearch:
+    """Try the rival poses of all shapes against all their partners by maps, until nothing is new.
 
     Parameters
     ----------
@@ -53,13 +73,11 @@ def try_rivals(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> 
         Weighed.
     """
     tried = list(pairs)
+    first = solution = synchronize_pairs(session.options, len(shapes.names), tried)
     for _ in range(MAX_ROUNDS):
-        poses = synchronize_pairs(session.options, len(shapes.names), tried).rotations
-        starts = missing_poses(tried, poses)
-        if not starts:
-            break
+        starts = missing_poses(tried, solution.rotations)
         grown = False
-        for e, record in weigh_starts(session, shapes, tried, starts, with_axes=False).items():
+        for e, record in weigh_starts(session, shapes, tried, starts, with_axes=False).items() if starts else ():
             pair = tried[e]
             found = weighed_poses(record, pair.maps.shape[1], shapes.label(pair.target, pair.source))
             fresh = [candidate for candidate in found if not _is_known(pair, candidate.rotation, SAME_CANDIDATE_DEG)]
@@ -67,7 +85,30 @@ def try_rivals(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> 
                 tried[e], grown = with_candidates(pair, fresh), True
         if not grown:
             break
-    return tried
+        solution = synchronize_pairs(session.options, len(shapes.names), tried)
+    gain = support(tried, solution.rotations) - support(tried, first.rotations)
+    return RivalSearch(pairs=tried, solution=solution, gain=gain)
+
+
+def support(pairs: Sequence[Pair], poses: FloatArray) -> float:
+    """Return the log-odds of some poses, summed over the pairs.
+
+    Of each pair counts the likeliest candidate near the poses; where there is none, its least likely one.
+
+    Parameters
+    ----------
+    pairs : sequence of Pair
+        Weighed.
+    poses : ndarray, shape (N, 3, 3)
+    """
+    total = 0.0
+    for pair in pairs:
+        able = np.isfinite(pair.log_odds)
+        asked = np.broadcast_to(poses[pair.target].T @ poses[pair.source], (int(able.sum()), 3, 3))
+        near = np.asarray(rotation_angle_deg(pair.rotations[able, :3, :3], asked)) <= SAME_RIVAL_DEG
+        odds = pair.log_odds[able]
+        total += float(odds[near].max() if near.any() else odds.min())
+    return total
 
 
 def missing_poses(pairs: Sequence[Pair], poses: FloatArray) -> dict[int, FloatArray]:
@@ -84,7 +125,7 @@ def missing_poses(pairs: Sequence[Pair], poses: FloatArray) -> dict[int, FloatAr
     dict of int to ndarray (m, 3, 3)
         By position of the pair.
     """
-    rivals = [rival_poses(votes, pose) for votes, pose in zip(votes_of(pairs, poses), poses, strict=True)]
+    rivals = [voted_poses(votes, pose) for votes, pose in zip(votes_of(pairs, poses), poses, strict=True)]
     asked = {}
     for e, pair in enumerate(pairs):
         of_target = np.swapaxes(rivals[pair.target], 1, 2) @ poses[pair.source]
@@ -116,7 +157,7 @@ def votes_of(pairs: Sequence[Pair], poses: FloatArray) -> list[Votes]:
     ]
 
 
-def rival_poses(votes: Votes, pose: FloatArray) -> FloatArray:
+def voted_poses(votes: Votes, pose: FloatArray) -> FloatArray:
     """Return the pose of a shape and the strongest other ones that its pairs vote for, shape (at most 4, 3, 3)."""
     flat = votes.poses.reshape(-1, 9)
     close = 1.0 + 2.0 * np.cos(np.deg2rad(SAME_RIVAL_DEG))

@@ -15,7 +15,7 @@ from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.odds import EVIDENCE, evidence_score
-from collalign.stages.evidence.rivals import missing_poses, rival_poses, votes_of
+from collalign.stages.evidence.rivals import missing_poses, support, voted_poses, votes_of
 from collalign.stages.evidence.weigh import MAX_CANDIDATES, WeighedPose, by_energy, distinct, with_evidence
 from collalign.stages.poses.synchronize import pair_graph
 from data_tools.datasets.synthetic import bent
@@ -155,7 +155,7 @@ def test_the_strongest_votes_are_rivals_and_asked_of_every_partner() -> None:
             own = right @ flip if j == 3 and i > 0 else right
             pair = replace(a_pair([0.1]), target=i, source=j, rotations=own[None], log_odds=np.zeros(1))
             pairs.append(pair)
-    rivals = rival_poses(votes_of(pairs, poses)[3], poses[3])
+    rivals = voted_poses(votes_of(pairs, poses)[3], poses[3])
     assert rotation_angle_deg(rivals[1], poses[3] @ flip.T) < 1e-3
     asked = missing_poses(pairs, poses)
     by_ends = {(pairs[e].target, pairs[e].source): starts for e, starts in asked.items()}
@@ -168,7 +168,7 @@ def test_dense_points_speak_beside_energies() -> None:
     assert np.argmin(pair.costs) == 1
     assert pair.costs[0] == pytest.approx(0.10)
     assert replace(pair, energies=2.0 * pair.energies).costs == pytest.approx(2.0 * pair.costs)
-    assert np.argmin(replace(pair, gaps=pair.gaps[::-1]).costs) == 0
+    assert np.argmin(replace(pair, gaps=np.array([0.03, 0.09, 0.2])).costs) == 0
 
 
 @pytest.mark.parametrize("gaps", [np.zeros(0), np.array([0.1, np.nan, 0.2]), np.array([0.1])])
@@ -184,3 +184,10 @@ def test_the_paper_s_own_synchronization_takes_energies_alone() -> None:
     assert dense.energies is not None
     assert (published.energies[0] == pair.energies).all()
     assert (dense.energies[0] == pair.costs).all()
+
+
+def test_poses_that_likely_candidates_ask_for_have_more_support() -> None:
+    pair = replace(a_pair([0.1, 0.2, 0.3]), log_odds=np.array([3.0, 1.0, -np.inf]))
+    poses = [np.stack([np.eye(3), rotation]) for rotation in pair.rotations]
+    assert [support([pair], pose) for pose in poses] == [3.0, 1.0, 1.0]
+    assert support([pair, pair], poses[0]) == 6.0
