@@ -13,6 +13,8 @@ from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
 from data_tools.errors import InputError
+from data_tools.io.shapes import read_shape
+from data_tools.surface.topology import is_open_surface
 from data_tools.threads import one_blas_thread
 from pairwise.partial.match import refine, scales_allowed
 from pairwise.partial.poses import Poses
@@ -58,7 +60,8 @@ def find_incomplete(samples: Sequence[Samples], aligned: Collection) -> dict[int
     """Return the shapes beyond whose rim those that match them best go on, and how far.
 
     Works on the dense samples at the common poses, from which each shape is first refined on its partners; nothing is
-    found where shapes have too few of them.
+    found where shapes have too few of them, nor where they bend so much that maps were asked. A mesh can only be
+    incomplete if its surface is open.
 
     Parameters
     ----------
@@ -66,7 +69,8 @@ def find_incomplete(samples: Sequence[Samples], aligned: Collection) -> dict[int
     aligned : Collection
         Of these shapes, as if all were complete.
     """
-    if len(samples) < MIN_SHAPES or not all(len(item.dense_positions) >= _NUM_POINTS for item in samples):
+    bends = aligned.search_gain is not None
+    if bends or len(samples) < MIN_SHAPES or not all(len(item.dense_positions) >= _NUM_POINTS for item in samples):
         return {}
     surfaces = [posed_samples(item, pose) for item, pose in zip(samples, aligned.transforms, strict=True)]
     if not any(surface.on_rim.any() for surface in surfaces):
@@ -76,10 +80,16 @@ def find_incomplete(samples: Sequence[Samples], aligned: Collection) -> dict[int
         partners = [surfaces[j] for j in near]
         if partners and surfaces[i].on_rim.any():
             shares[i] = share_beyond(surfaces[i], partners)
-    found = {i: share for i, share in shares.items() if share >= MISSING_SHARE}
+    found = {i: share for i, share in shares.items() if share >= MISSING_SHARE and _may_be_cut(aligned, i)}
     if len(found) > MOST_MISSING * len(samples):
         return {}
     return {i: f"{share:.0%} of the shapes most like it lie beyond its rim" for i, share in found.items()}
+
+
+def _may_be_cut(aligned: Collection, shape: int) -> bool:
+    """Whether a shape is a point cloud or an open surface."""
+    found = read_shape(aligned.files[shape], aligned.options.cleaning, digest=aligned.digests[shape])
+    return not found.is_mesh or is_open_surface(found.vertices, found.faces)
 
 
 def posed_samples(samples: Samples, transform: FloatArray) -> PartialSurface:

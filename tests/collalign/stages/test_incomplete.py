@@ -14,10 +14,11 @@ from collalign.collection import AlignedCollection
 from collalign.stages.incomplete.detect import find_incomplete, told_incomplete
 from collalign.stages.incomplete.place import nearest_labels, pose_certainty
 from data_tools.datasets.synthetic import deformed_family
-from data_tools.datasets.synthetic_shapes import crown
+from data_tools.datasets.synthetic_shapes import blob, crown
+from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.shapes import write_mesh
-from data_tools.options import SamplingOptions
+from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from tests.pairwise.partial.test_partial_match import cut, moved
 
@@ -154,3 +155,20 @@ def test_samples_far_from_everything_get_no_label() -> None:
     consensus = np.stack([np.arange(6.0), np.zeros(6), np.zeros(6)], axis=1)
     labels = nearest_labels(np.array([[2.1, 0.0, 0.0], [9.0, 0.0, 0.0], [0.1, 0.2, 0.0]]), consensus)
     assert labels.tolist() == [2, -1, 0]
+
+
+def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("collalign.stages.incomplete.detect.share_beyond", lambda surface, partners: 0.2)
+    monkeypatch.setattr("collalign.stages.incomplete.detect.MOST_MISSING", 1.0)
+    all_rim = "collalign.stages.incomplete.detect.cloud_rim"
+    monkeypatch.setattr(all_rim, lambda points, normals: np.ones(len(points), dtype=bool))
+    rng = np.random.default_rng(4)
+    for number in range(5):
+        write_mesh(tmp_path / f"blob{number}.ply", blob(np.random.default_rng(1), num_vertices=400))
+    closed = align_collection(tmp_path, options=replace(OPTIONS, incomplete="never"), progress=False)
+    samples = [sample_shape(closed._shape(i), OPTIONS.sampling, EmbeddingOptions(kind="xyz")) for i in range(5)]
+    assert find_incomplete(samples, closed) == {}
+    clouds = {f"cloud{n}": blob(rng, num_vertices=400).vertices for n in range(5)}
+    open_ones = align_collection(clouds, options=replace(OPTIONS, incomplete="never"), progress=False)
+    assert len(find_incomplete(samples, open_ones)) == 5
+    assert find_incomplete(samples, replace(open_ones, search_gain=0.0)) == {}
