@@ -34,7 +34,7 @@ from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.placement import common_labels, common_positions, in_label_order, place_and_scale
 from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_shapes
-from collalign.stages.proofs import certify_pairs
+from collalign.stages.proofs import certify_pairs, contradictions
 from collalign.stages.shapes import prepare_shapes
 from collalign.stages.trust.assess import gather_trust, with_trust
 from collalign.stages.trust.words import trust_notes
@@ -242,6 +242,7 @@ def _align_shapes(
         rotations = refine_poses(session, samples, pairs, solution, constraints)
         rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
         pairs = with_common_match(samples, pairs, solution, rotations)
+        notes.extend(contradictions(shapes.names, pairs, rotations))
         labels = common_labels(samples, pairs, rotations)
         transforms = place_and_scale(samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms)
     trust = None

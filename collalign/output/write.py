@@ -52,6 +52,8 @@ _PAIR_COLUMNS = (
     "choice",
     "inlier",
     "disagreement_deg",
+    "complete_within",
+    "num_regions",
 )
 #: More shapes than this are drawn as an evenly spaced choice.
 _MAX_TILES = 100
@@ -311,6 +313,8 @@ def _pairs_table(collection: Collection) -> str:
             pair.choice,
             int(pair.inlier),
             f"{pair.disagreement_deg:.3f}",
+            repr(pair.complete_within),
+            len(pair.regions),
         ]
         for pair in collection.pairs
     )

@@ -21,6 +21,10 @@ def _no_evidence() -> FloatArray:
     return read_only(np.zeros((0, 0)))
 
 
+def _no_rotations() -> FloatArray:
+    return read_only(np.zeros((0, 3, 3)))
+
+
 def _no_map() -> IntArray:
     return read_only(np.zeros(0, dtype=np.int64))
 
@@ -57,6 +61,12 @@ class Pair:
         Whether every pose of the other chirality is proven to be worse than the best one.
     certificate : Certificate or None
         Proves a lower bound of this pair's energy, which may be below ``lower_bound``, to anybody.
+    complete_within : float
+        All poses of at most this factor times the best energy are among the candidates, proven (a pose is a rotation
+        that is best for its own map; they lie in the regions); NaN where they were not listed, or not completely.
+    regions : ndarray, shape (r, d, d)
+        Centres of balls of rotations that hold all of these poses.
+    region_radii_rad : ndarray, shape (r,)
     choice : int
         The candidate that synchronization chose, -1 for none.
     inlier : bool
@@ -81,6 +91,9 @@ class Pair:
     status: str = ""
     chirality_proven: bool = False
     certificate: Certificate | None = None
+    complete_within: float = float("nan")
+    regions: FloatArray = field(default_factory=_no_rotations)
+    region_radii_rad: FloatArray = field(default_factory=_no_values)
     choice: int = -1
     inlier: bool = False
     disagreement_deg: float = float("nan")

@@ -24,18 +24,26 @@ from collalign.products.shapes import Shapes
 from collalign.stages.pairs.match import pair_key, pair_problem
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.stages.stored_types import proof_from_record, proof_to_record, samples_from_record
+from collalign.stages.surface_gap import surface_gaps
 from collalign.synchronization import SynchronizationResult
+from collalign.synchronization.resolve import SAME_POSE_RAD
 from data_tools.arrays import BoolArray, FloatArray
-from pairwise.branch_and_bound.prove import prove
-from pairwise.results import Candidate
+from data_tools.rotations import rotation_angles
+from pairwise.branch_and_bound.poses import list_poses
 from pairwise.status import Status
 
 #: Changes whenever the same pair would give another proof.
-PROOF_VERSION = "proof-3"
+PROOF_VERSION = "proof-4"
 #: Relative gap between energy and bound at which a pose counts as proven.
 GAP_TOL = 1e-3
 #: A second pose within this factor of the best energy makes a pair worth proving.
 RIVAL_FACTOR = 1.25
+#: All poses of at most this factor times the best energy are listed, which takes about half as long again.
+LISTED_WITHIN = 1.2
+#: A common pose farther than this from every pose that a pair can have contradicts the pair.
+CONTRADICTION_RAD = np.deg2rad(30.0)
+#: Pairs named in a note.
+_MOST_NAMED = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,6 +74,10 @@ class CertificationReport:
         Pairs whose mirror decision is proven.
     num_improved : int
         Pairs for which the proof found a better pose.
+    num_complete : int
+        Pairs whose poses of nearly the best energy are listed completely.
+    num_alone : int
+        Of these, pairs with no second such pose.
     """
 
     num_wanted: int
@@ -73,6 +85,8 @@ class CertificationReport:
     num_proven: int
     num_chiralities: int
     num_improved: int
+    num_complete: int
+    num_alone: int
 
     def __str__(self) -> str:
         text = f"{self.num_proven} of {self.num_tried} pairs proven optimal"
@@ -80,25 +94,31 @@ class CertificationReport:
             text += f" ({self.num_wanted} were worth proving, the budget ended)"
         if self.num_chiralities:
             text += f", {self.num_chiralities} mirror decisions proven"
-        return text + (f", {self.num_improved} better poses found." if self.num_improved else ".")
+        if self.num_improved:
+            text += f", {self.num_improved} better poses found"
+        return (
+            f"{text}; of {self.num_complete} all poses within {LISTED_WITHIN - 1:.0%} of the best energy are known, "
+            f"{self.num_alone} have no second one."
+        )
 
 
 def prove_pair(task: ProofTask, shared: SharedTable) -> Record:
-    """Prove the best pose of one pair as far as the time allows; runs inside a worker."""
+    """Prove the best pose of one pair and list its rivals as far as the time allows; runs inside a worker."""
     target, source = (samples_from_record(shared[key], key) for key in (task.target_key, task.source_key))
     problem = pair_problem(target, source, task.group)
-    known = [
-        Candidate(
-            R_target_source=rotation,
-            map_target_source=np.zeros(0, dtype=np.int64),
-            energy=float("nan"),
-            reflected=bool(np.linalg.det(rotation) < 0),
-            origin="pair",
-        )
-        for rotation in task.rotations
-    ]
-    proof = prove(problem, known, tol=task.gap_tol, time_limit_s=task.time_limit_s, record=True)
-    return proof_to_record(proof)
+    poses = list_poses(
+        problem,
+        task.rotations,
+        within=LISTED_WITHIN,
+        tol=task.gap_tol,
+        time_limit_s=task.time_limit_s,
+        record=True,
+    )
+    record = proof_to_record(poses, LISTED_WITHIN)
+    return record | {
+        "gap": float(surface_gaps(target, source, record["rotation"][None])[0]),
+        "listed_gaps": surface_gaps(target, source, record["listed_rotations"]),
+    }
 
 
 def certify_pairs(
@@ -117,9 +137,9 @@ def certify_pairs(
     Returns
     -------
     pairs : list of Pair
-        With bounds and, where the proof found a better pose, with that pose first.
+        With bounds and with all poses of nearly the best energy among the candidates.
     solution : SynchronizationResult or None
-        Of the returned pairs; None where a better pose changed them.
+        Of the returned pairs; None where a new pose changed them.
     report : CertificationReport
 
     Raises
@@ -152,9 +172,12 @@ def certify_pairs(
         num_tried=len(tried),
         num_proven=sum(proven[e].status == Status.PROVEN_OPTIMAL.name for e in tried),
         num_chiralities=sum(proven[e].chirality_proven for e in tried),
-        num_improved=sum(len(proven[e].energies) > len(pairs[e].energies) for e in tried),
+        num_improved=sum(proven[e].energies[0] < pairs[e].energies[0] for e in tried),
+        num_complete=sum(not np.isnan(proven[e].complete_within) for e in tried),
+        num_alone=sum(len(proven[e].regions) == 1 for e in tried if not np.isnan(proven[e].complete_within)),
     )
-    return proven, None if report.num_improved else solution, report
+    is_changed = any(len(proven[e].energies) > len(pairs[e].energies) for e in tried)
+    return proven, None if is_changed else solution, report
 
 
 def worth_proving(pairs: Sequence[Pair], inlier: BoolArray) -> list[int]:
@@ -175,22 +198,57 @@ def worth_proving(pairs: Sequence[Pair], inlier: BoolArray) -> list[int]:
 
 
 def with_proof(pair: Pair, proof: Record) -> Pair:
-    """Return the pair with the proof's bound, status and, where it is better, pose."""
+    """Return the pair with the proof's bound and status, and with its poses among the candidates, best first."""
     pair = replace(
         pair,
         lower_bound=float(proof["lower_bound"]),
         status=str(proof["status"]),
         chirality_proven=bool(proof["chirality_proven"]),
         certificate=proof["certificate"],
+        complete_within=float(proof["complete_within"]),
+        regions=proof["regions"],
+        region_radii_rad=proof["region_radii_rad"],
     )
-    if proof["energy"] >= pair.energies[0] * (1 - 1e-6):
-        return pair
-    return replace(
-        pair,
-        rotations=np.concatenate([proof["rotation"][None], pair.rotations]),
-        maps=np.concatenate([proof["map"][None], pair.maps]),
-        energies=np.concatenate([[proof["energy"]], pair.energies]),
-        gaps=np.concatenate([[np.nan], pair.gaps]),
+    rotations = np.concatenate([proof["rotation"][None], proof["listed_rotations"]])
+    maps = np.concatenate([proof["map"][None], proof["listed_maps"]])
+    energies = np.concatenate([[proof["energy"]], proof["listed_energies"]])
+    gaps = np.concatenate([[proof["gap"]], proof["listed_gaps"]])
+    for pose in np.argsort(energies, kind="stable"):
+        near = rotation_angles(pair.rotations, rotations[pose]) <= SAME_POSE_RAD
+        if near.any() and energies[pose] >= pair.energies[near].min() * (1 - 1e-6):
+            continue
+        rank = int(np.searchsorted(pair.energies, energies[pose]))
+        pair = replace(
+            pair,
+            rotations=np.insert(pair.rotations, rank, rotations[pose], axis=0),
+            maps=np.insert(pair.maps, rank, maps[pose], axis=0),
+            energies=np.insert(pair.energies, rank, energies[pose]),
+            gaps=np.insert(pair.gaps, rank, gaps[pose]) if len(pair.gaps) else pair.gaps,
+        )
+    return pair
+
+
+def contradictions(names: Sequence[str], pairs: Sequence[Pair], frames: FloatArray) -> tuple[str, ...]:
+    """Return the sentence that names the pairs whose complete lists hold no pose near the common poses, if any.
+
+    Parameters
+    ----------
+    names : sequence of str
+    pairs : sequence of Pair
+    frames : ndarray, shape (N, 3, 3)
+        ``R_common_shape``.
+    """
+    found = []
+    for pair in pairs:
+        apart = rotation_angles(pair.regions, frames[pair.target].T @ frames[pair.source])
+        if not np.isnan(pair.complete_within) and (apart - pair.region_radii_rad > CONTRADICTION_RAD).all():
+            found.append(f"{names[pair.target]} - {names[pair.source]}")
+    if not found:
+        return ()
+    shown = ", ".join(found[:_MOST_NAMED]) + (f" and {len(found) - _MOST_NAMED} more" if found[_MOST_NAMED:] else "")
+    return (
+        f"Proven: no pose of {shown} that costs at most {LISTED_WITHIN:g} times the best one is within "
+        f"{np.rad2deg(CONTRADICTION_RAD):.0f} deg of the common poses.",
     )
 
 

@@ -27,13 +27,15 @@ from data_tools.arrays import (
 )
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import InputError, SolveFailed, StoreError
-from pairwise.branch_and_bound.prove import Proof
+from pairwise.branch_and_bound.poses import PoseList
 from pairwise.branch_and_bound.tilted import TiltedProof
 from pairwise.certificates.certificate import Certificate
 from pairwise.results import MatchResult
 from pairwise.status import Status
 
 _MAX_INDEX = 2**31
+#: Most listed poses and regions of a pair: more candidates would make synchronization slow.
+MOST_LISTED = 32
 
 #: Of pairs that were matched without their dense samples.
 _NO_GAPS = read_only(np.zeros(0))
@@ -161,9 +163,22 @@ def pair_from_record(record: Record, name: str, target: int = 0, source: int = 1
         )
 
 
-def proof_to_record(proof: Proof) -> Record:
-    """Return what was proven as a record; where there is a certificate, the bound is what that proves."""
+def proof_to_record(poses: PoseList, within: float) -> Record:
+    """Return what was proven as a record; where there is a certificate, the bound is what that proves.
+
+    Parameters
+    ----------
+    poses : PoseList
+        At most :data:`MOST_LISTED` poses are kept, and the balls of the regions where the list is complete.
+    within : float
+        The factor of the best energy that they were asked for.
+    """
+    proof = poses.proof
     pose, certificate = proof.candidate, proof.certificate
+    shape, size = pose.R_target_source.shape, len(pose.map_target_source)
+    is_complete = poses.is_resolved and len(poses.regions) <= MOST_LISTED
+    listed = poses.candidates[:MOST_LISTED]
+    balls = [region.ball for region in poses.regions] if is_complete else []
     bound = proof.lower_bound if certificate is None else certificate.bound
     return {
         "lower_bound": float(min(bound, pose.energy)),
@@ -173,6 +188,12 @@ def proof_to_record(proof: Proof) -> Record:
         "map": np.array(pose.map_target_source, dtype=np.int32),
         "chirality_proven": bool(proof.is_chirality_proven),
         "certificate": None if certificate is None else asdict(certificate),
+        "listed_rotations": np.array([one.R_target_source for one in listed]).reshape(-1, *shape),
+        "listed_maps": np.array([one.map_target_source for one in listed], dtype=np.int32).reshape(-1, size),
+        "listed_energies": np.array([one.energy for one in listed], dtype=np.float64),
+        "complete_within": within if is_complete else float("nan"),
+        "regions": np.array([centre for centre, _ in balls]).reshape(-1, *shape),
+        "region_radii_rad": np.array([radius for _, radius in balls], dtype=np.float64),
     }
 
 
@@ -187,6 +208,13 @@ def proof_from_record(record: Record, name: str) -> Record:
     with _as_store_error(name):
         if not isinstance(record["chirality_proven"], bool):
             raise InputError("chirality_proven: expected true or false")
+        energies = _floats(record["listed_energies"], "listed_energies", (None,))
+        radii = _floats(record["region_radii_rad"], "region_radii_rad", (None,))
+        listed = _floats(record["listed_rotations"], "listed_rotations", (len(energies), None, None))
+        regions = _floats(record["regions"], "regions", (len(radii), None, None))
+        maps = as_indices(
+            record["listed_maps"], "listed_maps", lower=-1, upper=_MAX_INDEX, shape=(len(energies), None)
+        )
         return {
             "lower_bound": _number(record["lower_bound"], "lower_bound"),
             "status": _status(record["status"]).name,
@@ -195,6 +223,14 @@ def proof_from_record(record: Record, name: str) -> Record:
             "map": _indices(record["map"], "map"),
             "chirality_proven": record["chirality_proven"],
             "certificate": None if record["certificate"] is None else _certificate(record["certificate"]),
+            "listed_rotations": read_only(as_rotations(listed, "listed_rotations")),
+            "listed_maps": read_only(maps),
+            "listed_energies": energies,
+            "gap": _number(record["gap"], "gap", allow_nan=True),
+            "listed_gaps": _floats(record["listed_gaps"], "listed_gaps", (len(energies),)),
+            "complete_within": _number(record["complete_within"], "complete_within", allow_nan=True),
+            "regions": read_only(as_rotations(regions, "regions")),
+            "region_radii_rad": radii,
         }
 
 

@@ -8,7 +8,7 @@ lies in the others, whatever their size; they are split until they are small, an
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Unpack
 
 import numpy as np
@@ -22,6 +22,7 @@ from data_tools.errors import OptionsError
 from data_tools.rotations import rotation_angles
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import Proof, deadline_of, finish, searches_of
+from pairwise.branch_and_bound.record import make_certificate
 from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.local.local_search import minimise
 from pairwise.problem.problem import Problem, ProblemArguments
@@ -50,6 +51,13 @@ class PoseRegion:
     radii_rad: FloatArray
     reflected: bool
     candidate: Candidate | None
+
+    @property
+    def ball(self) -> tuple[FloatArray, float]:
+        """Centre (d, d) and angle in radians of one ball that holds the region; the centre is its pose, if any."""
+        centre = self.rotations[0] if self.candidate is None else self.candidate.R_target_source
+        reach = rotation_angles(self.rotations, centre) + self.radii_rad
+        return centre, float(min(reach.max(), np.pi))
 
     def holds(self, rotation: FloatArray) -> bool:
         """Whether an orthogonal matrix (d, d) lies in the balls."""
@@ -142,8 +150,12 @@ def list_poses(
     resolution_deg: float = 3.0,
     tol: float = 1e-3,
     time_limit_s: float | None = None,
+    record: bool = False,
 ) -> PoseList:
-    """List poses as :func:`all_poses` does, from a checked problem and poses (m, d, d) that are known already."""
+    """List poses as :func:`all_poses` does, from a checked problem and poses (m, d, d) that are known already.
+
+    With ``record`` the proof of the best pose has a certificate.
+    """
     if not (np.isfinite(within) and within >= 1.0):
         raise OptionsError(f"within: expected a number of at least 1, got {within}")
     if not 0.0 < resolution_deg <= 180.0:
@@ -158,6 +170,8 @@ def list_poses(
     best = min(search.energy for search in searches)
     cells = [search.collected(best) for search in searches]
     proof = finish(searches, started, deadline)
+    if record:
+        proof = replace(proof, certificate=make_certificate(problem, searches))
     regions = [
         region
         for search, found in zip(searches, cells, strict=True)

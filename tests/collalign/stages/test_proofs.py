@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from collalign.engine.store.records import decode, encode
 from collalign.products.pair import Pair
-from collalign.stages.proofs import CertificationReport, with_proof, worth_proving
+from collalign.stages.proofs import CertificationReport, contradictions, with_proof, worth_proving
+from collalign.stages.stored_types import proof_from_record, proof_to_record
+from data_tools.errors import StoreError
+from data_tools.rotations import rotation_angles
+from pairwise.branch_and_bound.poses import list_poses
+from pairwise.problem.problem import Problem
+from tests.tight_problems import planted_cube
 
 
 def pair(*energies: float) -> Pair:
@@ -28,8 +40,19 @@ def test_rejected_pairs_come_first_then_close_rivals() -> None:
     assert worth_proving(pairs[1:2], inlier[:1]) == []
 
 
-def proof(energy: float) -> dict[str, object]:
+def proof(energy: float, *listed: float, within: float = 1.2) -> dict[str, object]:
+    """The record of a proof whose pose is a half turn; further listed poses are turned by tenths of a turn."""
+    turns = [0.2 * np.pi * (number + 1) for number in range(len(listed))]
+    rotations = [[[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]] for a in turns]
     return {
+        "listed_rotations": np.array(rotations).reshape(-1, 3, 3),
+        "listed_maps": np.tile([3, 2, 1, 0], (len(listed), 1)),
+        "listed_energies": np.array(listed),
+        "gap": 0.01,
+        "listed_gaps": np.full(len(listed), 0.02),
+        "complete_within": within,
+        "regions": np.array([np.diag([1.0, -1.0, -1.0]), *rotations]),
+        "region_radii_rad": np.full(1 + len(listed), 0.1),
         "lower_bound": 0.7,
         "status": "PROVEN_OPTIMAL",
         "energy": energy,
@@ -40,20 +63,66 @@ def proof(energy: float) -> dict[str, object]:
     }
 
 
-def test_a_proof_adds_its_bound_and_a_pose_only_if_it_is_better() -> None:
-    same = with_proof(pair(0.8, 0.9), proof(0.8))
+def test_a_proof_adds_its_bound_and_the_poses_that_the_pair_lacks() -> None:
+    known = replace(pair(0.8, 0.9), rotations=np.stack([np.diag([1.0, -1.0, -1.0]), np.eye(3)]))
+    same = with_proof(known, proof(0.8))
     assert (same.lower_bound, same.status, same.chirality_proven) == (0.7, "PROVEN_OPTIMAL", True)
     assert same.energies.tolist() == [0.8, 0.9]
     better = with_proof(pair(0.8, 0.9), proof(0.71))
     assert better.energies.tolist() == [0.71, 0.8, 0.9]
     assert np.array_equal(better.rotations[0], np.diag([1.0, -1.0, -1.0]))
     assert better.maps[0].tolist() == [1, 0, 2, 3]
+    listed = with_proof(known, proof(0.8, 0.85, 0.95))
+    assert listed.energies.tolist() == [0.8, 0.85, 0.9, 0.95]
+    assert listed.maps[1].tolist() == [3, 2, 1, 0]
+    assert (listed.complete_within, len(listed.regions)) == (1.2, 3)
+    assert not len(listed.gaps)
+    with_gaps = with_proof(replace(known, gaps=np.array([0.03, 0.04])), proof(0.8, 0.85))
+    assert with_gaps.gaps.tolist() == [0.03, 0.02, 0.04]
+    again = with_proof(listed, proof(0.8, 0.85, 0.95))
+    assert again.energies.tolist() == listed.energies.tolist()
+
+
+def turn(angle_deg: float) -> NDArray[np.float64]:
+    return Rotation.from_euler("z", angle_deg, degrees=True).as_matrix()
+
+
+def test_a_common_pose_far_from_all_listed_poses_contradicts_only_a_complete_list() -> None:
+    listed = replace(pair(1.0), complete_within=1.2, regions=turn(0.0)[None], region_radii_rad=np.deg2rad([10.0]))
+    for angle, is_far in ((0.0, False), (38.0, False), (42.0, True), (180.0, True)):
+        said = contradictions(("a", "b"), [listed], np.stack([np.eye(3), turn(angle)]))
+        assert bool(said) == is_far
+    assert "no pose of a - b that costs at most 1.2 times" in said[0]
+    incomplete = replace(listed, complete_within=float("nan"))
+    assert not contradictions(("a", "b"), [incomplete, pair(1.0)], np.stack([np.eye(3), turn(180.0)]))
+    many = contradictions(("a", "b"), [listed] * 11, np.stack([np.eye(3), turn(180.0)]))
+    assert "and 3 more" in many[0]
+
+
+def test_the_record_of_a_list_is_checked_and_says_whether_it_is_complete() -> None:
+    problem = Problem.from_user(*planted_cube(6, 0.3, 2))
+    poses = list_poses(problem, within=1.5, record=True)
+    gaps = {"gap": 0.1, "listed_gaps": np.full(len(poses.candidates), 0.1)}
+    record = decode(encode(proof_to_record(poses, 1.5) | gaps), "pair")
+    found = proof_from_record(record, "pair")
+    assert found["complete_within"] == 1.5
+    assert len(found["regions"]) == len(poses.regions)
+    assert found["listed_energies"].tolist() == [one.energy for one in poses.candidates]
+    assert found["certificate"].bound <= poses.proof.candidate.energy
+    for region, centre, radius in zip(poses.regions, found["regions"], found["region_radii_rad"], strict=True):
+        assert (rotation_angles(region.rotations, centre) + region.radii_rad <= radius + 1e-12).all()
+    unfinished = replace(poses, is_resolved=False)
+    assert np.isnan(proof_from_record(proof_to_record(unfinished, 1.5) | gaps, "pair")["complete_within"])
+    with pytest.raises(StoreError, match="regions"):
+        proof_from_record(record | {"regions": record["regions"][:-1]}, "pair")
 
 
 def test_the_report_says_when_the_budget_ended() -> None:
-    text = str(CertificationReport(num_wanted=5, num_tried=3, num_proven=2, num_chiralities=0, num_improved=0))
+    counts = {"num_tried": 3, "num_chiralities": 1, "num_improved": 0, "num_complete": 2, "num_alone": 1}
+    text = str(CertificationReport(num_wanted=5, num_proven=2, **counts))
     assert "2 of 3" in text
     assert "budget" in text
-    full = str(CertificationReport(num_wanted=3, num_tried=3, num_proven=3, num_chiralities=1, num_improved=1))
+    assert text.endswith("of 2 all poses within 20% of the best energy are known, 1 have no second one.")
+    full = str(CertificationReport(num_wanted=3, num_proven=3, **counts))
     assert "budget" not in full
     assert "1 mirror" in full
