@@ -11,6 +11,7 @@ import numpy as np
 from collalign.nonrigid.surface.geometry import vertex_normals
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.figures import new_figure
 from data_tools.io.files import write_atomic
 from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.shape import Shape
@@ -63,15 +64,13 @@ def match_figure(target: Shape, source: Shape, point_map_target_source: IntArray
     point_map_target_source : ndarray of int, shape (v,)
     title : str
     """
-    from matplotlib.figure import Figure
-
     of_target, of_source = transferred_colours(target, point_map_target_source)
     frame = _axes(target.vertices)
     matched = np.flatnonzero(point_map_target_source >= 0)
     turned = frame
     if len(matched):
         turned = _procrustes(target.vertices[point_map_target_source[matched]], source.vertices[matched]).T @ frame
-    figure = Figure(figsize=(9.0, 3.6), dpi=130)
+    figure = new_figure(figsize=(9.0, 3.6), dpi=130)
     panels = [(target, of_target, frame), (source, of_source, turned)]
     for column, (shape, colours, axes) in enumerate(panels):
         for view, behind in enumerate((np.eye(3), _FROM_BEHIND)):

@@ -16,6 +16,7 @@ from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
 from data_tools.options import CleaningOptions
+from data_tools.percent import percent
 from pairwise.status import Status
 
 if TYPE_CHECKING:
@@ -93,6 +94,13 @@ class NonrigidMatch:
     status: Status
     times_s: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        num = len(self.point_map_target_source)
+        return (
+            f"<NonrigidMatch: {self.source_name} on {self.target_name}, {num} vertices, "
+            f"confidence {percent(self.confidence)}, {self.orientation}, {len(self.candidates)} candidates>"
+        )
 
     @property
     def orientation(self) -> str:

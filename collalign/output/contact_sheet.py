@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from collalign.output.evidence.display_mesh import display_mesh
 from collalign.products.collection import DOUBT
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.figures import new_figure
 from data_tools.percent import percent
 from data_tools.surface.shape import Shape
 
@@ -89,13 +90,12 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
     tiles : iterable of Tile
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
     tiles = list(tiles)
     columns = min(_MAX_COLUMNS, max(2, int(np.ceil(np.sqrt(len(tiles))))))
     rows = -(-len(tiles) // columns)
     size = (2.0 * columns, rows * _ROW_HEIGHT)
-    figure = Figure(figsize=(size[0] * _CELL_INCHES, size[1] * _CELL_INCHES), dpi=100)
+    figure = new_figure(figsize=(size[0] * _CELL_INCHES, size[1] * _CELL_INCHES), dpi=100)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, size[0]), ylim=(0.0, size[1]))
     axes.set_axis_off()

@@ -1,0 +1,12 @@
+from io import BytesIO
+
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+
+from data_tools.figures import new_figure
+
+
+def test_a_figure_shows_itself_as_a_picture() -> None:
+    figure = new_figure(figsize=(3.0, 2.0), dpi=50)
+    assert isinstance(figure, Figure)
+    assert imread(BytesIO(figure._repr_png_())).shape[:2] == (100, 150)  # type: ignore[attr-defined]
