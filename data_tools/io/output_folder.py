@@ -6,7 +6,6 @@ are ever replaced or removed; whatever else lies there, or was changed since, is
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -19,6 +18,7 @@ from typing import Any
 
 from data_tools.errors import InputError
 from data_tools.io.files import write_atomic
+from data_tools.io.locks import PRIVATE, take_lock
 
 #: Folder, inside of an output folder, that holds the manifest, the lock and what is not finished yet.
 BOOKS = ".collalign"
@@ -286,11 +286,11 @@ def _lock(folder: Path) -> int:
         books.mkdir(parents=True, exist_ok=True)
         if books.is_symlink():
             raise InputError(f"{books}: is a link; {_ADVICE}")
-        descriptor = os.open(books / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+        descriptor = os.open(books / "lock", os.O_RDWR | os.O_CREAT | PRIVATE, 0o644)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        take_lock(descriptor)
     except OSError as error:
         os.close(descriptor)
         if isinstance(error, BlockingIOError):

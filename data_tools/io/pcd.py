@@ -100,8 +100,8 @@ def _from_open3d(source: Source) -> FloatArray:
             f"{source.path}: compressed PCD files are read by Open3D, which cannot be imported ({error}); "
             "install it with: pip install 'collalign[open3d]'"
         ) from error
-    with tempfile.NamedTemporaryFile(suffix=".pcd") as copy:  # of what was read; the file may be another by now
-        copy.write(source.content)
-        copy.flush()
-        cloud = open3d.io.read_point_cloud(Path(copy.name), remove_nan_points=True)
+    with tempfile.TemporaryDirectory() as folder:  # Windows opens no file twice
+        copy = Path(folder, "copy.pcd")  # of what was read; the file may be another by now
+        copy.write_bytes(source.content)
+        cloud = open3d.io.read_point_cloud(copy, remove_nan_points=True)
     return np.asarray(cloud.points, dtype=np.float64).reshape(-1, 3)

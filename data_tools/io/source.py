@@ -23,6 +23,8 @@ from data_tools.io.files import existing_file
 MAX_FILE_BYTES = 4 * 2**30
 #: The same for the text of a GLTF file, which is parsed as a whole.
 MAX_GLTF_BYTES = 256 * 2**20
+#: For ``os.open``: no pipe is waited for, no child inherits the file, bytes come as they are; each system has some.
+_AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 #: Hexadecimal digits of a digest: 160 bits of SHA-256.
 DIGEST_LENGTH = 40
 
@@ -163,7 +165,7 @@ def _regular(path: Path) -> Iterator[BufferedReader]:
     """Open a regular file of bearable size: a pipe would be waited for, and a device never ends."""
     limit = MAX_GLTF_BYTES if path.suffix.lower() == ".gltf" else MAX_FILE_BYTES
     try:
-        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as stream:
+        with open(os.open(path, os.O_RDONLY | _AT_ONCE), "rb") as stream:
             status = os.fstat(stream.fileno())
             if not stat.S_ISREG(status.st_mode):
                 raise UnavailableError(f"{path}: is not a regular file")

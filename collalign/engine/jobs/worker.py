@@ -17,6 +17,7 @@ from typing import Any
 
 from collalign.engine.jobs.table import SharedTable
 from data_tools.errors import CollalignError, UnavailableError
+from data_tools.io.locks import PRIVATE
 from data_tools.threads import one_blas_thread
 
 _MAX_FAILURE = 1000
@@ -102,7 +103,7 @@ class Guard:
 
     def note(self, mark: str, token: int) -> None:
         """Append one line; short appends are atomic, so lines of several workers never mix."""
-        descriptor = os.open(self.ledger, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        descriptor = os.open(self.ledger, os.O_WRONLY | os.O_APPEND | os.O_CREAT | PRIVATE, 0o600)
         try:
             os.write(descriptor, f"{mark} {token} {os.getpid()}\n".encode())
         finally:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 from pathlib import Path
 
 from data_tools.errors import StoreError
+from data_tools.io.locks import PRIVATE, take_lock
 
 
 class StoreLock:
@@ -26,24 +26,25 @@ class StoreLock:
         """
         path = store_path.with_name(store_path.name + ".lock")
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | PRIVATE, 0o644)
         except OSError as error:
             raise StoreError(f"{path}: cannot be opened ({error.strerror})") from None
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            take_lock(descriptor)
         except OSError:
-            owner = os.pread(descriptor, 20, 0).decode("ascii", "replace").strip()
+            owner = _content(descriptor).decode("ascii", "replace").strip()
             os.close(descriptor)
             raise StoreError(
                 f"{store_path}: another run (process {owner or 'unknown'}) is writing to this store; wait for it, "
                 "or name another store"
             ) from None
-        content = os.pread(descriptor, 21, 0)
+        content = _content(descriptor)
         if content.strip() and not content.strip().isdigit():
             os.close(descriptor)
             raise StoreError(f"{path}: is no lock of a store but a file of somebody else; name another store")
         os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+        os.lseek(descriptor, 0, os.SEEK_SET)
+        os.write(descriptor, str(os.getpid()).encode())
         return cls(descriptor)
 
     def release(self) -> None:
@@ -51,3 +52,9 @@ class StoreLock:
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
+
+
+def _content(descriptor: int) -> bytes:
+    """Return the start of the file: a process number has fewer digits."""
+    os.lseek(descriptor, 0, os.SEEK_SET)
+    return os.read(descriptor, 21)
