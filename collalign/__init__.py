@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collalign.stages.joint_bound import CertifyOptions
     from collalign.synchronization import synchronize
     from collalign.transfer import transfer_landmarks
+    from collalign.variation import write_surface_variation
 
 __version__ = version("collalign")
 
@@ -47,6 +48,7 @@ __all__ = [
     "match_shapes",
     "synchronize",
     "transfer_landmarks",
+    "write_surface_variation",
 ]
 
 #: Imported when first asked for: a worker process that needs one module of the package starts in a fifth of the time.
@@ -70,6 +72,7 @@ _HOMES = {
     "match_shapes": "collalign.nonrigid",
     "synchronize": "collalign.synchronization",
     "transfer_landmarks": "collalign.transfer",
+    "write_surface_variation": "collalign.variation",
 }
 
 

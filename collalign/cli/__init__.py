@@ -51,6 +51,7 @@ _COMMANDS = {
     "stability": ("collalign.cli.stability:stability", "Repeat an alignment otherwise and say which poses stay."),
     "certify": ("collalign.cli.certify:certify", "Prove how much cheaper any other arrangement could be at most."),
     "transfer": ("collalign.cli.transfer:transfer", "Carry landmarks of a few specimens to all others."),
+    "variation": ("collalign.cli.variation:variation", "Show how the surfaces vary: components, groups, specimens."),
     "view": ("collalign.cli.results:view", "Open a window with the aligned shapes."),
 }
 for _name, (_function, _help) in _COMMANDS.items():

@@ -163,3 +163,19 @@ def test_what_cannot_be_used_is_named(
         collalign.transfer_landmarks(result, {name: twice}, run=run)
     with pytest.raises(InputError, match="no landmark file"):
         collalign.transfer_landmarks(result, [], run=run)
+
+
+def test_the_variation_of_the_surfaces_is_shown(
+    result: Path, templates: list[Path], tmp_path: Path, run: collalign.RunOptions
+) -> None:
+    names = load_view(result).names
+    table = tmp_path / "labels.csv"
+    table.write_text("name,kind\n" + "".join(f"{name},{'ab'[at % 2]}\n" for at, name in enumerate(names)))
+    to = tmp_path / "variation"
+    words = ["variation", str(result), "--to", str(to), "--labels", str(table), "--landmarks", str(templates[0])]
+    assert main([*words, "--jobs", "1", "--store", str(run.store)]) == 0
+    rows = list(csv.DictReader((to / "scores.csv").open()))
+    assert [row["specimen"] for row in rows] == list(names)
+    assert {row["kind"] for row in rows} == {"a", "b"}
+    assert (to / "variation.html").stat().st_size < 2_000_000
+    assert "tip 3" in (to / "variation.html").read_text()

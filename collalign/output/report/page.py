@@ -7,6 +7,7 @@ import json
 import re
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -49,13 +50,34 @@ def render_report(view: CollectionView, *, title: str = "Aligned collection") ->
     """Return the report as HTML text."""
     shown = shown_part(view)
     document, blobs = build_content(shown)
+    version = str(view.versions.get("collalign", ""))
+    return render_page(title, _summary(view, shown.notes), document, blobs, version=version)
+
+
+def render_page(
+    title: str, summary: str, document: dict[str, Any], blobs: dict[str, str], *, version: str = ""
+) -> str:
+    """Return a page of the viewer as HTML text; which one it is, the document says.
+
+    Parameters
+    ----------
+    title : str
+    summary : str
+        HTML below the title.
+    document : dict
+        JSON types only.
+    blobs : dict of str to str
+        Base64 text by the element's id.
+    version : str
+        Of the toolkit, for the last line.
+    """
     elements = [_element("collalign-data", "application/json", _json_for_html(document))]
     elements += [_element(name, "text/plain", text) for name, text in blobs.items()]
     parts = {
         "title": html.escape(title),
         "style": _asset("viewer/style.css"),
-        "summary": _summary(view, shown.notes),
-        "version": html.escape(str(view.versions.get("collalign", ""))),
+        "summary": summary,
+        "version": html.escape(version),
         "data": "\n".join(elements),
         "script": _asset("viewer.min.js").replace("</script", "<\\/script"),
     }

@@ -20,8 +20,9 @@ export class Assets {
     return group;
   }
 
-  // A layer: { mesh, matrix, color, opacity, points (a colour or null per sample), surface }.
-  async objects({ mesh: id, matrix, color, opacity = 1, points, surface = true }) {
+  // A layer: { object }, made already, or { mesh, matrix, color, opacity, points (a colour or null per sample), surface }.
+  async objects({ object, mesh: id, matrix, color, opacity = 1, points, surface = true }) {
+    if (object) return [object];
     const mesh = await this.collection.mesh(id);
     const out = [];
     if (surface) {

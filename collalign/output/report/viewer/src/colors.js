@@ -4,6 +4,7 @@ import { Color, SRGBColorSpace } from "three";
 
 const OKABE_ITO = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#b5a800", "#7a5195"];
 const VIRIDIS = ["#440154", "#482878", "#3e4989", "#31688e", "#26828e", "#1f9e89", "#35b779", "#6ece58", "#b5de2b", "#fde725"];
+const DIVERGING = ["#2166ac", "#67a9cf", "#d1e5f0", "#f7f7f7", "#fddbc7", "#ef8a62", "#b2182b"];
 export const BONE = "#d9c8a5";
 export const GREY = "#a9b0b8";
 
@@ -14,8 +15,17 @@ export function categorical(at) {
   return `#${new Color().setHSL(hue, 0.55, at % 2 ? 0.45 : 0.6, SRGBColorSpace).getHexString()}`;
 }
 
-export function viridis(share) {
-  const at = Math.min(1, Math.max(0, share)) * (VIRIDIS.length - 1);
-  const low = Math.min(VIRIDIS.length - 2, Math.floor(at));
-  return new Color(VIRIDIS[low]).lerp(new Color(VIRIDIS[low + 1]), at - low);
+function ramp(stops) {
+  const colors = stops.map((stop) => new Color(stop));
+  return (share) => {
+    const at = Math.min(1, Math.max(0, share)) * (stops.length - 1);
+    const low = Math.min(stops.length - 2, Math.floor(at));
+    return colors[low].clone().lerp(colors[low + 1], at - low);
+  };
 }
+
+export const viridis = ramp(VIRIDIS);
+
+// From blue (0) over white (one half) to red (1).
+export const diverging = ramp(DIVERGING);
+export const DIVERGING_CSS = `linear-gradient(90deg, ${DIVERGING.join(", ")})`;

@@ -13,7 +13,7 @@ async function inflate(id) {
   return new Response(stream).arrayBuffer();
 }
 
-async function unpack(id, fields) {
+export async function unpack(id, fields) {
   const buffer = await inflate(id);
   const arrays = {};
   let at = 0;

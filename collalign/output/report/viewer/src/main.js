@@ -12,6 +12,8 @@ import { gallerySection } from "./gallery.js";
 import { mapSection } from "./shape_map.js";
 import { pairDialog, shapeDialog } from "./dialogs.js";
 import { pairsSection } from "./matrix.js";
+import { VARIATION_SECTIONS } from "./variation.js";
+import { loadVariation } from "./variation_data.js";
 
 const SECTIONS = [
   ["gallery", "Gallery", gallerySection],
@@ -47,8 +49,8 @@ function spinButton(stage) {
   return box;
 }
 
-function build(app, main) {
-  for (const [id, title, make] of SECTIONS) {
+function build(sections, app, main) {
+  for (const [id, title, make] of sections) {
     const section = el("section", { id, "aria-labelledby": `${id}-title` }, el("h2", { id: `${id}-title` }, title));
     main.append(section);
     try {
@@ -62,21 +64,38 @@ function build(app, main) {
 
 async function start() {
   const collection = new Collection();
+  const main = document.querySelector("main");
+  const nav = document.querySelector("nav");
+  if (collection.kind === "variation") await startVariation(collection, main, nav);
+  else await startReport(collection, main, nav);
+  document.documentElement.dataset.ready = "yes";
+}
+
+async function startVariation(collection, main, nav) {
+  const stage = new Stage(collection);
+  const app = { collection, stage, variation: await loadVariation(collection) };
+  furnish(VARIATION_SECTIONS, app, main, nav);
+}
+
+async function startReport(collection, main, nav) {
   await collection.loadPairs();
   const stage = new Stage(collection);
   const app = { collection, stage, corrections: new Corrections(collection), overlay: new Overlay(collection), galleryTiles: [], showPoints: false };
   app.openPair = pairDialog(app);
   app.openShape = shapeDialog(app);
-  const main = document.querySelector("main");
-  const nav = document.querySelector("nav");
-  nav.append(...SECTIONS.map(([id, title]) => el("a", { href: `#${id}` }, title)), el("span", { class: "push" }), button("Reset view", () => stage.resetView()), spinButton(stage), themeButton());
+  furnish(SECTIONS, app, main, nav);
+  main.append(correctionBar(app.corrections, collection));
+  app.overlay.set(app.overlay.presets()[0][2]);
+}
+
+// The line at the top and all sections.
+function furnish(sections, app, main, nav) {
+  const { stage } = app;
+  nav.append(...sections.map(([id, title]) => el("a", { href: `#${id}` }, title)), el("span", { class: "push" }), button("Reset view", () => stage.resetView()), spinButton(stage), themeButton());
   if (!stage.works) {
     main.append(el("p", { class: "problem", role: "alert" }, "This browser offers no WebGL, so shapes cannot be drawn; tables and charts are complete. Another browser, or hardware acceleration in the settings, will show them."));
   }
-  build(app, main);
-  main.append(correctionBar(app.corrections, collection));
-  app.overlay.set(app.overlay.presets()[0][2]);
-  document.documentElement.dataset.ready = "yes";
+  build(sections, app, main);
 }
 
 start().catch((error) => {

@@ -49,8 +49,9 @@ export class Stage {
   }
 
   // Show on `canvas` what the (possibly asynchronous) `layers` returns; turning one canvas turns all, unless `turn` takes the turns.
-  add(canvas, layers, { zoomable = false, handle = canvas, turn = null } = {}) {
-    const tile = { canvas, layers, zoom: 1, dirty: true, visible: false, group: null, loading: null };
+  // `annotate` writes on the canvas afterwards, given its 2D context and where a point (Vector3) is on it.
+  add(canvas, layers, { zoomable = false, handle = canvas, turn = null, annotate = null } = {}) {
+    const tile = { canvas, layers, annotate, zoom: 1, dirty: true, visible: false, group: null, loading: null };
     canvas.tile = tile;
     canvas.width = 0;
     this.tiles.add(tile);
@@ -174,6 +175,7 @@ export class Stage {
     const context = tile.canvas.getContext("2d");
     context.clearRect(0, 0, width, height);
     context.drawImage(renderer.domElement, 0, renderer.domElement.height - height, width, height, 0, 0, width, height);
+    tile.annotate?.(context, (point) => this.project(point, width, height), this.orientation);
     tile.dirty = false;
     tile.canvas.dataset.drawn = "yes";
   }
@@ -184,6 +186,13 @@ export class Stage {
     Object.assign(this.camera, { left: -x, right: x, top: y, bottom: -y });
     this.camera.updateProjectionMatrix();
     this.root.quaternion.copy(this.orientation);
+  }
+
+  // Where a point of the scene is on a canvas, as aimed last.
+  project(point, width, height) {
+    const { x, y } = point.clone().applyQuaternion(this.orientation);
+    const { left, right, top, bottom } = this.camera;
+    return [((x - left) / (right - left)) * width, ((top - y) / (top - bottom)) * height];
   }
 
   // Two renderers, because copying from a large one costs its whole size even for a small canvas.

@@ -1,0 +1,49 @@
+"""``collalign variation``: how the surfaces of a result vary, as a page, meshes, tables and a figure."""
+
+from __future__ import annotations
+
+from dataclasses import replace as with_changes
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from collalign.analysis.label_table import read_labels
+from collalign.cli.interruption import resumable
+from collalign.engine.options import RunOptions
+from collalign.engine.store.layout import STORE_FILE
+from collalign.output.evidence.file import load_view
+from collalign.output.variation.write import PAGE_FILE
+from collalign.variation import write_surface_variation
+
+
+def variation(
+    result: Path,
+    *,
+    to: Path,
+    labels: Path | None = None,
+    landmarks: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
+    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+) -> int:
+    """Show how the surfaces of a result vary: principal components, groups, every specimen against the mean.
+
+    Parameters
+    ----------
+    result
+        Folder that ``collalign align`` wrote.
+    to
+        Folder for variation.html, meshes with offsets from the mean, scores, distances and a figure.
+    labels
+        CSV file with one row per shape; every column is one way to group.
+    landmarks
+        Landmark files (.mrk.json, .fcsv, .csv), each called like the shape it belongs to, to be numbered on the mean.
+    """
+    view = load_view(result)
+    columns = None if labels is None else read_labels(labels).columns_for(view.names)
+    store = run.store or result / STORE_FILE
+    with resumable(store):
+        write_surface_variation(
+            result, to, labels=columns, landmarks=landmarks or (), run=with_changes(run, store=store)
+        )
+    print(to / PAGE_FILE)
+    return 0

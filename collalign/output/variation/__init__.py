@@ -1,0 +1,1 @@
+"""What varies in a collection of surfaces: one page to look at, meshes, tables and a figure."""

@@ -1,0 +1,161 @@
+"""Writes the page, the meshes, the tables and the figure of a collection's shape variation."""
+
+from __future__ import annotations
+
+import html
+import io
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from collalign.analysis.surface_variation import NUM_COMPONENTS, SurfaceVariation, group_means, signed_offsets
+from collalign.output.report.page import render_page
+from collalign.output.variation.content import build_variation
+from collalign.output.variation.scalar_ply import write_scalar_ply
+from data_tools.arrays import FloatArray
+from data_tools.io.csv_cells import csv_text
+from data_tools.io.files import write_atomic
+from data_tools.io.output_folder import OutputFolder, file_stems
+
+PAGE_FILE, SCORES_FILE, DISTANCES_FILE = "variation.html", "scores.csv", "distances.csv"
+FIGURE_STEM = "morphospace"
+#: Of the surfaces drawn along a component.
+DEVIATIONS = 2.0
+_WRITER = "variation"
+
+
+def write_variation(
+    variation: SurfaceVariation,
+    to: Path,
+    inputs: Iterable[Path],
+    *,
+    columns: dict[str, tuple[str, ...]],
+    landmarks: tuple[tuple[str, ...], FloatArray],
+    version: str = "",
+) -> tuple[Path, ...]:
+    """Write everything into a folder and return the paths, the page first.
+
+    Parameters
+    ----------
+    variation : SurfaceVariation
+    to : Path
+    inputs : iterable of Path
+        Files and folders that were read, which must not lie in the folder.
+    columns : dict of str to tuple of str
+        Labels of the shapes.
+    landmarks : (names, points)
+        On the mean, see :func:`collalign.output.variation.content.build_variation`.
+    version : str
+        Of the toolkit, for the page's last line.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written or files of somebody else's are in the way.
+    """
+    with OutputFolder.open(to, writer=_WRITER, inputs=inputs) as output:
+        document, blobs = build_variation(variation, columns, landmarks)
+        page = render_page("Shape variation", _summary(variation), document, blobs, version=version)
+        write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
+        write_atomic(output.stage(SCORES_FILE), csv_text(score_rows(variation, columns)).encode())
+        write_atomic(output.stage(DISTANCES_FILE), csv_text(distance_rows(variation)).encode())
+        _write_meshes(variation, columns, output)
+        for ending in ("svg", "png"):
+            first = next(iter(columns.values()), ("",) * len(variation.names))
+            write_atomic(output.stage(f"{FIGURE_STEM}.{ending}"), morphospace(variation, first, ending))
+        return output.publish(last=PAGE_FILE, complete=True)
+
+
+def _summary(variation: SurfaceVariation) -> str:
+    shares = variation.components.shares
+    facts = [
+        (str(len(variation.names)), "surfaces in correspondence"),
+        (str(len(variation.mean)), "points on each"),
+        *((f"{100 * share:.0f} %", f"of the variance on component {at}") for at, share in enumerate(shares[:3], 1)),
+    ]
+    items = "".join(f"<li><strong>{value}</strong>{html.escape(words)}</li>" for value, words in facts)
+    return f'<ul class="facts">{items}</ul>'
+
+
+def score_rows(variation: SurfaceVariation, columns: dict[str, tuple[str, ...]]) -> list[list[str]]:
+    """Return a row per specimen: labels, centroid size, scores on the components (lengths in radii of the mean)."""
+    count = min(NUM_COMPONENTS, len(variation.components.shares))
+    rows = [["specimen", *columns, "centroid_size", *(f"PC{at}" for at in range(1, count + 1))]]
+    for at, name in enumerate(variation.names):
+        numbers = [variation.centroid_sizes[at], *variation.components.scores[at, :count]]
+        rows.append([name, *(values[at] for values in columns.values()), *(repr(float(x)) for x in numbers)])
+    return rows
+
+
+def distance_rows(variation: SurfaceVariation) -> list[list[str]]:
+    """Return the root mean square distances of corresponding points of every two superimposed shapes."""
+    flat = variation.shapes.reshape(len(variation.names), -1)
+    squares = (flat**2).sum(axis=1)
+    gaps = np.maximum(squares[:, None] + squares - 2 * flat @ flat.T, 0.0) / len(variation.mean)
+    np.fill_diagonal(gaps, 0.0)
+    rows = [["", *variation.names]]
+    return rows + [
+        [name, *(repr(float(x)) for x in row)] for name, row in zip(variation.names, np.sqrt(gaps), strict=True)
+    ]
+
+
+def _write_meshes(variation: SurfaceVariation, columns: dict[str, tuple[str, ...]], output: OutputFolder) -> None:
+    """Write the mean, both ends of each component, group means and specimens, with offsets from the mean."""
+
+    def write(folder: str, stem: str, vertices: FloatArray) -> None:
+        offset = signed_offsets(variation.mean, variation.faces, vertices)
+        write_scalar_ply(output.stage(folder, f"{stem}.ply"), vertices, variation.faces, {"offset": offset})
+
+    write("components", "mean", variation.mean)
+    for at in range(min(NUM_COMPONENTS, len(variation.components.shares))):
+        for side, sign in (("low", -1), ("high", 1)):
+            write("components", f"PC{at + 1}-{side}", variation.components.shape_at(at, sign * DEVIATIONS))
+    means = {
+        f"{column}-{kind}": mean
+        for column, values in columns.items()
+        for kind, mean in group_means(variation.shapes, values).items()
+    }
+    for stem, mean in zip(file_stems(means), means.values(), strict=True):
+        write("groups", stem, mean)
+    for stem, shape in zip(file_stems(variation.names), variation.shapes, strict=True):
+        write("specimens", stem, shape)
+
+
+def morphospace(variation: SurfaceVariation, labels: tuple[str, ...], ending: str) -> bytes:
+    """Draw the scores on the first two components, with a convex hull for every label."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    scores, shares = variation.components.scores, variation.components.shares
+    second = scores[:, 1] if scores.shape[1] > 1 else np.zeros(len(scores))
+    places = np.column_stack([scores[:, 0], second])
+    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    for number, kind in enumerate(sorted(set(labels))):
+        members = places[[label == kind for label in labels]]
+        color = "0.55" if not kind else f"C{number % 10}"
+        axes.plot(*members.T, "o", ms=4, color=color, label=kind or None)
+        if kind and len(members) > 2:
+            axes.fill(*members[_hull(members)].T, alpha=0.12, color=color)
+    if any(labels):
+        axes.legend(fontsize=7)
+    axes.set_aspect("equal")
+    axes.set_xlabel(f"PC1 ({100 * shares[0]:.0f} %)")
+    axes.set_ylabel(f"PC2 ({100 * shares[1]:.0f} %)" if len(shares) > 1 else "")
+    image = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "collalign"}):
+        figure.savefig(image, format=ending, metadata={"Date": None} if ending == "svg" else {"Software": None})
+    return image.getvalue()
+
+
+def _hull(points: FloatArray) -> list[int]:
+    """Corners of the convex hull in order; all points where they lie on a line."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return list(ConvexHull(points).vertices)
+    except QhullError:
+        return list(range(len(points)))

@@ -1,0 +1,109 @@
+"""How the surfaces of an aligned collection vary, and the files that show it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from collalign.analysis.surface_variation import SurfaceVariation, surface_variation
+from collalign.dense import dense_correspondence
+from collalign.engine.options import RunOptions
+from collalign.engine.session import ProgressFactory
+from collalign.landmarks.carry import template
+from collalign.output.evidence.file import load_view
+from collalign.output.variation.write import write_variation
+from collalign.products.dense import DenseCorrespondence
+from collalign.transfer import read_templates, template_points
+from data_tools.arrays import FloatArray
+from data_tools.io.landmarks import Landmarks
+from data_tools.threads import one_blas_thread
+
+
+@one_blas_thread()
+def write_surface_variation(
+    result: str | Path,
+    to: str | Path,
+    *,
+    labels: Mapping[str, Sequence[str]] | None = None,
+    landmarks: Mapping[str, Landmarks] | Sequence[str | Path] = (),
+    run: RunOptions | None = None,
+    progress: ProgressFactory | bool = True,
+) -> SurfaceVariation:
+    """Show how the surfaces of a result vary: one page, meshes, tables and a figure.
+
+    Parameters
+    ----------
+    result : path
+        Folder that ``collalign align`` wrote.
+    to : path
+        Folder for ``variation.html`` and the rest.
+    labels : mapping of str to sequence of str, optional
+        Columns of labels, one per shape of the result and "" where unknown; by default those the result came with.
+    landmarks : mapping of name to Landmarks, or sequence of path
+        Of some specimens, to be numbered on the mean.
+    run : RunOptions, optional
+        With a store, finished registrations are kept.
+    progress : bool or callable
+        As in :func:`collalign.align_collection`.
+
+    Returns
+    -------
+    SurfaceVariation
+        Principal components of the surfaces in dense correspondence, see :func:`collalign.dense_correspondence`.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no result, or files of somebody else's are in the way.
+    CollectionError
+        If fewer than two shapes can be registered.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = write_collection(folder + "/shapes", demo_collection(num=3, resolution=1))
+    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
+    ...     found = collalign.write_surface_variation(folder + "/result", folder + "/variation", progress=False)
+    >>> found.components.scores.shape
+    (3, 2)
+    """
+    view = load_view(result)
+    dense = dense_correspondence(result, run=run, progress=progress)
+    found = surface_variation(dense.names, dense.faces, dense.vertices)
+    rows = [view.index(name) for name in dense.names]
+    columns = {
+        column: tuple(values[at] for at in rows)
+        for column, values in (view.labels if labels is None else labels).items()
+    }
+    marked: tuple[tuple[str, ...], FloatArray] = ((), np.empty((0, 3)))
+    if landmarks:
+        given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks)
+        names, known = template_points(view, given)
+        posed = {name: _posed(view.transforms[view.index(name)], points) for name, points in known.items()}
+        marked = names, _on_mean(dense, found.mean, posed)
+    inputs = [] if isinstance(landmarks, Mapping) else [Path(path) for path in landmarks]
+    version = str(view.versions.get("collalign", ""))
+    write_variation(found, Path(to), inputs, columns=columns, landmarks=marked, version=version)
+    return found
+
+
+def _posed(transform: FloatArray, points: FloatArray) -> FloatArray:
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
+
+
+def _on_mean(dense: DenseCorrespondence, mean: FloatArray, known: Mapping[str, FloatArray]) -> FloatArray:
+    """Return the mean place of every landmark on the mean surface, over the specimens that have it, shape (l, 3)."""
+    places = []
+    for name, points in known.items():
+        if name in dense.names:
+            row = dense.names.index(name)
+            found = template(row, points, dense.vertices[row], dense.faces, np.inf)
+            places.append(np.where(np.isfinite(found.offsets), found.places.on(mean), np.nan))
+    stacked = np.array(places).reshape(len(places), -1, 3)
+    there = np.isfinite(stacked)
+    total = np.where(there, stacked, 0.0).sum(axis=0)
+    return np.asarray(np.where(there.any(axis=0), total / np.maximum(there.sum(axis=0), 1), np.nan))
