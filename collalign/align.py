@@ -26,6 +26,7 @@ from collalign.stages.evidence.rivals import try_rivals
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.incomplete.add import with_incomplete
 from collalign.stages.incomplete.detect import MIN_SHAPES, find_incomplete, told_incomplete
+from collalign.stages.incomplete.grow import align_scans
 from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs
 from collalign.stages.pairs.match import match_pairs, num_reused_pairs
 from collalign.stages.poses.agreement import resolve_pairs, with_common_match
@@ -133,6 +134,10 @@ def align_listing(
         constraints = _constraints(shapes, session.options, fixed, fixed_transforms or {})
     skipped = tuple(readable_name(path) for path in listing.skipped)
     missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
+    if len(missing) == len(shapes.names):
+        outline = _align_shapes(session, shapes, constraints, times_s, former)
+        scans = align_scans(_with_group(session, outline.group), shapes, outline, missing, constraints)
+        return replace(scans, skipped=skipped)
     aligned = _align_others(session, shapes, constraints, times_s, missing, former)
     if not missing and session.options.incomplete == AUTO:
         missing, aligned = _without_found(session, shapes, constraints, times_s, aligned, former)

@@ -25,8 +25,8 @@ Synchronizer = Literal["robust", "spectral"]
 Gauge = Literal["reference", "axes"]
 #: Whether non-rigid maps help to choose the poses.
 Maps = Literal["auto", "always", "never"]
-#: Values of ``AlignOptions.incomplete`` that name no shapes.
-AUTO, NEVER = "auto", "never"
+#: Values of ``AlignOptions.incomplete`` that name no shapes, and the one that means every shape.
+AUTO, NEVER, ALL = "auto", "never", "all"
 #: Whether the common frame keeps the sizes of the shapes.
 Scaling = Literal["similarity", "rigid"]
 
@@ -97,8 +97,9 @@ class AlignOptions:
     pair, and need meshes."""
 
     incomplete: str = AUTO
-    """Shapes of which parts are missing: their names, separated by commas; never, or auto for those that turn out to
-    be a part of what the others are. They are posed on the complete ones by what has a counterpart there."""
+    """Shapes of which parts are missing: their names, separated by commas; never, all (scans from several sides), or
+    auto for those beyond whose rim the others go on. They are posed on the complete ones, or where there is none on
+    each other, by what has a counterpart there."""
 
     refine: bool = True
     """Refine the poses on dense samples (``sampling.num_dense_points``) after synchronization."""

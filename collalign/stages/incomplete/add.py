@@ -120,7 +120,7 @@ def _merged(
         transforms[i, :3, :3] = record["scales"][0] * record["turns"][0]
         transforms[i, :3, 3] = record["shifts"][0]
         confidence[i] = pose_certainty(record)
-        alternatives[i] = _alternatives(record)
+        alternatives[i] = alternatives_of(record)
     positions = common_positions(samples, transforms)
     labels = np.full((num, complete.maps.labels.shape[1]), -1, dtype=np.int64)
     labels[at] = complete.maps.labels
@@ -128,18 +128,12 @@ def _merged(
         labels[i] = nearest_labels(positions[i], complete.consensus)
     pairs = [replace(pair, target=int(at[pair.target]), source=int(at[pair.source])) for pair in complete.pairs]
     for i, record in found.items():
-        pairs.extend(_pairs(i, record, partners[partners != i], rotations, labels))
+        pairs.extend(incomplete_pairs(i, record, partners[partners != i], rotations, labels))
     parts = [at[part] for part in complete.parts]
     largest = max(range(len(parts)), key=lambda n: len(parts[n]))
     parts[largest] = np.sort(np.concatenate([parts[largest], np.array(sorted(found), dtype=np.int64)]))
     incomplete = tuple(
-        Incomplete(
-            shape=i,
-            reason=reasons[i],
-            partners=read_only(partners[partners != i]),
-            overlaps=read_only(record["overlaps"]),
-        )
-        for i, record in found.items()
+        incomplete_record(i, record, reasons[i], partners[partners != i]) for i, record in found.items()
     )
     return replace(
         complete,
@@ -176,7 +170,14 @@ def _vertex_maps(maps: VertexMaps | None, without: Sequence[str]) -> VertexMaps 
     return replace(maps, left_out=(*maps.left_out, *((name, "it is incomplete") for name in without)))
 
 
-def _alternatives(record: Record) -> tuple[Alternative, ...]:
+def incomplete_record(i: int, record: Record, reason: str, partners: IntArray) -> Incomplete:
+    """Return what is known of an incomplete shape."""
+    return Incomplete(
+        shape=i, reason=reason, partners=read_only(partners), overlaps=read_only(np.array(record["overlaps"]))
+    )
+
+
+def alternatives_of(record: Record) -> tuple[Alternative, ...]:
     """Return the rivals of a pose, the likeliest first."""
     energies = np.log(record["energies"]).mean(axis=1)
     apart = np.nan_to_num(rotation_angle_deg(record["turns"], record["turns"][0]), nan=180.0) > AGREEMENT_DEG
@@ -186,7 +187,9 @@ def _alternatives(record: Record) -> tuple[Alternative, ...]:
     )
 
 
-def _pairs(i: int, record: Record, partners: IntArray, rotations: FloatArray, labels: IntArray) -> list[Pair]:
+def incomplete_pairs(
+    i: int, record: Record, partners: IntArray, rotations: FloatArray, labels: IntArray
+) -> list[Pair]:
     """Return the pairs of an incomplete shape: what each partner asks for alone, and the map at the common poses."""
     pairs = []
     for n, partner in enumerate(partners[: len(record["proposed"])].tolist()):

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from collalign.options import AUTO, NEVER, AlignOptions
+from collalign.options import ALL, AUTO, NEVER, AlignOptions
 from collalign.products.collection import Collection
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
@@ -46,6 +46,8 @@ def told_incomplete(options: AlignOptions, names: Sequence[str], found: Iterable
     """
     if options.incomplete in (AUTO, NEVER):
         return {names.index(name): FOUND for name in sorted(found)}
+    if options.incomplete == ALL:
+        return dict.fromkeys(range(len(names)), TOLD)
     asked = [name.strip() for name in options.incomplete.split(",") if name.strip()]
     unknown = sorted(set(asked) - set(names))
     if unknown:

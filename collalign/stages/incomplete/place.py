@@ -75,7 +75,7 @@ def place_shape(task: PlaceTask, shared: SharedTable) -> Record:
         for i, transform in zip(task.partners, task.transforms, strict=True)
     ]
     if task.fixed_transform is not None:
-        return _record(targets, source, _pose_of(task.fixed_transform), np.zeros((0, 1, 3, 3)), np.zeros((0, 1)))
+        return pose_record(targets, source, pose_of(task.fixed_transform), np.zeros((0, 1, 3, 3)), np.zeros((0, 1)))
     alone = [
         match_partial(
             target,
@@ -93,16 +93,16 @@ def place_shape(task: PlaceTask, shared: SharedTable) -> Record:
         shifts=np.stack([pose.translation for pose in every]),
     )
     padded = [[*asked, *[asked[0]] * (NUM_PROPOSED - len(asked))] for asked in alone]
-    return _record(
+    return pose_record(
         targets,
         source,
-        _on_all(targets, source, proposed, task),
+        settle(targets, source, proposed, estimate_scale=task.estimate_scale, fixed=task.fixed),
         np.array([[pose.R_target_source for pose in asked] for asked in padded]),
         np.array([[pose.energy for pose in asked] for asked in padded]),
     )
 
 
-def _pose_of(transform: FloatArray) -> Poses:
+def pose_of(transform: FloatArray) -> Poses:
     """Return a transform (4, 4) as a pose."""
     scale = float(np.cbrt(abs(np.linalg.det(transform[:3, :3]))))
     return Poses(
@@ -110,7 +110,7 @@ def _pose_of(transform: FloatArray) -> Poses:
     )
 
 
-def _record(
+def pose_record(
     targets: Sequence[PartialSurface],
     source: PartialSurface,
     poses: Poses,
@@ -130,21 +130,39 @@ def _record(
     }
 
 
-def _on_all(targets: Sequence[PartialSurface], source: PartialSurface, proposed: Poses, task: PlaceTask) -> Poses:
-    """Return the proposed poses that fit all targets best, refined on all, the best first."""
+def settle(
+    targets: Sequence[PartialSurface],
+    source: PartialSurface,
+    proposed: Poses,
+    *,
+    estimate_scale: bool,
+    fixed: FloatArray | None = None,
+) -> Poses:
+    """Return the proposed poses that fit all targets best, refined on all, the best first.
+
+    Parameters
+    ----------
+    targets : sequence of PartialSurface
+        In one frame.
+    source : PartialSurface
+    proposed : Poses
+    estimate_scale : bool
+    fixed : ndarray, shape (3, 3), optional
+        A rotation that stays.
+    """
     radius = float(np.mean([target.radius for target in targets]))
-    ranges = [scales_allowed(target, source, estimate_scale=task.estimate_scale) for target in targets]
+    ranges = [scales_allowed(target, source, estimate_scale=estimate_scale) for target in targets]
     scale_range = min(low for low, _ in ranges), max(high for _, high in ranges)
-    if task.fixed is not None:
-        apart = np.nan_to_num(rotation_angle_deg(proposed.turns, task.fixed), nan=180.0)
+    if fixed is not None:
+        apart = np.nan_to_num(rotation_angle_deg(proposed.turns, fixed), nan=180.0)
         kept = np.argsort(apart, kind="stable")[:NUM_REFINED]
         proposed = Poses(
-            turns=np.tile(task.fixed, (len(kept), 1, 1)), scales=proposed.scales[kept], shifts=proposed.shifts[kept]
+            turns=np.tile(fixed, (len(kept), 1, 1)), scales=proposed.scales[kept], shifts=proposed.shifts[kept]
         )
     else:
         energies = energies_on(targets, source, proposed, NUM_POINTS[1])
         proposed = proposed[distinct(proposed, np.log(energies).mean(axis=1), NUM_REFINED, radius)]
-    poses = refine(targets, source, proposed, scale_range=scale_range, hold_turns=task.fixed is not None)
+    poses = refine(targets, source, proposed, scale_range=scale_range, hold_turns=fixed is not None)
     energies = energies_on(targets, source, poses, NUM_POINTS[2])
     return poses[distinct(poses, np.log(energies).mean(axis=1), NUM_REFINED, radius)]
 
@@ -159,9 +177,8 @@ def energies_on(
 def pose_certainty(record: Record) -> float:
     """Return how probable the best pose is against its rivals, by the partners that prefer it.
 
-    Each partner compares both by the logarithm of its energies; the mean of the differences over its standard error
-    says how far from chance the preference is, and the least certain rival counts. The share of right poses at this
-    statistic was fitted, see :data:`SLOPE`.
+    Each partner compares both by the logarithm of its energies, and the rival with the least mean difference counts.
+    The log odds grow with it by :data:`SLOPE`, which nothing was fitted to: they order poses, and are no chances.
     """
     turns, energies = np.asarray(record["turns"]), np.log(np.asarray(record["energies"]))
     apart = np.nan_to_num(rotation_angle_deg(turns, turns[0]), nan=180.0) > RIVAL_DEG

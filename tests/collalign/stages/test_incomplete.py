@@ -12,6 +12,7 @@ import pytest
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
 from collalign.collection import AlignedCollection
 from collalign.stages.incomplete.detect import find_incomplete, told_incomplete
+from collalign.stages.incomplete.grow import common_points
 from collalign.stages.incomplete.place import nearest_labels, pose_certainty
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, crown
@@ -172,3 +173,32 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path: Path, monke
     open_ones = align_collection(clouds, options=replace(OPTIONS, incomplete="never"), progress=False)
     assert len(find_incomplete(samples, open_ones)) == 5
     assert find_incomplete(samples, replace(open_ones, search_gain=0.0)) == {}
+
+
+def test_parts_of_which_none_is_whole_are_put_together(tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    whole = blob(rng, num_vertices=700)
+    turns = np.stack([random_rotation(rng) for _ in range(3)])
+    for number, (turn, side) in enumerate(zip(turns, np.eye(3), strict=True)):
+        write_mesh(tmp_path / f"scan{number}.ply", moved(cut(whole, side, 0.3), turn, 1.0, rng.standard_normal(3)))
+    options = replace(OPTIONS, incomplete="all", scaling="rigid")
+    aligned = align_collection(tmp_path, options=options, progress=False)
+    assert errors_deg(aligned, turns).max() < 5
+    assert len(aligned.incomplete) == 3
+    assert (aligned.maps.labels >= 0).mean() > 0.6
+    assert aligned.maps.labels.max() < len(aligned.consensus)
+    shared = [len(set(aligned.maps.labels[i]) & set(aligned.maps.labels[j])) for i, j in ((0, 1), (0, 2), (1, 2))]
+    assert min(shared) >= 6
+    with pytest.raises(InputError, match="none of which is complete"):
+        align_collection(tmp_path, options=options, fixed={"scan0": np.eye(3)}, progress=False)
+
+
+def test_points_that_stand_for_all_samples_lie_apart() -> None:
+    rng = np.random.default_rng(0)
+    positions = rng.random((3, 30, 3))
+    universe = common_points(positions)
+    spacing = np.median([np.sort(np.linalg.norm(p[:, None] - p, axis=2), axis=1)[:, 1] for p in positions])
+    gaps = np.linalg.norm(universe[:, None] - universe, axis=2) + 9.0 * np.eye(len(universe))
+    assert gaps.min() > spacing
+    far = np.linalg.norm(positions.reshape(-1, 1, 3) - universe, axis=2).min(axis=1)
+    assert far.max() <= spacing

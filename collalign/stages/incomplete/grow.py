@@ -1,0 +1,244 @@
+"""Aligns shapes of which none is complete, such as scans from several sides: every pair, a tree, then each on all.
+
+Every two shapes propose poses. A spanning tree of the pairs of least energy (those that overlap most) gives a first
+pose of each; then every shape in turn takes that of all its pairs' proposals which fits all others best, and is
+refined on them, so that a wrong pair of the tree does not stay.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import networkx as nx
+import numpy as np
+
+from collalign.engine.jobs.table import SharedTable
+from collalign.engine.store.records import Record
+from collalign.options import AlignSession
+from collalign.products.collection import ConsistentMaps
+from collalign.products.shapes import Constraints, Shapes
+from collalign.stages.incomplete.add import (
+    CollectionT,
+    alternatives_of,
+    incomplete_note,
+    incomplete_pairs,
+    incomplete_record,
+)
+from collalign.stages.incomplete.place import (
+    NUM_PROPOSED,
+    nearest_labels,
+    pose_certainty,
+    pose_of,
+    pose_record,
+    settle,
+)
+from collalign.stages.incomplete.surfaces import posed_points, prepare_points
+from collalign.stages.poses.placement import common_positions
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.errors import InputError
+from data_tools.threads import one_blas_thread
+from pairwise.partial.match import match_partial
+from pairwise.partial.poses import Poses
+
+#: How often every shape is posed on all others.
+NUM_SWEEPS = 3
+#: More shapes without a complete one among them would take all pairs of them too long.
+MOST_SHAPES = 40
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanTask:
+    """What a worker needs to match two shapes; their surfaces come from the shared table, by position."""
+
+    target: int
+    source: int
+    group: str
+    estimate_scale: bool
+
+
+@one_blas_thread()
+def match_scans(task: ScanTask, shared: SharedTable) -> Record:
+    """Return ``transforms`` (m, 4, 4) of the source's file coordinates to the target's, and ``energies`` (m,)."""
+    found = match_partial(
+        posed_points(shared[str(task.target)], str(task.target)),
+        posed_points(shared[str(task.source)], str(task.source)),
+        group=task.group,
+        estimate_scale=task.estimate_scale,
+        num_candidates=NUM_PROPOSED,
+    )
+    transforms = np.tile(np.eye(4), (len(found), 1, 1))
+    transforms[:, :3, :3] = [pose.scale * pose.R_target_source for pose in found]
+    transforms[:, :3, 3] = [pose.translation for pose in found]
+    return {"transforms": transforms, "energies": np.array([pose.energy for pose in found])}
+
+
+def align_scans(
+    session: AlignSession,
+    shapes: Shapes,
+    outline: CollectionT,
+    reasons: Mapping[int, str],
+    constraints: Constraints,
+) -> CollectionT:
+    """Return the collection of shapes none of which is complete.
+
+    Parameters
+    ----------
+    session : Session
+        Its group is decided.
+    shapes : Shapes
+    outline : Collection
+        The same shapes aligned as if they were complete, of which all that depends on poses is replaced.
+    reasons : mapping of int to str
+        Why each counts as incomplete.
+    constraints : Constraints
+
+    Raises
+    ------
+    InputError
+        If there are too many shapes, or poses are fixed.
+    """
+    num, start_s = len(shapes.names), time.perf_counter()
+    if num > MOST_SHAPES or constraints.fixed:
+        raise InputError(
+            "incomplete: poses of shapes none of which is complete are found together, for at most "
+            f"{MOST_SHAPES} shapes and without fixed poses"
+        )
+    estimate_scale = session.options.scaling == "similarity"
+    with prepare_points(session, shapes, range(num)) as table:
+        tasks = {
+            f"{i} {j}": ScanTask(target=i, source=j, group=session.options.group, estimate_scale=estimate_scale)
+            for i, j in itertools.combinations(range(num), 2)
+        }
+        found = session.spread("incomplete shapes", match_scans, tasks, shared=table)
+        records = {i: dict(table[str(i)]) for i in range(num)}
+    transforms, settled = _settled(records, found, constraints.reference, estimate_scale=estimate_scale)
+    transforms = _framed(shapes, transforms, session.options.scaling, constraints.reference)
+    merged = _collected(shapes, outline, transforms, settled, reasons)
+    times_s = outline.run.times_s | {"incomplete shapes": time.perf_counter() - start_s}
+    return replace(merged, run=replace(outline.run, times_s=times_s))
+
+
+def tree_transforms(found: Mapping[str, Record], num: int, root: int) -> FloatArray:
+    """Return poses (N, 4, 4) in the root's coordinates, along the tree of the pairs of least energy."""
+    graph = nx.Graph()
+    graph.add_nodes_from(range(num))
+    for key, record in found.items():
+        i, j = (int(word) for word in key.split())
+        graph.add_edge(i, j, weight=float(record["energies"][0]))
+    transforms = np.tile(np.eye(4), (num, 1, 1))
+    for parent, child in nx.bfs_edges(nx.minimum_spanning_tree(graph), root):
+        transforms[child] = transforms[parent] @ _relative(found, parent, child)[0]
+    return transforms
+
+
+def _relative(found: Mapping[str, Record], target: int, source: int) -> FloatArray:
+    """Return what a pair proposes, from source to target, shape (m, 4, 4)."""
+    if target < source:
+        return np.asarray(found[f"{target} {source}"]["transforms"])
+    return np.asarray(np.linalg.inv(found[f"{source} {target}"]["transforms"]))
+
+
+@one_blas_thread()
+def _settled(
+    records: Mapping[int, Record], found: Mapping[str, Record], root: int, *, estimate_scale: bool
+) -> tuple[FloatArray, dict[int, Record]]:
+    """Return poses in the root's coordinates, each the best on all others, and what is known of them."""
+    num = len(records)
+    transforms = tree_transforms(found, num, root)
+    settled: dict[int, Record] = {}
+    for sweep in range(NUM_SWEEPS):
+        posed = [posed_points(records[i], str(i), transforms[i]) for i in range(num)]
+        for i in range(num):
+            others = [j for j in range(num) if j != i]
+            proposed = [transforms[j] @ _relative(found, j, i) for j in others]
+            source, targets = posed_points(records[i], str(i)), [posed[j] for j in others]
+            poses = pose_of(transforms[i])
+            if i != root:
+                every = _poses(np.concatenate([transforms[i][None], *proposed]))
+                poses = settle(targets, source, every, estimate_scale=estimate_scale)
+            transforms[i, :3, :3] = poses.scales[0] * poses.turns[0]
+            transforms[i, :3, 3] = poses.shifts[0]
+            posed[i] = posed_points(records[i], str(i), transforms[i])
+            if sweep == NUM_SWEEPS - 1:
+                asked = [_poses(transforms[j] @ _relative(found, j, i)).turns for j in others]
+                energies = [found[f"{min(i, j)} {max(i, j)}"]["energies"] for j in others]
+                settled[i] = pose_record(targets, source, poses, _padded(asked), _padded(energies))
+    return transforms, settled
+
+
+def _padded(rows: list[FloatArray]) -> FloatArray:
+    """Return rows of different lengths as one array, filled up by what each starts with."""
+    most = max(len(row) for row in rows)
+    return np.stack([np.concatenate([row, np.repeat(row[:1], most - len(row), axis=0)]) for row in rows])
+
+
+def _poses(transforms: FloatArray) -> Poses:
+    """Return transforms (m, 4, 4) as poses."""
+    scales = np.cbrt(np.abs(np.linalg.det(transforms[:, :3, :3])))
+    turns = transforms[:, :3, :3] / scales[:, None, None]
+    return Poses(turns=turns, scales=scales, shifts=np.ascontiguousarray(transforms[:, :3, 3]))
+
+
+def _framed(shapes: Shapes, transforms: FloatArray, scaling: str, root: int) -> FloatArray:
+    """Return the poses with all samples centred, and of the root's normalised size unless sizes stay."""
+    framed = transforms.copy()
+    if scaling == "similarity":
+        framed[:, :3] /= shapes.samples[root].scale
+    framed[:, :3, 3] -= common_positions(shapes.samples, framed).mean(axis=(0, 1))
+    return framed
+
+
+def common_points(positions: FloatArray) -> FloatArray:
+    """Return points that stand for all samples (N, k, 3): those farther from all before than samples lie apart."""
+    every = positions.reshape(-1, 3)
+    gaps = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=3)
+    gaps[:, np.arange(gaps.shape[1]), np.arange(gaps.shape[1])] = np.inf
+    spacing, kept = float(np.median(gaps.min(axis=2))), [0]
+    for n in range(1, len(every)):
+        if np.linalg.norm(every[kept] - every[n], axis=1).min() > spacing:
+            kept.append(n)
+    return every[kept]
+
+
+def _collected(
+    shapes: Shapes,
+    outline: CollectionT,
+    transforms: FloatArray,
+    settled: Mapping[int, Record],
+    reasons: Mapping[int, str],
+) -> CollectionT:
+    """Return the outline with the new poses and all that follows from them."""
+    num, scales = len(shapes.names), np.cbrt(np.abs(np.linalg.det(transforms[:, :3, :3])))
+    rotations = transforms[:, :3, :3] / scales[:, None, None]
+    positions = common_positions(shapes.samples, transforms)
+    universe = common_points(positions)
+    labels = np.stack([nearest_labels(points, universe) for points in positions])
+    everyone: IntArray = np.arange(num)
+    pairs = [
+        pair
+        for i in range(num)
+        for pair in incomplete_pairs(i, settled[i], np.delete(everyone, i), rotations, labels)
+        if pair.target == i
+    ]
+    incomplete = tuple(
+        incomplete_record(i, settled[i], reasons.get(i, ""), np.delete(everyone, i)) for i in range(num)
+    )
+    return replace(
+        outline,
+        transforms=read_only(transforms),
+        rotations=read_only(rotations),
+        reflected=read_only(np.linalg.det(rotations) < 0),
+        confidence=read_only(np.array([pose_certainty(settled[i]) for i in range(num)])),
+        positions=read_only(positions),
+        maps=ConsistentMaps(names=shapes.names, labels=read_only(labels)),
+        consensus=read_only(universe),
+        pairs=tuple(pairs),
+        alternatives=tuple(alternatives_of(settled[i]) for i in range(num)),
+        parts=(read_only(everyone),),
+        notes=(incomplete_note(shapes.names, incomplete),),
+        trust=None,
+        incomplete=incomplete,
+    )
