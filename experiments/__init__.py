@@ -18,6 +18,7 @@ _FOLDERS = {
     "tosca": "maps",
     "shrec07_maps": "maps",
     "faust": "maps",
+    "consistent_maps": "maps",
     "theorem3": "figures",
     "figure13": "figures",
     "figure14": "figures",
