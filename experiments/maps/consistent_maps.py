@@ -30,8 +30,8 @@ SETS = {"centaur, 6": ("centaur", 6), "SCAPE, 20": ("scape", 20), "SCAPE, 71": (
 _ABOUT = f"""
 `collalign align FOLDER --deformable` on bodies in random poses: maps of all vertices between all shapes, through one
 of them. All meshes of a set share their vertices' order, which is used for evaluation alone. The error of a map is
-the mean geodesic distance from where {NUM_POINTS} random vertices should go, relative to the square root of the target's
-area; all ordered pairs count. A shape is *named* where a note says that its maps disagree.
+the mean geodesic distance from where {NUM_POINTS} random vertices should go, relative to the square root of the
+target's area; all ordered pairs count. A shape is *named* where a note says that its maps disagree.
 
 The weight of cycles against the evidence of a pair was set on SCAPE; that evidence is weighed as in the odds of
 poses, fitted on SHREC07. The centaur was looked at meanwhile, but nothing was chosen on it.
