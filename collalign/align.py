@@ -139,7 +139,7 @@ def align_listing(
         scans = align_scans(_with_group(session, outline.group), shapes, outline, missing, constraints)
         return replace(scans, skipped=skipped)
     aligned = _align_others(session, shapes, constraints, times_s, missing, former)
-    if not missing and session.options.incomplete == AUTO:
+    if not missing and session.options.incomplete == AUTO and session.options.clusters == 1:
         missing, aligned = _without_found(session, shapes, constraints, times_s, aligned, former)
     if missing:
         decided = _with_group(session, aligned.group)

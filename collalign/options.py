@@ -98,8 +98,9 @@ class AlignOptions:
 
     incomplete: str = AUTO
     """Shapes of which parts are missing: their names, separated by commas; never, all (scans from several sides), or
-    auto for those beyond whose rim the others go on. They are posed on the complete ones, or where there is none on
-    each other, by what has a counterpart there."""
+    auto for those beyond whose rim the others go on (not in folders that are split into clusters: what is of another
+    kind goes on elsewhere too). They are posed on the complete ones, or where there is none on each other, by what
+    has a counterpart there."""
 
     refine: bool = True
     """Refine the poses on dense samples (``sampling.num_dense_points``) after synchronization."""
