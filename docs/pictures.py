@@ -15,6 +15,8 @@ from collalign.cli import main as collalign_command
 from data_tools.rotations import random_rotation, rotation_angle_deg
 
 HERE = Path(__file__).resolve().parent
+#: Until the report has drawn what has come into view, in ms.
+_DRAWING_MS = 2500
 
 
 def contact_sheet() -> None:
@@ -22,6 +24,33 @@ def contact_sheet() -> None:
     with tempfile.TemporaryDirectory() as folder:
         collalign_command(["demo", "--out", folder])
         shutil.copy(Path(folder) / "aligned" / "contact_sheet.png", HERE / "contact_sheet.png")
+
+
+def correction() -> None:
+    """A pose replaced by hand in the report of the demonstration: gallery, poses of one shape, decisions."""
+    from playwright.sync_api import sync_playwright
+
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
+        collalign_command(["demo", "--out", folder])
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 900, "height": 700}, color_scheme="light")
+        page.goto((Path(folder) / "aligned" / "report.html").as_uri())
+        page.wait_for_selector("html[data-ready]", state="attached")
+        gallery = page.locator("section", has=page.locator(".tile")).first
+        gallery.scroll_into_view_if_needed()
+        page.wait_for_timeout(_DRAWING_MS)
+        gallery.screenshot(path=HERE / "howto" / "correction-gallery.png")
+        page.locator(".tile").first.click()
+        page.wait_for_timeout(_DRAWING_MS)
+        page.get_by_role("button", name="Use this pose").first.click()
+        page.locator("dialog[open] figure").nth(5).scroll_into_view_if_needed()
+        page.wait_for_timeout(_DRAWING_MS)
+        page.locator("dialog[open]").screenshot(path=HERE / "howto" / "correction-poses.png")
+        page.get_by_role("button", name="Close").click()
+        download = page.get_by_role("button", name="Download decisions")
+        download.scroll_into_view_if_needed()
+        download.locator("..").screenshot(path=HERE / "howto" / "correction-download.png")
+        browser.close()
 
 
 def candidates() -> None:
@@ -82,5 +111,6 @@ def random_rotation_near(rng: np.random.Generator, spread_rad: float) -> np.ndar
 
 if __name__ == "__main__":
     contact_sheet()
+    correction()
     candidates()
     synchronization()
