@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json as json_text
+import sys
+import time
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from scipy.spatial import cKDTree
 
-from collalign.nonrigid import NonrigidOptions, SurfaceOptions, match_shapes
+from collalign.engine.jobs.progress import ProgressBar
+from collalign.nonrigid import NonrigidOptions, SurfaceOptions, match_prepared, prepare_file
 from collalign.nonrigid.page import vertices_map, write_match_page
 from collalign.nonrigid.pictures import draw_match
 from collalign.nonrigid.result import NonrigidMatch
@@ -108,13 +111,23 @@ def _draw_rigid(
 
 def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOptions, surface: SurfaceOptions) -> int:
     """Write the map of all vertices and its picture; say what is known about it."""
-    with OutputFolder.open(out, writer=WRITER) as output:
+    with (
+        OutputFolder.open(out, writer=WRITER) as output,
+        ProgressBar("steps", 4, disable=not sys.stderr.isatty()) as bar,
+    ):
         output.refuse_foreign(NONRIGID_FILES)
-        result = match_shapes(target, source, options=options, surface_options=surface)
+        started = time.perf_counter()
+        to = prepare_file(target, surface)
+        bar.advance()
+        of = prepare_file(source, surface)
+        bar.advance()
+        result = match_prepared(to, of, options, prepared_s=time.perf_counter() - started)
+        bar.advance()
         write_atomic(output.stage("map.npz"), result.npz_bytes())
         write_atomic(output.stage("map.txt"), result.text_bytes())
         _draw_nonrigid(result, target, source, output)
         written = output.publish()
+        bar.advance()
     best = result.candidates[0]
     print(
         f"{result.source_name} -> {result.target_name}: confidence {percent(result.confidence)}, {best.orientation}"

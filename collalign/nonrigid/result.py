@@ -15,7 +15,7 @@ from data_tools.io.files import write_atomic
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
-from data_tools.options import CleaningOptions
+from data_tools.options import AS_STORED
 from data_tools.percent import percent
 from pairwise.status import Status
 
@@ -123,9 +123,8 @@ class NonrigidMatch:
         from collalign.nonrigid.page import vertices_map
         from collalign.nonrigid.pictures import match_figure
 
-        as_stored = CleaningOptions(merge_vertices=False, largest_component=False)
-        left = read_shape(as_origin(target, self.target_name), as_stored, name=self.target_name)
-        right = read_shape(as_origin(source, self.source_name), as_stored, name=self.source_name)
+        left = read_shape(as_origin(target, self.target_name), AS_STORED, name=self.target_name)
+        right = read_shape(as_origin(source, self.source_name), AS_STORED, name=self.source_name)
         return match_figure(left, right, vertices_map(self.point_map_target_source, left, right))
 
     def save(self, folder: Path | str) -> tuple[Path, Path]:
