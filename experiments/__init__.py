@@ -29,6 +29,7 @@ _FOLDERS = {
     "matching_energies": "pairs",
     "partial_scans": "pairs",
     "peers": "peers",
+    "landmarks": "peers",
     "teeth_jobs": "collections",
     "deformations": "collections",
     "confidence": "confidence",
