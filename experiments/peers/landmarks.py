@@ -38,7 +38,7 @@ options, and landmarks of one or seven of them are carried to all others by `col
 closest point to the mean of the templates' landmarks at the same poses. Errors are in millimetres for the mouse
 skulls (51 landmarks) and in the target's root mean square radii for the molars (16 landmarks, of all genera). The
 constants of the registration were chosen on eight of the skulls and sixteen of the molars, those that settle the
-pose on ten skulls; the draw here may hold some of them.
+pose on ten skulls, those of the radii on 44 molars and 22 skulls; the draw here may hold some of them.
 
 Peers carry the landmarks of {NUM_PAIRS} ordered pairs, the same for all: coherent point drift on farthest points
 (Myronenko and Song 2010) by rustcpd with its default options, from the toolkit's poses and from its own start. Every
