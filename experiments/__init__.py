@@ -28,6 +28,7 @@ _FOLDERS = {
     "matching_table": "pairs",
     "matching_energies": "pairs",
     "partial_scans": "pairs",
+    "incomplete": "pairs",
     "peers": "peers",
     "landmarks": "peers",
     "teeth_jobs": "collections",

@@ -82,8 +82,13 @@ def damage(shape: Shape, state: str, rng: np.random.Generator) -> Shape:
 
 def without_quarter(shape: Shape, direction: FloatArray) -> Shape:
     """Return the shape without the quarter of its vertices that lies farthest in a direction."""
+    return without_share(shape, direction, 0.25)
+
+
+def without_share(shape: Shape, direction: FloatArray, share: float) -> Shape:
+    """Return the shape without the share of its vertices that lies farthest in a direction."""
     heights = shape.vertices @ direction
-    kept = heights <= np.quantile(heights, 0.75)
+    kept = heights <= np.quantile(heights, 1.0 - share)
     number = np.cumsum(kept) - 1
     faces = number[shape.faces[kept[shape.faces].all(axis=1)]]
     used = np.unique(faces)
