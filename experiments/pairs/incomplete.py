@@ -39,7 +39,7 @@ turned at random. {NUM_PAIRS} pairs of each collection, the source or both cut, 
 (constants were chosen at even positions of teeth, glasses and ants): the best pose of
 `pairwise.partial.match.match_partial`, and the best of its first eight, beside FPFH, RANSAC and point-to-plane ICP of
 Open3D and KISS-Matcher with GICP, each on the same two meshes brought to one root mean square radius. So few pairs
-tell 60 from 90 %, and no less.
+tell 60 from 90 %, and no less; a tool that was not installed has no figures.
 """
 
 
