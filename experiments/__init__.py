@@ -27,6 +27,7 @@ _FOLDERS = {
     "invariants": "pairs",
     "matching_table": "pairs",
     "matching_energies": "pairs",
+    "proofs": "pairs",
     "partial_scans": "pairs",
     "incomplete": "pairs",
     "peers": "peers",
