@@ -5,6 +5,7 @@
     python -m tests.benchmarks.bench_tight certified --num 5 --points 10 20 50 --noise 0 0.05 0.1 0.2
     python -m tests.benchmarks.bench_tight teeth --num 20 --points 20 --data ../shared/data/teeth_pnas116
     python -m tests.benchmarks.bench_tight validity --num 500
+    python -m tests.benchmarks.bench_tight lists --num 2000
 
 Problems are uniform points in the unit cube and their noisy, rotated, shuffled copy. Times are processor seconds of
 one thread (set OPENBLAS_NUM_THREADS=1), so that other work on the machine changes them little.
@@ -24,6 +25,7 @@ from data_tools.arrays import FloatArray
 from data_tools.datasets.public import read_teeth
 from data_tools.embedding.sampling import farthest_points
 from data_tools.surface.shape import Shape
+from pairwise.branch_and_bound.poses import list_poses
 from pairwise.branch_and_bound.prove import prove
 from pairwise.certificates.verify import verify_certificate
 from pairwise.problem.problem import Problem
@@ -32,7 +34,8 @@ from pairwise.status import Status
 from pairwise.tight.problem import energy_scale
 from pairwise.tight.solve import solve_tight
 from tests.oracles import brute_force
-from tests.tight_problems import planted_cube, small_problem
+from tests.pairwise.branch_and_bound.test_poses import missed_poses
+from tests.tight_problems import planted_cube, rigid_problem, small_problem
 
 
 def timed(function: Callable[..., Any], *args: Any, **options: Any) -> tuple[Any, float]:
@@ -155,10 +158,30 @@ def validity(num: int) -> None:
     print(f"{num} problems; largest (bound - optimum) / scale:", {name: f"{w:.1e}" for name, w in worst.items()})
 
 
+def lists(num: int) -> None:
+    """Of rigid problems of all kinds and scales: no bound above the optimum, and no pose of a list missed."""
+    worst, certified, missed, unresolved = -np.inf, -np.inf, 0, 0
+    for seed in range(num):
+        problem = rigid_problem(seed, max_target=7)
+        poses = list_poses(problem, resolution_deg=15.0, time_limit_s=1.0, record=True)
+        optimum, scale = brute_force(problem).energy, energy_scale(problem)
+        worst = max(worst, (poses.proof.lower_bound - optimum) / scale)
+        verified = verify_certificate(problem.target, problem.source, poses.proof.certificate, problem=problem)
+        certified = max(certified, (verified - optimum) / scale)
+        missed += len(missed_poses(problem, poses))
+        unresolved += not poses.is_resolved
+        if (seed + 1) % 100 == 0:
+            print(
+                f"{seed + 1} problems; largest (bound - optimum) / scale {worst:.1e}, of certificates "
+                f"{certified:.1e}; {missed} poses missed; {unresolved} lists not resolved within a second",
+                flush=True,
+            )
+
+
 def main() -> None:
     """Run one of the measurements."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("what", choices=["exactness", "speed", "certified", "teeth", "validity"])
+    parser.add_argument("what", choices=["exactness", "speed", "certified", "teeth", "validity", "lists"])
     parser.add_argument("--num", type=int, default=5)
     parser.add_argument("--points", type=int, nargs="+", default=[20])
     parser.add_argument("--noise", type=float, nargs="+", default=[0.1])
@@ -168,6 +191,8 @@ def main() -> None:
     args = parser.parse_args()
     if args.what == "validity":
         validity(args.num)
+    elif args.what == "lists":
+        lists(args.num)
     elif args.what == "exactness":
         exactness(args.num, args.points, args.noise, args.limit_s, args.variants)
     elif args.what == "teeth":

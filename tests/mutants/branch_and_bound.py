@@ -74,4 +74,15 @@ BRANCH_AND_BOUND: tuple[Mutant, ...] = (
         ("list_poses", "is_resolved = time.monotonic() < deadline", "is_resolved = True"),
         ("_touching", "<= radii[first] + radii[second]", "<= 0.0 * radii[first]"),
     ),
+    *faults(
+        "pairwise/branch_and_bound/tilted.py",
+        (_T + "test_tilted.py",),
+        ("prove_tilted", "proof.lower_bound - offset - slack", "proof.lower_bound - slack"),
+        ("with_tilt", "np.linalg.svd(0.5 * tilt)", "np.linalg.svd(tilt)"),
+    ),
+    *faults(
+        "collalign/synchronization/bound/master.py",
+        ("tests/collalign/synchronization/test_joint_bound.py",),
+        ("JointMaster._multipliers", "least) - np.trace(", "least) + np.trace("),
+    ),
 )
