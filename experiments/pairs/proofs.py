@@ -30,7 +30,7 @@ QUICK: tuple[dict[str, Any], ...] = (
 #: Samples of each tooth.
 TOOTH_POINTS = 64
 #: Teeth whose pairs are all listed.
-NUM_TEETH = 24
+NUM_TEETH = 116
 
 _ABOUT = f"""
 *Pairs.* Uniform points in the unit square or cube and their noisy, turned, shuffled copy; pairs of teeth by Euclidean
