@@ -222,6 +222,8 @@ def minimise(
         is_own, is_new = seen.claim(maps, active)
         goes_on = is_new & (iteration < max_iterations)
         ended = is_own & ~goes_on
+        if not goes_on.any() and not any(len(runs) for runs, _ in ends) and not ended.any():
+            ended[0] = True  # the last runs swapped maps of equal energy: one of them stands for all
         ends.append((active[ended], maps[ended]))
         active = active[goes_on]
         if not len(active):
