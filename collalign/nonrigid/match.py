@@ -11,10 +11,10 @@ from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.paper import paper_candidates
 from collalign.nonrigid.portfolio import Refined, find_candidates
 from collalign.nonrigid.prepare import prepare_file
-from collalign.nonrigid.refine import dense_point_maps
+from collalign.nonrigid.refine import between_files, dense_point_maps
 from collalign.nonrigid.result import NonrigidCandidate, NonrigidMatch
 from collalign.nonrigid.surface.spectral import SpectralShape
-from data_tools.arrays import IntArray, read_only
+from data_tools.arrays import read_only
 from data_tools.errors import InputError
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.rotations import nearest_orthogonal
@@ -102,8 +102,8 @@ def match_prepared(
     return NonrigidMatch(
         target_name=target.name,
         source_name=source.name,
-        point_map_target_source=read_only(_in_files(forward, target, source)),
-        point_map_source_target=read_only(_in_files(backward, source, target)),
+        point_map_target_source=read_only(between_files(forward, target.to_original, source.to_working)),
+        point_map_source_target=read_only(between_files(backward, source.to_original, target.to_working)),
         functional_map=read_only(c_source_target),
         candidates=tuple(_public(target, source, candidate) for candidate in found[: options.num_candidates]),
         dense_source=read_only(source.to_original[source.dense]),
@@ -160,12 +160,6 @@ def _public(target: SpectralShape, source: SpectralShape, candidate: Refined) ->
         evidence=candidate.evidence,
         origin=candidate.origin,
     )
-
-
-def _in_files(working_map: IntArray, to: SpectralShape, of: SpectralShape) -> IntArray:
-    """Return a map between working vertices as one between the vertices of the files, -1 where there is none."""
-    images = to.to_original[working_map][of.to_working]
-    return np.where(of.to_working >= 0, images, -1)
 
 
 def _check_fit(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> None:

@@ -110,6 +110,25 @@ def dense_point_maps(
     return mutual_nearest_rows(target.basis[:, :size], source.basis[:, :size] @ c_source_target)
 
 
+def between_files(working_map: IntArray, to_original: IntArray, to_working: IntArray) -> IntArray:
+    """Return a map between working vertices as one between the vertices of the files, -1 where there is none.
+
+    Parameters
+    ----------
+    working_map : ndarray of int, shape (w,)
+        One working vertex of the other shape for each of this one.
+    to_original : ndarray of int, shape (u,)
+        The vertex in its file of each working vertex of the other shape.
+    to_working : ndarray of int, shape (v,)
+        The working vertex, or -1, of each vertex of this shape's file.
+
+    Returns
+    -------
+    ndarray of int, shape (v,)
+    """
+    return np.where(to_working >= 0, to_original[working_map][to_working], -1)
+
+
 def unit_rows(values: FloatArray) -> FloatArray:
     """Return rows scaled together such that their root mean square length is one."""
     size = float(np.sqrt((values**2).sum(axis=1).mean()))

@@ -9,6 +9,7 @@ import numpy as np
 from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.records import Record
 from collalign.nonrigid.evidence import MIXED_ORIENTATION
+from collalign.nonrigid.portfolio import is_same_map
 from collalign.nonrigid.pose_maps import PoseMapper, first_samples
 from collalign.nonrigid.refine import Refiner
 from collalign.stages.evidence.odds import EVIDENCE
@@ -21,8 +22,6 @@ from data_tools.arrays import FloatArray
 NUM_SCREEN_POINTS, NUM_SCREEN_FUNCTIONS = 400, 60
 #: Candidates of each pair that the collection chooses from.
 MAX_CANDIDATES = 3
-#: Candidates whose lowest functions are this close (Frobenius norm) are one, and how many functions that are.
-SAME_MAP, NUM_SAME = 1.2, 21
 #: Functions, the constant one included, that the full refinement starts with, and how fast they grow.
 FIRST_SIZE, GROWTH = 30, 1.3
 
@@ -74,7 +73,7 @@ def candidate_maps(task: CandidatesTask, shared: SharedTable) -> Record:
     able = [one for one in found if one[0]] or found
     kept: list[tuple[float, FloatArray]] = []
     for _, score, c in sorted(able, key=lambda one: -one[1]):
-        if not any(_is_same(c, other) for _, other in kept):
+        if not any(is_same_map(c, other) for _, other in kept):
             kept.append((score, c))
     best = kept[:MAX_CANDIDATES]
     return {"maps": np.stack([c for _, c in best]), "log_odds": np.array([score for score, _ in best])}
@@ -94,7 +93,3 @@ def refine_map(task: RefinementTask, shared: SharedTable) -> Record:
         factor=GROWTH,
     )
     return {"map": refiner.from_functional_map(task.coarse).C_source_target}
-
-
-def _is_same(first: FloatArray, second: FloatArray) -> bool:
-    return float(np.linalg.norm(first[:NUM_SAME, :NUM_SAME] - second[:NUM_SAME, :NUM_SAME])) < SAME_MAP

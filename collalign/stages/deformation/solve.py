@@ -15,6 +15,7 @@ from collalign.nonrigid.collection.bases import CommonBases, common_bases
 from collalign.nonrigid.collection.choice import choose_maps
 from collalign.nonrigid.functional_map import mutual_nearest_rows
 from collalign.nonrigid.options import SurfaceOptions
+from collalign.nonrigid.refine import between_files
 from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
 from collalign.products.pair import Pair
@@ -245,16 +246,11 @@ def map_to_reference(task: VertexTask, shared: SharedTable) -> Record:
     )
     to_reference, from_reference = mutual_nearest_rows(of_reference, of_shape)
     return {
-        "to_reference": _in_files(to_reference, reference, shape),
-        "from_reference": _in_files(from_reference, shape, reference),
+        "to_reference": between_files(to_reference, reference["to_original"], shape["to_working"]).astype(np.int64),
+        "from_reference": between_files(from_reference, shape["to_original"], reference["to_working"]).astype(
+            np.int64
+        ),
     }
-
-
-def _in_files(working_map: IntArray, to: Record, of: Record) -> IntArray:
-    """Return a map between working vertices as one between the vertices of the files, -1 where there is none."""
-    start = np.asarray(of["to_working"], dtype=np.int64)
-    images = np.asarray(to["to_original"], dtype=np.int64)[working_map][start]
-    return np.where(start >= 0, images, -1)
 
 
 def vertex_notes(found: VertexMaps | None) -> tuple[str, ...]:
