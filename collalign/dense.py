@@ -31,7 +31,8 @@ def dense_correspondence(
 
     A mean surface, which belongs to no specimen, is made and registered to every shape: closest points both ways,
     normals, a Gaussian-process field, coarse to fine. What has no counterpart pulls nothing. See
-    :func:`collalign.registration.register.register`.
+    :func:`collalign.registration.register.register`. Where an incomplete shape has nothing, its vertices are NaN, and
+    it does not count in the mean; a complete shape lends its triangles, as long as there is one.
 
     Parameters
     ----------
@@ -74,11 +75,13 @@ def dense_correspondence(
             digest=hash_source(view.file(at)),
             transform=view.transforms[at],
             cleaning=cleaning,
+            incomplete=bool(view.is_incomplete[at]),
         )
         for at in members
     ]
-    samples = [view.aligned_samples[at] for at in members]
-    reference = medoid([cloud[np.isfinite(cloud).all(axis=1)] for cloud in samples])
+    whole = [at for at in members if not view.is_incomplete[at]] or members
+    samples = [view.aligned_samples[at] for at in whole]
+    reference = members.index(whole[medoid([cloud[np.isfinite(cloud).all(axis=1)] for cloud in samples])])
     with Session.open(options or RegistrationOptions(), run or RunOptions(), progress_display(progress)) as session:
         return correspond(session, files, reference)
 

@@ -17,7 +17,15 @@ from collalign.output.evidence.file import load_view
 from collalign.products.collection import DOUBT
 from collalign.products.dense import DenseCorrespondence
 from collalign.products.evidence import CollectionView
-from collalign.products.transfer import CARRIED, DOUBTFUL_POSE, NOT_REGISTERED, PLACED, UNKNOWN, TransferredLandmarks
+from collalign.products.transfer import (
+    CARRIED,
+    DOUBTFUL_POSE,
+    MISSING_PLACE,
+    NOT_REGISTERED,
+    PLACED,
+    UNKNOWN,
+    TransferredLandmarks,
+)
 from collalign.registration.options import RegistrationOptions
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import InputError
@@ -58,7 +66,7 @@ def transfer_landmarks(
 
     Notes
     -----
-    Shapes of confidence below the result's threshold get no landmarks.
+    Shapes of confidence below the result's threshold get no landmarks, incomplete ones none where they have nothing.
 
     Examples
     --------
@@ -136,7 +144,7 @@ class _Transfer:
         self._radius = radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
         self._templates = [
             template(
-                self._rows[name], self._posed(name, points), dense.vertices[self._rows[name]], dense.faces, radius
+                self._rows[name], self._posed(name, points), dense.completed[self._rows[name]], dense.faces, radius
             )
             for name, points in known.items()
             if name in self._rows
@@ -192,7 +200,8 @@ class _Transfer:
             points[~placed] = (predicted @ inverse[:3, :3].T + inverse[:3, 3])[~placed]
             radius[~placed] = radii(calibration, evidence)[~placed] / self._scale[name]
         there = np.isfinite(points).all(axis=1)
-        words = np.where(placed, PLACED, np.where(there, CARRIED, reason or UNKNOWN))
+        known = np.isfinite(np.stack([item.offsets for item in self._templates])).all(axis=2).any(axis=0)
+        words = np.where(placed, PLACED, np.where(there, CARRIED, reason or np.where(known, MISSING_PLACE, UNKNOWN)))
         return points, radius, tuple(words.tolist())
 
     def _abstention(self, name: str) -> str | None:

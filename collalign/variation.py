@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from collalign.output.variation.write import write_variation
 from collalign.products.dense import DenseCorrespondence
 from collalign.transfer import read_templates, template_points
 from data_tools.arrays import FloatArray
+from data_tools.errors import CollectionError
 from data_tools.io.landmarks import Landmarks
 from data_tools.threads import one_blas_thread
 
@@ -52,13 +54,14 @@ def write_surface_variation(
     -------
     SurfaceVariation
         Principal components of the surfaces in dense correspondence, see :func:`collalign.dense_correspondence`.
+        Incomplete shapes, of which it knows not all places, are left out; the page names them.
 
     Raises
     ------
     InputError
         If the folder holds no result, or files of somebody else's are in the way.
     CollectionError
-        If fewer than two shapes can be registered.
+        If fewer than two complete shapes can be registered.
 
     Examples
     --------
@@ -72,7 +75,8 @@ def write_surface_variation(
     (3, 2)
     """
     view = load_view(result)
-    dense = dense_correspondence(result, run=run, progress=progress)
+    every = dense_correspondence(result, run=run, progress=progress)
+    dense = _whole_shapes(every)
     found = surface_variation(dense.names, dense.faces, dense.vertices)
     rows = [view.index(name) for name in dense.names]
     columns = {
@@ -87,8 +91,26 @@ def write_surface_variation(
         marked = names, _on_mean(dense, found.mean, posed)
     inputs = [] if isinstance(landmarks, Mapping) else [Path(path) for path in landmarks]
     version = str(view.versions.get("collalign", ""))
-    write_variation(found, Path(to), inputs, columns=columns, landmarks=marked, version=version)
+    left_out = tuple(name for name in every.names if name not in dense.names)
+    write_variation(found, Path(to), inputs, columns=columns, landmarks=marked, version=version, left_out=left_out)
     return found
+
+
+def _whole_shapes(dense: DenseCorrespondence) -> DenseCorrespondence:
+    """Return the correspondence of the shapes that lack nothing."""
+    whole = np.flatnonzero((~dense.missing).all(axis=1))
+    if len(whole) == len(dense.names):
+        return dense
+    if len(whole) < 2:
+        raise CollectionError(f"{len(whole)} complete shapes: at least two are needed to say how they vary")
+    return replace(
+        dense,
+        names=tuple(dense.names[i] for i in whole),
+        vertices=dense.vertices[whole],
+        completed=dense.completed[whole],
+        residual=dense.residual[whole],
+        quality=dense.quality[whole],
+    )
 
 
 def _posed(transform: FloatArray, points: FloatArray) -> FloatArray:
@@ -101,7 +123,7 @@ def _on_mean(dense: DenseCorrespondence, mean: FloatArray, known: Mapping[str, F
     for name, points in known.items():
         if name in dense.names:
             row = dense.names.index(name)
-            found = template(row, points, dense.vertices[row], dense.faces, np.inf)
+            found = template(row, points, dense.completed[row], dense.faces, np.inf)
             places.append(np.where(np.isfinite(found.offsets), found.places.on(mean), np.nan))
     stacked = np.array(places).reshape(len(places), -1, 3)
     there = np.isfinite(stacked)

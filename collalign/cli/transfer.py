@@ -66,6 +66,6 @@ def _summarise(found: TransferredLandmarks, *, leave_one_out: bool) -> int:
     missing = np.isnan(found.points).any(axis=2).sum(axis=1)
     for name, count, status in zip(found.names, missing.tolist(), found.status, strict=True):
         if count:
-            reasons = sorted({reason for reason in status if reason.startswith("abstained")})
+            reasons = sorted({reason for reason in status if reason.startswith(("abstained", "missing"))})
             print(f"{name}: {count} of {len(found.labels)} landmarks left out; {', '.join(reasons)}")
     return INCOMPLETE if missing.any() else 0

@@ -30,7 +30,7 @@ def template_weights(
     specimen : int
         Its row.
     vertices : ndarray, shape (N, v, 3)
-        Dense correspondence.
+        Dense correspondence; NaN where a shape has nothing.
     quality : ndarray, shape (N, v)
     """
     here = at_places(templates, quality[specimen])
@@ -52,7 +52,8 @@ def template_distance(templates: Sequence[Template], specimen: int, vertices: Fl
 
 def _squared_distances(templates: Sequence[Template], specimen: int, vertices: FloatArray) -> FloatArray:
     """Mean squared distance of corresponding points of the specimen and each template, shape (t,)."""
-    return np.array([((vertices[item.shape] - vertices[specimen]) ** 2).sum(axis=1).mean() for item in templates])
+    squares = [((vertices[item.shape] - vertices[specimen]) ** 2).sum(axis=1) for item in templates]
+    return np.array([one[np.isfinite(one)].mean() for one in squares])
 
 
 def fuse(
@@ -63,7 +64,7 @@ def fuse(
     Returns
     -------
     points : ndarray, shape (l, 3)
-        Before they are put onto the surface; NaN where no template has the landmark.
+        Before they are put onto the surface; NaN where no template has the landmark, or the specimen no such place.
     spreads : ndarray, shape (l,)
     """
     said = carried(templates, vertices[specimen])

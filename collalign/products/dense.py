@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from data_tools.arrays import FloatArray, IntArray
+import numpy as np
+
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -18,11 +20,13 @@ class DenseCorrespondence:
     faces : ndarray of int, shape (f, 3)
         Triangles of the mean and of every shape's copy of it; empty for point clouds.
     mean : ndarray, shape (v, 3)
-        In the common frame: the average of the copies, on no specimen.
+        In the common frame: the average of the copies, each where its shape is there; on no specimen.
     vertices : ndarray, shape (N, v, 3)
-        The mean's vertices on each shape, in the common frame.
+        The mean's vertices on each shape, in the common frame; NaN where an incomplete shape has nothing.
+    completed : ndarray, shape (N, v, 3)
+        The same, with what an incomplete shape lacks as the mean has it, bent as the rest of the shape asks: a guess.
     residual : ndarray, shape (N, v)
-        Distance of each of them to the shape's surface, in units of the common frame.
+        Distance of each of them to the shape's surface, in units of the common frame; NaN where it has nothing.
     quality : ndarray, shape (N, v)
         Between 0 (no counterpart on the shape) and 1.
     failed : tuple of (str, str)
@@ -33,6 +37,12 @@ class DenseCorrespondence:
     faces: IntArray
     mean: FloatArray
     vertices: FloatArray
+    completed: FloatArray
     residual: FloatArray
     quality: FloatArray
     failed: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def missing(self) -> BoolArray:
+        """Where each shape has nothing, shape (N, v)."""
+        return np.asarray(np.isnan(self.vertices).any(axis=2))

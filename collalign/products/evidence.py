@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import InputError
@@ -59,6 +60,8 @@ class CollectionView:
         Warnings about the collection as a whole, one sentence each.
     landmark_names : tuple of str
         What the rows of ``samples`` are called; ``L1``, ``L2``, ... where nothing is given.
+    incomplete : tuple of Incomplete
+        The shapes of which parts are missing.
     """
 
     names: tuple[str, ...]
@@ -79,6 +82,7 @@ class CollectionView:
     cycle_errors_deg: FloatArray = field(default_factory=lambda: np.zeros(0))
     notes: tuple[str, ...] = ()
     landmark_names: tuple[str, ...] = ()
+    incomplete: tuple[Incomplete, ...] = ()
 
     def __post_init__(self) -> None:
         """Fill what may be left out and check that everything speaks of the same N shapes."""
@@ -118,6 +122,9 @@ class CollectionView:
         for pair in self.pairs:
             if not (0 <= pair.target < num and 0 <= pair.source < num and pair.target != pair.source):
                 raise InputError(f"pairs: ({pair.target}, {pair.source}) is not a pair of {num} shapes")
+        for one in self.incomplete:
+            if not all(0 <= i < num for i in (one.shape, *one.partners.tolist())):
+                raise InputError(f"incomplete: shape {one.shape} or its partners are not among {num} shapes")
 
     @property
     def num_shapes(self) -> int:
@@ -156,6 +163,21 @@ class CollectionView:
         centres = filled.sum(axis=1) / np.maximum(counts, 1)[:, None]
         squares = np.where(known, ((filled - centres[:, None]) ** 2).sum(axis=2), 0.0).sum(axis=1)
         return np.asarray(np.sqrt(np.where(counts > 0, squares, np.nan)))
+
+    @property
+    def is_incomplete(self) -> BoolArray:
+        """Whether parts of each shape are missing, shape (N,)."""
+        found = np.zeros(self.num_shapes, dtype=bool)
+        found[[one.shape for one in self.incomplete]] = True
+        return found
+
+    @property
+    def coverage(self) -> FloatArray:
+        """Share of its partners' surfaces that each incomplete shape covers, NaN for complete ones, shape (N,)."""
+        found = np.full(self.num_shapes, np.nan)
+        for one in self.incomplete:
+            found[one.shape] = one.coverage
+        return found
 
     def file(self, at: int) -> Path:
         """Return the file of one shape.

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from data_tools.arrays import FloatArray
 
 #: What became of a landmark.
-PLACED, CARRIED, DOUBTFUL_POSE, NOT_REGISTERED, UNKNOWN = (
+PLACED, CARRIED, DOUBTFUL_POSE, NOT_REGISTERED, UNKNOWN, MISSING_PLACE = (
     "placed by an expert",
     "carried over",
     "abstained: the pose is doubtful",
     "abstained: the shape is not registered",
     "abstained: no template has it",
+    "missing: the shape is incomplete there",
 )
 
 
@@ -26,7 +27,8 @@ class TransferredLandmarks:
         All shapes of the collection.
     labels : tuple of str, length l
     points : ndarray, shape (N, l, 3)
-        In file coordinates; NaN where the transfer abstained. A template keeps its own.
+        In file coordinates; NaN where the transfer abstained, or an incomplete shape has no such place. A template
+        keeps its own.
     radii : ndarray, shape (N, l)
         Nine of ten landmarks are at most so far from where an expert would put them, on specimens like the templates;
         0 for a template's own, NaN where fewer than four templates allow no calibration.

@@ -14,6 +14,7 @@ from collalign.engine.session import Session
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
 from collalign.products.dense import DenseCorrespondence
+from collalign.registration.missing import mean_of_what_is_there, missing_vertices, with_cloud_rim
 from collalign.registration.options import RegistrationOptions
 from collalign.registration.pose import moved_by
 from collalign.registration.register import register
@@ -26,7 +27,7 @@ from data_tools.options import CleaningOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 
 #: Changes whenever the same surfaces and options would give another registration.
-DENSE_VERSION = "dense-2"
+DENSE_VERSION = "dense-3"
 #: Registrations of the collection: from its medoid, and then from the mean of those. A third changes the error of
 #: landmarks carried over by less than .5 % (eight mouse skulls).
 NUM_ROUNDS = 2
@@ -34,7 +35,7 @@ NUM_ROUNDS = 2
 MAX_FACES = 25_000
 #: Records of this stage in the store, and what each holds.
 KIND = "registrations"
-_PARTS = ("vertices", "residual", "quality")
+_PARTS = ("vertices", "residual", "quality", "missing")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,6 +51,8 @@ class PosedFile:
     transform : ndarray, shape (4, 4)
         File coordinates to the common frame.
     cleaning : CleaningOptions
+    incomplete : bool
+        Whether parts of the shape are missing, which are looked for then.
     """
 
     name: str
@@ -57,6 +60,7 @@ class PosedFile:
     digest: str
     transform: FloatArray
     cleaning: CleaningOptions
+    incomplete: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,17 +95,29 @@ def correspond(
         found, failed = _register_all(session, files, source)
         if len(found) < 2:
             raise CollectionError("\n".join(["fewer than two shapes could be registered", *failed.values()]))
-        mean = np.mean([unposed(record) for record in found.values()], axis=0)
-        source = Shape.from_arrays(mean, source.faces, name="mean")
+        source = Shape.from_arrays(_mean(list(found.values()), source), source.faces, name="mean")
     parts = {part: np.stack([record[part] for record in found.values()]) for part in _PARTS}
+    missing = parts["missing"] != 0
     return DenseCorrespondence(
         names=tuple(found),
         faces=source.faces,
         mean=source.vertices,
         failed=tuple(failed.items()),
-        vertices=read_only(parts["vertices"]),
-        residual=read_only(parts["residual"]),
-        quality=read_only(parts["quality"]),
+        vertices=read_only(np.where(missing[..., None], np.nan, parts["vertices"])),
+        completed=read_only(parts["vertices"]),
+        residual=read_only(np.where(missing, np.nan, parts["residual"])),
+        quality=read_only(np.where(missing, 0.0, parts["quality"])),
+    )
+
+
+def _mean(found: Sequence[Record], source: Shape) -> FloatArray:
+    """Return the mean of registered copies of a source, each where its shape is there."""
+    centred = source.vertices - source.vertices.mean(axis=0)
+    return mean_of_what_is_there(
+        [unposed(record) for record in found],
+        [record["missing"] != 0 for record in found],
+        source.vertices,
+        float(np.sqrt((centred**2).sum(axis=1).mean())),
     )
 
 
@@ -130,6 +146,7 @@ def _key(file: PosedFile, source_key: str, options: RegistrationOptions) -> str:
         "cleaning": file.cleaning,
         "suffix": file.path.suffix.lower(),
         "transform": file.transform,
+        "incomplete": file.incomplete,
     }
     return fingerprint(DENSE_VERSION, settings, file.digest, source_key)
 
@@ -139,13 +156,17 @@ def register_file(task: RegistrationTask, shared: Any) -> Record:
     record = shared[task.source_key]
     num_points = task.options.num_points
     target = RegistrationSurface.from_shape(posed_shape(task.target), num_points)
+    if task.target.incomplete:
+        target = with_cloud_rim(target)
     source = Shape.from_arrays(record["vertices"], record["faces"], name="mean")
     found = register(target, RegistrationSurface.from_shape(source, num_points), task.options)
+    lacks = missing_vertices(target, found.vertices) if task.target.incomplete else np.zeros(len(found.vertices))
     return {
         "vertices": found.vertices,
         "residual": found.residual,
         "quality": found.quality,
         "pose": found.pose,
+        "missing": lacks.astype(np.int64),
     }
 
 

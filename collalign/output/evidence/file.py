@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.products.evidence import CollectionView, json_types
+from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair
 from data_tools.arrays import (
     as_faces,
@@ -70,7 +71,7 @@ def save_view(view: CollectionView, folder: Path | str) -> Path:
         "cycle_errors_deg": view.cycle_errors_deg,
     }
     arrays |= _join("vertices", view.vertices, 3, np.float64) | _join("faces", view.faces, 3, np.int64)
-    arrays |= _pair_arrays(view.pairs, view.samples.shape[1]) | _alternative_arrays(view)
+    arrays |= _pair_arrays(view.pairs, view.samples.shape[1]) | _alternative_arrays(view) | _incomplete_arrays(view)
     np.savez_compressed(path, **arrays)  # type: ignore[arg-type]  # the stubs see only the flag
     return path
 
@@ -150,6 +151,7 @@ def _from_arrays(data: dict[str, NDArray[Any]]) -> CollectionView:
         ),
         pairs=_pairs(data),
         alternatives=_alternatives(data),
+        incomplete=_incomplete(data),
     )
 
 
@@ -238,3 +240,38 @@ def _alternatives(data: dict[str, NDArray[Any]]) -> tuple[tuple[Alternative, ...
     ]
     starts = data["alternative_starts"]
     return tuple(tuple(poses[a:b]) for a, b in itertools.pairwise(starts))
+
+
+def _incomplete_arrays(view: CollectionView) -> dict[str, NDArray[Any]]:
+    """Return the incomplete shapes; nothing where all are complete."""
+    if not view.incomplete:
+        return {}
+    reasons = json.dumps([one.reason for one in view.incomplete])
+    return {
+        "incomplete_shape": np.array([one.shape for one in view.incomplete], dtype=np.int64),
+        "incomplete_reason": np.frombuffer(reasons.encode(), dtype=np.uint8),
+        "partner_starts": np.cumsum([0, *(len(one.partners) for one in view.incomplete)]).astype(np.int64),
+        "partner_shape": np.concatenate([one.partners for one in view.incomplete]).astype(np.int64),
+        "partner_overlaps": np.concatenate([one.overlaps for one in view.incomplete]),
+    }
+
+
+def _incomplete(data: dict[str, NDArray[Any]]) -> tuple[Incomplete, ...]:
+    if "incomplete_shape" not in data:
+        return ()
+    partners = data["partner_shape"].astype(np.int64)
+    overlaps = as_floats(data["partner_overlaps"], "overlaps", shape=(len(partners), 2))
+    return tuple(
+        Incomplete(
+            shape=shape,
+            reason=reason,
+            partners=read_only(partners[start:stop]),
+            overlaps=read_only(overlaps[start:stop]),
+        )
+        for shape, reason, (start, stop) in zip(
+            data["incomplete_shape"].tolist(),
+            json.loads(data["incomplete_reason"].tobytes()),
+            itertools.pairwise(data["partner_starts"].tolist()),
+            strict=True,
+        )
+    )

@@ -77,6 +77,7 @@ def view_collection(
         timings_s=collection.run.times_s,
         cycle_errors_deg=cycle_errors_deg(collection.pairs, len(collection.names)),
         notes=(*collection.notes, *notes),
+        incomplete=collection.incomplete,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -142,6 +142,13 @@ def complete_labels(view: CollectionView) -> BoolArray:
             "export a format that knows missing landmarks (tps, nts, morphologika), or align the partial shapes apart"
         )
     return common
+
+
+def incomplete_columns(view: CollectionView) -> dict[str, list[Any]]:
+    """Columns that say which shapes lack parts and what each of these covers; none where all are complete."""
+    if not view.incomplete:
+        return {}
+    return {"incomplete": view.is_incomplete.astype(int).tolist(), "coverage": view.coverage.tolist()}
 
 
 def label_columns(view: CollectionView, taken: Iterable[str]) -> dict[str, list[str]]:

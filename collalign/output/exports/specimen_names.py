@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from collalign.output.exports.request import ExportRequest, label_columns
+from collalign.output.exports.request import ExportRequest, incomplete_columns, label_columns
 from data_tools.io.csv_cells import csv_text
 
 #: Section names of morphologika files. Readers search for them anywhere in a line, so no specimen may contain one.
@@ -61,6 +61,7 @@ def specimen_table(request: ExportRequest, written: list[str]) -> Path:
         "confidence": view.confidence.tolist(),
         "reflected": view.reflected.astype(int).tolist(),
         "group": view.part_numbers.tolist(),
+        **incomplete_columns(view),
     }
     columns |= label_columns(view, columns)
     return request.write("specimens.csv", csv_text([columns, *zip(*columns.values(), strict=True)]))

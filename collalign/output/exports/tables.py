@@ -11,7 +11,7 @@ import numpy as np
 
 from collalign.analysis.ordination import cophenetic_tree, newick
 from collalign.analysis.procrustes import generalized_procrustes, principal_components, procrustes_distances
-from collalign.output.exports.request import ExportRequest, complete_labels, label_columns
+from collalign.output.exports.request import ExportRequest, complete_labels, incomplete_columns, label_columns
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.csv_cells import csv_text
 
@@ -93,6 +93,7 @@ def _shapes(request: ExportRequest) -> Table:
         "group": view.part_numbers.tolist(),
         "centroid_size": view.centroid_sizes.tolist(),
         "scale": view.scales.tolist(),
+        **incomplete_columns(view),
         **{f"T{at // 4 + 1}{at % 4 + 1}": column for at, column in enumerate(entries)},
     }
     return columns | label_columns(view, columns)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.products.evidence import CollectionView
+from collalign.products.incomplete import Incomplete
 from data_tools.arrays import IntArray
 
 #: Most shapes of a page. With so many it opens in seconds; matrix, map and tree grow with their square.
@@ -48,7 +49,19 @@ def shown_part(view: CollectionView, most: int = MOST_SHOWN) -> CollectionView:
             if pair.target in position and pair.source in position
         ),
         notes=(*view.notes, note),
+        incomplete=_chosen_incomplete(view, position),
     )
+
+
+def _chosen_incomplete(view: CollectionView, position: dict[int, int]) -> tuple[Incomplete, ...]:
+    """Return the incomplete shapes that are shown, with those of their partners that are."""
+    chosen = []
+    for one in view.incomplete:
+        kept = np.array([partner in position for partner in one.partners.tolist()], dtype=bool)
+        if one.shape in position:
+            partners = np.array([position[i] for i in one.partners[kept].tolist()], dtype=np.int64)
+            chosen.append(replace(one, shape=position[one.shape], partners=partners, overlaps=one.overlaps[kept]))
+    return tuple(chosen)
 
 
 def chosen_shapes(view: CollectionView, most: int) -> IntArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,7 @@ def write_variation(
     columns: dict[str, tuple[str, ...]],
     landmarks: tuple[tuple[str, ...], FloatArray],
     version: str = "",
+    left_out: Sequence[str] = (),
 ) -> tuple[Path, ...]:
     """Write everything into a folder and return the paths, the page first.
 
@@ -48,6 +49,8 @@ def write_variation(
         On the mean, see :func:`collalign.output.variation.content.build_variation`.
     version : str
         Of the toolkit, for the page's last line.
+    left_out : sequence of str
+        Incomplete shapes, which the page names.
 
     Raises
     ------
@@ -56,7 +59,7 @@ def write_variation(
     """
     with OutputFolder.open(to, writer=_WRITER, inputs=inputs) as output:
         document, blobs = build_variation(variation, columns, landmarks)
-        page = render_page("Shape variation", _summary(variation), document, blobs, version=version)
+        page = render_page("Shape variation", _summary(variation, left_out), document, blobs, version=version)
         write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
         write_atomic(output.stage(SCORES_FILE), csv_text(score_rows(variation, columns)).encode())
         write_atomic(output.stage(DISTANCES_FILE), csv_text(distance_rows(variation)).encode())
@@ -67,7 +70,7 @@ def write_variation(
         return output.publish(last=PAGE_FILE, complete=True)
 
 
-def _summary(variation: SurfaceVariation) -> str:
+def _summary(variation: SurfaceVariation, left_out: Sequence[str]) -> str:
     shares = variation.components.shares
     facts = [
         (str(len(variation.names)), "surfaces in correspondence"),
@@ -75,7 +78,8 @@ def _summary(variation: SurfaceVariation) -> str:
         *((f"{100 * share:.0f} %", f"of the variance on component {at}") for at, share in enumerate(shares[:3], 1)),
     ]
     items = "".join(f"<li><strong>{value}</strong>{html.escape(words)}</li>" for value, words in facts)
-    return f'<ul class="facts">{items}</ul>'
+    note = html.escape(f"Left out, because parts of them are missing: {', '.join(left_out)}.")
+    return f'<ul class="facts">{items}</ul>' + (f'<ul class="notes"><li>{note}</li></ul>' if left_out else "")
 
 
 def score_rows(variation: SurfaceVariation, columns: dict[str, tuple[str, ...]]) -> list[list[str]]:

@@ -1,0 +1,192 @@
+"""What follows from a broken shape in all that is made of a result: nothing is invented where it has nothing."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import collalign
+from collalign.cli import main
+from collalign.output.evidence.file import load_view, save_view
+from collalign.output.exports import export
+from collalign.output.report.shown import shown_part
+from collalign.products.dense import DenseCorrespondence
+from collalign.products.transfer import CARRIED, MISSING_PLACE
+from data_tools.arrays import FloatArray
+from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic_shapes import crown
+from data_tools.errors import CollectionError
+from data_tools.io.landmarks import Landmarks
+from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.options import SamplingOptions
+from data_tools.rotations import random_rotation
+from data_tools.surface.topology import mesh_edges
+from tests.pairwise.partial.test_partial_match import cut, moved
+
+NUM_SHAPES, BROKEN = 5, "tooth3"
+#: Vertices with landmarks; the cut takes some of them.
+LANDMARKS = np.arange(10, 700, 45)
+
+
+class Teeth:
+    """Broken and whole teeth in known correspondence, aligned and saved, and their dense correspondence."""
+
+    def __init__(self, folder: Path) -> None:
+        rng = np.random.default_rng(5)
+        teeth = deformed_family(crown(rng, num_vertices=800), NUM_SHAPES, rng, rms=0.01)
+        (folder / "shapes").mkdir()
+        self.whole: dict[str, FloatArray] = {}
+        for number, tooth in enumerate(teeth):
+            name, turn = f"tooth{number}", random_rotation(rng)
+            scale, shift = rng.uniform(0.7, 1.5), rng.standard_normal(3)
+            part = cut(tooth, np.array([1.0, 0.4, 0.2]), 0.3) if name == BROKEN else tooth
+            write_mesh(folder / "shapes" / f"{name}.ply", moved(part, turn, scale, shift))
+            self.whole[name] = moved(tooth, turn, scale, shift).vertices
+        options = collalign.AlignOptions(
+            group="SO", incomplete=BROKEN, sampling=SamplingOptions(num_points=24, num_dense_points=200)
+        )
+        self.result = folder / "result"
+        collalign.align_collection(folder / "shapes", options=options, progress=False).save(self.result)
+        left = read_shape(folder / "shapes" / f"{BROKEN}.ply")
+        self.broken, self.broken_faces = left.vertices, left.faces
+        self.run = collalign.RunOptions(jobs=1, store=folder / "store.sqlite")
+        self.dense = collalign.dense_correspondence(self.result, run=self.run, progress=False)
+
+    @property
+    def size(self) -> float:
+        """Root mean square radius of the broken tooth as it was."""
+        points = self.whole[BROKEN]
+        return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+    def lost(self, vertices: FloatArray) -> FloatArray:
+        """Distance of vertices of the broken tooth, as it was, from what is left of it, in radii."""
+        gaps = np.linalg.norm(vertices[:, None] - self.broken, axis=2).min(axis=1)
+        return np.asarray(gaps / self.size)
+
+    def inside(self, vertices: FloatArray) -> FloatArray:
+        """Whether vertices of the broken tooth, as it was, are left and farther than .1 radii from any rim."""
+        rim = self.broken[np.unique(mesh_edges(self.broken_faces).boundary)]
+        gaps = np.linalg.norm(vertices[:, None] - rim, axis=2).min(axis=1) / self.size
+        return np.asarray((gaps > 0.1) & (self.lost(vertices) < 1e-6))
+
+
+@pytest.fixture(scope="module")
+def teeth(tmp_path_factory: pytest.TempPathFactory) -> Teeth:
+    return Teeth(tmp_path_factory.mktemp("teeth"))
+
+
+def to_file(teeth: Teeth, points: FloatArray) -> FloatArray:
+    """Take points of the common frame to the broken tooth's file."""
+    view = load_view(teeth.result)
+    inverse = np.linalg.inv(view.transforms[view.index(BROKEN)])
+    return np.asarray(points @ inverse[:3, :3].T + inverse[:3, 3])
+
+
+def test_dense_correspondence_has_no_place_where_the_shape_has_nothing(teeth: Teeth) -> None:
+    dense, row = teeth.dense, teeth.dense.names.index(BROKEN)
+    assert dense.missing.any(axis=1).tolist() == [name == BROKEN for name in dense.names]
+    assert 0.15 < dense.missing[row].mean() < 0.5
+    assert np.isnan(dense.residual[dense.missing]).all()
+    assert (dense.quality[dense.missing] == 0).all()
+    lost = teeth.lost(to_file(teeth, dense.completed[row]))
+    assert (dense.missing[row] == (lost > 0.2))[(lost < 0.1) | (lost > 0.3)].mean() > 0.97
+    assert np.isfinite(dense.mean).all()
+
+
+def test_the_completed_part_is_near_what_was_cut_off(teeth: Teeth) -> None:
+    row = teeth.dense.names.index(BROKEN)
+    guessed = to_file(teeth, teeth.dense.completed[row][teeth.dense.missing[row]])
+    gaps = np.linalg.norm(guessed[:, None] - teeth.whole[BROKEN], axis=2).min(axis=1) / teeth.size
+    assert np.median(gaps) < 0.15
+    assert np.isfinite(teeth.dense.completed).all()
+
+
+def test_landmarks_are_not_carried_to_what_is_missing(teeth: Teeth, tmp_path: Path) -> None:
+    labels = tuple(f"p{at}" for at in LANDMARKS)
+    given = {
+        name: Landmarks(labels=labels, points=teeth.whole[name][LANDMARKS]) for name in ("tooth0", "tooth1", "tooth4")
+    }
+    found = collalign.transfer_landmarks(teeth.result, given, run=teeth.run, progress=False)
+    row = found.names.index(BROKEN)
+    lost = teeth.lost(teeth.whole[BROKEN][LANDMARKS])
+    missing = np.array([status == MISSING_PLACE for status in found.status[row]])
+    inside = teeth.inside(teeth.whole[BROKEN][LANDMARKS])
+    assert missing[lost > 0.25].all()
+    assert (lost > 0.25).sum() >= 2
+    assert not missing[inside].any()
+    assert inside.sum() >= 5
+    assert (np.isnan(found.points[row]).any(axis=1) == missing).all()
+    assert np.isnan(found.radii[row][missing]).all()
+    kept = np.linalg.norm(found.points[row] - teeth.whole[BROKEN][LANDMARKS], axis=1)[~missing] / teeth.size
+    assert np.median(kept) < 0.15
+    assert found.status[found.names.index("tooth2")] == (CARRIED,) * len(labels)
+
+
+def test_every_export_says_what_is_missing(teeth: Teeth, tmp_path: Path) -> None:
+    view = load_view(teeth.result)
+    row = view.index(BROKEN)
+    lacking = np.isnan(view.samples[row]).any(axis=1)
+    assert lacking.any()
+    assert view.is_incomplete.tolist() == [name == BROKEN for name in view.names]
+    export(teeth.result, "csv", tmp_path / "csv")
+    with (tmp_path / "csv" / "shapes.csv").open() as file:
+        shapes = {line["name"]: line for line in csv.DictReader(file)}
+    assert {name: line["incomplete"] for name, line in shapes.items()} == {
+        name: str(int(name == BROKEN)) for name in view.names
+    }
+    assert float(shapes[BROKEN]["coverage"]) == pytest.approx(view.coverage[row])
+    for kind in ("tps", "nts", "morphologika"):
+        export(teeth.result, kind, tmp_path / kind)
+        with (tmp_path / kind / "specimens.csv").open() as file:
+            assert [line["incomplete"] for line in csv.DictReader(file)] == [
+                str(int(name == BROKEN)) for name in view.names
+            ]
+    export(teeth.result, "slicer-json", tmp_path / "slicer")
+    markups = json.loads((tmp_path / "slicer" / f"{BROKEN}.mrk.json").read_text())["markups"][0]["controlPoints"]
+    assert [one["positionStatus"] == "undefined" for one in markups] == lacking.tolist()
+
+
+def test_incomplete_shapes_are_kept_in_the_evidence_and_where_few_are_shown(teeth: Teeth, tmp_path: Path) -> None:
+    view = load_view(teeth.result)
+    one = view.incomplete[0]
+    save_view(view, tmp_path)
+    again = load_view(tmp_path).incomplete[0]
+    assert (again.shape, again.reason) == (one.shape, one.reason)
+    np.testing.assert_array_equal(again.overlaps, one.overlaps)
+    few = shown_part(replace(view, confidence=np.where(view.is_incomplete, 0.1, 0.9)), 3)
+    assert few.names[few.incomplete[0].shape] == BROKEN
+    assert len(few.incomplete[0].partners) == len(few.incomplete[0].overlaps) <= 2
+
+
+def test_variation_leaves_broken_shapes_out_and_says_so(teeth: Teeth, tmp_path: Path) -> None:
+    found = collalign.write_surface_variation(teeth.result, tmp_path / "out", run=teeth.run, progress=False)
+    assert BROKEN not in found.names
+    assert len(found.names) == NUM_SHAPES - 1
+    assert f"parts of them are missing: {BROKEN}." in (tmp_path / "out" / "variation.html").read_text()
+
+
+def test_too_few_whole_shapes_have_no_variation(
+    teeth: Teeth, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def all_lack(*args: object, **kwargs: object) -> DenseCorrespondence:
+        return replace(teeth.dense, vertices=np.full_like(teeth.dense.vertices, np.nan))
+
+    monkeypatch.setattr("collalign.variation.dense_correspondence", all_lack)
+    with pytest.raises(CollectionError, match="0 complete"):
+        collalign.write_surface_variation(teeth.result, tmp_path / "out", progress=False)
+
+
+def test_the_command_says_which_landmarks_are_missing(
+    teeth: Teeth, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "tooth0.csv"
+    rows = [f"p{at},{','.join(map(str, teeth.whole['tooth0'][at]))}" for at in LANDMARKS]
+    path.write_text("\n".join(["label,x,y,z", *rows]) + "\n")
+    arguments = ["transfer", str(teeth.result), "--landmarks", str(path), "--to", str(tmp_path / "out")]
+    main([*arguments, "--store", str(teeth.run.store), "--jobs", "1"])
+    assert "missing: the shape is incomplete there" in capsys.readouterr().out
