@@ -21,19 +21,21 @@ app = App(name="python -m experiments", help=__doc__, result_action="return_valu
 
 @app.command(name="calibrate")
 @one_blas_thread()
-def run_calibration(name: str, *collections: str, data: Path = Path("../shared/data")) -> int:
+def run_calibration(name: str, *collections: str, data: Path = Path("../shared/data"), quick: bool = False) -> int:
     """Measure again what the tuned constants of an estimator stand for, beside their values in the code.
 
     Parameters
     ----------
     name
-        The estimator, see experiments/calibration.py.
+        The estimator, see experiments/calibration.
     collections
         Which collections to use; the estimator's own if none is named.
     data
         Folder of the public collections.
+    quick
+        The smallest sizes only, to see that everything works.
     """
-    print(calibrate(name, data, collections).to_markdown())
+    print(calibrate(name, data, collections, quick=quick).to_markdown())
     return 0
 
 

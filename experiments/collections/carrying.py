@@ -107,17 +107,17 @@ def measure_carrying(cell: Cell) -> Record:
         rng = np.random.default_rng([settings["seed"], 1])
         for k, sets in settings["sets"]:
             chosen = [rng.permutation(len(posed.names))[:k].tolist() for _ in range(sets)]
-            carried = [_carried(out, posed, one, run) for one in chosen]
+            carried = [carried_errors(out, posed, one, run) for one in chosen]
             found[f"carried {k}"] = np.concatenate([errors for errors, _ in carried])
             found[f"radii {k}"] = np.concatenate([radii for _, radii in carried])
             closest = [_closest(posed, found["transforms"], one) for one in chosen]
             found[f"closest {k}"] = np.concatenate(closest)
-        singles = {j: _carried(out, posed, [j], run)[0] for j in sorted({j for _, j in settings["pairs"]})}
+        singles = {j: carried_errors(out, posed, [j], run)[0] for j in sorted({j for _, j in settings["pairs"]})}
         found["pairs"] = np.array([singles[j][_others(posed, [j]).index(i)] for i, j in settings["pairs"]])
         return found
 
 
-def _carried(
+def carried_errors(
     out: Path, posed: LandmarkedFolder, templates: Sequence[int], run: RunOptions
 ) -> tuple[FloatArray, FloatArray]:
     """Errors and radii of all specimens that are no templates, in the collection's unit."""

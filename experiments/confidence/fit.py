@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from collalign.stages.trust.model import terms
 from data_tools.arrays import BoolArray, FloatArray
-from experiments.confidence.draws import measure_collection
-from experiments.experiment import Cell
 
 #: Ridge on the weights of standardised evidence: with few collections, weights that chase one of them are no gain.
 RIDGE = 3.0
@@ -20,8 +17,6 @@ COLLECTION_WEIGHT = 50.0
 _NUM_STEPS = 50
 #: Agreement and margin.
 NUM_TERMS = 2
-#: Runs of each collection, and their seed: another one than that of the experiment.
-CALIBRATION_RUNS, CALIBRATION_SEED = 4, 7
 
 
 def fit_weights(evidence: FloatArray, right: BoolArray, kind: FloatArray) -> tuple[FloatArray, float]:
@@ -57,17 +52,10 @@ def fit_weights(evidence: FloatArray, right: BoolArray, kind: FloatArray) -> tup
     return weights, float(constant - centre @ weights)
 
 
-def measure_weights(data: Path, collections: Sequence[str]) -> dict[str, float]:
-    """Measure the constants of :mod:`collalign.stages.trust.model` on random sub-collections."""
-    shared = {"seed": CALIBRATION_SEED, "runs": CALIBRATION_RUNS}
-    records = {kind: measure_collection(Cell(data=data, settings={"kind": kind, **shared})) for kind in collections}
-    weights, constant = fit_weights(*training_rows(records))
-    return {"AGREEMENT_WEIGHT": float(weights[0]), "MARGIN_WEIGHT": float(weights[1]), "CONSTANT": constant}
-
-
 def _newton(columns: FloatArray, right: BoolArray, trust: FloatArray) -> tuple[FloatArray, float]:
     design = np.column_stack([columns, np.ones(len(columns))])
-    ridge = RIDGE * np.diag([*np.ones(columns.shape[1]), 0.0])
+    # The least on the constant as well: without it there is no maximum where all poses are right.
+    ridge = RIDGE * np.diag([*np.ones(columns.shape[1]), 1e-6])
     solution = np.zeros(design.shape[1])
     for _ in range(_NUM_STEPS):
         chance = 1.0 / (1.0 + np.exp(-design @ solution))

@@ -3,40 +3,101 @@
 from __future__ import annotations
 
 from importlib import import_module
+from math import isfinite
 from pathlib import Path
+from types import ModuleType
 
+import numpy as np
 import pytest
 
+from collalign.stages.evidence.odds import WEIGHTS
 from data_tools.errors import OptionsError
-from experiments.calibration import CALIBRATIONS, Calibration, calibrate, measure_model
+from experiments.calibration import CALIBRATIONS, calibrate
+from experiments.calibration.evidence import WeighedPair, fit_logit, share_right
+from experiments.calibration.scan import Calibration, Constant, Finding, patched, scaled, scan
 
 
 @pytest.mark.parametrize("name", CALIBRATIONS)
-def test_every_calibration_names_constants_of_its_module(name: str) -> None:
+def test_every_calibration_names_a_module_and_its_constants(name: str) -> None:
     found = CALIBRATIONS[name]
-    module = import_module(found.module)
-    assert {constant: getattr(module, constant) for constant in found.constants} == dict(found.constants)
+    import_module(found.module)
+    assert found.constants
+    assert found.collections
 
 
 def test_both_values_stand_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     used: list[tuple[str, ...]] = []
 
-    def measure(_: Path, collections: tuple[str, ...]) -> dict[str, float]:
+    def measure(_: Path, collections: tuple[str, ...], quick: bool) -> dict[str, Finding]:
         used.append(collections)
-        return {"A": 2.0}
+        return {"A": Finding(value=4.0 if quick else 2.0)}
 
     entry = Calibration(module="somewhere", constants={"A": 1.0}, measure=measure, collections=("all of it",))  # type: ignore[arg-type]
     monkeypatch.setitem(CALIBRATIONS, "mine", entry)
     (row,) = calibrate("mine", Path()).rows
-    assert (row["code"], row["measured"]) == (1.0, 2.0)
-    calibrate("mine", Path(), ["one"])
+    assert (row["code"], row["measured"]) == ("1", "2")
+    assert calibrate("mine", Path(), ["one"], quick=True).rows[0]["measured"] == "4"
     assert used == [("all of it",), ("one",)]
     with pytest.raises(OptionsError, match="mine"):
         calibrate("nobody's", Path())
 
 
+def test_a_scan_finds_the_better_value_and_says_what_others_would_have_chosen() -> None:
+    best = {"one": 2.0, "two": 2.0, "three": 2.0, "odd": 0.5}
+
+    def score(collection: str, changed: dict[str, Constant]) -> float:
+        value = changed.get("A", 1.0)
+        assert isinstance(value, float)
+        return -abs(value - best[collection])
+
+    found = scan({"A": 1.0, "B": (3.0, 4.0)}, list(best), score)["A"]  # type: ignore[arg-type]
+    assert found.value == 2.0
+    assert found.now == pytest.approx(-3.5 / 4)
+    assert found.best == pytest.approx(-1.5 / 4)
+    # Each of the three is served by the other two; the odd one by none.
+    assert found.left_out == pytest.approx(-1.5 / 4)
+    assert scan({"A": 1.0}, ["one", "odd"], score)["A"].left_out == pytest.approx(-1.5)  # type: ignore[arg-type]
+    # What makes no difference stays.
+    assert scan({"B": (3.0, 4.0)}, ["one"], score)["B"].value == (3.0, 4.0)  # type: ignore[arg-type]
+
+
+def test_constants_are_scaled_and_put_back() -> None:
+    assert scaled((1.0, 2.0), 2.0) == (2.0, 4.0)
+    assert scaled(5, 1.2) == 6
+    module = ModuleType("module")
+    module.A = 1.0  # type: ignore[attr-defined]
+    seen = []
+
+    def fail() -> None:
+        with patched(module, {"A": 2.0}):
+            seen.append(module.A)
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert (seen, module.A) == ([2.0], 1.0)
+
+
+def test_the_logit_finds_what_tells_right_poses() -> None:
+    rng = np.random.default_rng(0)
+    pairs = []
+    for _ in range(200):
+        logs = rng.standard_normal((6, len(WEIGHTS)))
+        right = np.arange(6) == np.argmin(logs[:, 0] + 0.2 * rng.standard_normal(6))
+        pairs.append(WeighedPair(logs=logs, right=right))
+    weights = fit_logit(pairs)
+    assert weights[0] > 5.0 * weights[1:].max()
+    assert share_right(pairs, weights) > 0.8 > share_right(pairs, np.ones(len(WEIGHTS)))
+
+
 @pytest.mark.data
-def test_the_priors_of_the_likelihood_are_measured(shared_data: Path) -> None:
-    found = measure_model(shared_data, ["glasses"], num_shapes=4)
-    assert 0 < found["PRIOR_NOISE_RAD"] < 0.35
-    assert 0 <= found["PRIOR_OUTLIERS"] < 1
+@pytest.mark.parametrize(
+    ("name", "collection"),
+    [("model", "glasses"), ("sides", "teeth"), ("evidence", "glasses")],
+)
+def test_quick_calibrations_measure_every_constant(shared_data: Path, name: str, collection: str) -> None:
+    rows = calibrate(name, shared_data, [collection], quick=True).rows
+    assert [row["constant"] for row in rows] == list(CALIBRATIONS[name].constants)
+    for row in rows:
+        assert row["measured"]
+        assert name == "model" or isfinite(float(str(row["now"])))

@@ -9,6 +9,7 @@ unless the collection is so large that the pilot looked at a part of it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -108,19 +109,50 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
         return replace(choice, note=f"{choice.note} This was decided on {MOST_SHAPES} of {num} shapes.")
     both_kinds = session.with_options(replace(session.options, group="O"))
     compared: dict[tuple[int, int], tuple[float, float]] = {}
-    for num_partners in NUM_PARTNERS:
-        pairs, _ = match_pairs(both_kinds, shapes, nearest_pairs(edges, descriptors, num_partners))
+
+    def energies_of(nearest: IntArray) -> tuple[list[tuple[int, int]], FloatArray]:
+        pairs, _ = match_pairs(both_kinds, shapes, nearest)
         for pair in pairs:
             if (pair.target, pair.source) not in compared:
                 compared[pair.target, pair.source] = chirality_energies(
                     pair, samples[pair.target], samples[pair.source]
                 )
-        energies = np.array([compared[pair.target, pair.source] for pair in pairs])
-        sides = find_sides([(pair.target, pair.source) for pair in pairs], energies, num)
-        if num < MIN_SHAPES or not sides.are_suspected or sides.are_obvious:
-            break
+        matched = [(pair.target, pair.source) for pair in pairs]
+        return matched, np.array([compared[pair] for pair in matched])
+
+    sides, energies = staged_sides(edges, descriptors, energies_of)
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
     return GroupChoice(group="O" if sides.are_clear else "SO", note=_note(sides, num_better, shapes.names))
+
+
+def staged_sides(
+    edges: IntArray,
+    descriptors: FloatArray,
+    energies_of: Callable[[IntArray], tuple[list[tuple[int, int]], FloatArray]],
+) -> tuple[Sides, FloatArray]:
+    """Find the sides that few pairs show, or where these leave a suspicion, more.
+
+    Parameters
+    ----------
+    edges : ndarray of int, shape (E, 2)
+        Pairs that may be compared.
+    descriptors : ndarray, shape (N, m)
+    energies_of : callable
+        Compares some pairs: those that it could, and their energies (e, 2) as they are and mirrored.
+
+    Returns
+    -------
+    sides : Sides
+    energies : ndarray, shape (e, 2)
+        That they were found in.
+    """
+    num = len(descriptors)
+    for num_partners in NUM_PARTNERS:
+        pairs, energies = energies_of(nearest_pairs(edges, descriptors, num_partners))
+        sides = find_sides(pairs, energies, num)
+        if num < MIN_SHAPES or not sides.are_suspected or sides.are_obvious:
+            break
+    return sides, energies
 
 
 def _evenly_spaced(shapes: Shapes, num: int) -> tuple[Shapes, IntArray]:

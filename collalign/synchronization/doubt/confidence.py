@@ -13,13 +13,15 @@ from collalign.synchronization.solvers.turns import SAME_TURN
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 
 #: Differences of cost between answers count by this part: pairs are not as independent as the model says, and beliefs
-#: on a graph with loops repeat themselves. Set on simulations, so that of the shapes at .95 at least 95 % are right.
+#: on a graph with loops repeat themselves. Set on simulations (``python -m tests.benchmarks.bench_synchronization
+#: --only poses`` prints what is right of the shapes at .95), so that of these at least 95 % are.
 EVIDENCE_PART = 0.5
 
 #: No confidence is stated beyond this: the model itself may be wrong.
 MOST_CONFIDENT = 0.999
 
-#: Evidence below this makes beliefs overconfident; confidences shrink, to half without evidence. Set on simulations.
+#: Evidence below this makes beliefs overconfident; confidences shrink, to half without evidence. Set on the
+#: same simulations.
 ENOUGH_SIGNAL = 2.0
 
 #: Doubted blocks of at least this share of the shapes, and this many, are parts of their own

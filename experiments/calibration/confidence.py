@@ -1,0 +1,42 @@
+"""The weights of the confidence, fitted on random sub-collections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from collalign.products.collection import DOUBT
+from collalign.stages.trust import model
+from experiments.calibration.scan import Calibration, Finding, constants_of
+from experiments.collections.landmarked import COLLECTIONS
+from experiments.confidence.draws import measure_collection
+from experiments.confidence.families import FAMILIES
+from experiments.confidence.fit import fit_weights, left_out, training_rows
+from experiments.experiment import Cell
+
+#: Runs of each collection, and their seed: another one than that of the experiment.
+NUM_RUNS, NUM_QUICK, SEED = 4, 1, 7
+
+
+def measure_weights(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
+    """Fit the logistic model to evidence and truth of the shapes of random sub-collections."""
+    shared = {"seed": SEED, "runs": NUM_QUICK if quick else NUM_RUNS}
+    records = {kind: measure_collection(Cell(data=data, settings={"kind": kind, **shared})) for kind in collections}
+    evidence, right, kind = training_rows(records)
+    (agreement, margin), constant = fit_weights(evidence, right, kind)
+    fitted = 1.0 / (1.0 + np.exp(-(model.terms(evidence) @ [agreement, margin] + constant)))
+    stated = [model.probability(evidence), fitted, left_out(evidence, right, kind)]
+    now, best, without = (float(right[chance >= DOUBT].mean()) for chance in stated)
+    values = {"AGREEMENT_WEIGHT": float(agreement), "MARGIN_WEIGHT": float(margin), "CONSTANT": constant}
+    return {name: Finding(value=value, now=now, best=best, left_out=without) for name, value in values.items()}
+
+
+CALIBRATION = Calibration(
+    module=model.__name__,
+    constants=constants_of(model, "AGREEMENT_WEIGHT", "MARGIN_WEIGHT", "CONSTANT"),
+    measure=measure_weights,
+    collections=(*COLLECTIONS, *(name for name, family in FAMILIES.items() if not family.symmetric)),
+    score=f"share of the shapes at {DOUBT} or more that are right, all weights together",
+)

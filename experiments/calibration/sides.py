@@ -1,0 +1,111 @@
+"""The thresholds by which a folder mixes left and right specimens, on subsets of collections that do or do not.
+
+A mirror image of a shape swaps the energies of its pairs, so molars of both sides also make subsets of one side, and
+of one side but for one specimen. Of the other collections no member is another's mirror image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from collalign.options import AlignOptions
+from collalign.stages.chirality import pilot, sides
+from collalign.stages.pairs.choose import describe_shapes
+from collalign.stages.pairs.graph import all_pairs
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from experiments.calibration.matched import matched
+from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
+from experiments.collections.landmarked import read_dataset
+
+#: Shapes of each collection, and random subsets of them.
+NUM_SHAPES, NUM_SUBSETS = 24, 60
+NUM_QUICK_SHAPES, NUM_QUICK_SUBSETS = 7, 2
+#: Mirroring shapes that are no mirror images counts as so many misses of some that are.
+FALSE_ALARM = 10.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Subset:
+    """Some shapes, the energies of all their pairs as they are and mirrored, and which ones are mirror images."""
+
+    descriptors: FloatArray
+    energies: FloatArray
+    mirrored: BoolArray
+
+    def verdict(self) -> float:
+        """Return 1 where the sides are judged rightly, 0 where they are missed, less where there are none."""
+        num = len(self.mirrored)
+
+        def energies_of(edges: IntArray) -> tuple[list[tuple[int, int]], FloatArray]:
+            return [(int(i), int(j)) for i, j in edges], self.energies[edges[:, 0], edges[:, 1]]
+
+        found, _ = pilot.staged_sides(all_pairs(num), self.descriptors, energies_of)
+        if self.mirrored.any() and not self.mirrored.all():
+            return float(found.are_clear)
+        return -FALSE_ALARM if found.are_clear else 1.0
+
+
+def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
+    """Match the pairs of one collection and draw subsets of its shapes."""
+    num = NUM_QUICK_SHAPES if quick else NUM_SHAPES
+    with matched(data, collection, num, AlignOptions(group="O")) as found:
+        samples, num = found.shapes.samples, len(found.shapes.names)
+        descriptors = describe_shapes(found.shapes)
+        energies = np.full((num, num, 2), np.nan)
+        for pair in found.pairs:
+            i, j = pair.target, pair.source
+            energies[i, j] = energies[j, i] = pilot.chirality_energies(pair, samples[i], samples[j])
+        dataset = read_dataset(collection, data)
+        mirrored = np.zeros(num, dtype=bool)
+        if dataset.chirality is not None:
+            mirrored = np.array([dataset.chirality[dataset.index(name)] < 0 for name in found.shapes.names])
+    rng = np.random.default_rng(1)
+    subsets = []
+    for _ in range(NUM_QUICK_SUBSETS if quick else NUM_SUBSETS):
+        some = np.sort(rng.permutation(num)[: rng.integers(sides.MIN_SHAPES, num + 1)])
+        part = energies[np.ix_(some, some)]
+        for wanted in _wanted(mirrored[some], rng) if mirrored.any() else [mirrored[some]]:
+            swapped = wanted != mirrored[some]
+            turned = np.where((swapped[:, None] != swapped)[..., None], part[..., ::-1], part)
+            subsets.append(Subset(descriptors=descriptors[some], energies=turned, mirrored=wanted))
+    return subsets
+
+
+def _wanted(mirrored: BoolArray, rng: np.random.Generator) -> Iterator[BoolArray]:
+    """Both sides as they are, one side, and one side but for one specimen."""
+    yield mirrored
+    yield np.zeros_like(mirrored)
+    yield np.arange(len(mirrored)) == rng.integers(len(mirrored))
+
+
+def measure_sides(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
+    """Judge the subsets with other thresholds."""
+    drawn = {collection: draw_subsets(data, collection, quick) for collection in collections}
+
+    def score(collection: str, changed: Mapping[str, Constant]) -> float:
+        with patched(sides, changed):
+            return float(np.mean([subset.verdict() for subset in drawn[collection]]))
+
+    return scan(CALIBRATION.constants, collections, score, quick=quick)
+
+
+CALIBRATION = Calibration(
+    module=sides.__name__,
+    constants=constants_of(
+        sides,
+        "LEAST_ALL",
+        "LEAST_BETWEEN",
+        "MOST_CONTRADICTED",
+        "LEAST_BALANCE",
+        "LEAST_SUSPICION",
+        "TRUST",
+        "LEAST_OBVIOUS",
+    ),
+    measure=measure_sides,
+    collections=("teeth", "chair", "glasses", "ant", "teddy", "human"),
+    score=f"share of right verdicts on subsets; mirroring without need counts as {FALSE_ALARM:.0f} misses",
+)
