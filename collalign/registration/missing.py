@@ -11,10 +11,8 @@ from scipy.spatial import cKDTree
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
+from data_tools.surface.beyond import lies_beyond
 
-#: A vertex is missing if the nearest place of the shape is on its rim and farther than the first of these, or
-#: farther than the second wherever it is, in radii of the shape.
-BEYOND_RIM, FAR = 0.05, 0.25
 #: What a shape has counts fully at so many radii from what it lacks, and less towards it: a mean in which a shape
 #: ends abruptly would have a step there.
 RAMP = 0.2
@@ -39,8 +37,8 @@ def missing_vertices(target: RegistrationSurface, vertices: FloatArray) -> BoolA
     """
     places = target.locator.closest(vertices)
     on_rim = (target.on_rim[places.corners] | (places.weights <= 0.0)).all(axis=1)
-    distances = np.linalg.norm(places.on(target.vertices) - vertices, axis=1) / target.radius
-    return np.asarray(distances > np.where(on_rim, BEYOND_RIM, FAR))
+    distances = np.linalg.norm(places.on(target.vertices) - vertices, axis=1)
+    return lies_beyond(distances, on_rim, target.radius)
 
 
 def mean_of_what_is_there(

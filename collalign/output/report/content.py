@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from collalign.output.report.incomplete import incomplete_content
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import offered_poses, own_disagreements_deg
 from collalign.output.report.statistics import cycle_histogram, main_part, shape_map, variation
@@ -40,11 +41,12 @@ def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]
     meshes: dict[str, Any] = {}
     blobs: dict[str, str] = {}
     varied, extra = variation(view)
+    incomplete, parts = incomplete_content(view)
     packed = {
         str(at): pack_mesh(*parts)
         for at, parts in enumerate(zip(view.vertices, view.faces, view.samples, strict=True))
     }
-    for name, (info, text) in (packed | extra).items():
+    for name, (info, text) in (packed | extra | parts).items():
         meshes[name], blobs[f"mesh-{name}"] = info, text
     pair_fields, blobs["pairs"], statuses = _pairs(view)
     shape_statistics = shape_map(view)
@@ -64,6 +66,7 @@ def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]
         "orders": _orders(view, shape_statistics),
         "map": shape_statistics,
         "variation": varied,
+        "incomplete": incomplete,
         "cycles": cycle_histogram(view),
         "excluded": view.excluded,
         "options": view.options,
@@ -105,6 +108,7 @@ def _shapes(view: CollectionView) -> list[dict[str, Any]]:
             "confidence": float(np.clip(np.nan_to_num(view.confidence[at]), 0.0, 1.0)),
             "reflected": bool(view.reflected[at]),
             "part": int(view.part_numbers[at]),
+            "coverage": view.coverage[at],
             "mesh": str(at),
             "centroid": centroids[at],
             "scale": view.scales[at] / unit,

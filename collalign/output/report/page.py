@@ -113,6 +113,8 @@ def _summary(view: CollectionView, notes: tuple[str, ...]) -> str:
         (left, "pairs that contradict the common poses", False),
         (len(view.excluded), "files or pairs excluded", len(view.excluded) > 0),
     ]
+    if view.incomplete:
+        facts.insert(1, (len(view.incomplete), "incomplete", False))
     if num_parts > 1:
         facts.append((num_parts, "parts that are not surely joined", True))
     items = [

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from collalign.output.corrections import read_corrections
 from collalign.output.report import write_report
 from collalign.products.evidence import CollectionView
+from tests.collalign.output.test_report_incomplete import broken_view
 from tests.view_problems import view_of
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -480,3 +481,17 @@ def test_charts_fit_a_narrow_window(browser: Any, small_file: Path) -> None:
         shown = page.page.locator(f"#{part} svg text").first.evaluate("one => one.getBoundingClientRect().height")
         assert shown > 9, part
     page.context.close()
+
+
+def test_incomplete_shapes_have_a_section_of_their_own(browser: Any, tmp_path: Path) -> None:
+    page = Page(browser, write_report(broken_view(), tmp_path))
+    section = page.page.locator("#incomplete")
+    assert section.locator("canvas").count() == 3
+    assert page.pixels("#incomplete canvas", 2)["share"] > 0.05
+    assert "Covers 70 %" in section.inner_text()
+    section.locator("summary").click()
+    assert section.locator("tbody tr").count() == 3
+    section.locator("button").first.click()
+    assert "70 % has a counterpart on" in page.page.locator("dialog[open]").inner_text()
+    page.context.close()
+    assert page.problems == []

@@ -7,6 +7,7 @@ const VIRIDIS = ["#440154", "#482878", "#3e4989", "#31688e", "#26828e", "#1f9e89
 const DIVERGING = ["#2166ac", "#67a9cf", "#d1e5f0", "#f7f7f7", "#fddbc7", "#ef8a62", "#b2182b"];
 export const BONE = "#d9c8a5";
 export const GREY = "#a9b0b8";
+export const MISSING_PART = "#3f8fca";
 
 // A fixed set first, then hues spaced by the golden angle.
 export function categorical(at) {
@@ -25,6 +26,7 @@ function ramp(stops) {
 }
 
 export const viridis = ramp(VIRIDIS);
+export const VIRIDIS_CSS = `linear-gradient(90deg, ${VIRIDIS.join(", ")})`;
 
 // From blue (0) over white (one half) to red (1).
 export const diverging = ramp(DIVERGING);

@@ -5,6 +5,7 @@ import { angleDeg, rotationMatrix } from "./data.js";
 import { CONFIRMED } from "./corrections.js";
 import { GREY, categorical } from "./colors.js";
 import { after, before, percent, posed } from "./layers.js";
+import { overlapInWords } from "./incomplete.js";
 import { turnByHand } from "./by_hand.js";
 
 const WORST = 8;
@@ -66,6 +67,7 @@ export function pairDialog(app) {
       Number.isNaN(bound) ? "No lower bound was asked for." : `Lower bound ${number(bound)}: no pose has a smaller energy (gap ${number(100 * (1 - bound / pairs.energy[pair]))} %).`,
       pairs.chiralityProven[pair] ? "Every pose of the other handedness is proven to be worse." : "",
       `This pair is ${collection.use(pair)}.`,
+      overlapInWords(collection, i, j),
       collection.statuses[pairs.status[pair]],
     ];
     box.body.replaceChildren(

@@ -9,6 +9,7 @@ import { componentsSection, cycleSection, treeSection } from "./charts.js";
 import { doubtSection } from "./doubt.js";
 import { excludedSection, runSection } from "./tables.js";
 import { gallerySection } from "./gallery.js";
+import { incompleteSection } from "./incomplete.js";
 import { mapSection } from "./shape_map.js";
 import { pairDialog, shapeDialog } from "./dialogs.js";
 import { pairsSection } from "./matrix.js";
@@ -19,6 +20,7 @@ const SECTIONS = [
   ["gallery", "Gallery", gallerySection],
   ["overlay", "Overlay", overlaySection],
   ["confidence", "Confidence", doubtSection],
+  ["incomplete", "Incomplete shapes", incompleteSection],
   ["pairs", "Pairs", pairsSection],
   ["map", "Shape map", mapSection],
   ["components", "Variation", componentsSection],
@@ -83,7 +85,8 @@ async function startReport(collection, main, nav) {
   const app = { collection, stage, corrections: new Corrections(collection), overlay: new Overlay(collection), galleryTiles: [], showPoints: false };
   app.openPair = pairDialog(app);
   app.openShape = shapeDialog(app);
-  furnish(SECTIONS, app, main, nav);
+  const sections = collection.incomplete.shapes ? SECTIONS : SECTIONS.filter(([id]) => id !== "incomplete");
+  furnish(sections, app, main, nav);
   main.append(correctionBar(app.corrections, collection));
   app.overlay.set(app.overlay.presets()[0][2]);
 }

@@ -1,0 +1,161 @@
+"""What the page shows of incomplete shapes: what of each has a counterpart, what it covers, and a completed view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from collalign.analysis.warp import thin_plate_warp
+from collalign.output.report.payload import pack_mesh
+from collalign.output.report.statistics import main_part
+from collalign.products.evidence import CollectionView
+from collalign.products.incomplete import Incomplete
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.embedding.surface_points import cloud_rim, plane_normals
+from data_tools.errors import InputError
+from data_tools.surface.beyond import lies_beyond
+from data_tools.surface.topology import mesh_edges
+
+#: Incomplete shapes that are drawn, those that cover least.
+MOST_DRAWN = 40
+_MIN_WARP_LABELS = 5
+_NONE = np.empty((0, 3))
+
+#: Packed meshes by name.
+Meshes = dict[str, tuple[dict[str, Any], str]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Posed:
+    """A display mesh in the common frame."""
+
+    vertices: FloatArray
+    faces: IntArray
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        return cKDTree(self.vertices)
+
+    @cached_property
+    def on_rim(self) -> BoolArray:
+        """Which vertices lie on the rim."""
+        if not len(self.faces):
+            return cloud_rim(self.vertices, plane_normals(self.vertices, self.vertices))
+        found = np.zeros(len(self.vertices), dtype=bool)
+        found[mesh_edges(self.faces).boundary.ravel()] = True
+        return found
+
+    @cached_property
+    def radius(self) -> float:
+        return float(np.sqrt(((self.vertices - self.vertices.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+    @cached_property
+    def spacing(self) -> float:
+        """How far its vertices lie apart: so much nearer is its surface than its nearest vertex, at most."""
+        return float(np.median(self.tree.query(self.vertices, k=2)[0][:, 1]))
+
+    def has(self, places: FloatArray) -> BoolArray:
+        """Return which places have a counterpart on this surface."""
+        distances, nearest = self.tree.query(places)
+        return ~lies_beyond(np.maximum(distances - self.spacing, 0.0), self.on_rim[nearest], self.radius)
+
+
+def incomplete_content(view: CollectionView) -> tuple[dict[str, Any], Meshes]:
+    """Return what is drawn and listed of the incomplete shapes; nothing where all are complete.
+
+    Returns
+    -------
+    content : dict
+        ``shapes``, and ``typical``: which mesh shows how many incomplete shapes have each place of a typical one.
+    meshes : dict of str to (info, text)
+        In file coordinates of the shape that each is drawn with. Values are shares in [0, 1].
+    """
+    if not view.incomplete:
+        return {}, {}
+    listed = sorted(view.incomplete, key=lambda one: (one.coverage, one.shape))
+    posed = {i: _posed(view, i) for one in listed for i in (one.shape, *one.partners.tolist())}
+    meshes: Meshes = {}
+    typical = _typical(view)
+    content: dict[str, Any] = {"shapes": [_entry(view, one) for one in listed], "drawn": min(len(listed), MOST_DRAWN)}
+    for entry, one in zip(content["shapes"], listed[:MOST_DRAWN], strict=False):
+        others = [posed[i] for i in one.partners.tolist()]
+        own = posed[one.shape]
+        shares = np.mean([other.has(own.vertices) for other in others], axis=0)
+        entry["own"] = _add(meshes, f"coverage-{one.shape}", view, one.shape, own, shares)
+        missing = None if typical is None else _missing_part(view, typical, one.shape, own)
+        if missing is not None:
+            entry["completed"] = _add(meshes, f"missing-{one.shape}", view, one.shape, missing)
+    if typical is not None:
+        surface = posed.get(typical) or _posed(view, typical)
+        shares = np.mean([posed[one.shape].has(surface.vertices) for one in listed[:MOST_DRAWN]], axis=0)
+        mesh = _add(meshes, "coverage-typical", view, typical, surface, shares)
+        content["typical"] = {"shape": typical, "mesh": mesh}
+    return content, meshes
+
+
+def _entry(view: CollectionView, one: Incomplete) -> dict[str, Any]:
+    """Return what is known of one shape without pictures."""
+    return {
+        "shape": one.shape,
+        "reason": one.reason,
+        "coverage": one.coverage,
+        "partners": one.partners,
+        "overlaps": one.overlaps,
+        "points": [int(np.isfinite(view.samples[one.shape]).all(axis=1).sum()), view.samples.shape[1]],
+    }
+
+
+def _posed(view: CollectionView, at: int) -> _Posed:
+    T = view.transforms[at]
+    return _Posed(view.vertices[at] @ T[:3, :3].T + T[:3, 3], view.faces[at])
+
+
+def _add(
+    meshes: Meshes, name: str, view: CollectionView, at: int, surface: _Posed, shares: FloatArray | None = None
+) -> str:
+    """Pack a mesh of the common frame in the file coordinates of a shape, and return its name."""
+    inverse = np.linalg.inv(view.transforms[at])
+    points = surface.vertices @ inverse[:3, :3].T + inverse[:3, 3]
+    meshes[name] = pack_mesh(points, surface.faces, _NONE, () if shares is None else shares)
+    return name
+
+
+def _typical(view: CollectionView) -> int | None:
+    """Return the complete shape of the main part whose samples are nearest to the mean; None where there is none."""
+    whole = np.array([i for i in main_part(view).tolist() if not view.is_incomplete[i]], dtype=np.int64)
+    if not len(whole):
+        return None
+    samples = view.aligned_samples[whole]
+    gaps = np.linalg.norm(samples - np.nanmean(samples, axis=0), axis=2)
+    return int(whole[np.nanmean(gaps, axis=1).argmin()])
+
+
+def _missing_part(view: CollectionView, typical: int, at: int, own: _Posed) -> _Posed | None:
+    """Return the part of the mean surface that a shape lacks, carried there by the points that it has.
+
+    The mean surface is that of the typical shape, its points taken to the means over the complete shapes by a
+    smoothing thin-plate spline; another one takes the means to the points of the incomplete shape.
+    """
+    samples = view.aligned_samples
+    mean = np.nanmean(samples[~view.is_incomplete & (view.part_numbers == view.part_numbers[typical])], axis=0)
+    known = np.isfinite(mean).all(axis=1) & np.isfinite(samples[typical]).all(axis=1)
+    shared = known & np.isfinite(samples[at]).all(axis=1)
+    if shared.sum() < _MIN_WARP_LABELS:
+        return None
+    smoothing = float(np.median(cKDTree(mean[known]).query(mean[known], k=2)[0][:, 1]))
+    surface = _posed(view, typical)
+    try:
+        average = thin_plate_warp(surface.vertices, samples[typical][known], mean[known], smoothing=smoothing)
+        carried = thin_plate_warp(average, mean[shared], samples[at][shared], smoothing=smoothing)
+    except InputError:
+        return None
+    lacks = ~own.has(carried)
+    if not len(surface.faces):
+        return _Posed(carried[lacks], surface.faces) if lacks.any() else None
+    faces = surface.faces[lacks[surface.faces].all(axis=1)]
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return _Posed(carried[used], renumbered.reshape(-1, 3)) if len(faces) else None

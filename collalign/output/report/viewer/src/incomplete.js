@@ -1,0 +1,69 @@
+// Shapes of which parts are missing: what of each has a counterpart, what the others have beyond it.
+
+import { button, el, table } from "./dom.js";
+import { MISSING_PART, VIRIDIS_CSS } from "./colors.js";
+import { after, percent } from "./layers.js";
+
+function share(value) {
+  return value === null ? "unknown" : percent(value);
+}
+
+function figure(app, parent, caption, layers) {
+  const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": `${caption}; arrow keys turn, plus and minus zoom` });
+  parent.append(el("figure", null, canvas, el("figcaption", null, caption)));
+  const tile = app.stage.add(canvas, layers, { zoomable: true });
+  app.corrections.onchange(() => app.stage.refresh(tile));
+}
+
+function overlapTable(app, { shape, partners, overlaps }) {
+  const { shapes } = app.collection;
+  const rows = partners.map((partner, at) => {
+    const open = app.collection.pairAt(shape, partner) < 0 ? shapes[partner].name : button(shapes[partner].name, () => app.openPair(shape, partner), { class: "link" });
+    return [open, share(overlaps[at][0]), share(overlaps[at][1])];
+  });
+  const head = ["Posed on", "Of it covered", `Of ${shapes[shape].name} found there`];
+  return el("details", null, el("summary", null, `Overlap with ${partners.length} shapes`), table(`Overlaps of ${shapes[shape].name}`, head, rows));
+}
+
+function entry(app, one) {
+  const { name } = app.collection.shapes[one.shape];
+  const row = el("div", { class: "figures few" });
+  if (one.own) figure(app, row, `${name}, what the others have too`, () => [after(app, one.shape, { mesh: one.own })]);
+  if (one.completed) {
+    figure(app, row, `${name} and, in blue, what the mean has beyond it: a guess`, () => [
+      after(app, one.shape), after(app, one.shape, { mesh: one.completed, color: MISSING_PART, opacity: 0.6 })]);
+  }
+  const words = `Covers ${share(one.coverage)} of the shapes that it was posed on; ${one.points[0]} of ${one.points[1]} corresponding points are there. Incomplete: ${one.reason || "as told"}.`;
+  return el("div", { class: "entry" }, el("h3", null, name), el("p", null, words), row, overlapTable(app, one));
+}
+
+function legend() {
+  return el("div", { class: "legend" }, "none", el("span", { class: "ramp", style: `background:${VIRIDIS_CSS}` }), "all", el("span", { class: "muted" }, "have a counterpart of the place"));
+}
+
+export function incompleteSection(app) {
+  const { shapes, drawn, typical } = app.collection.incomplete;
+  const intro = "Colours say how many of the shapes that an incomplete one was posed on have a counterpart of each place. "
+    + "Clear blue is the mean's surface where the shape has none, carried there by the points that it has: a picture, in no export and no figure.";
+  const parts = [el("p", { class: "muted" }, intro), legend()];
+  if (typical) {
+    const row = el("div", { class: "figures few" });
+    const caption = `${app.collection.shapes[typical.shape].name}, a complete shape: how many of the incomplete ones have each place`;
+    figure(app, row, caption, () => [after(app, typical.shape, { mesh: typical.mesh })]);
+    parts.push(row);
+  } else {
+    parts.push(el("p", null, "No shape is complete, so none is drawn completed."));
+  }
+  if (drawn < shapes.length) parts.push(el("p", null, `The ${drawn} that cover least are drawn.`));
+  return [...parts, ...shapes.map((one) => entry(app, one))];
+}
+
+// How far two shapes overlap, in words; empty where neither is incomplete or they were not posed on each other.
+export function overlapInWords({ incomplete, shapes }, i, j) {
+  for (const [own, other] of [[i, j], [j, i]]) {
+    const one = incomplete.shapes?.find(({ shape }) => shape === own);
+    const at = one ? one.partners.indexOf(other) : -1;
+    if (at >= 0) return `Of ${shapes[other].name}, ${share(one.overlaps[at][0])} has a counterpart on ${shapes[own].name}; the other way round ${share(one.overlaps[at][1])}.`;
+  }
+  return "";
+}

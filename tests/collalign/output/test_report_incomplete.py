@@ -1,0 +1,96 @@
+"""What the page says and draws of incomplete shapes."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from collalign.output.report import render_report
+from collalign.output.report.content import build_content
+from collalign.output.report.incomplete import incomplete_content
+from collalign.products.evidence import CollectionView
+from collalign.products.incomplete import Incomplete
+from tests.collalign.output.test_report_content import unpack
+from tests.view_problems import view_of
+
+BROKEN = 3
+
+
+def broken_view(*, every: bool = False) -> CollectionView:
+    """A collection of which one shape lacks what lies beyond a plane; with ``every`` all count as incomplete."""
+    view = view_of(6, subdivisions=3)
+    T = view.transforms[BROKEN]
+    posed = view.vertices[BROKEN] @ T[:3, :3].T + T[:3, 3]
+    placed = view.aligned_samples[BROKEN]
+    height = np.quantile(posed[:, 0], 0.7)
+    kept = posed[:, 0] <= height
+    faces = (np.cumsum(kept) - 1)[view.faces[BROKEN][kept[view.faces[BROKEN]].all(axis=1)]]
+    samples = view.samples.copy()
+    samples[BROKEN][placed[:, 0] > height] = np.nan
+    partners = np.array([0, 1, 2])
+    incomplete = Incomplete(shape=BROKEN, reason="as told", partners=partners, overlaps=np.full((3, 2), [0.7, 1.0]))
+    others = [
+        Incomplete(shape=i, reason="", partners=np.array([BROKEN]), overlaps=np.ones((1, 2)))
+        for i in range(6)
+        if every and i != BROKEN
+    ]
+    return dataclasses.replace(
+        view,
+        vertices=(*view.vertices[:BROKEN], view.vertices[BROKEN][kept], *view.vertices[BROKEN + 1 :]),
+        faces=(*view.faces[:BROKEN], faces, *view.faces[BROKEN + 1 :]),
+        samples=samples,
+        incomplete=(incomplete, *others),
+    )
+
+
+def mesh_of(meshes: dict[str, tuple[dict[str, object], str]], name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the vertices and the values of a packed mesh."""
+    info, text = meshes[name]
+    arrays = unpack(info["fields"], text)  # type: ignore[arg-type]
+    return np.array(info["centre"]) + info["step"] * arrays["vertices"].reshape(-1, 3), arrays["scalars"] / 255.0
+
+
+def test_colours_and_the_completed_part_tell_where_the_plane_was() -> None:
+    view = broken_view()
+    content, meshes = incomplete_content(view)
+    (entry,) = content["shapes"]
+    assert entry["coverage"] == pytest.approx(0.7)
+    assert (entry["own"], entry["completed"]) == (f"coverage-{BROKEN}", f"missing-{BROKEN}")
+    T = view.transforms[BROKEN]
+    height = (view.vertices[BROKEN] @ T[:3, :3].T + T[:3, 3])[:, 0].max()
+    missing, _ = mesh_of(meshes, f"missing-{BROKEN}")
+    posed = missing @ T[:3, :3].T + T[:3, 3]
+    assert posed[:, 0].min() > height - 0.05
+    assert mesh_of(meshes, f"coverage-{BROKEN}")[1].min() == 1.0
+    typical = content["typical"]["shape"]
+    assert typical != BROKEN
+    T = view.transforms[typical]
+    places, shares = mesh_of(meshes, "coverage-typical")
+    beyond = (places @ T[:3, :3].T + T[:3, 3])[:, 0] - height
+    assert (shares[beyond > 0.15] == 0).all()
+    assert (shares[beyond < -0.05] == 1).all()
+
+
+def test_where_no_shape_is_complete_none_is_completed() -> None:
+    content, meshes = incomplete_content(broken_view(every=True))
+    assert "typical" not in content
+    assert len(content["shapes"]) == 6
+    assert not any(name.startswith("missing") for name in meshes)
+
+
+def test_complete_collections_say_nothing() -> None:
+    assert incomplete_content(view_of(4)) == ({}, {})
+    assert build_content(view_of(4))[0]["incomplete"] == {}
+    assert "<strong>1</strong>incomplete" in render_report(broken_view())
+    assert "</strong>incomplete" not in render_report(view_of(4))
+
+
+def test_a_shape_with_too_few_points_is_drawn_without_completion() -> None:
+    view = broken_view()
+    samples = view.samples.copy()
+    samples[BROKEN][4:] = np.nan
+    content, meshes = incomplete_content(dataclasses.replace(view, samples=samples))
+    assert "completed" not in content["shapes"][0]
+    assert f"missing-{BROKEN}" not in meshes
