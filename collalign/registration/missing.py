@@ -36,7 +36,7 @@ def missing_vertices(target: RegistrationSurface, vertices: FloatArray) -> BoolA
     vertices : ndarray, shape (v, 3)
     """
     places = target.locator.closest(vertices)
-    on_rim = (target.on_rim[places.corners] | (places.weights <= 0.0)).all(axis=1)
+    on_rim = np.asarray((target.on_rim[places.corners] | (places.weights <= 0.0)).all(axis=1))
     distances = np.linalg.norm(places.on(target.vertices) - vertices, axis=1)
     return lies_beyond(distances, on_rim, target.radius)
 
