@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
+from collalign.analysis.surface_symmetry import surface_symmetry
 from collalign.analysis.surface_variation import SurfaceVariation, surface_variation
+from collalign.analysis.symmetry import mirror_normal
 from collalign.dense import dense_correspondence
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory
@@ -16,10 +19,13 @@ from collalign.landmarks.carry import template
 from collalign.output.evidence.file import load_view
 from collalign.output.variation.write import write_variation
 from collalign.products.dense import DenseCorrespondence
+from collalign.registration.mirror import mirror_map
 from collalign.transfer import read_templates, template_points
 from data_tools.arrays import FloatArray
-from data_tools.errors import CollectionError
-from data_tools.io.landmarks import Landmarks
+from data_tools.errors import CollectionError, InputError
+from data_tools.io.landmarks import Landmarks, landmark_partners, read_landmark_pairs
+from data_tools.surface.closest import SurfacePoints
+from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
 
@@ -30,6 +36,8 @@ def write_surface_variation(
     *,
     labels: Mapping[str, Sequence[str]] | None = None,
     landmarks: Mapping[str, Landmarks] | Sequence[str | Path] = (),
+    symmetry: Literal["auto"] | str | Path | Sequence[tuple[str, str]] | None = None,
+    individuals: Sequence[str] | None = None,
     run: RunOptions | None = None,
     progress: ProgressFactory | bool = True,
 ) -> SurfaceVariation:
@@ -45,6 +53,11 @@ def write_surface_variation(
         Columns of labels, one per shape of the result and "" where unknown; by default those the result came with.
     landmarks : mapping of name to Landmarks, or sequence of path
         Of some specimens, to be numbered on the mean.
+    symmetry : "auto", path or sequence of pairs, optional
+        For bilateral shapes: symmetric and asymmetric components. The mirror plane is that of the pairs of landmarks
+        (a CSV file with a row per pair, or the pairs), or with "auto" the one whose mirror image fits best.
+    individuals : sequence of str, optional
+        Whom each shape of the result belongs to, where some are replicates, which tell asymmetry from errors.
     run : RunOptions, optional
         With a store, finished registrations are kept.
     progress : bool or callable
@@ -59,7 +72,7 @@ def write_surface_variation(
     Raises
     ------
     InputError
-        If the folder holds no result, or files of somebody else's are in the way.
+        If the folder holds no result, files of somebody else's are in the way, or shapes are not bilateral.
     CollectionError
         If fewer than two complete shapes can be registered.
 
@@ -77,8 +90,9 @@ def write_surface_variation(
     view = load_view(result)
     every = dense_correspondence(result, run=run, progress=progress)
     dense = _whole_shapes(every)
-    found = surface_variation(dense.names, dense.faces, dense.vertices)
     rows = [view.index(name) for name in dense.names]
+    vertices = dense.vertices / view.scales[rows][:, None, None]
+    found = surface_variation(dense.names, dense.faces, vertices)
     columns = {
         column: tuple(values[at] for at in rows)
         for column, values in (view.labels if labels is None else labels).items()
@@ -89,10 +103,28 @@ def write_surface_variation(
         names, known = template_points(view, given)
         posed = {name: _posed(view.transforms[view.index(name)], points) for name, points in known.items()}
         marked = names, _on_mean(dense, found.mean, posed)
+    components = None
+    if symmetry is not None:
+        components = surface_symmetry(
+            vertices,
+            dense.faces,
+            _counterparts(found, symmetry, marked),
+            mirrored=view.reflected[rows],
+            individuals=None if individuals is None else [individuals[at] for at in rows],
+        )
     inputs = [] if isinstance(landmarks, Mapping) else [Path(path) for path in landmarks]
     version = str(view.versions.get("collalign", ""))
     left_out = tuple(name for name in every.names if name not in dense.names)
-    write_variation(found, Path(to), inputs, columns=columns, landmarks=marked, version=version, left_out=left_out)
+    write_variation(
+        found,
+        Path(to),
+        inputs,
+        columns=columns,
+        landmarks=marked,
+        symmetry=components,
+        version=version,
+        left_out=left_out,
+    )
     return found
 
 
@@ -111,6 +143,27 @@ def _whole_shapes(dense: DenseCorrespondence) -> DenseCorrespondence:
         residual=dense.residual[whole],
         quality=dense.quality[whole],
     )
+
+
+def _counterparts(
+    found: SurfaceVariation,
+    symmetry: str | Path | Sequence[tuple[str, str]],
+    marked: tuple[tuple[str, ...], FloatArray],
+) -> SurfacePoints:
+    """Find the other side of every vertex of the mean."""
+    mean = Shape.from_arrays(found.mean, found.faces, name="the mean")
+    if symmetry == "auto":
+        return mirror_map(mean).places
+    names, points = marked
+    if not names:
+        raise InputError("symmetry: pairs are of landmarks; name files that have them (landmarks)")
+    pairs = read_landmark_pairs(symmetry, names) if isinstance(symmetry, str | Path) else symmetry
+    partner = landmark_partners(names, pairs)
+    there = np.asarray(np.isfinite(points).all(axis=1))
+    known = there & there[partner]
+    numbers = np.cumsum(known) - 1
+    centred = points[known] - points[known].mean(axis=0)
+    return mirror_map(mean, normal=mirror_normal(centred, numbers[partner[known]])).places
 
 
 def _posed(transform: FloatArray, points: FloatArray) -> FloatArray:

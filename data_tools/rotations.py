@@ -110,3 +110,18 @@ def landmark_rotation(target: ArrayLike, source: ArrayLike, *, group: str = "SO"
     p = as_points(p[common], "common landmarks of the source", min_points=3)
     moment = (q - q.mean(axis=0)).T @ (p - p.mean(axis=0))
     return nearest_orthogonal(moment, determinant=1.0 if group == "SO" else None)
+
+
+def spread_directions(num: int) -> FloatArray:
+    """Return almost evenly spread points of the unit sphere, from its highest to its lowest, shape (num, 3).
+
+    References
+    ----------
+    Gonzalez, Measurement of areas on a sphere using Fibonacci and latitude-longitude lattices, Mathematical
+    Geosciences 42 (2010).
+    """
+    index = np.arange(num)
+    z = 1.0 - (2.0 * index + 1.0) / num
+    angle = np.pi * (3.0 - np.sqrt(5.0)) * index
+    radius = np.sqrt(1.0 - z**2)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])

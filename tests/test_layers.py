@@ -93,7 +93,7 @@ ROOMS = {
     "rigid": {"options", "stages"},
     "dense": {"engine", "options", "output", "products", "registration", "stages"},
     "transfer": {"dense", "engine", "landmarks", "output", "products", "registration"},
-    "variation": {"analysis", "dense", "engine", "landmarks", "output", "products", "transfer"},
+    "variation": {"analysis", "dense", "engine", "landmarks", "output", "products", "registration", "transfer"},
 }
 #: Rooms that stand alone, with the few modules of their siblings that each may import.
 ALONE = {

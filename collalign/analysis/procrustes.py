@@ -96,7 +96,7 @@ def generalized_procrustes(samples: ArrayLike) -> ProcrustesMean:
     Gower, Generalized Procrustes analysis, Psychometrika 40 (1975). Rohlf and Slice, Extensions of the Procrustes
     method for the optimal superimposition of landmarks, Systematic Zoology 39 (1990).
     """
-    shapes = _unit_size(as_floats(samples, "samples", shape=(None, None, 3)))
+    shapes = unit_size(as_floats(samples, "samples", shape=(None, None, 3)))
     if not len(shapes):
         raise InputError("samples: no shapes")
     mean = shapes[0]
@@ -177,7 +177,14 @@ def procrustes_distances(samples: ArrayLike) -> FloatArray:
     return 2 * np.sin(rho / 2)
 
 
-def _unit_size(points: FloatArray) -> FloatArray:
+def unit_size(points: FloatArray) -> FloatArray:
+    """Return configurations, shape (N, k, 3), centred and of unit centroid size.
+
+    Raises
+    ------
+    InputError
+        If one is a single point.
+    """
     centred = points - points.mean(axis=1, keepdims=True)
     sizes = np.sqrt((centred**2).sum(axis=(1, 2)))
     if (sizes <= 0).any():

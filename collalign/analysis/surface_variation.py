@@ -9,11 +9,15 @@ import numpy as np
 
 from collalign.analysis.procrustes import PrincipalComponents, generalized_procrustes, principal_components
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.embedding.sampling import farthest_points
 from data_tools.surface.normals import vertex_normals
+from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
 #: Components that are shown and written.
 NUM_COMPONENTS = 6
+#: Semilandmarks that are written for R.
+NUM_POINTS = 200
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,6 +37,8 @@ class SurfaceVariation:
         number, in the unit of the vertices given.
     components : PrincipalComponents
         Of the shapes.
+    points : ndarray, shape (N, p, 3)
+        Evenly spread vertices of each surface, as given, for programs that cannot take all.
     """
 
     names: tuple[str, ...]
@@ -41,6 +47,7 @@ class SurfaceVariation:
     shapes: FloatArray
     centroid_sizes: FloatArray
     components: PrincipalComponents
+    points: FloatArray
 
 
 @one_blas_thread()
@@ -62,6 +69,8 @@ def surface_variation(names: Sequence[str], faces: IntArray, vertices: FloatArra
     found = generalized_procrustes(vertices)
     unit = float(np.sqrt(vertices.shape[1]))
     components = principal_components(unit * found.aligned)
+    mean = Shape.from_arrays(components.mean, faces)
+    spread = farthest_points(mean, min(NUM_POINTS, vertices.shape[1]), metric="euclidean")
     return SurfaceVariation(
         names=tuple(names),
         faces=faces,
@@ -69,6 +78,7 @@ def surface_variation(names: Sequence[str], faces: IntArray, vertices: FloatArra
         shapes=read_only(unit * found.aligned),
         centroid_sizes=read_only(np.linalg.norm(vertices - vertices.mean(axis=1, keepdims=True), axis=(1, 2)) / unit),
         components=components,
+        points=read_only(vertices[:, spread]),
     )
 
 

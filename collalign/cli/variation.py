@@ -15,6 +15,7 @@ from collalign.engine.store.layout import STORE_FILE
 from collalign.output.evidence.file import load_view
 from collalign.output.variation.write import PAGE_FILE
 from collalign.variation import write_surface_variation
+from data_tools.errors import InputError
 
 
 def variation(
@@ -23,6 +24,8 @@ def variation(
     to: Path,
     labels: Path | None = None,
     landmarks: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
+    symmetry: str | None = None,
+    individuals: str | None = None,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
     """Show how the surfaces of a result vary: principal components, groups, every specimen against the mean.
@@ -37,13 +40,27 @@ def variation(
         CSV file with one row per shape; every column is one way to group.
     landmarks
         Landmark files (.mrk.json, .fcsv, .csv), each called like the shape it belongs to, to be numbered on the mean.
+    symmetry
+        For bilateral shapes: symmetric and asymmetric components and their Procrustes ANOVA. Either ``auto``, or a
+        CSV file with two landmarks, left and right, in each row; landmarks in none are on the midline.
+    individuals
+        Column of the labels that says whom each shape belongs to, where individuals were measured several times.
     """
     view = load_view(result)
     columns = None if labels is None else read_labels(labels).columns_for(view.names)
+    if individuals is not None and individuals not in (columns or view.labels):
+        raise InputError(f"--individuals: no column of the labels is called {individuals!r}")
+    owners = None if individuals is None else (columns or view.labels)[individuals]
     store = run.store or result / STORE_FILE
     with resumable(store):
         write_surface_variation(
-            result, to, labels=columns, landmarks=landmarks or (), run=with_changes(run, store=store)
+            result,
+            to,
+            labels=columns,
+            landmarks=landmarks or (),
+            symmetry=symmetry,
+            individuals=owners,
+            run=with_changes(run, store=store),
         )
     print(to / PAGE_FILE)
     return 0

@@ -47,7 +47,7 @@ class RegistrationOptions:
     err least at .7 and more below .4; skulls do not care between .2 and .4."""
 
     cutoff: float = 3.0
-    """Correspondences beyond so many times the median distance do not count."""
+    """Correspondences beyond so many times the median distance, or the noise where that is more, do not count."""
 
     min_cosine: float = 0.3
     """Nor do those whose normals differ by more than this cosine says."""

@@ -201,7 +201,7 @@ class _Search:
         hit = cKDTree(theirs).query(ours[source.spread])[1]
         struck = cKDTree(ours).query(theirs[target.spread])[1]
         at, to = np.concatenate([source.spread, struck]), np.concatenate([hit, target.spread])
-        weights = self._trust(moved, normals, at, to)
+        weights = self._trust(moved, normals, at, to, noise)
         weights *= ~np.concatenate([target.on_rim[hit], source.on_rim[struck]])
         kept = weights > 0
         if not kept.any():
@@ -222,7 +222,7 @@ class _Search:
             self._features(target.vertices, self._target_normals, noise),
         )
         hit = cKDTree(theirs).query(ours)[1]
-        quality = self._trust(moved, normals, np.arange(len(moved)), hit) * ~target.on_rim[hit]
+        quality = self._trust(moved, normals, np.arange(len(moved)), hit, noise) * ~target.on_rim[hit]
         return np.asarray(np.linalg.norm(places - moved, axis=1)), np.asarray(quality)
 
     def _features(self, vertices: FloatArray, normals: FloatArray, noise: float) -> FloatArray:
@@ -230,10 +230,13 @@ class _Search:
         scale = self._target.radius * noise / self._options.normal_noise if self._has_normals else 0.0
         return np.hstack([vertices, scale * normals])
 
-    def _trust(self, moved: FloatArray, normals: FloatArray, at: IntArray, to: IntArray) -> FloatArray:
-        """Tukey's biweight of each correspondence's distance, zero where normals disagree."""
+    def _trust(self, moved: FloatArray, normals: FloatArray, at: IntArray, to: IntArray, noise: float) -> FloatArray:
+        """Tukey's biweight of each correspondence's distance, zero where normals disagree.
+
+        Where almost everything fits, the noise is the scale: what differs in one place is not an error for that.
+        """
         distances = np.linalg.norm(self._target.vertices[to] - moved[at], axis=1)
-        scale = max(self._options.cutoff * float(np.median(distances)), 1e-9 * self._target.radius)
+        scale = self._options.cutoff * max(float(np.median(distances)), noise * self._target.radius)
         weights = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2
         if self._has_normals:
             weights *= (normals[at] * self._target_normals[to]).sum(axis=1) > self._options.min_cosine

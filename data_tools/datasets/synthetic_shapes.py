@@ -6,24 +6,16 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.rotations import spread_directions
 from data_tools.surface.shape import Shape
 
 #: Polar angle where a crown ends, in radians.
 CROWN_RIM = 1.9
 
 
-def fibonacci_sphere(num: int) -> FloatArray:
-    """Return almost evenly spread points of the unit sphere, shape (num, 3) (Gonzalez 2010)."""
-    index = np.arange(num)
-    z = 1.0 - (2.0 * index + 1.0) / num
-    angle = np.pi * (3.0 - np.sqrt(5.0)) * index
-    radius = np.sqrt(1.0 - z**2)
-    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
-
-
 def sphere_mesh(num_vertices: int) -> tuple[FloatArray, IntArray]:
     """Return a triangulated unit sphere of that many vertices, its triangles counterclockwise from outside."""
-    vertices = fibonacci_sphere(num_vertices)
+    vertices = spread_directions(num_vertices)
     hull = ConvexHull(vertices)
     faces = hull.simplices.astype(np.int64)
     a, b, c = (vertices[faces[:, i]] for i in range(3))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -111,6 +111,51 @@ def read_symmetry(path: Path | str, *, num_landmarks: int) -> IntArray:
             raise InputError(f"{path}: line {number}: landmark {pair} is in two orbits")
         seen |= set(pair)
         partner[pair] = pair[::-1]
+    return partner
+
+
+def read_landmark_pairs(path: Path | str, labels: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Read pairs of landmarks, left and right, one pair a row of a CSV file; a header is allowed.
+
+    Raises
+    ------
+    InputError
+        If a row does not hold two labels.
+    """
+    path = existing_file(Path(path))
+    rows = [
+        [word.strip() for word in row] for row in csv.reader(_text(path).splitlines()) if any(map(str.strip, row))
+    ]
+    if rows and not set(rows[0]) & set(labels):
+        rows = rows[1:]
+    for row in rows:
+        if len(row) != 2 or not all(row):
+            raise InputError(f"{path}: expected two landmarks in each row, got {','.join(row)!r}")
+        unknown = [word for word in row if word not in labels]
+        if unknown:
+            raise InputError(f"{path}: there is no landmark {unknown[0]!r}")
+    if not rows:
+        raise InputError(f"{path}: holds no pairs of landmarks")
+    return tuple((row[0], row[1]) for row in rows)
+
+
+def landmark_partners(labels: Sequence[str], pairs: Iterable[tuple[str, str]]) -> IntArray:
+    """Return the partner of every landmark, shape (l,); one that is in no pair is on the midline, and its own.
+
+    Raises
+    ------
+    InputError
+        If a pair names an unknown landmark or one that has a partner already.
+    """
+    partner = np.arange(len(labels))
+    for pair in pairs:
+        for label in pair:
+            if label not in labels:
+                raise InputError(f"pairs: there is no landmark {label!r}")
+        left, right = (list(labels).index(label) for label in pair)
+        if left == right or partner[left] != left or partner[right] != right:
+            raise InputError(f"pairs: {pair[0]!r} and {pair[1]!r}: a landmark is in two pairs or its own partner")
+        partner[[left, right]] = right, left
     return partner
 
 

@@ -11,9 +11,10 @@ from scipy.spatial import cKDTree
 
 from collalign.engine.store.store import Store
 from data_tools.datasets.synthetic import bent, shuffled
-from data_tools.datasets.synthetic_shapes import chair, fibonacci_sphere, figure
+from data_tools.datasets.synthetic_shapes import chair, figure
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
+from data_tools.rotations import spread_directions
 from data_tools.surface.shape import Shape
 from experiments import load_experiment
 from experiments.__main__ import app
@@ -80,7 +81,7 @@ def scan_of(body: Shape, seed: int) -> Shape:
     """What a scanner might see: vertices in another order, no head, and a loose speck beside the body."""
     seen = figure(resolution=2).vertices[:, 2] < CUT
     faces = body.faces[seen[body.faces].all(axis=1)]
-    speck = 0.01 * fibonacci_sphere(4) + body.vertices.max(axis=0) + 3.0
+    speck = 0.01 * spread_directions(4) + body.vertices.max(axis=0) + 3.0
     vertices = np.concatenate([body.vertices, speck])
     faces = np.concatenate([faces, len(body.vertices) + np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])])
     return shuffled(Shape.from_arrays(vertices, faces, name="scan"), np.random.default_rng(seed))[0]

@@ -14,7 +14,7 @@ def write(request: ExportRequest) -> tuple[Path, ...]:
     Labels become the sections ``[labels]`` and ``[labelvalues]``, blanks in them underscores, unknown ones NA.
     """
     landmarks, coordinates = request.landmarks()
-    names = written_names(request, for_morphologika)
+    names = written_names(request.view.names, for_morphologika)
     lines = ["[individuals]", str(len(names)), "[landmarks]", str(len(landmarks)), "[dimensions]", "3"]
     lines += ["[names]", *names]
     columns = request.view.labels

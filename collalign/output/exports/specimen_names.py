@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +37,11 @@ def for_morphologika(name: str) -> str:
     return safe
 
 
-def written_names(request: ExportRequest, rule: Callable[[str], str]) -> list[str]:
+def written_names(names: Iterable[str], rule: Callable[[str], str]) -> list[str]:
     """Names by a rule, made distinct by a number at the end."""
     taken: set[str] = set()
     written = []
-    for name in request.view.names:
+    for name in names:
         safe, number = rule(name), 2
         while safe in taken:
             safe, number = f"{rule(name)}-{number}", number + 1

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from collalign.analysis.surface_symmetry import SurfaceSymmetry
 from collalign.analysis.surface_variation import NUM_COMPONENTS, SurfaceVariation
 from collalign.output.evidence.display_mesh import display_mesh
 from collalign.output.report.payload import pack, sample_colors
@@ -21,7 +22,10 @@ _LARGEST = 32767
 
 
 def build_variation(
-    variation: SurfaceVariation, columns: dict[str, tuple[str, ...]], landmarks: tuple[tuple[str, ...], FloatArray]
+    variation: SurfaceVariation,
+    columns: dict[str, tuple[str, ...]],
+    landmarks: tuple[tuple[str, ...], FloatArray],
+    symmetry: SurfaceSymmetry | None = None,
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Collect the page's content.
 
@@ -32,6 +36,7 @@ def build_variation(
         Labels of the shapes, "" where unknown.
     landmarks : (names, points)
         Points (l, 3) on the mean, in its coordinates; NaN where a landmark is on no template.
+    symmetry : SurfaceSymmetry, optional
 
     Returns
     -------
@@ -50,11 +55,18 @@ def build_variation(
     axes = [d * places.on(axis) for d, axis in zip(deviations, variation.components.axes[:count], strict=True)]
     arrays: dict[str, NDArray[Any]] = {}
     steps: dict[str, Any] = {}
-    for name, values in (
-        ("mean", mean),
-        ("axes", np.array(axes)),
-        ("shapes", np.stack([places.on(shape) - mean for shape in variation.shapes])),
-    ):
+    surfaces = {
+        "mean": mean,
+        "axes": np.array(axes),
+        "shapes": np.stack([places.on(shape) - mean for shape in variation.shapes]),
+    }
+    if symmetry is not None:
+        parts = [symmetry.directional, *symmetry.asymmetric]
+        surfaces |= {
+            "symmetricMean": places.on(symmetry.mean),
+            "asymmetric": np.stack([places.on(part) for part in parts]),
+        }
+    for name, values in surfaces.items():
         steps[name] = float(np.abs(values).max()) / _LARGEST or 1.0
         arrays[name] = np.round(values / steps[name]).astype(np.int16)
     arrays["faces"] = faces.astype(np.uint16 if len(mean) <= np.iinfo(np.uint16).max else np.uint32)
@@ -78,8 +90,20 @@ def build_variation(
             "points": points[known],
             "normals": _normals(variation, points[known]),
         },
+        "symmetry": None if symmetry is None else _asymmetries(symmetry),
     }
     return dict(json_types(document)), {"variation": text}
+
+
+def _asymmetries(symmetry: SurfaceSymmetry) -> dict[str, Any]:
+    return {
+        "asymmetry": symmetry.asymmetry,
+        "fluctuating": symmetry.fluctuating,
+        "anova": [
+            {"effect": row.effect, "df": row.df, "sum": row.sum_of_squares, "f": row.f, "p": row.p}
+            for row in symmetry.anova
+        ],
+    }
 
 
 def _normals(variation: SurfaceVariation, points: FloatArray) -> FloatArray:

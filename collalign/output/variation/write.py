@@ -9,16 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
+from collalign.analysis.surface_symmetry import SurfaceSymmetry
 from collalign.analysis.surface_variation import NUM_COMPONENTS, SurfaceVariation, group_means, signed_offsets
 from collalign.output.report.page import render_page
 from collalign.output.variation.content import build_variation
+from collalign.output.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_tables, write_tables
 from collalign.output.variation.scalar_ply import write_scalar_ply
 from data_tools.arrays import FloatArray
-from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder, file_stems
 
-PAGE_FILE, SCORES_FILE, DISTANCES_FILE = "variation.html", "scores.csv", "distances.csv"
+PAGE_FILE = "variation.html"
 FIGURE_STEM = "morphospace"
 #: Of the surfaces drawn along a component.
 DEVIATIONS = 2.0
@@ -32,6 +33,7 @@ def write_variation(
     *,
     columns: dict[str, tuple[str, ...]],
     landmarks: tuple[tuple[str, ...], FloatArray],
+    symmetry: SurfaceSymmetry | None = None,
     version: str = "",
     left_out: Sequence[str] = (),
 ) -> tuple[Path, ...]:
@@ -47,6 +49,8 @@ def write_variation(
         Labels of the shapes.
     landmarks : (names, points)
         On the mean, see :func:`collalign.output.variation.content.build_variation`.
+    symmetry : SurfaceSymmetry, optional
+        Of bilateral shapes.
     version : str
         Of the toolkit, for the page's last line.
     left_out : sequence of str
@@ -58,12 +62,14 @@ def write_variation(
         If the folder cannot be written or files of somebody else's are in the way.
     """
     with OutputFolder.open(to, writer=_WRITER, inputs=inputs) as output:
-        document, blobs = build_variation(variation, columns, landmarks)
+        document, blobs = build_variation(variation, columns, landmarks, symmetry)
         page = render_page("Shape variation", _summary(variation, left_out), document, blobs, version=version)
         write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
-        write_atomic(output.stage(SCORES_FILE), csv_text(score_rows(variation, columns)).encode())
-        write_atomic(output.stage(DISTANCES_FILE), csv_text(distance_rows(variation)).encode())
+        write_tables(variation, columns, output)
         _write_meshes(variation, columns, output)
+        if symmetry is not None:
+            write_symmetry_tables(variation.names, symmetry, columns, output)
+            _write_asymmetry(variation, symmetry, output)
         for ending in ("svg", "png"):
             first = next(iter(columns.values()), ("",) * len(variation.names))
             write_atomic(output.stage(f"{FIGURE_STEM}.{ending}"), morphospace(variation, first, ending))
@@ -80,28 +86,6 @@ def _summary(variation: SurfaceVariation, left_out: Sequence[str]) -> str:
     items = "".join(f"<li><strong>{value}</strong>{html.escape(words)}</li>" for value, words in facts)
     note = html.escape(f"Left out, because parts of them are missing: {', '.join(left_out)}.")
     return f'<ul class="facts">{items}</ul>' + (f'<ul class="notes"><li>{note}</li></ul>' if left_out else "")
-
-
-def score_rows(variation: SurfaceVariation, columns: dict[str, tuple[str, ...]]) -> list[list[str]]:
-    """Return a row per specimen: labels, centroid size, scores on the components (lengths in radii of the mean)."""
-    count = min(NUM_COMPONENTS, len(variation.components.shares))
-    rows = [["specimen", *columns, "centroid_size", *(f"PC{at}" for at in range(1, count + 1))]]
-    for at, name in enumerate(variation.names):
-        numbers = [variation.centroid_sizes[at], *variation.components.scores[at, :count]]
-        rows.append([name, *(values[at] for values in columns.values()), *(repr(float(x)) for x in numbers)])
-    return rows
-
-
-def distance_rows(variation: SurfaceVariation) -> list[list[str]]:
-    """Return the root mean square distances of corresponding points of every two superimposed shapes."""
-    flat = variation.shapes.reshape(len(variation.names), -1)
-    squares = (flat**2).sum(axis=1)
-    gaps = np.maximum(squares[:, None] + squares - 2 * flat @ flat.T, 0.0) / len(variation.mean)
-    np.fill_diagonal(gaps, 0.0)
-    rows = [["", *variation.names]]
-    return rows + [
-        [name, *(repr(float(x)) for x in row)] for name, row in zip(variation.names, np.sqrt(gaps), strict=True)
-    ]
 
 
 def _write_meshes(variation: SurfaceVariation, columns: dict[str, tuple[str, ...]], output: OutputFolder) -> None:
@@ -124,6 +108,16 @@ def _write_meshes(variation: SurfaceVariation, columns: dict[str, tuple[str, ...
         write("groups", stem, mean)
     for stem, shape in zip(file_stems(variation.names), variation.shapes, strict=True):
         write("specimens", stem, shape)
+
+
+def _write_asymmetry(variation: SurfaceVariation, symmetry: SurfaceSymmetry, output: OutputFolder) -> None:
+    """Write the symmetric mean and, on it, the asymmetric component of all together and of every specimen."""
+    stems = ["mean", *(f"specimens/{stem}" for stem in file_stems(variation.names))]
+    for stem, parts in zip(stems, [symmetry.directional, *symmetry.asymmetric], strict=True):
+        vertices = symmetry.mean + parts
+        offset = signed_offsets(symmetry.mean, variation.faces, vertices)
+        path = output.stage(SYMMETRY_FOLDER, *f"{stem}.ply".split("/"))
+        write_scalar_ply(path, vertices, variation.faces, {"asymmetry": offset})
 
 
 def morphospace(variation: SurfaceVariation, labels: tuple[str, ...], ending: str) -> bytes:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from collalign.analysis.surface_symmetry import surface_symmetry
 from collalign.analysis.surface_variation import SurfaceVariation, group_means, signed_offsets, surface_variation
 from collalign.output.variation.scalar_ply import write_scalar_ply
 from collalign.output.variation.write import write_variation
@@ -17,6 +18,7 @@ from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
+from data_tools.surface.closest import SurfaceLocator
 
 LABELS = ("long", "long", "long", "flat", "flat", "flat", "", "")
 
@@ -81,7 +83,12 @@ def test_values_come_back_from_ply(tmp_path: Path) -> None:
 def written(variation: SurfaceVariation, tmp_path_factory: pytest.TempPathFactory) -> Path:
     to = tmp_path_factory.mktemp("variation")
     points = np.vstack([variation.mean[[0, 10]], [[np.nan] * 3]])
-    paths = write_variation(variation, to, [], columns={"form": LABELS}, landmarks=(("a", "b", "c"), points))
+    mean, faces = sphere_mesh(300)
+    other_side = SurfaceLocator(mean, faces).closest(mean * [-1, 1, 1])
+    symmetry = surface_symmetry(stretched()[0], faces, other_side)
+    paths = write_variation(
+        variation, to, [], columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), symmetry=symmetry
+    )
     assert paths[0].name == "variation.html"
     return to
 
@@ -102,7 +109,8 @@ def test_tables_meshes_and_figures_are_written(written: Path, variation: Surface
 def test_a_second_write_gives_the_same_bytes(written: Path, variation: SurfaceVariation, tmp_path: Path) -> None:
     points = np.vstack([variation.mean[[0, 10]], [[np.nan] * 3]])
     write_variation(variation, tmp_path, [], columns={"form": LABELS}, landmarks=(("a", "b", "c"), points))
-    for name in ("variation.html", "scores.csv", "morphospace.svg", "components/PC1-low.ply"):
+    assert not (tmp_path / "symmetry").exists()
+    for name in ("scores.csv", "points.tps", "morphospace.svg", "components/PC1-low.ply"):
         assert (tmp_path / name).read_bytes() == (written / name).read_bytes(), name
 
 
@@ -133,6 +141,9 @@ def test_the_page_works_in_a_browser(written: Path) -> None:
         page.locator("#morphospace .dot").nth(5).dispatch_event("click")
         assert "s5" in page.locator("#specimens p.muted").text_content()
         assert page.locator("#landmarks tbody tr").count() == 2
+        assert page.locator("#symmetry tbody tr").count() == 4 + 8
+        page.locator("#symmetry select").select_option("3")
+        assert "s2: asymmetry" in page.locator("#symmetry p[aria-live]").text_content()
         with page.expect_download() as started:
             page.get_by_role("button", name="Save chart (SVG)").click()
         assert "<polygon" in Path(started.value.path()).read_text()

@@ -171,3 +171,13 @@ def test_surfaces_that_face_each_other_nowhere_are_refused() -> None:
     below = RegistrationSurface(**{**vars(patch), "faces": patch.faces[:, ::-1]})
     with pytest.raises(InputError, match="no point"):
         register(below, patch, FEW)
+
+
+def test_one_bump_on_a_shape_that_fits_otherwise_is_followed() -> None:
+    """What differs in one place is no outlier for that: distances within the noise always count."""
+    source = crown(np.random.default_rng(0))
+    unit = source.vertices[700] / np.linalg.norm(source.vertices[700])
+    height = 0.3 * np.exp(-((source.vertices - source.vertices[700]) ** 2).sum(axis=1) / 0.2)
+    target = Shape.from_arrays(source.vertices + height[:, None] * unit, source.faces, name="bump")
+    found = register(surface(target), surface(source), FEW)
+    assert np.linalg.norm(found.vertices[700] - target.vertices[700]) < 0.15

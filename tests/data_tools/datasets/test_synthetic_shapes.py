@@ -5,13 +5,13 @@ from data_tools.datasets.synthetic_shapes import (
     blob,
     chair,
     crown,
-    fibonacci_sphere,
     figure,
     smooth_field,
     sphere_mesh,
     table,
     voxel_surface,
 )
+from data_tools.rotations import spread_directions
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import is_open_surface, mesh_edges, vertex_components
 
@@ -34,8 +34,8 @@ def distance_to_itself(shape: Shape, matrix: np.ndarray) -> float:
     return float(np.linalg.norm(moved[:, None] - points, axis=2).min(axis=1).max())
 
 
-def test_fibonacci_points_are_even() -> None:
-    points = fibonacci_sphere(500)
+def test_spread_directions_are_even() -> None:
+    points = spread_directions(500)
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0)
     assert np.abs(points.mean(axis=0)).max() < 0.01
 

@@ -14,6 +14,7 @@ export const VARIATION_SECTIONS = [
   ["morphospace", "Morphospace", morphospaceSection],
   ["groups", "Group means", groupsSection],
   ["specimens", "Each specimen against the mean", specimensSection],
+  ["symmetry", "Symmetry", symmetrySection],
   ["correspondence", "Correspondence", correspondenceSection],
   ["landmarks", "Landmarks", landmarksSection],
 ];
@@ -139,6 +140,35 @@ function specimensSection(app) {
   };
   draw(0);
   return [el("div", { class: "row tools" }, box), words, view.canvas, bar.box, el("div", { class: "row tools" }, ...view.buttons)];
+}
+
+function symmetrySection(app) {
+  const { variation } = app;
+  const { symmetry } = variation;
+  if (!symmetry) return [el("p", null, "Not computed. For bilateral shapes, give --symmetry auto, or a table of landmark pairs.")];
+  let [at, factor] = [0, 5];
+  const view = display(app, "Asymmetry");
+  const bar = scale(0);
+  const words = el("p", { class: "muted", "aria-live": "polite" });
+  const draw = () => {
+    const offsets = variation.offsets(variation.symmetricMean, variation.asymmetricSurface(at, 1), variation.symmetricNormals);
+    bar.set(largestOf(offsets));
+    words.textContent = at === 0 ? "Directional asymmetry: what all have in common." : `${variation.names[at - 1]}: asymmetry ${number(symmetry.asymmetry[at - 1])}, without the directional part ${number(symmetry.fluctuating[at - 1])} (root mean square, in radii)`;
+    view.show(variation.asymmetricSurface(at, factor), offsets, largestOf(offsets));
+  };
+  const share = (row) => `${((100 * row.sum) / symmetry.anova.at(-1).sum).toFixed(1)} %`;
+  const cell = (value) => (value === null ? "" : number(value));
+  const order = variation.names.map((_, shape) => shape).sort((a, b) => symmetry.asymmetry[b] - symmetry.asymmetry[a]);
+  draw();
+  return [
+    el("p", { class: "muted" }, "The symmetric mean, changed by the asymmetric component so many times over. Colours: how far outside or inside of the symmetric place the surface is, before that."),
+    el("div", { class: "row tools" },
+      select("Asymmetry of", [["0", "all (directional)"], ...variation.names.map((name, shape) => [String(shape + 1), name])], (value) => { at = Number(value); draw(); }, "0"),
+      slider("Times", 0, 20, 1, factor, (value) => { factor = value; draw(); }).field),
+    words, view.canvas, bar.box, el("div", { class: "row tools" }, ...view.buttons),
+    table("Procrustes ANOVA", ["effect", "degrees of freedom", "sum of squares", "of the total", "F", "p"], symmetry.anova.map((row) => [row.effect, String(row.df), number(row.sum), share(row), cell(row.f), cell(row.p)])),
+    table("Asymmetry of every specimen, in radii", ["specimen", "asymmetry", "without the directional part"], order.map((shape) => [variation.names[shape], number(symmetry.asymmetry[shape]), number(symmetry.fluctuating[shape])])),
+  ];
 }
 
 function correspondenceSection(app) {

@@ -13,14 +13,18 @@ export async function loadVariation(content) {
 }
 
 class Variation {
-  constructor(content, { mean, axes, shapes, faces, colors }) {
+  constructor(content, { mean, axes, shapes, faces, colors, symmetricMean, asymmetric }) {
     Object.assign(this, content, { faces, size: mean.length });
-    this.packed = { axes, shapes };
+    this.packed = { axes, shapes, asymmetric };
     const radius = mean.reduce((most, value) => Math.max(most, Math.abs(value)), 1) * content.steps.mean;
     this.unit = 1 / radius;
     this.mean = Float32Array.from(mean, (value) => value * content.steps.mean);
     this.colors = Float32Array.from(colors, (value) => (value / 255) ** 2.2);
     this.normals = this.geometry(this.mean).getAttribute("normal").array;
+    if (symmetricMean) {
+      this.symmetricMean = Float32Array.from(symmetricMean, (value) => value * content.steps.symmetricMean);
+      this.symmetricNormals = this.geometry(this.symmetricMean).getAttribute("normal").array;
+    }
   }
 
   // Row `at` of a packed array, times a factor, added to a surface.
@@ -45,10 +49,15 @@ class Variation {
     return members.reduce((surface, at) => this.add(surface, "shapes", at, 1 / members.length), this.mean.slice());
   }
 
+  // The symmetric mean with the asymmetric component of all (0) or of a specimen (from 1), so many times over.
+  asymmetricSurface(at, factor) {
+    return this.add(this.symmetricMean.slice(), "asymmetric", at, factor);
+  }
+
   // How far `other` is outside of `surface` at every vertex, along the normals of the mean.
-  offsets(surface, other) {
+  offsets(surface, other, normals = this.normals) {
     const out = new Float32Array(this.size / 3);
-    for (let i = 0; i < this.size; i++) out[Math.floor(i / 3)] += (other[i] - surface[i]) * this.normals[i];
+    for (let i = 0; i < this.size; i++) out[Math.floor(i / 3)] += (other[i] - surface[i]) * normals[i];
     return out;
   }
 

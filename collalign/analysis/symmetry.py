@@ -1,0 +1,248 @@
+"""Object symmetry: symmetric and asymmetric components of bilateral shapes, and their Procrustes ANOVA."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from collalign.analysis.procrustes import MAX_ROUNDS, SETTLED, best_rotations, unit_size
+from data_tools.arrays import FloatArray, IntArray, as_floats, read_only
+from data_tools.errors import InputError
+from data_tools.threads import one_blas_thread
+
+#: Random exchanges of left and right that directional asymmetry is tested by, and the seed of their generator.
+NUM_EXCHANGES, _SEED = 999, 0
+#: Points of which a second direction is inverted by so large a part of the first are not mirrored but turned.
+_MOST_INVERTED = 0.5
+#: The mirror plane is x = 0.
+_MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AnovaRow:
+    """A row of a Procrustes ANOVA.
+
+    Attributes
+    ----------
+    effect : str
+        ``individual``, ``side`` (directional asymmetry), ``individual:side`` (fluctuating asymmetry), ``residual``
+        (differences of replicates), ``total``.
+    df : int
+        Degrees of freedom as of landmarks; those of semilandmarks are fewer.
+    sum_of_squares : float
+        Over all configurations and their mirror images, at unit centroid size.
+    f : float
+        Mean square over that of the effect it is tested against; NaN where there is none.
+    p : float
+        By random exchange of the sides of individuals; NaN where the effect is not tested so.
+    """
+
+    effect: str
+    df: int
+    sum_of_squares: float
+    f: float = float("nan")
+    p: float = float("nan")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ObjectSymmetry:
+    """Configurations with object symmetry, superimposed at unit centroid size; the mirror plane is x = 0.
+
+    Arrays are read-only.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (k, 3)
+        The symmetric mean.
+    symmetric : ndarray, shape (N, k, 3)
+        Mean of each configuration and its relabelled mirror image.
+    asymmetric : ndarray, shape (N, k, 3)
+        What each differs by from that.
+    directional : ndarray, shape (k, 3)
+        Mean of the asymmetric components.
+    asymmetry, fluctuating : ndarray, shape (N,)
+        Norm of each asymmetric component, and of what it differs by from the directional one.
+    anova : tuple of AnovaRow
+    """
+
+    mean: FloatArray
+    symmetric: FloatArray
+    asymmetric: FloatArray
+    directional: FloatArray
+    asymmetry: FloatArray
+    fluctuating: FloatArray
+    anova: tuple[AnovaRow, ...]
+
+
+@one_blas_thread()
+def object_symmetry(
+    samples: ArrayLike, partner: ArrayLike, *, individuals: Sequence[str] | None = None
+) -> ObjectSymmetry:
+    """Split configurations of bilateral objects into symmetric and asymmetric components.
+
+    Every configuration and its mirror image, in which the points of each pair have changed places, are superimposed
+    on one mean, which is symmetric by that.
+
+    Parameters
+    ----------
+    samples : array_like, shape (N, k, 3)
+        Complete.
+    partner : array_like of int, shape (k,)
+        The point on the other side; a point of the midline is its own.
+    individuals : sequence of str, length N, optional
+        Whom each configuration belongs to, where some are replicates.
+
+    Raises
+    ------
+    InputError
+        If points are missing, ``partner`` is no pairing, or no plane mirrors the points to their partners.
+
+    References
+    ----------
+    Mardia, Bookstein and Moreton, Statistical assessment of bilateral symmetry of shapes, Biometrika 87 (2000).
+    Klingenberg, Barluenga and Meyer, Shape analysis of symmetric structures, Evolution 56 (2002): the components, the
+    sums of squares and the degrees of freedom.
+    """
+    shapes = unit_size(as_floats(samples, "samples", shape=(None, None, 3)))
+    pairing = check_pairing(partner, shapes.shape[1])
+    if len(shapes) < 2:
+        raise InputError(f"samples: asymmetry is compared between at least two shapes, got {len(shapes)}")
+    mean, aligned = _superimposed(shapes, pairing)
+    symmetric = 0.5 * (aligned + mirror_image(aligned, pairing))
+    asymmetric = aligned - symmetric
+    directional = asymmetric.mean(axis=0)
+    return ObjectSymmetry(
+        mean=read_only(mean),
+        symmetric=read_only(symmetric),
+        asymmetric=read_only(asymmetric),
+        directional=read_only(directional),
+        asymmetry=read_only(np.linalg.norm(asymmetric, axis=(1, 2))),
+        fluctuating=read_only(np.linalg.norm(asymmetric - directional, axis=(1, 2))),
+        anova=_anova(symmetric, asymmetric, pairing, individuals or [str(at) for at in range(len(shapes))]),
+    )
+
+
+def check_pairing(partner: ArrayLike, num: int) -> IntArray:
+    """Return a pairing of ``num`` points as integers.
+
+    Raises
+    ------
+    InputError
+        If it is none: the partner of a partner is the point itself.
+    """
+    pairing = np.asarray(partner)
+    whole = pairing.shape == (num,) and np.issubdtype(pairing.dtype, np.integer)
+    if not whole or not ((pairing >= 0) & (pairing < num)).all() or (pairing[pairing] != np.arange(num)).any():
+        raise InputError(f"partner: expected {num} point numbers of which each is the partner of its partner")
+    return np.asarray(pairing, dtype=np.int64)
+
+
+def mirror_image(points: FloatArray, partner: IntArray) -> FloatArray:
+    """Return points mirrored at x = 0, with those of each pair exchanged, shape (..., k, 3)."""
+    return np.asarray(points[..., partner, :] * _MIRROR)
+
+
+def mirror_normal(points: FloatArray, partner: IntArray) -> FloatArray:
+    """Return the normal of the plane that mirrors centred points, shape (k, 3), to their partners best, shape (3,).
+
+    The products of points and partners are a symmetric matrix; the best reflection turns around the direction of its
+    only negative eigenvalue.
+
+    Raises
+    ------
+    InputError
+        If no reflection comes near: two eigenvalues are negative, and neither of them small.
+    """
+    values, vectors = np.linalg.eigh(points.T @ points[partner])
+    if values[0] >= 0 or values[1] < _MOST_INVERTED * values[0]:
+        raise InputError("partner: these pairs are not mirror images of each other; are left and right mixed up?")
+    normal = vectors[:, 0]
+    return np.asarray(normal * np.sign(normal[np.abs(normal).argmax()]))
+
+
+def _superimposed(shapes: FloatArray, partner: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Superimpose centred shapes of unit size on their symmetric mean, again and again until it stands still."""
+    normal = mirror_normal(shapes[0], partner)
+    rest = np.linalg.svd(normal[None])[2][1:]
+    start = shapes[0] @ np.vstack([normal, rest]).T
+    mean = 0.5 * (start + mirror_image(start, partner))
+    for _ in range(MAX_ROUNDS):
+        aligned = shapes @ np.swapaxes(best_rotations(mean, shapes), 1, 2)
+        average = aligned.mean(axis=0)
+        new = 0.5 * (average + mirror_image(average, partner))
+        new /= np.linalg.norm(new)
+        moved, mean = float(np.sum((new - mean) ** 2)), new
+        if moved <= SETTLED:
+            break
+    return mean, shapes @ np.swapaxes(best_rotations(mean, shapes), 1, 2)
+
+
+def _anova(
+    symmetric: FloatArray, asymmetric: FloatArray, partner: IntArray, individuals: Sequence[str]
+) -> tuple[AnovaRow, ...]:
+    """Klingenberg et al. 2002, table 2: sums over configurations and mirror images, two of each."""
+    if len(individuals) != len(symmetric):
+        raise InputError(f"individuals: {len(individuals)} names for {len(symmetric)} shapes")
+    _, rows, counts = np.unique(
+        np.array(individuals, dtype=object).astype(str), return_inverse=True, return_counts=True
+    )
+    num, num_shapes = len(counts), len(symmetric)
+    means = [_group_means(values, rows, counts) for values in (symmetric, asymmetric)]
+    grand = [values.mean(axis=0) for values in (symmetric, asymmetric)]
+    across = [2 * float(counts @ ((m - g) ** 2).sum(axis=(1, 2))) for m, g in zip(means, grand, strict=True)]
+    within = [2 * float(((v - m[rows]) ** 2).sum()) for v, m in zip((symmetric, asymmetric), means, strict=True)]
+    side = 2 * num_shapes * float((grand[1] ** 2).sum())
+    num_middle = int((partner == np.arange(len(partner))).sum())
+    num_pairs = (len(partner) - num_middle) // 2
+    df_symmetric, df_asymmetric = 3 * num_pairs + 2 * num_middle - 4, 3 * num_pairs + num_middle - 3
+    interaction = across[1] / ((num - 1) * df_asymmetric) if num > 1 else float("nan")
+    has_replicates = num_shapes > num
+    df_residual = (num_shapes - num) * (df_symmetric + df_asymmetric)
+    error = sum(within) / df_residual if has_replicates else float("nan")
+    table = [
+        AnovaRow(
+            effect="individual",
+            df=(num - 1) * df_symmetric,
+            sum_of_squares=across[0],
+            f=_ratio(across[0], (num - 1) * df_symmetric, interaction),
+        ),
+        AnovaRow(
+            effect="side",
+            df=df_asymmetric,
+            sum_of_squares=side,
+            f=_ratio(side, df_asymmetric, interaction),
+            p=_exchange_test(means[1], counts),
+        ),
+        AnovaRow(
+            effect="individual:side",
+            df=(num - 1) * df_asymmetric,
+            sum_of_squares=across[1],
+            f=_ratio(across[1], (num - 1) * df_asymmetric, error),
+        ),
+    ]
+    if has_replicates:
+        table.append(AnovaRow(effect="residual", df=df_residual, sum_of_squares=sum(within)))
+    total = sum(row.sum_of_squares for row in table)
+    return (*table, AnovaRow(effect="total", df=sum(row.df for row in table), sum_of_squares=total))
+
+
+def _group_means(values: FloatArray, rows: IntArray, counts: IntArray) -> FloatArray:
+    sums = np.zeros((len(counts), *values.shape[1:]))
+    np.add.at(sums, rows, values)
+    return np.asarray(sums / counts[:, None, None])
+
+
+def _ratio(sum_of_squares: float, df: int, against: float) -> float:
+    return sum_of_squares / df / against if df > 0 and against > 0 else float("nan")
+
+
+def _exchange_test(components: FloatArray, counts: IntArray) -> float:
+    """Share of random exchanges of sides whose mean asymmetry is no less than the one found, itself counted in."""
+    flat = components.reshape(len(components), -1)
+    gram = (counts[:, None] * counts) * (flat @ flat.T)
+    signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(NUM_EXCHANGES, len(components)))
+    found, exchanged = gram.sum(), np.einsum("ei,ij,ej->e", signs, gram, signs)
+    return float(1 + (exchanged >= found * (1 - 1e-12)).sum()) / (1 + NUM_EXCHANGES)

@@ -1,0 +1,128 @@
+"""Symmetric and asymmetric components come back from shapes that were made of known ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from collalign.analysis.symmetry import ObjectSymmetry, mirror_image, mirror_normal, object_symmetry
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.errors import InputError
+from data_tools.rotations import random_rotation
+
+#: Ten pairs and four points on the midline.
+PARTNER = np.array([*range(10, 20), *range(10), 20, 21, 22, 23])
+
+
+def symmetric(points: FloatArray, partner: IntArray = PARTNER) -> FloatArray:
+    return 0.5 * (points + mirror_image(points, partner))
+
+
+def family(
+    rng: np.random.Generator, *, num: int = 12, directional: float = 0.0, fluctuating: float = 0.01
+) -> FloatArray:
+    """Return asymmetric variants of one symmetric shape in random poses and sizes, shape (num, 24, 3)."""
+    base = symmetric(rng.standard_normal((24, 3)) + [2.0, 0, 0] * np.repeat([1, -1, 0], [10, 10, 4])[:, None])
+    base /= np.linalg.norm(base)
+    one_sided = rng.standard_normal((24, 3))
+    one_sided -= symmetric(one_sided)
+    shapes = []
+    for _ in range(num):
+        noise = rng.standard_normal((24, 3))
+        shape = base + 0.05 * symmetric(rng.standard_normal((24, 3)))
+        shape = shape + directional * one_sided + fluctuating * (noise - symmetric(noise))
+        shapes.append(rng.uniform(0.5, 3) * shape @ random_rotation(rng).T + rng.random(3))
+    return np.array(shapes)
+
+
+def row(found: ObjectSymmetry, effect: str) -> float:
+    return next(one.sum_of_squares for one in found.anova if one.effect == effect)
+
+
+def test_components_are_symmetric_antisymmetric_orthogonal_and_whole() -> None:
+    shapes = family(np.random.default_rng(0), directional=0.02)
+    found = object_symmetry(shapes, PARTNER)
+    np.testing.assert_allclose(mirror_image(found.symmetric, PARTNER), found.symmetric, atol=1e-12)
+    np.testing.assert_allclose(mirror_image(found.asymmetric, PARTNER), -found.asymmetric, atol=1e-12)
+    assert np.abs((found.symmetric * found.asymmetric).sum(axis=(1, 2))).max() < 1e-12
+    whole = found.symmetric + found.asymmetric
+    np.testing.assert_allclose(np.linalg.norm(whole, axis=(1, 2)), 1)
+    np.testing.assert_allclose(mirror_image(found.mean, PARTNER), found.mean, atol=1e-12)
+
+
+def test_symmetric_shapes_have_no_asymmetry() -> None:
+    found = object_symmetry(family(np.random.default_rng(1), fluctuating=0.0), PARTNER)
+    assert found.asymmetry.max() < 1e-6
+    assert row(found, "individual") > 0
+
+
+def test_the_planted_asymmetry_is_found_per_specimen() -> None:
+    """Twice as one-sided is twice as asymmetric, but for what a rotation takes up."""
+    rng = np.random.default_rng(2)
+    shapes = family(rng, num=6, fluctuating=0.0)
+    bump = np.zeros((24, 3))
+    bump[3] = [0.0, 0.02, 0.0]
+    base = object_symmetry(shapes, PARTNER).symmetric
+    planted = np.array([0.0, 1.0, 2.0, 0.0, 4.0, 0.0])
+    found = object_symmetry(base + planted[:, None, None] * bump, PARTNER)
+    assert np.corrcoef(found.asymmetry, planted)[0, 1] > 0.99
+    norm = np.linalg.norm(bump - symmetric(bump))
+    assert 0.5 * norm < found.asymmetry[1] <= norm * 1.05
+
+
+def test_sums_of_squares_add_up_to_all_configurations_and_mirror_images() -> None:
+    shapes = family(np.random.default_rng(3), directional=0.02)
+    for individuals in (None, [f"s{at // 2}" for at in range(12)], ["a"] * 5 + ["b"] * 4 + ["c"] * 3):
+        found = object_symmetry(shapes, PARTNER, individuals=individuals)
+        whole = found.symmetric + found.asymmetric
+        both = np.concatenate([whole, mirror_image(whole, PARTNER)])
+        assert np.isclose(row(found, "total"), ((both - both.mean(axis=0)) ** 2).sum())
+        assert found.anova[-1].df == 11 * (6 * 10 + 3 * 4 - 7) + 3 * 10 + 4 - 3
+        assert [one.effect for one in found.anova][3] == ("total" if individuals is None else "residual")
+
+
+def test_directional_asymmetry_is_told_from_fluctuating() -> None:
+    rng = np.random.default_rng(4)
+    one_sided = object_symmetry(family(rng, directional=0.02), PARTNER).anova[1]
+    none = object_symmetry(family(rng), PARTNER).anova[1]
+    assert one_sided.p < 0.01
+    assert none.p > 0.05
+    assert one_sided.f > 5 > none.f
+
+
+def test_replicates_tell_fluctuating_asymmetry_from_measurement_error() -> None:
+    rng = np.random.default_rng(5)
+    shapes = family(rng, num=8, fluctuating=0.02)
+    sizes = np.linalg.norm(shapes - shapes.mean(axis=1, keepdims=True), axis=(1, 2))
+    again = np.repeat(shapes, 2, axis=0) + 0.001 * np.repeat(sizes, 2)[:, None, None] * rng.standard_normal(
+        (16, 24, 3)
+    )
+    individuals = [f"s{at // 2}" for at in range(16)]
+    assert object_symmetry(again, PARTNER, individuals=individuals).anova[2].f > 50
+    scrambled = [individuals[at] for at in rng.permutation(16)]
+    assert object_symmetry(again, PARTNER, individuals=scrambled).anova[2].f < 5
+
+
+def test_a_mirrored_specimen_has_the_opposite_asymmetry() -> None:
+    shapes = family(np.random.default_rng(6))
+    shapes[1] = mirror_image(shapes[0], PARTNER)
+    found = object_symmetry(shapes, PARTNER)
+    np.testing.assert_allclose(found.asymmetric[1], -found.asymmetric[0], atol=1e-9)
+
+
+def test_wrong_pairs_are_no_answer() -> None:
+    """Pairs that are exchanged show as asymmetry that is not there, or as no mirror image at all."""
+    shapes = family(np.random.default_rng(7), fluctuating=0.0)
+    wrong = PARTNER.copy()
+    wrong[[0, 1, 10, 11]] = [11, 10, 1, 0]
+    assert object_symmetry(shapes, wrong).asymmetry.min() > 0.05
+    inverted = np.array([[1.0, 2, 3], [-1, -2, -3], [4, -1, 2], [-4, 1, -2], [0, 3, -1], [0, -3, 1]])
+    with pytest.raises(InputError, match="left and right"):
+        mirror_normal(inverted, np.array([1, 0, 3, 2, 5, 4]))
+    for bad in (PARTNER[:-1], PARTNER + 1, np.roll(PARTNER, 1), PARTNER.astype(float)):
+        with pytest.raises(InputError, match="partner"):
+            object_symmetry(shapes, bad)
+    with pytest.raises(InputError, match="at least two"):
+        object_symmetry(shapes[:1], PARTNER)
+    with pytest.raises(InputError, match="individuals"):
+        object_symmetry(shapes, PARTNER, individuals=["a"])

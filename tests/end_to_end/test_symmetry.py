@@ -1,0 +1,119 @@
+"""Asymmetry that was planted in generated bilateral shapes is found from their files, as a user does it."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import collalign
+from collalign.cli import main
+from data_tools.arrays import FloatArray
+from data_tools.datasets.synthetic import planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import sphere_mesh
+from data_tools.errors import InputError
+from data_tools.io.landmarks import Landmarks
+from data_tools.options import SamplingOptions
+from data_tools.surface.shape import Shape
+
+#: Height of the one-sided bump of each specimen, in radii.
+PLANTED = (0.0, 0.0, 0.1, 0.2, 0.3, 0.0)
+#: Pairs of places, left then right, by direction.
+SIDES = np.array([[0.8, 0.5, 0.3], [0.6, -0.6, 0.5], [0.7, 0.1, -0.7]])
+
+
+def bump(points: FloatArray, place: FloatArray, height: float) -> FloatArray:
+    unit = place / np.linalg.norm(place)
+    return height * np.exp(-((points - unit) ** 2).sum(axis=1) / 0.18)[:, None] * unit
+
+
+def specimens() -> list[Shape]:
+    """Return ellipsoids with paired horns and a snout, which differ symmetrically, and in one bump on one side."""
+    rng = np.random.default_rng(3)
+    sphere, faces = sphere_mesh(900)
+    shapes = []
+    for at, planted in enumerate(PLANTED):
+        vertices = sphere * [1.0, 1.5, 0.8] * rng.uniform(0.95, 1.05, 3)
+        for place, height in zip(SIDES, rng.uniform(0.2, 0.4, 3), strict=True):
+            for sign in (-1, 1):
+                vertices = vertices + bump(sphere, place * [sign, 1, 1], height)
+        vertices = vertices + bump(sphere, np.array([0.0, 1.0, 0.4]), 0.5)
+        vertices = vertices + bump(sphere, np.array([0.9, -0.1, 0.2]), planted)
+        shapes.append(Shape.from_arrays(vertices, faces, name=f"s{at}"))
+    return shapes
+
+
+PLANTED_COLLECTION = planted_collection(specimens(), np.random.default_rng(4), scale_range=(0.5, 2.0))
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("shapes")
+    write_collection(folder, PLANTED_COLLECTION)
+    options = collalign.AlignOptions(sampling=SamplingOptions(num_points=24))
+    out = tmp_path_factory.mktemp("out") / "aligned"
+    collalign.align_collection(folder, options=options, run=collalign.RunOptions(jobs=1)).save(out, report=False)
+    return out
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.open()))
+
+
+def test_the_planted_asymmetry_is_found(result: Path, tmp_path: Path) -> None:
+    names = collalign.load(result).names
+    labels = tmp_path / "labels.csv"
+    labels.write_text("name,owner\n" + "".join(f"{name},{name}\n" for name in names))
+    to = tmp_path / "variation"
+    words = ["variation", str(result), "--to", str(to), "--symmetry", "auto", "--jobs", "1", "--labels", str(labels)]
+    assert main([*words, "--individuals", "owner"]) == 0
+    found = {row["specimen"]: float(row["asymmetry"]) for row in rows(to / "symmetry/asymmetric.csv")}
+    planted = np.array([PLANTED[int(name[1:])] for name in names])
+    asymmetry = np.array([found[name] for name in names])
+    assert np.corrcoef(asymmetry, planted)[0, 1] > 0.95
+    assert asymmetry[planted == 0].max() < 0.5 * asymmetry[planted == 0.2].min()
+    anova = {row["effect"]: row for row in rows(to / "symmetry/procrustes_anova.csv")}
+    assert list(anova) == ["individual", "side", "individual:side", "total"]
+    assert np.isclose(sum(float(row["Rsq"]) for row in anova.values()), 2)
+    pairs = np.array([[int(row["left"]), int(row["right"])] for row in rows(to / "symmetry/land_pairs.csv")])
+    assert (to / "symmetry/points.tps").read_text().count(f"LM3={pairs.size}\n") == len(names)
+    assert sorted(pairs.ravel().tolist()) == list(range(1, pairs.size + 1))
+    sizes = [float(row["centroid_size"]) for row in rows(to / "scores.csv")]
+    assert max(sizes) > 1.5 * min(sizes)
+    assert len(list((to / "symmetry/specimens").iterdir())) == len(names)
+    assert main([*words, "--individuals", "nobody"]) == InputError.exit_code
+
+
+def test_landmark_pairs_say_where_the_mirror_plane_is(result: Path, tmp_path: Path) -> None:
+    """The right pairs give the same components as the search; pairs that are no mirror image are refused."""
+    marks = landmarks("s0")
+    table = tmp_path / "pairs.csv"
+    table.write_text("left,right\n" + "".join(f"left {at},right {at}\n" for at in range(len(SIDES))))
+    run = collalign.RunOptions(jobs=1, store=result / "store.sqlite")
+    for to, symmetry in (("found", "auto"), ("given", table)):
+        collalign.write_surface_variation(result, tmp_path / to, landmarks=marks, symmetry=symmetry, run=run)
+    found, given = (
+        [float(row["asymmetry"]) for row in rows(tmp_path / to / "symmetry/asymmetric.csv")]
+        for to in ("found", "given")
+    )
+    np.testing.assert_allclose(found, given, atol=2e-3)
+    wrong = [("left 0", "right 1"), ("left 1", "left 2"), ("right 0", "right 2")]
+    with pytest.raises(InputError, match="mirror image"):
+        collalign.write_surface_variation(result, tmp_path / "no", landmarks=marks, symmetry=wrong, run=run)
+    with pytest.raises(InputError, match="name files"):
+        collalign.write_surface_variation(result, tmp_path / "no", symmetry=table, run=run)
+    assert not (tmp_path / "no").exists()
+
+
+def landmarks(name: str) -> dict[str, Landmarks]:
+    """Return the horns of a specimen as landmarks in its file's coordinates."""
+    sphere = sphere_mesh(900)[0]
+    sides = np.concatenate([SIDES * [-1, 1, 1], SIDES])
+    chosen = [int(np.linalg.norm(sphere - place / np.linalg.norm(place), axis=1).argmin()) for place in sides]
+    at = int(name[1:])
+    origin = PLANTED_COLLECTION.origins[at]
+    rows_in_file = [int(np.flatnonzero(origin == vertex)[0]) for vertex in chosen]
+    labels = tuple(f"{side} {number}" for side in ("left", "right") for number in range(len(SIDES)))
+    return {name: Landmarks(labels=labels, points=PLANTED_COLLECTION.shapes[at].vertices[rows_in_file])}
