@@ -16,8 +16,8 @@ from collalign.products.shapes import Shapes
 from collalign.stages.chirality.pilot import MOST_SHAPES
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.weigh import weigh_pairs
+from collalign.stages.pairs.graph import all_pairs
 from collalign.stages.pairs.match import match_pairs
-from collalign.stages.pairs.select import all_pairs
 from collalign.stages.poses.refinement import NUM_NEIGHBOURS, NUM_ROUNDS, dense_points
 from collalign.stages.shapes import prepare_shapes
 from data_tools.io.shapes import FolderListing, read_shape

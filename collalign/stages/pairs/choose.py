@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Excluded, Shapes
 from collalign.stages.pairs.descriptor import shape_descriptor
+from collalign.stages.pairs.graph import identity_hashes
 from collalign.stages.pairs.match import match_pairs
 from collalign.stages.pairs.select import adaptive_pairs, extend_pairs, select_pairs
 from collalign.stages.poses.synchronize import synchronize_pairs
@@ -40,11 +39,11 @@ def choose_pairs(
     former : FormerPairs, optional
         What an earlier run matched: only pairs with a new shape come on top.
     """
-    options, num = session.options, len(shapes.names)
-    strategy, known = _strategy(num, options), _known(session, shapes, descriptors)
-    if former is None:
-        return select_pairs(num, strategy=strategy, **known)
-    return _merged(former.edges, extend_pairs(former.num_shapes, num - former.num_shapes, strategy=strategy, **known))
+    strategy = _strategy(len(shapes.names), session.options)
+    hashes = identity_hashes(shapes.keys, session.options.seed)
+    if former is None or not former.num_shapes:
+        return select_pairs(strategy, hashes, descriptors)
+    return _merged(former.edges, extend_pairs(former.num_shapes, strategy, hashes, descriptors))
 
 
 def grow_pairs(
@@ -74,10 +73,10 @@ def grow_pairs(
         Of exactly these pairs, without fixed shapes; None where the last round was not synchronized any more.
     """
     num = len(shapes.names)
-    known = _known(session, shapes, descriptors)
+    hashes = identity_hashes(shapes.keys, session.options.seed)
     for _ in range(MAX_ROUNDS if _strategy(num, session.options) == "adaptive" else 0):
         solution = synchronize_pairs(session.options, num, pairs)
-        added = adaptive_pairs(num, edges, solution.confidence, parts=solution.parts, **known)
+        added = adaptive_pairs(edges, solution.confidence, solution.parts, hashes, descriptors)
         if not len(added):
             return pairs, failed, solution
         edges = _merged(edges, added)
@@ -87,11 +86,8 @@ def grow_pairs(
 
 def planned_edges(num_shapes: int, options: AlignOptions) -> IntArray:
     """Return about the pairs that a run would match first, before any shape has been read."""
-    return select_pairs(num_shapes, strategy=_strategy(num_shapes, options), seed=options.seed)
-
-
-def _known(session: AlignSession, shapes: Shapes, descriptors: FloatArray) -> dict[str, Any]:
-    return {"descriptors": descriptors, "identities": shapes.keys, "seed": session.options.seed}
+    hashes = identity_hashes(map(str, range(num_shapes)), options.seed)
+    return select_pairs(_strategy(num_shapes, options), hashes, None)
 
 
 def _strategy(num_shapes: int, options: AlignOptions) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import networkx as nx
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.errors import OptionsError
 
 
 def all_pairs(num_shapes: int) -> IntArray:
@@ -27,19 +26,13 @@ def normalised(edges: IntArray) -> IntArray:
     return np.unique(rows, axis=0).reshape(-1, 2)
 
 
-def identity_hashes(num_shapes: int, identities: Sequence[str] | None, seed: int) -> NDArray[np.uint64]:
-    """Return a 64-bit hash of each shape's identity (its index where there are none) and the seed.
+def identity_hashes(identities: Iterable[str], seed: int) -> NDArray[np.uint64]:
+    """Return a 64-bit hash of each shape's identity and the seed.
 
-    Shapes of the same identity, for instance of the same content, are told apart by their order.
-
-    Raises
-    ------
-    OptionsError
-        If there is not one identity per shape.
+    By content hashes, random partners depend neither on the order of the shapes nor on how many there are. Shapes of
+    the same identity are told apart by their order.
     """
-    names = [str(i) for i in range(num_shapes)] if identities is None else list(identities)
-    if len(names) != num_shapes:
-        raise OptionsError(f"identities: expected {num_shapes}, got {len(names)}")
+    names = list(identities)
     seen: Counter[str] = Counter()
     for i, name in enumerate(names):
         seen[name] += 1

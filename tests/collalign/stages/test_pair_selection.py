@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from collalign.stages.pairs.graph import near_partners, without_bridges
-from collalign.stages.pairs.select import adaptive_pairs, all_pairs, extend_pairs, select_pairs
-from data_tools.errors import InputError, OptionsError
+from collalign.stages.pairs.graph import all_pairs, identity_hashes, near_partners, without_bridges
+from collalign.stages.pairs.select import ADDED, DEGREE, adaptive_pairs, extend_pairs, select_pairs
+
+
+def hashes(num_shapes: int, seed: int = 0) -> NDArray[np.uint64]:
+    return identity_hashes(map(str, range(num_shapes)), seed)
 
 
 def check_pairs(edges: NDArray[Any], num_shapes: int) -> nx.Graph:
@@ -31,7 +34,7 @@ def as_set(edges: NDArray[Any]) -> set[tuple[int, ...]]:
 
 @pytest.mark.parametrize("num_shapes", [0, 1, 2, 7])
 def test_all_pairs(num_shapes: int) -> None:
-    edges = select_pairs(num_shapes, strategy="all")
+    edges = select_pairs("all", hashes(num_shapes), None)
     check_pairs(edges, num_shapes)
     assert len(edges) == num_shapes * (num_shapes - 1) // 2
 
@@ -47,17 +50,17 @@ def test_sparse_pairs_have_no_bridge_and_the_wanted_degree(
         "two islands": rng.standard_normal((num_shapes, 2)) + 1e3 * (np.arange(num_shapes) % 2)[:, None],
         "equal": np.zeros((num_shapes, 2)),
     }[kind]
-    edges = select_pairs(num_shapes, strategy="sparse", descriptors=descriptors, degree=10, seed=3)
+    edges = select_pairs("sparse", hashes(num_shapes, seed=3), descriptors)
     graph = check_pairs(edges, num_shapes)
     assert nx.is_connected(graph)
     assert num_shapes == 2 or not nx.has_bridges(graph)
-    assert 2 * len(edges) / num_shapes <= 11
-    assert num_shapes < 12 or min(degree for _, degree in graph.degree) >= 3
+    assert 2 * len(edges) / num_shapes <= DEGREE + 2
+    assert num_shapes < DEGREE + 2 or min(degree for _, degree in graph.degree) >= 3
 
 
 def test_near_shapes_are_paired(rng: np.random.Generator) -> None:
     descriptors = rng.standard_normal((80, 3))
-    edges = as_set(select_pairs(80, strategy="sparse", descriptors=descriptors))
+    edges = as_set(select_pairs("sparse", hashes(80), descriptors))
     distances = np.linalg.norm(descriptors[:, None] - descriptors, axis=2)
     nearest = np.argsort(distances, axis=1)[:, 1]
     assert all((min(i, j), max(i, j)) in edges for i, j in enumerate(nearest))
@@ -70,9 +73,7 @@ def test_a_growing_collection_adds_only_pairs_with_new_shapes(rng: np.random.Gen
     names = [f"shape {i}" for i in rng.permutation(110)]
     for points in (None, descriptors):
         before, after = (
-            select_pairs(
-                num, strategy="sparse", descriptors=None if points is None else points[:num], identities=names[:num]
-            )
+            select_pairs("sparse", identity_hashes(names[:num], 0), None if points is None else points[:num])
             for num in (100, 110)
         )
         added = as_set(after) - as_set(before)
@@ -85,15 +86,15 @@ def test_the_selection_follows_the_shapes_and_not_their_order(rng: np.random.Gen
     descriptors = rng.standard_normal((50, 3))
     names = np.array([f"shape {i}" for i in range(50)])
     order = rng.permutation(50)
-    one = select_pairs(50, strategy="sparse", descriptors=descriptors, identities=list(names))
-    other = select_pairs(50, strategy="sparse", descriptors=descriptors[order], identities=list(names[order]))
+    one = select_pairs("sparse", identity_hashes(names, 0), descriptors)
+    other = select_pairs("sparse", identity_hashes(names[order], 0), descriptors[order])
     named_one = {frozenset(names[list(pair)]) for pair in one.tolist()}
     assert named_one == {frozenset(names[order][list(pair)]) for pair in other.tolist()}
-    assert as_set(one) != as_set(select_pairs(50, strategy="sparse", descriptors=descriptors, seed=1))
+    assert as_set(one) != as_set(select_pairs("sparse", identity_hashes(names, 1), descriptors))
 
 
 def test_shapes_of_the_same_identity_are_told_apart() -> None:
-    edges = select_pairs(30, strategy="sparse", identities=["same content"] * 30, degree=8)
+    edges = select_pairs("sparse", identity_hashes(["same content"] * 30, 0), None)
     assert nx.is_connected(check_pairs(edges, 30))
     assert len(edges) < 30 * 29 / 4
 
@@ -115,26 +116,27 @@ def test_neighbours_among_equal_descriptors_are_others(rng: np.random.Generator)
 
 def test_adaptive_pairs_go_to_uncertain_shapes(rng: np.random.Generator) -> None:
     descriptors = rng.standard_normal((40, 3))
-    edges = select_pairs(40, strategy="adaptive", descriptors=descriptors, degree=6)
+    edges = select_pairs("adaptive", hashes(40), descriptors)
     confidence = np.full(40, 0.99)
     confidence[[5, 17]] = 0.3, np.nan
-    added = adaptive_pairs(40, edges[:, ::-1], confidence, descriptors=descriptors)
+    added = adaptive_pairs(edges[:, ::-1], confidence, [], hashes(40), descriptors)
     check_pairs(added, 40)
-    assert len(added) == 12
+    assert len(added) == 2 * ADDED
     assert not as_set(added) & as_set(edges)
     assert all(5 in pair or 17 in pair for pair in as_set(added))
     assert (5, 17) not in as_set(added)  # confident partners first
-    assert len(adaptive_pairs(40, edges, np.ones(40))) == 0
-    first = adaptive_pairs(40, edges, confidence, max_pairs=6)
-    assert all(17 in pair for pair in as_set(first))  # the least confident first
+    nearest = np.argsort(np.linalg.norm(descriptors - descriptors[17], axis=1), kind="stable")[1:].tolist()
+    free = [j for j in nearest if (min(j, 17), max(j, 17)) not in as_set(edges) and j != 5]
+    assert all((min(j, 17), max(j, 17)) in as_set(added) for j in free[: ADDED // 2])
+    assert len(adaptive_pairs(edges, np.ones(40), [], hashes(40), descriptors)) == 0
 
 
-def test_adaptive_pairs_join_separate_groups_and_end_when_all_pairs_exist() -> None:
-    edges = np.array([[0, 1], [1, 2], [3, 4]])
-    added = adaptive_pairs(5, edges, np.ones(5), parts=[[0, 1, 2], [3, 4]])
+def test_adaptive_pairs_join_separate_groups_and_end_when_all_pairs_exist(rng: np.random.Generator) -> None:
+    edges, descriptors = np.array([[0, 1], [1, 2], [3, 4]]), rng.standard_normal((5, 2))
+    added = adaptive_pairs(edges, np.ones(5), [np.arange(3), np.array([3, 4])], hashes(5), descriptors)
     assert nx.is_connected(nx.Graph(np.concatenate([edges, added]).tolist()))
-    assert len(adaptive_pairs(5, all_pairs(5), np.zeros(5))) == 0
-    everything = np.concatenate([edges, adaptive_pairs(5, edges, np.zeros(5), added=9)])
+    assert len(adaptive_pairs(all_pairs(5), np.zeros(5), [], hashes(5), descriptors)) == 0
+    everything = np.concatenate([edges, adaptive_pairs(edges, np.zeros(5), [], hashes(5), descriptors)])
     assert as_set(everything) == as_set(all_pairs(5))
 
 
@@ -142,36 +144,12 @@ def test_adaptive_pairs_join_separate_groups_and_end_when_all_pairs_exist() -> N
 @pytest.mark.parametrize("num_old", [1, 3, 50])
 def test_extending_joins_new_shapes_to_old_ones(strategy: str, num_old: int, rng: np.random.Generator) -> None:
     total = num_old + 4
-    for descriptors in (None, rng.standard_normal((total, 3))):
-        edges = extend_pairs(num_old, 4, strategy=strategy, descriptors=descriptors, degree=8)
-        check_pairs(edges, total)
-        assert (edges[:, 1] >= num_old).all()
-        to_old = edges[edges[:, 0] < num_old]
-        assert set(to_old[:, 1].tolist()) == set(range(num_old, total))
-        if strategy == "sparse" and num_old == 50:
-            assert len(edges) <= 4 * 8
-    assert len(extend_pairs(num_old, 0)) == 0
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"strategy": "some"},
-        {"degree": 3},
-        {"identities": ["a"]},
-    ],
-)
-def test_impossible_options_are_refused(options: dict[str, Any]) -> None:
-    with pytest.raises(OptionsError):
-        select_pairs(30, **({"strategy": "sparse"} | options))
-
-
-def test_arrays_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(InputError, match="descriptors"):
-        select_pairs(30, strategy="sparse", descriptors=np.zeros((29, 2)))
-    with pytest.raises(OptionsError, match="confidence"):
-        adaptive_pairs(5, all_pairs(5), np.ones(4))
-    with pytest.raises(InputError, match="edges"):
-        adaptive_pairs(4, all_pairs(5), np.ones(4))
-    with pytest.raises(OptionsError, match="num_old"):
-        extend_pairs(0, 3)
+    descriptors = rng.standard_normal((total, 3))
+    edges = extend_pairs(num_old, strategy, hashes(total), descriptors)
+    check_pairs(edges, total)
+    assert (edges[:, 1] >= num_old).all()
+    to_old = edges[edges[:, 0] < num_old]
+    assert set(to_old[:, 1].tolist()) == set(range(num_old, total))
+    if strategy == "sparse" and num_old == 50:
+        assert len(edges) <= 4 * DEGREE
+    assert len(extend_pairs(total, strategy, hashes(total), descriptors)) == 0
