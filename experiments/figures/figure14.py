@@ -9,10 +9,10 @@ import numpy as np
 
 from collalign.engine.store.records import Record
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
+from experiments.figures.full_lifted import solve_full_lifted
 from experiments.figures.planted import planted_problem
 from experiments.tables import Column, Row, Table
 from pairwise.problem.problem import Problem
-from pairwise.reference.full_lifted import solve_full_lifted
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.status import Status
 

@@ -29,13 +29,13 @@ from pairwise.branch_and_bound.poses import list_poses
 from pairwise.branch_and_bound.prove import prove
 from pairwise.certificates.verify import verify_certificate
 from pairwise.problem.problem import Problem
-from pairwise.reference.tight import solve_tight_reference
 from pairwise.status import Status
 from pairwise.tight.problem import energy_scale
 from pairwise.tight.solve import solve_tight
 from tests.oracles import brute_force
 from tests.pairwise.branch_and_bound.test_poses import missed_poses
 from tests.tight_problems import planted_cube, rigid_problem, small_problem
+from tests.tight_reference import solve_tight_reference
 
 
 def timed(function: Callable[..., Any], *args: Any, **options: Any) -> tuple[Any, float]:

@@ -7,13 +7,13 @@ from data_tools.errors import OptionsError
 from pairwise.certificates.verify import verify_certificate
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.problem.problem import Problem
-from pairwise.reference.tight import solve_tight_reference
 from pairwise.relaxations import solve_relaxation
 from pairwise.status import Status
 from pairwise.tight.problem import energy_scale
 from pairwise.tight.solve import solve_tight
 from tests.oracles import brute_force, check_relaxation
 from tests.tight_problems import planted_cube, small_problem
+from tests.tight_reference import solve_tight_reference
 
 
 @pytest.mark.parametrize("form", ["tight", "quaternion"])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from experiments.figures.full_lifted import solve_full_lifted
 from pairwise.problem.problem import Problem
-from pairwise.reference.full_lifted import solve_full_lifted
 from pairwise.reference.pm_sdp import solve_reference
 from tests.oracles import check_relaxation
 
