@@ -76,7 +76,7 @@ def _rotation_basis(mask: BoolArray, special_blocks: tuple[tuple[int, int], ...]
     """
     d = len(mask)
     entries = [(s, t) for t in range(d) for s in range(d) if mask[s, t]]
-    free = {e for e in entries if _in_perfect_matching(mask, *e)}
+    free = {e for e in entries if mask.all() or _in_perfect_matching(mask, *e)}
     images: dict[tuple[int, int], tuple[int, float]] = {}
     count = 0
     single = {(a, a) for a, b in special_blocks if b - a == 1}

@@ -46,7 +46,7 @@ def certify_dual(
         quaternions = np.zeros((len(lifted.quaternion_blocks), 4, 4))
     else:
         F, u, y = solution.dual.F, solution.dual.u, solution.equation_multipliers
-        quaternions = np.array(solution.dual.Y).reshape(-1, 4, 4)
+        quaternions = solution.dual.Y
     F, u = _close_constraints(lifted, _symmetrised(F), u, y, _symmetrised(quaternions))
     arrays = problem_arrays(problem)
     arrays |= _multiplier_arrays(lifted, y, _symmetrised(quaternions))
@@ -72,7 +72,7 @@ def _close_constraints(
     """Spread what the sums of F and u miss over the source points."""
     expected = np.tensordot(y, lifted.equations, 1)
     mean = expected[0, 1:].copy()
-    for (_, slopes), Y in zip(lifted.quaternion_blocks, quaternions, strict=True):
+    for slopes, Y in zip(lifted.quaternion_slopes, quaternions, strict=True):
         mean -= 0.5 * np.tensordot(slopes, Y, 2)
     return F + _symmetrised(expected[1:, 1:] - F.sum(axis=0)) / len(F), u + (mean - u.sum(axis=0)) / len(u)
 

@@ -18,7 +18,7 @@ from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.moment_basis import MomentBasis
 from pairwise.pm_sdp.newton import NewtonSystem
 from pairwise.pm_sdp.start import starting_points
-from pairwise.pm_sdp.step_length import SHORTEST_STEP, DualRay, PrimalRay, longest_step
+from pairwise.pm_sdp.step_length import SHORTEST_STEP, longest_dual, longest_primal
 from pairwise.pm_sdp.step_targets import aim
 from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint, move_dual, move_primal
 from pairwise.status import Status
@@ -158,13 +158,8 @@ class _InteriorPoint:
     def _dual_objective(self, point: DualPoint | Direction) -> tuple[float, FloatArray, float]:
         """Return the objective of a dual point or step, the multipliers y, and what lies outside their span."""
         data, basis = self.data, self.basis
-        total = np.zeros((basis.size + 1, basis.size + 1))
-        total[1:, 1:] = point.F.sum(axis=0)
-        total[0, 1:] = point.u.sum(axis=0)
-        for Y, (_, slopes) in zip(point.Y, data.lifted.quaternion_blocks, strict=True):
-            total[0, 1:] += 0.5 * (slopes.reshape(-1, 16) @ Y.ravel())
-        multipliers, outside = basis.split(basis.pack(total))
-        traces = sum(float(np.trace(Y)) for Y in point.Y)
+        multipliers, outside = basis.split(basis.sum_of_points(data.lifted, point.F, point.u, point.Y))
+        traces = float(np.einsum("qaa->", point.Y))
         value = float(point.alpha.sum() + data.capacity @ point.beta + multipliers @ basis.constants) - 0.25 * traces
         return value, multipliers, float(np.abs(outside).max(initial=0.0))
 
@@ -230,9 +225,8 @@ class _InteriorPoint:
 
     def _sizes(self, step: Direction) -> tuple[float, float]:
         """Return how far the primal and the dual point may go along a step."""
-        primal = PrimalRay(self.data, self.primal, step)
-        dual = DualRay(self.data, self.dual, step)
-        return longest_step(primal.margin, primal.slowest, _MARGIN), longest_step(dual.margin, dual.slowest, _MARGIN)
+        primal = longest_primal(self.data, self.primal, step, _MARGIN)
+        return primal, longest_dual(self.data, self.dual, step, _MARGIN)
 
     def _remaining_share(self, step: Direction, sizes: tuple[float, float]) -> float:
         """Return the share of the gap that is left after a step."""
@@ -246,7 +240,7 @@ class _InteriorPoint:
         data, primal, dual = self.data, self.primal, self.dual
         total = float((primal.x * dual.s).sum() + (primal.G * dual.F).sum())
         total -= float(primal.slack @ np.where(data.equality, 0.0, dual.beta))
-        total += sum(float((a * b).sum()) for a, b in zip(primal.Y, dual.Y, strict=True))
+        total += float((primal.Y * dual.Y).sum())
         degree = data.valid.sum() + dual.u.size + (~data.equality).sum() + 4 * len(dual.Y)
         return total / float(degree)
 
@@ -277,12 +271,11 @@ def _unscaled(dual: DualPoint, scale: float) -> DualPoint:
         beta=dual.beta * scale,
         F=dual.F * scale,
         u=dual.u * scale,
-        Y=tuple(Y * scale for Y in dual.Y),
+        Y=dual.Y * scale,
         factor=dual.factor * np.sqrt(scale),
-        inverse_factor=dual.inverse_factor / np.sqrt(scale),
         inverse=dual.inverse / scale,
         w=dual.w * scale,
         mean=dual.mean,
         s=dual.s * scale,
-        Y_roots=tuple(root / np.sqrt(scale) for root in dual.Y_roots),
+        Y_inverse=dual.Y_inverse / scale,
     )

@@ -80,6 +80,22 @@ class LiftedRotation:
         return self.equations.shape[1] - 1
 
     @cached_property
+    def quaternion_slopes(self) -> FloatArray:
+        """The maps of all blocks under the conv SO(3) constraint, (q, s, 4, 4)."""
+        slopes = np.zeros((len(self.quaternion_blocks), self.num_variables, 4, 4))
+        for block, (_, block_map) in zip(slopes, self.quaternion_blocks, strict=True):
+            block[:] = block_map
+        return slopes
+
+    @cached_property
+    def _flat_slopes(self) -> FloatArray:
+        return np.ascontiguousarray(np.swapaxes(self.quaternion_slopes, 0, 1).reshape(self.num_variables, -1))
+
+    def quaternion_change(self, direction: FloatArray) -> FloatArray:
+        """Return the change (q, 4, 4) of Y along a change (s,) of rho."""
+        return (direction @ self._flat_slopes).reshape(-1, 4, 4)
+
+    @cached_property
     def basis(self) -> FloatArray:
         """Matrix (r, s+1) with ``[R] = basis @ (1, rho)``."""
         basis = np.zeros((len(self.variable), self.num_variables + 1))

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import lapack, solve_triangular
 
 from data_tools.arrays import FloatArray, IntArray
+from pairwise.pm_sdp.lifted_rotation import LiftedRotation
 
 #: From this many variables on, weights are replaced by separable ones.
 _SEPARABLE_SIZE = 48
@@ -90,18 +91,11 @@ class MomentBasis:
         matrices[..., 0, 0] = 0.0
         return matrices
 
-    def congruences(self, T: FloatArray) -> FloatArray:
-        """Return the matrices (k, m, m) of ``X -> T_j X T_j^T`` for T of shape (k, s+1, s+1).
+    def sum_of_points(self, lifted: LiftedRotation, F: FloatArray, u: FloatArray, Y: FloatArray) -> FloatArray:
+        """Return the coordinates (m,) of what the equations must span: sums of F (k, s, s) and u (k, s), Y's part."""
+        from pairwise.pm_sdp.newton_kernels import packed_sum
 
-        Whole rows are gathered, which is several times faster than entries; they are the result's columns.
-        """
-        columns = np.swapaxes(T, 1, 2)
-        first, second = columns.take(self.rows, axis=2), columns.take(self.cols, axis=2)
-        adjoint: FloatArray = first.take(self.rows, axis=1) * second.take(self.cols, axis=1)
-        adjoint += first.take(self.cols, axis=1) * second.take(self.rows, axis=1)
-        half = np.where(self.rows == self.cols, np.sqrt(0.5), 1.0)
-        adjoint *= np.outer(half, half)
-        return np.swapaxes(adjoint, 1, 2)
+        return packed_sum(F, u, lifted.quaternion_slopes, Y, self.rows, self.cols, self.scale)
 
     @cached_property
     def congruence_gather(self) -> tuple[IntArray, IntArray, FloatArray]:
@@ -187,7 +181,7 @@ class MomentBasis:
         inside, outside = rotated[: self.num_equations], rotated[self.num_equations :]
         if self.num_equations == 0:
             return inside, outside
-        return solve_triangular(self._reflectors[: self.num_equations], inside, check_finite=False), outside
+        return lapack.dtrtrs(self._reflectors[: self.num_equations], inside)[0], outside
 
     def correction(self, violations: FloatArray) -> FloatArray:
         """Return the shortest vector (m,) with ``<A_m, vector> = violations_m``."""

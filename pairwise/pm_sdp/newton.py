@@ -14,17 +14,14 @@ What remains is a positive definite system in the moments dM (within the null sp
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import lapack
 
 from data_tools.arrays import FloatArray
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.moment_basis import MomentBasis, gram
-from pairwise.pm_sdp.newton_blocks import TINY, LocalBlocks
+from pairwise.pm_sdp.newton_blocks import LocalBlocks
 from pairwise.pm_sdp.step_targets import Targets
-from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint, along
-
-#: R stands beside the diagonal of the moment matrix: its coordinates are scaled by the root of two.
-_ROOT_HALF = float(np.sqrt(0.5))
+from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint
 
 #: Most refinements of a solution of the reduced system.
 _MAX_REFINEMENTS = 3
@@ -46,34 +43,27 @@ class NewtonSystem:
     """
 
     def __init__(self, data: RelaxationData, basis: MomentBasis, primal: PrimalPoint, dual: DualPoint) -> None:
+        from pairwise.pm_sdp.newton_kernels import quaternion_operators
+
         self.data, self.basis, self.primal, self.dual = data, basis, primal, dual
         self.is_accurate = True
         self.blocks = LocalBlocks(data, basis, primal, dual)
-        self._quaternion_operators()
+        self.quaternion_operators = quaternion_operators(primal.Y, dual.Y)
+        self.dual_sum = basis.sum_of_points(data.lifted, dual.F, dual.u, dual.Y)
         self._assemble()
-
-    def _quaternion_operators(self) -> None:
-        """Diagonalise ``X -> sym(Y_dual^-1 X Y_primal)`` on symmetric 4x4 matrices, one per rotation block."""
-        self.quaternion_maps = []
-        for primal, dual in zip(self.primal.Y, self.dual.Y, strict=True):
-            factor = np.linalg.cholesky(dual)
-            eigenvalues, vectors = np.linalg.eigh(factor.T @ primal @ factor)
-            eigenvalues = np.maximum(eigenvalues, TINY)
-            weights = 2.0 / (eigenvalues[:, None] + eigenvalues)
-            self.quaternion_maps.append((vectors.T @ factor.T, weights))
 
     def _assemble(self) -> None:
         """Form and factor the reduced system."""
         data, basis = self.data, self.basis
         moments, coupling = self.blocks.condense()
         means = slice(0, data.lifted.num_variables)
-        for (_, slopes), (T, weights) in zip(data.lifted.quaternion_blocks, self.quaternion_maps, strict=True):
+        for slopes, T, weights in zip(data.lifted.quaternion_slopes, *self.quaternion_operators, strict=True):
             transformed = ((T @ slopes @ T.T) * np.sqrt(weights)).reshape(-1, 16)
             moments[means, means] += 0.5 * transformed @ transformed.T
         coupling[data.pinned] = 0.0
         coupling = basis.reduce_columns(coupling.T)
         self.rows_factor = _factor(self._row_matrix())
-        half = solve_triangular(self.rows_factor[0], coupling.T, lower=True, check_finite=False)
+        half = _solve_lower(self.rows_factor, coupling.T)
         schur = basis.reduce_operator(moments)
         schur += gram(half.astype(basis.dtype, copy=False))
         self.coupling = coupling.astype(np.float64, copy=False)
@@ -107,27 +97,23 @@ class NewtonSystem:
                 break
             if refinement == 0:
                 first_error, acceptable = error, _REFINEMENT_TOL * error
-            rhs = imbalance + self.coupling @ cho_solve(self.rows_factor, row_rhs, check_finite=False)
+            rhs = imbalance + self.coupling @ _solve(self.rows_factor, row_rhs)
             step = self._solve_schur(rhs)
-            dbeta = dbeta + cho_solve(self.rows_factor, row_rhs - self.coupling.T @ step, check_finite=False)
+            dbeta = dbeta + _solve(self.rows_factor, row_rhs - self.coupling.T @ step)
             coordinates = coordinates + basis.expand(step)
         self.is_accurate &= error <= _ACCURACY * first_error
         return self._direction(targets, dx, local, moments, dbeta)
 
     def _solve_schur(self, rhs: FloatArray) -> FloatArray:
         """Solve the reduced system in the precision of its factor."""
-        solution = cho_solve(self.schur_factor, rhs.astype(self.schur_factor[0].dtype), check_finite=False)
+        solution = _solve(self.schur_factor, rhs.astype(self.schur_factor.dtype, copy=False))
         return solution.astype(np.float64, copy=False)
 
     def _imbalance(self, targets: Targets, local: FloatArray, moments: FloatArray) -> FloatArray:
         """Return the sum of the new u and F of all points, in coordinates: it must be spanned by the equations."""
-        imbalance = self.basis.pack(local.sum(axis=0) + self._dual_sum())
-        means = slice(0, self.data.lifted.num_variables)
-        for index, (_, slopes) in enumerate(self.data.lifted.quaternion_blocks):
-            change = targets.quaternions[index] - along(moments[0, 1:], slopes)
-            dY = self._quaternion_solve(index, change) + self.dual.Y[index]
-            imbalance[means] += _ROOT_HALF * (slopes.reshape(-1, 16) @ dY.ravel())
-        return imbalance
+        dY = self._quaternion_step(targets, moments[0, 1:])
+        step = self.basis.sum_of_points(self.data.lifted, local[:, 1:, 1:], local[:, 1:, 0], dY)
+        return step + self.dual_sum
 
     def _row_residual(self, targets: Targets, dx: FloatArray, dbeta: FloatArray) -> FloatArray:
         """Return what the rows' new sums, their new slack included, miss of the capacities."""
@@ -142,37 +128,47 @@ class NewtonSystem:
     def _safe_x(self) -> FloatArray:
         return self.primal.x if self.data.is_full else np.where(self.data.valid, self.primal.x, 1.0)
 
-    def _dual_sum(self) -> FloatArray:
-        """Return ``sum_j [[0, u_j^T], [u_j, F_j]]``, which must be a combination of the equations."""
-        dual = self.dual
-        total = np.zeros((self.basis.size + 1, self.basis.size + 1))
-        total[1:, 1:] = dual.F.sum(axis=0)
-        total[1:, 0] = total[0, 1:] = dual.u.sum(axis=0)
-        return total
+    def _quaternion_step(self, targets: Targets, dR: FloatArray) -> FloatArray:
+        """Return dY (q, 4, 4) of the dual point for a step of R."""
+        from pairwise.pm_sdp.newton_kernels import quaternion_step
 
-    def _quaternion_solve(self, index: int, rhs: FloatArray) -> FloatArray:
-        T, weights = self.quaternion_maps[index]
-        return T.T @ (weights * (T @ rhs @ T.T)) @ T
+        return quaternion_step(
+            *self.quaternion_operators, targets.quaternions - self.data.lifted.quaternion_change(dR)
+        )
 
     def _direction(
         self, targets: Targets, dx: FloatArray, local: FloatArray, moments: FloatArray, dbeta: FloatArray
     ) -> Direction:
+        from pairwise.pm_sdp.newton_kernels import step_of_points
+
         data, primal, dual = self.data, self.primal, self.dual
-        dF, du, dalpha = local[:, 1:, 1:], local[:, 1:, 0], -local[:, 0, 0]
-        pull = primal.B @ dF + primal.x[..., None] * du[:, None, :] - targets.ratio
-        dB = dx[..., None] * dual.mean - pull @ dual.inverse
-        dR = moments[0, 1:]
-        dY = tuple(
-            self._quaternion_solve(i, targets.quaternions[i] - along(dR, slopes))
-            for i, (_, slopes) in enumerate(data.lifted.quaternion_blocks)
-        )
+        point = (primal.x, primal.B, dual.mean, dual.inverse)
+        dB, dF, du, bend, ds = step_of_points(*point, targets.ratio, dx, local)
+        dR, dalpha = moments[0, 1:], -local[:, 0, 0]
+        dY = self._quaternion_step(targets, dR)
         dslack = np.zeros(data.num_rows)
         open_rows = ~data.equality
-        dslack[open_rows] = (targets.slacks[open_rows] + primal.slack[open_rows] * dbeta[open_rows]) / -dual.beta[
-            open_rows
-        ]
-        return Direction(dx, dB, moments[1:, 1:], dR, dslack, dalpha, dbeta, dF, du, dY)
+        change = targets.slacks[open_rows] + primal.slack[open_rows] * dbeta[open_rows]
+        dslack[open_rows] = change / -dual.beta[open_rows]
+        ds -= dalpha[:, None] + dbeta[data.index]
+        return Direction(dx, dB, moments[1:, 1:], dR, dslack, dalpha, dbeta, dF, du, dY, bend, ds)
 
 
-def _factor(matrix: FloatArray) -> tuple[FloatArray, bool]:
-    return cho_factor(matrix, lower=True, check_finite=False)
+def _factor(matrix: FloatArray) -> FloatArray:
+    """Return the lower Cholesky factor, in the matrix's precision."""
+    potrf = lapack.spotrf if matrix.dtype == np.float32 else lapack.dpotrf
+    factor, info = potrf(matrix, lower=True)
+    if info != 0:
+        raise np.linalg.LinAlgError("not positive definite")
+    return factor
+
+
+def _solve(factor: FloatArray, rhs: FloatArray) -> FloatArray:
+    """Solve a system whose lower Cholesky factor is given."""
+    potrs = lapack.spotrs if factor.dtype == np.float32 else lapack.dpotrs
+    return potrs(factor, rhs, lower=True)[0]
+
+
+def _solve_lower(factor: FloatArray, rhs: FloatArray) -> FloatArray:
+    """Solve a lower triangular system of several right hand sides."""
+    return lapack.dtrtrs(factor, rhs, lower=True)[0]

@@ -13,24 +13,17 @@ its feature ``f_i = sqrt(W) * (T b_i) (T b_i)^T``, and everything is products of
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lapack
 
 from data_tools.arrays import FloatArray
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.moment_basis import MomentBasis, gram
 from pairwise.pm_sdp.variables import DualPoint, PrimalPoint
 
-#: Floor of eigenvalues that are positive but for rounding errors.
-TINY = float(np.finfo(np.float64).tiny) ** 0.5
-
 #: Up to this many variables the matrices of congruences are formed; beyond, factors are applied one after the other.
 _DENSE_SIZE = 12
 
 #: Numbers that are formed at a time when points are treated in chunks.
 _CHUNK_ENTRIES = 2**15
-
-#: From this size on, triangular factors are inverted by LAPACK's own routine rather than as general matrices.
-_TRIANGULAR_SIZE = 16
 
 
 class LocalBlocks:
@@ -53,7 +46,7 @@ class LocalBlocks:
         features_t = self.transformed.take(basis.rows, axis=1)
         features_t *= self.transformed.take(basis.cols, axis=1)
         features_t *= (self.root_weights * basis.scale)[..., None]
-        self.features = np.swapaxes(features_t, 1, 2)
+        self.features = np.ascontiguousarray(np.swapaxes(features_t, 1, 2))
         self.conductance = primal.x / dual.s
         if not data.is_full:
             self.conductance[~data.valid] = 1.0
@@ -68,25 +61,18 @@ class LocalBlocks:
 
     def _diagonalise(self, primal: PrimalPoint, dual: DualPoint) -> None:
         """Find T with ``T H T^T = diag(m)`` and ``T E T^T = diag(e)``, and the roots of 1 / (m_a e_b + e_a m_b)."""
-        total = primal.x.sum(axis=1)
-        first = primal.B.sum(axis=1)
-        centred = np.sqrt(primal.x)[..., None] * (primal.mean - (first / total[:, None])[:, None, :])
-        spread = np.swapaxes(centred, 1, 2) @ centred + 0.5 * primal.G
-        factor_t = np.swapaxes(dual.factor, 1, 2)
-        eigenvalues, vectors = np.linalg.eigh(factor_t @ spread @ dual.factor)
-        num, size = first.shape
-        T = np.zeros((num, size + 1, size + 1))
-        T[:, 1:, 1:] = np.swapaxes(vectors, 1, 2) @ factor_t
-        T[:, 1:, 0] = -(T[:, 1:, 1:] @ first[:, :, None])[..., 0] / total[:, None]
-        T[:, 0, 0] = 1.0 / np.sqrt(total)
-        self.eigenvalues = eigenvalues = np.maximum(eigenvalues, TINY)
-        W = np.ones((num, size + 1, size + 1))
+        from pairwise.pm_sdp.newton_kernels import diagonalise
+
+        self.T, eigenvalues = diagonalise(primal.x, primal.B, primal.mean, primal.G, dual.factor)
+        self.eigenvalues = eigenvalues
+        W = np.ones(self.T.shape)
         W[:, 1:, 1:] = np.sqrt(1.0 / (eigenvalues[:, :, None] + eigenvalues[:, None, :]))
-        self.T, self.T_t = T, np.ascontiguousarray(np.swapaxes(T, 1, 2))
-        self.root_weights = W.reshape(num, -1).take(self.basis.flat, axis=1)
+        self.root_weights = W.reshape(len(W), -1).take(self.basis.flat, axis=1)
 
     def _invert_by_matches(self) -> None:
         """Factor the response: a root of its inverse."""
+        from pairwise.pm_sdp.newton_kernels import inverse_factors
+
         response = self.features @ np.swapaxes(self.features, 1, 2)
         diagonal = np.arange(response.shape[1])
         response[:, diagonal, diagonal] += 1.0 / self.conductance
@@ -94,6 +80,8 @@ class LocalBlocks:
 
     def _invert_by_features(self) -> None:
         """Factor the matrix of Woodbury's formula, ``response^-1 = diag(x / s) - half^T half``."""
+        from pairwise.pm_sdp.newton_kernels import inverse_factors
+
         weighted = self.conductance[..., None] * self.features
         inner = np.swapaxes(self.features, 1, 2) @ weighted
         diagonal = np.arange(inner.shape[1])
@@ -112,30 +100,34 @@ class LocalBlocks:
         return self._condense_matches() if self.by_matches else self._condense_features()
 
     def _condense_matches(self) -> tuple[FloatArray, FloatArray]:
-        num = self.basis.num_coordinates
-        root = self.root.astype(self.basis.dtype, copy=False)
+        from pairwise.pm_sdp.newton_kernels import condense_matches
+
+        basis = self.basis
+        root = self.root.astype(basis.dtype, copy=False)
         direction = root @ (self.ones / np.sqrt(self.inverse_total)[:, None]).astype(root.dtype)[..., None]
-        halves = np.empty((*self.ones.shape, num), dtype=root.dtype)
-        for points in self._chunks():
-            chunk = np.matmul(root[points], self._moves(points), out=halves[points])
-            chunk -= direction[points] * (np.swapaxes(direction[points], 1, 2) @ chunk)
-        flat = halves.reshape(-1, num)
-        operator = self.basis.congruence_sum(self.T, self.eigenvalues)
+        if basis.size <= _DENSE_SIZE:
+            halves = condense_matches(
+                self.T, self.root_weights, self.features, root, direction[..., 0], basis.rows, basis.cols
+            )
+        else:
+            halves = np.empty((*self.ones.shape, basis.num_coordinates), dtype=root.dtype)
+            for points in self._chunks():
+                chunk = np.matmul(root[points], self._moves(points), out=halves[points])
+                chunk -= direction[points] * (np.swapaxes(direction[points], 1, 2) @ chunk)
+        flat = halves.reshape(-1, basis.num_coordinates)
+        operator = basis.congruence_sum(self.T, self.eigenvalues)
         operator -= gram(flat)
         if self.data.is_complete:
             return operator, root.reshape(len(flat), -1).T @ flat
         return operator, self.data.row_sums(np.swapaxes(root, 1, 2) @ halves)
 
     def _condense_features(self) -> tuple[FloatArray, FloatArray]:
-        num = self.basis.num_coordinates
-        halves = np.empty_like(self.root)
-        mean = self.totals[:, None, :] @ self.features
-        for points in self._chunks():
-            congruences = self._congruences(points)
-            np.matmul(self.root[points], congruences, out=halves[points])
-            mean[points] = mean[points] @ congruences
-        mean = mean[:, 0]
-        flat = halves.reshape(-1, num)
+        from pairwise.pm_sdp.newton_kernels import condense_features
+
+        basis = self.basis
+        mean = (self.totals[:, None, :] @ self.features)[:, 0]
+        halves, mean = condense_features(self.T, self.root_weights, self.root, mean, basis.rows, basis.cols)
+        flat = halves.reshape(-1, basis.num_coordinates)
         operator = flat.T @ flat + (mean / self.inverse_total[:, None]).T @ mean
         if self.data.is_complete:
             return operator, self.half.reshape(len(flat), -1).T @ flat - self.share.T @ mean
@@ -148,17 +140,9 @@ class LocalBlocks:
         step = max(1, _CHUNK_ENTRIES // (size * max(size, self.ones.shape[1])))
         return [slice(start, start + step) for start in range(0, num, step)]
 
-    def _congruences(self, points: slice) -> FloatArray:
-        """Return the matrices (., m, m) of ``X -> sqrt(W) * (T X T^T)``."""
-        matrices = self.basis.congruences(self.T[points])
-        matrices *= self.root_weights[points, :, None]
-        return matrices
-
     def _moves(self, points: slice) -> FloatArray:
         """Return how the costs of the matches of some points depend on the moments, shape (., c, m)."""
         basis = self.basis
-        if basis.size <= _DENSE_SIZE:
-            return self.features[points] @ self._congruences(points)
         T = self.T[points].astype(basis.dtype, copy=False)
         transformed = np.ascontiguousarray(np.swapaxes(self.transformed[points], 1, 2), dtype=basis.dtype)
         k, c, size = transformed.shape
@@ -191,33 +175,22 @@ class LocalBlocks:
 
     def solve(self, rhs: FloatArray, push: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return dx and Delta of every point for given right hand sides of its own two equations."""
-        T, T_t, features = self.T, self.T_t, self.features
-        inner = self.basis.pack(T @ rhs @ T_t) * self.root_weights
-        push = (push - (features @ inner[..., None])[..., 0]) * self.ones
-        missing = -rhs[:, 0, 0]
-        pushed = self._invert(push)
-        excess = pushed.sum(axis=1) - missing
-        dx = pushed - self.share * excess[:, None]
-        inner += (dx[:, None, :] @ features)[:, 0]
-        local = T_t @ self.basis.unpack(inner * self.root_weights) @ T
-        local[:, 0, 0] += excess / self.inverse_total
-        return dx, 0.5 * (local + np.swapaxes(local, 1, 2))
+        from pairwise.pm_sdp.newton_kernels import solve_blocks
 
-
-def inverse_factors(matrices: FloatArray) -> FloatArray:
-    """Return the inverses of the Cholesky factors of positive definite matrices (k, m, m).
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If a matrix is not positive definite.
-    """
-    factors: FloatArray = np.linalg.cholesky(matrices).astype(np.float64, copy=False)
-    if factors.shape[1] < _TRIANGULAR_SIZE:
-        return np.linalg.inv(factors).astype(np.float64, copy=False)
-    for factor in factors:
-        inverse, info = lapack.dtrtri(factor.T)
-        if info != 0:
-            raise np.linalg.LinAlgError("singular triangular factor")
-        factor[...] = inverse.T
-    return factors
+        basis = self.basis
+        return solve_blocks(
+            self.T,
+            self.features,
+            self.root if self.by_matches else self.half,
+            self.conductance,
+            self.by_matches,
+            self.root_weights,
+            self.ones,
+            self.share,
+            self.inverse_total,
+            basis.rows,
+            basis.cols,
+            basis.scale,
+            rhs,
+            push,
+        )

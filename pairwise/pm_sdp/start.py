@@ -34,7 +34,7 @@ def starting_points(data: RelaxationData, basis: MomentBasis) -> tuple[PrimalPoi
         quad = (spread**2 / (size * counts)).sum(axis=2)
         alpha = np.where(data.valid, data.cost - beta[data.index] - quad, np.inf).min(axis=1)
         alpha = alpha - mu * data.valid.sum(axis=1)
-        Y = tuple(4.0 * mu * np.eye(4) for _ in lifted.quaternion_blocks)
+        Y = np.tile(4.0 * mu * np.eye(4), (len(lifted.quaternion_blocks), 1, 1))
         dual = dual_point(data, alpha, beta, F, u, Y)
         if primal is not None and dual is not None:
             return primal, dual

@@ -8,7 +8,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray
 from pairwise.pm_sdp.data import RelaxationData
-from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint, quaternion_slopes, slack_change
+from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class Targets:
         Of ``s dx + x ds``.
     slacks : ndarray, shape (n,)
         Of ``-beta dslack - slack dbeta``.
-    quaternions : tuple of ndarray (4, 4)
+    quaternions : ndarray, shape (q, 4, 4)
         Of ``dY_primal + sym(Y_dual^-1 dY_dual Y_primal)``.
     ratio : ndarray, shape (k, c, s)
         Of ``F dB + dF B - x dw - w dx``.
@@ -32,7 +32,7 @@ class Targets:
     moments: FloatArray
     products: FloatArray
     slacks: FloatArray
-    quaternions: tuple[FloatArray, ...]
+    quaternions: FloatArray
     ratio: FloatArray
 
 
@@ -57,51 +57,21 @@ def aim(
     weight : float
         Share of these terms: below one where the former step could not be taken in full.
     """
-    ratio = primal.x[..., None] * dual.w - primal.B @ dual.F
-    products = mu - primal.x * dual.s
+    from pairwise.pm_sdp.newton_kernels import first_order_terms, moment_targets, second_order_terms
+
+    point = (primal.x, primal.B, primal.G, dual.w, dual.s, dual.F, dual.inverse)
+    ratio, products, gram = first_order_terms(*point, mu)
     slacks = mu + primal.slack * dual.beta
-    gram = mu * dual.inverse - primal.G
-    inverses = [root.T @ root for root in dual.Y_roots]
-    quaternions = tuple(mu * inverse - Y for inverse, Y in zip(inverses, primal.Y, strict=True))
+    quaternions = mu * dual.Y_inverse - primal.Y
     if former is not None:
-        bend = -former.u[:, None, :] - dual.mean @ former.F
-        curved = ((bend @ dual.inverse) * bend).sum(axis=2)
-        ratio -= weight * (former.x[..., None] * former.u[:, None, :] + former.B @ former.F)
-        products += weight * (primal.x * curved - former.x * slack_change(data, dual, former))
+        x = primal.x if data.is_full else np.where(data.valid, primal.x, 1.0)
+        step = (former.x, former.B, former.C, former.F, former.u, former.bend, former.ds)
+        ratio_terms, product_terms, gram_terms = second_order_terms(x, primal.mean, dual.inverse, *step)
+        ratio -= weight * ratio_terms
+        products += weight * product_terms
+        gram += weight * gram_terms
         slacks += weight * former.slack * former.beta
-        gram += weight * _second_order_gram(data, primal, dual, former)
-        quaternions = tuple(
-            target - weight * _symmetrised(inverse @ dY @ slope)
-            for target, inverse, dY, slope in zip(
-                quaternions, inverses, former.Y, quaternion_slopes(data, former.R), strict=True
-            )
-        )
-    return Targets(_moment_targets(primal, dual, ratio, gram), products, slacks, quaternions, ratio)
-
-
-def _moment_targets(primal: PrimalPoint, dual: DualPoint, ratio: FloatArray, gram: FloatArray) -> FloatArray:
-    """Return the moment equation's right hand side, what the sums of x and B still miss included."""
-    solved = ratio @ dual.inverse
-    num, size = dual.u.shape
-    moments = np.empty((num, size + 1, size + 1))
-    moments[:, 0, 0] = primal.x.sum(axis=1) - 1.0
-    moments[:, 0, 1:] = solved.sum(axis=1) - (primal.R - primal.B.sum(axis=1))
-    moments[:, 1:, 0] = moments[:, 0, 1:]
-    cross = np.swapaxes(solved, 1, 2) @ primal.mean
-    moments[:, 1:, 1:] = gram + cross + np.swapaxes(cross, 1, 2)
-    return moments
-
-
-def _second_order_gram(data: RelaxationData, primal: PrimalPoint, dual: DualPoint, step: Direction) -> FloatArray:
-    """Return the second-order terms of ``F G = mu I`` with ``G = C - sum B B^T / x``."""
-    weighted = primal.mean * step.x[..., None]
-    bend = step.B - weighted
-    linear = np.swapaxes(step.B, 1, 2) @ primal.mean
-    change = step.C - linear - np.swapaxes(linear, 1, 2) + np.swapaxes(weighted, 1, 2) @ primal.mean
-    x = primal.x if data.is_full else np.where(data.valid, primal.x, 1.0)
-    curvature = np.swapaxes(bend / x[..., None], 1, 2) @ bend
-    return curvature - _symmetrised(dual.inverse @ step.F @ change)
-
-
-def _symmetrised(matrices: FloatArray) -> FloatArray:
-    return 0.5 * (matrices + np.swapaxes(matrices, -1, -2))
+        turned = dual.Y_inverse @ former.Y @ data.lifted.quaternion_change(former.R)
+        quaternions -= weight * 0.5 * (turned + np.swapaxes(turned, 1, 2))
+    moments = moment_targets(primal.x, primal.B, primal.mean, primal.R, dual.inverse, ratio, gram)
+    return Targets(moments, products, slacks, quaternions, ratio)

@@ -31,7 +31,7 @@ TOL = 4e-6
 
 #: Processor seconds wanted at (3, n).
 WANTED_S = {20: 0.03, 30: 0.06}
-NUM_SEEDS = 3
+NUM_SEEDS = 5
 
 
 def uniform(num_target: int, num_source: int, dim: int, *, seed: int = 0, **options) -> Problem:

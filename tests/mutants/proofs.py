@@ -118,6 +118,16 @@ MATCHING: tuple[Mutant, ...] = (
         ("match_problem", "certificate=None if relaxation is None else relaxation.certificate", "certificate=None"),
     ),
     *faults(
+        "pairwise/pm_sdp/cone_kernels.py",
+        ("tests/pairwise/pm_sdp/test_pm_sdp_interior_point.py",),
+        ("longest_block_step", "(1.0 - least) * blocks", "(1.0 + least) * blocks"),
+        ("longest_block_step", "low = trial", "low = high"),
+        ("longest_primal_step", "- least * G[j, a, b]", "+ least * G[j, a, b]"),
+        ("longest_primal_step", "trial * dx[j, i]", "0.5 * trial * dx[j, i]"),
+        ("longest_dual_step", "(1.0 - least) * s[j, i]", "(1.0 + least) * s[j, i]"),
+        ("longest_dual_step", "ds[j, i] - trial", "ds[j, i] + trial"),
+    ),
+    *faults(
         "pairwise/pm_sdp/data.py",
         ("tests/pairwise/pm_sdp/test_pm_sdp_interior_point.py", "tests/pairwise/test_partial_matching.py"),
         ("_match_costs", "problem.unmatched_cost - saved", "problem.unmatched_cost"),
