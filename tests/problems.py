@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pairwise.local.local_search import LocalMinima
+from pairwise.local.search import explore, look_around
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 
@@ -33,6 +35,11 @@ def random_rotation(rng: np.random.Generator, dim: int, *, reflected: bool = Fal
     if (np.linalg.det(matrix) < 0) != reflected:
         matrix[:, 0] *= -1.0
     return matrix
+
+
+def search(problem: Problem) -> LocalMinima:
+    """The local minima that :func:`pairwise.match` finds of rigid poses."""
+    return look_around(problem, explore(problem))
 
 
 def planted(

@@ -62,13 +62,10 @@ class Calibration:
         Root mean square error of each landmark when templates are predicted from each other.
     factor : float
         A radius is so many times the expected error; NaN where there are too few templates.
-    num_scores : int
-        Errors that the factor is a quantile of.
     """
 
     landmark_error: FloatArray
     factor: float
-    num_scores: int
 
 
 def calibrate(errors: FloatArray, evidence: Sequence[Evidence]) -> Calibration:
@@ -93,14 +90,14 @@ def calibrate(errors: FloatArray, evidence: Sequence[Evidence]) -> Calibration:
     """
     landmark_error = _rms(errors)
     if len(errors) < MIN_TEMPLATES:
-        return Calibration(landmark_error=landmark_error, factor=math.nan, num_scores=0)
+        return Calibration(landmark_error=landmark_error, factor=math.nan)
     others = np.stack([_rms(np.delete(errors, at, axis=0)) for at in range(len(errors))])
     expected = [one.expected(without) for one, without in zip(evidence, others, strict=True)]
     scores = errors / np.array(expected)
     scores = np.sort(scores[np.isfinite(scores)])
     rank = math.ceil((len(scores) + 1) * COVERAGE)
     factor = float(scores[rank - 1]) if rank <= len(scores) else math.nan
-    return Calibration(landmark_error=landmark_error, factor=factor, num_scores=len(scores))
+    return Calibration(landmark_error=landmark_error, factor=factor)
 
 
 def radii(calibration: Calibration, evidence: Evidence) -> FloatArray:

@@ -44,12 +44,10 @@ def transferred_colours(target: Shape, point_map_target_source: IntArray) -> tup
     return colours, np.where((point_map_target_source >= 0)[:, None], colours[images], _GREY)
 
 
-def draw_match(
-    path: Path | str, target: Shape, source: Shape, point_map_target_source: IntArray, *, title: str = ""
-) -> Path:
+def draw_match(path: Path | str, target: Shape, source: Shape, point_map_target_source: IntArray) -> Path:
     """Write the picture of :func:`match_figure` as a PNG."""
     buffer = BytesIO()
-    figure = match_figure(target, source, point_map_target_source, title=title)
+    figure = match_figure(target, source, point_map_target_source)
     figure.savefig(buffer, format="png", metadata={"Software": None})
     return write_atomic(Path(path), buffer.getvalue())
 

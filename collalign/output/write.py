@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -128,13 +129,9 @@ def recorded_options(result: Path | str) -> tuple[AlignOptions, str]:
     InputError
         If the folder's ``alignment.json`` cannot be read.
     """
-    record = Path(result) / ALIGNMENT_FILE
-    try:
-        content = json.loads(record.read_text("utf-8"))
+    with _summary(result) as content:
         options = options_from_record(content["options"])
         return options, options.group if options.group != "auto" else str(content["decided"]["group"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{record}: not the summary of an alignment ({error})") from None
 
 
 def recorded_incomplete(result: Path | str) -> tuple[str, ...]:
@@ -145,10 +142,16 @@ def recorded_incomplete(result: Path | str) -> tuple[str, ...]:
     InputError
         If the folder's ``alignment.json`` cannot be read.
     """
+    with _summary(result) as content:
+        return tuple(str(one["name"]) for one in content.get("incomplete", []))
+
+
+@contextmanager
+def _summary(result: Path | str) -> Iterator[Any]:
+    """Open the contents of a result's ``alignment.json``; what is missing there is an error of the file."""
     record = Path(result) / ALIGNMENT_FILE
     try:
-        content = json.loads(record.read_text("utf-8"))
-        return tuple(str(one["name"]) for one in content.get("incomplete", []))
+        yield json.loads(record.read_text("utf-8"))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{record}: not the summary of an alignment ({error})") from None
 

@@ -32,10 +32,18 @@ def surface_gap(
     target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], rotation: FloatArray
 ) -> float:
     """Return the mean squared distance of closest points, normals included where both have any, both ways."""
+    gaps = point_gaps(target, source, rotation)
+    return max(0.0, float(0.5 * (gaps.min(axis=0).mean() + gaps.min(axis=1).mean())))
+
+
+def point_gaps(
+    target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], rotation: FloatArray
+) -> FloatArray:
+    """Return the squared distances between all points of two surfaces, normals included where both have any."""
     gaps = cdist(target[0], source[0] @ rotation.T, "sqeuclidean")
     if len(target[1]) and len(source[1]):
         gaps += NORMAL_WEIGHT**2 * (2.0 - 2.0 * target[1] @ (source[1] @ rotation.T).T)
-    return max(0.0, float(0.5 * (gaps.min(axis=0).mean() + gaps.min(axis=1).mean())))
+    return gaps
 
 
 def surface_points(samples: Samples, *, first: int) -> tuple[FloatArray, FloatArray]:

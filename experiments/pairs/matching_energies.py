@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import itertools
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from collalign.engine.store.records import Record
+from data_tools.arrays import read_only
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from experiments.collections.landmarked import CLASSES_FOLDER, TEETH_FOLDER
 from experiments.experiment import Bench, Cell, Experiment, Outcome
@@ -17,9 +19,10 @@ from experiments.pairs.posed_samples import COLLECTIONS, posed_pairs
 from experiments.tables import Column, Row, Table
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations
-from pairwise.local.search import of_chirality
+from pairwise.local.search import mirror_points
 from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
+from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 
 SEED = 0
@@ -43,6 +46,19 @@ of as many starts run each by itself, measured with {TIMED_STARTS} of them on {T
 {TIMED[120]} pairs of each collection with 20, 64 and 120 samples; *merged* is its share of the time where runs that
 meet are merged. Processor time of one thread.
 """
+
+
+def of_chirality(problem: Problem, *, reflected: bool) -> Problem:
+    """Return the problem with the rotation block's determinant fixed to +1; itself where the group fixes it already.
+
+    For poses of determinant -1 the source's first coordinate is negated: negate the first column of the solutions,
+    too (:func:`pairwise.local.search.mirror_rotations`).
+    """
+    if problem.pattern.special_blocks:
+        return problem
+    pattern = RotationPattern(problem.pattern.mask, ((0, problem.pattern.rotation_block),))
+    source = mirror_points(problem.source) if reflected else problem.source
+    return replace(problem, source=read_only(source), pattern=pattern)
 
 
 def random_search(problem: Problem, num: int, rng: np.random.Generator, *, merged: bool) -> float:

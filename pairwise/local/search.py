@@ -43,19 +43,6 @@ _SHIFTED_STEPS = 6
 _NUM_CENTRES, _CENTRE_FACTOR, _NUM_AROUND, _ANGLE_AROUND_RAD = 6, 1.25, 12, np.deg2rad(15.0)
 
 
-def of_chirality(problem: Problem, *, reflected: bool) -> Problem:
-    """Return the problem with the rotation block's determinant fixed to +1; itself where the group fixes it already.
-
-    For poses of determinant -1 the source's first coordinate is negated: negate the first column of the solutions,
-    too (:func:`mirror_rotations`).
-    """
-    if problem.pattern.special_blocks:
-        return problem
-    pattern = RotationPattern(problem.pattern.mask, ((0, problem.pattern.rotation_block),))
-    source = mirror_points(problem.source) if reflected else problem.source
-    return replace(problem, source=read_only(source), pattern=pattern)
-
-
 def mirror_points(points: FloatArray) -> FloatArray:
     """Return points with the first coordinate negated."""
     mirrored = points.copy()
@@ -84,8 +71,12 @@ def leading_problem(problem: Problem) -> Problem:
 
 
 @one_blas_thread()
-def search(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
-    """Return the local minima that an even set of rotations leads to: :func:`explore`, then :func:`look_around`.
+def explore(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
+    """Return local minima found from the principal axes and an even set of rotations.
+
+    Lower bounds rank all rotations; the most promising ones take a step with exact assignment; the best distinct ones
+    of these are minimised to the end. The set is laid in the frames of the principal axes, so that the answer
+    turns with the points.
 
     Parameters
     ----------
@@ -97,18 +88,6 @@ def search(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: 
         For rotation blocks of more than three dimensions.
     freedom : Freedom
         What is estimated beside the rotation.
-    """
-    minima = explore(problem, num_rotations=num_rotations, seed=seed, freedom=freedom)
-    return look_around(problem, minima, seed=seed, freedom=freedom)
-
-
-@one_blas_thread()
-def explore(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
-    """Return local minima found from the principal axes and an even set of rotations; parameters as :func:`search`.
-
-    Lower bounds rank all rotations; the most promising ones take a step with exact assignment; the best distinct ones
-    of these are minimised to the end. The set is laid in the frames of the principal axes, so that the answer
-    turns with the points.
     """
     lead = leading_problem(problem)
     num = num_rotations or _NUM_ROTATIONS.get(lead.dim, _NUM_ROTATIONS_ABOVE)
@@ -239,7 +218,7 @@ def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0, freedom
     minima : LocalMinima
         Best first; only those not far above the first are worth the look.
     seed, freedom
-        As in :func:`search`.
+        As in :func:`explore`.
     """
     block = problem.pattern.rotation_block
     centres = distinct(minima.rotations[:, :block, :block], _ANGLE_AROUND_RAD / 2.0, _NUM_CENTRES)

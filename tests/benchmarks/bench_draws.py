@@ -24,11 +24,11 @@ from data_tools.rotations import random_rotation
 from pairwise import MatchOptions
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations, sign_rotations
-from pairwise.local.search import search
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations, extreme_starts
 from pairwise.portfolio import relax
 from pairwise.problem.problem import Problem
 from pairwise.results import RelaxationResult
+from tests.problems import search
 
 CLASSES = ("glasses", "ant", "chair", "teddy")
 #: Name, number of eigenfunctions, half-width of the band; None for positions and eigenfunctions with a free block.

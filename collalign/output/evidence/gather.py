@@ -31,7 +31,6 @@ def view_collection(
     read_shape: Callable[[Origin], Shape],
     *,
     labels: Mapping[str, tuple[str, ...]] | None = None,
-    notes: tuple[str, ...] = (),
 ) -> CollectionView:
     """Gather what is shown and exported; shapes are read one at a time and decimated.
 
@@ -42,8 +41,6 @@ def view_collection(
         Reads one of ``collection.files``, cleaned exactly as it was for the alignment.
     labels : mapping of str to tuple of str, optional
         Column name to one value per shape; see :meth:`collalign.analysis.label_table.Labels.columns_for`.
-    notes : tuple of str
-        Warnings to show after the collection's own.
 
     Returns
     -------
@@ -76,7 +73,7 @@ def view_collection(
         versions=collection.run.versions,
         timings_s=collection.run.times_s,
         cycle_errors_deg=cycle_errors_deg(collection.pairs, len(collection.names)),
-        notes=(*collection.notes, *notes),
+        notes=collection.notes,
         incomplete=collection.incomplete,
     )
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
-from collalign.stages.surface_gap import NORMAL_WEIGHT, surface_gap, surface_points
+from collalign.stages.surface_gap import point_gaps, surface_gap, surface_points
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
@@ -48,9 +47,7 @@ def near_symmetries(samples: Samples) -> FloatArray:
 def _refined(fixed: _Surface, moving: _Surface, turn: FloatArray) -> FloatArray:
     """Return the turn after some steps of closest points, both ways, and Procrustes."""
     for _ in range(NUM_STEPS):
-        gaps = cdist(fixed[0], moving[0] @ turn.T, "sqeuclidean")
-        if len(fixed[1]):
-            gaps -= 2.0 * NORMAL_WEIGHT**2 * fixed[1] @ (moving[1] @ turn.T).T
+        gaps = point_gaps(fixed, moving, turn)
         there, back = gaps.argmin(axis=0), gaps.argmin(axis=1)
         cross = fixed[0][there].T @ moving[0] + fixed[0].T @ moving[0][back]
         turn = nearest_orthogonal(cross, determinant=1.0)

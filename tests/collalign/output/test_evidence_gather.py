@@ -143,10 +143,10 @@ def test_poses_of_a_pair_are_distinct_and_hold_the_chosen_one() -> None:
 
 
 def test_everything_else_is_carried_over(collection: AlignedCollection) -> None:
-    view = view_collection(collection, read, labels={"taxon": tuple("xxyy")}, notes=("more",))
+    view = view_collection(collection, read, labels={"taxon": tuple("xxyy")})
     assert view.part_numbers.tolist() == [0, 0, 0, 1]
     assert view.excluded == (("e.ply", "empty"),)
-    assert view.notes == ("two parts", "more")
+    assert view.notes == ("two parts",)
     assert [len(poses) for poses in view.alternatives] == [0, 0, 0, 1]
     assert view.alternatives[3][0].log_odds == -0.5
     assert view.timings_s == {"pairs": 1.0}

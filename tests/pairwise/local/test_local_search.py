@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
+from experiments.pairs.matching_energies import of_chirality
 from pairwise.local.freedom import Freedom
 from pairwise.local.local_search import LocalMinima, MatchingCosts, energies_of, merge, minimise, procrustes
 from pairwise.local.rotation_sets import random_rotations
-from pairwise.local.search import of_chirality
 from pairwise.problem.problem import Problem
 from tests.problems import catalogue, planted
 

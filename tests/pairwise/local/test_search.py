@@ -7,6 +7,7 @@ import pytest
 
 from data_tools.errors import OptionsError
 from data_tools.rotations import rotation_angles
+from experiments.pairs.matching_energies import of_chirality
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.local.search import (
@@ -18,12 +19,10 @@ from pairwise.local.search import (
     look_around,
     mirror_points,
     mirror_rotations,
-    of_chirality,
-    search,
 )
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
-from tests.problems import planted
+from tests.problems import planted, search
 
 
 @pytest.mark.parametrize(("seed", "num", "noise"), [(0, 16, 0.15), (1, 20, 0.3), (2, 24, 0.2), (3, 12, 0.5)])
