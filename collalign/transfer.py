@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -11,8 +13,10 @@ from collalign.dense import dense_correspondence
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory
 from collalign.landmarks.carry import Template, at_places, on_surface, template
+from collalign.landmarks.curves import evenly_spaced
 from collalign.landmarks.fusion import fuse, template_distance
 from collalign.landmarks.radii import Calibration, Evidence, calibrate, radii
+from collalign.landmarks.table import LandmarkTable, landmark_table
 from collalign.output.evidence.file import load_view
 from collalign.products.collection import DOUBT
 from collalign.products.dense import DenseCorrespondence
@@ -28,11 +32,23 @@ from collalign.products.transfer import (
 )
 from collalign.registration.options import RegistrationOptions
 from data_tools.arrays import FloatArray, read_only
+from data_tools.checks import check_count
+from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
-from data_tools.io.landmarks import Landmarks, read_landmarks, specimen_of
+from data_tools.io.landmarks import (
+    Landmarks,
+    SemilandmarkRows,
+    read_landmarks,
+    read_semilandmarks,
+    specimen_of,
+)
 from data_tools.io.shapes import read_shape
 from data_tools.surface.closest import SurfaceLocator
+from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
+
+#: What semilandmarks of the whole surface are called.
+SURFACE = "surface"
 
 
 @one_blas_thread()
@@ -40,6 +56,10 @@ def transfer_landmarks(
     result: str | Path,
     landmarks: Mapping[str, Landmarks] | Sequence[str | Path],
     *,
+    curves: Sequence[str | Path] = (),
+    patches: Sequence[str | Path] = (),
+    curve_points: int | None = None,
+    surface_points: int = 0,
     options: RegistrationOptions | None = None,
     run: RunOptions | None = None,
     progress: ProgressFactory | bool = True,
@@ -51,7 +71,15 @@ def transfer_landmarks(
     result : path
         Folder that ``collalign align`` wrote.
     landmarks : mapping of name to Landmarks, or sequence of path
-        In file coordinates. A file ``A.mrk.json``, ``A.fcsv`` or ``A.csv`` belongs to the shape called A.
+        In file coordinates. A file ``A.mrk.json``, ``A.fcsv`` or ``A.csv`` belongs to the shape called A. Markups of
+        the type Curve and ClosedCurve are curves of semilandmarks.
+    curves, patches : sequence of path
+        Files whose points are a curve in their order, or semilandmarks of a patch: ``RIM/A.fcsv`` is the curve RIM of
+        the shape called A.
+    curve_points : int, optional
+        Evenly spaced semilandmarks on every curve; by default so many as the first template's curve has points.
+    surface_points : int
+        Semilandmarks spread evenly over the mean surface and carried to all, templates too.
     options : RegistrationOptions, optional
     run : RunOptions, optional
     progress : bool or callable
@@ -82,10 +110,14 @@ def transfer_landmarks(
     ('carried over',)
     """
     view = load_view(result)
-    given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks)
-    labels, known = template_points(view, given)
+    check_count("surface_points", surface_points, lower=0)
+    if curve_points is not None:
+        check_count("curve_points", curve_points, lower=2)
+    given = dict(landmarks) if isinstance(landmarks, Mapping) else read_templates(landmarks)
+    given = with_semilandmarks(given, curves, patches)
+    table = template_table(view, given, curve_points=curve_points)
     dense = dense_correspondence(result, options=options, run=run, progress=progress)
-    return _Transfer(view, dense, labels, known).run()
+    return _Transfer(view, dense, table).run(surface_points)
 
 
 def read_templates(paths: Sequence[str | Path]) -> dict[str, Landmarks]:
@@ -105,40 +137,41 @@ def read_templates(paths: Sequence[str | Path]) -> dict[str, Landmarks]:
     return read
 
 
-def template_points(
-    view: CollectionView, given: Mapping[str, Landmarks]
-) -> tuple[tuple[str, ...], dict[str, FloatArray]]:
-    """Return the labels of all templates together and each template's landmarks in that order, NaN where it has none.
+def with_semilandmarks(
+    given: Mapping[str, Landmarks], curves: Sequence[str | Path], patches: Sequence[str | Path]
+) -> dict[str, Landmarks]:
+    """Return landmarks with the curves and patches of files of their own, of specimens without landmarks as well."""
+    found = dict(given)
+    kinds: list[tuple[Literal["curve", "patch"], Sequence[str | Path]]] = [("curve", curves), ("patch", patches)]
+    for kind, paths in kinds:
+        for path in paths:
+            name = specimen_of(path)
+            marks = found.get(name, Landmarks(labels=(), points=np.empty((0, 3))))
+            more = (*marks.semilandmarks, read_semilandmarks(path, kind))
+            found[name] = replace(marks, semilandmarks=more)
+    return found
+
+
+def template_table(
+    view: CollectionView, given: Mapping[str, Landmarks], *, curve_points: int | None = None
+) -> LandmarkTable:
+    """Return the landmarks of all templates in one order.
 
     Raises
     ------
     InputError
-        If there is no template, one belongs to no shape, names a landmark twice, or shares none with the first.
+        If one belongs to no shape, or as :func:`collalign.landmarks.table.landmark_table`.
     """
-    if not given:
-        raise InputError("landmarks: no landmark file is given")
-    labels = tuple(dict.fromkeys(label for marks in given.values() for label in marks.labels))
-    points: dict[str, FloatArray] = {}
-    for name, marks in given.items():
-        view.index(name)
-        if len(set(marks.labels)) < len(marks.labels):
-            twice = next(label for label in marks.labels if marks.labels.count(label) > 1)
-            raise InputError(f"{name}: two landmarks are called {twice!r}; give each a name of its own")
-        first = next(iter(given.values()))
-        if not set(marks.labels) & set(first.labels):
-            raise InputError(f"{name}: none of its landmarks is called as any of {next(iter(given))}")
-        points[name] = np.full((len(labels), 3), np.nan)
-        points[name][[labels.index(label) for label in marks.labels]] = marks.points
-    return labels, points
+    transforms = {name: view.transforms[view.index(name)] for name in given}
+    return landmark_table(given, transforms, curve_points=curve_points)
 
 
 class _Transfer:
     """One transfer: the collection, its dense correspondence, and the templates on it."""
 
-    def __init__(
-        self, view: CollectionView, dense: DenseCorrespondence, labels: tuple[str, ...], known: dict[str, FloatArray]
-    ) -> None:
-        self._view, self._dense, self._labels, self._known = view, dense, labels, known
+    def __init__(self, view: CollectionView, dense: DenseCorrespondence, table: LandmarkTable) -> None:
+        self._view, self._dense, self._labels, self._known = view, dense, table.labels, table.points
+        self._semilandmarks = table.semilandmarks
         self._rows = {name: row for row, name in enumerate(dense.names)}
         centred = dense.mean - dense.mean.mean(axis=0)
         self._radius = radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
@@ -146,15 +179,15 @@ class _Transfer:
             template(
                 self._rows[name], self._posed(name, points), dense.completed[self._rows[name]], dense.faces, radius
             )
-            for name, points in known.items()
+            for name, points in table.points.items()
             if name in self._rows
         ]
         if not self._templates:
             raise InputError("landmarks: none of the specimens with landmarks could be registered")
         self._scale = {name: float(scale) for name, scale in zip(view.names, view.scales, strict=True)}
 
-    def run(self) -> TransferredLandmarks:
-        """Predict every specimen, and every template from the others."""
+    def run(self, surface_points: int) -> TransferredLandmarks:
+        """Predict every specimen, and every template from the others; and spread points over all surfaces."""
         errors, evidence = self._leave_one_out()
         calibration = calibrate(errors, evidence)
         found = [self._specimen(name, calibration) for name in self._view.names]
@@ -163,7 +196,7 @@ class _Transfer:
         rest = [evidence[:at] + evidence[at + 1 :] for at in range(len(evidence))]
         without = [calibrate(np.delete(errors, at, 0), others) for at, others in enumerate(rest)]
         radius = np.array([radii(one, own) for one, own in zip(without, evidence, strict=True)])
-        return TransferredLandmarks(
+        carried = TransferredLandmarks(
             names=self._view.names,
             labels=self._labels,
             points=read_only(np.stack([points for points, _, _ in found])),
@@ -172,7 +205,9 @@ class _Transfer:
             templates=names,
             left_out_errors=read_only(errors / unit),
             left_out_radii=read_only(radius / unit),
+            semilandmarks=self._semilandmarks,
         )
+        return self._with_surface_points(carried, surface_points) if surface_points else carried
 
     def _leave_one_out(self) -> tuple[FloatArray, list[Evidence]]:
         """Errors (t, l), in the common frame, of every template predicted from the others, and their evidence."""
@@ -221,7 +256,46 @@ class _Transfer:
             residual=at_places(templates, dense.residual[row]).mean(axis=0),
             unit=self._radius,
         )
-        return on_surface(points, templates, SurfaceLocator(shape.vertices, shape.faces)), evidence
+        surface = SurfaceLocator(shape.vertices, shape.faces)
+        placed = on_surface(points, templates, surface)
+        for curve in self._semilandmarks:
+            rows = list(curve.rows)
+            if curve.kind != "patch" and np.isfinite(placed[rows]).all():
+                spaced = evenly_spaced(placed[rows], len(rows), closed=curve.kind == "closed curve")
+                placed[rows] = on_surface(spaced, [item.only(rows) for item in templates], surface)
+        return placed, evidence
+
+    def _with_surface_points(self, carried: TransferredLandmarks, num: int) -> TransferredLandmarks:
+        """Add evenly spread vertices of the mean, on the surface of every shape."""
+        mean = Shape.from_arrays(self._dense.mean, self._dense.faces, name="the mean")
+        if num > len(mean.vertices):
+            raise InputError(f"surface_points: the mean has {len(mean.vertices)} vertices, {num} are asked for")
+        chosen = farthest_points(mean, num, metric="euclidean")
+        places, words = [], []
+        for at, name in enumerate(self._view.names):
+            reason = self._abstention(name)
+            points = np.full((num, 3), np.nan)
+            if reason is None:
+                shape = read_shape(self._view.file(at), name=name)
+                back = np.linalg.inv(self._view.transforms[at])
+                copies = self._dense.vertices[self._rows[name]][chosen] @ back[:3, :3].T + back[:3, 3]
+                there = np.isfinite(copies).all(axis=1)
+                points[there] = SurfaceLocator(shape.vertices, shape.faces).closest(copies[there]).on(shape.vertices)
+            places.append(points)
+            words.append(np.where(np.isfinite(points).all(axis=1), CARRIED, reason or MISSING_PLACE).tolist())
+        rows = SemilandmarkRows(SURFACE, "patch", tuple(range(len(self._labels), len(self._labels) + num)))
+        nothing = np.full((len(self._view.names), num), np.nan)
+        left_out = np.full((len(carried.templates), num), np.nan)
+        return replace(
+            carried,
+            labels=(*self._labels, *(f"{SURFACE}-{number}" for number in range(1, num + 1))),
+            points=read_only(np.concatenate([carried.points, np.stack(places)], axis=1)),
+            radii=read_only(np.concatenate([carried.radii, nothing], axis=1)),
+            status=tuple((*own, *more) for own, more in zip(carried.status, words, strict=True)),
+            left_out_errors=read_only(np.concatenate([carried.left_out_errors, left_out], axis=1)),
+            left_out_radii=read_only(np.concatenate([carried.left_out_radii, left_out], axis=1)),
+            semilandmarks=(*self._semilandmarks, rows),
+        )
 
     def _posed(self, name: str, points: FloatArray) -> FloatArray:
         T = self._view.transforms[self._view.index(name)]

@@ -20,7 +20,7 @@ from collalign.output.evidence.file import load_view
 from collalign.output.variation.write import write_variation
 from collalign.products.dense import DenseCorrespondence
 from collalign.registration.mirror import mirror_map
-from collalign.transfer import read_templates, template_points
+from collalign.transfer import read_templates, template_table
 from data_tools.arrays import FloatArray
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.landmarks import Landmarks, landmark_partners, read_landmark_pairs
@@ -100,9 +100,10 @@ def write_surface_variation(
     marked: tuple[tuple[str, ...], FloatArray] = ((), np.empty((0, 3)))
     if landmarks:
         given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks)
-        names, known = template_points(view, given)
-        posed = {name: _posed(view.transforms[view.index(name)], points) for name, points in known.items()}
-        marked = names, _on_mean(dense, found.mean, posed)
+        table = template_table(view, given)
+        alone = table.landmark_rows
+        posed = {name: _posed(view.transforms[view.index(name)], one[alone]) for name, one in table.points.items()}
+        marked = tuple(table.labels[row] for row in alone), _on_mean(dense, found.mean, posed)
     components = None
     if symmetry is not None:
         components = surface_symmetry(

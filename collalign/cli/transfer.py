@@ -20,13 +20,18 @@ from collalign.output.transfer import left_out_summary, write_transfer
 from collalign.products.transfer import TransferredLandmarks
 from collalign.transfer import transfer_landmarks
 from data_tools.errors import InputError
+from data_tools.io.landmarks import specimen_of
 
 
 def transfer(
     result: Path,
     *,
-    landmarks: Annotated[list[Path], Parameter(consume_multiple=True)],
+    landmarks: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
     to: Path,
+    curves: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
+    patches: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
+    curve_points: int | None = None,
+    surface_points: int = 0,
     format: Annotated[str, Parameter(help=f"One of {', '.join(FORMATS)}.")] = "slicer-json",
     space: Space = "raw",
     leave_one_out: Annotated[bool, Parameter(negative=())] = False,
@@ -39,7 +44,16 @@ def transfer(
     result
         Folder that ``collalign align`` wrote.
     landmarks
-        Landmark files (.mrk.json, .fcsv, .csv), each called like the shape it belongs to.
+        Landmark files (.mrk.json, .fcsv, .csv), each called like the shape it belongs to; curves of 3D Slicer become
+        semilandmarks.
+    curves
+        Files whose points, in their order, are a curve: RIM/A.fcsv is the curve RIM of the shape called A.
+    patches
+        Files whose points are semilandmarks of a patch of the surface, called likewise.
+    curve_points
+        Evenly spaced semilandmarks on every curve; by default so many as the first curve has points.
+    surface_points
+        Semilandmarks spread evenly over the whole surface of every shape.
     to
         Folder for the landmarks of all shapes and transfer.csv with an error radius for each.
     space
@@ -47,14 +61,23 @@ def transfer(
     leave_one_out
         Predict every specimen that has landmarks from the others, and write and print how far off that is.
     """
-    if leave_one_out and len(landmarks) < 2:
+    files = [*(landmarks or ()), *(curves or ()), *(patches or ())]
+    if leave_one_out and len({specimen_of(path) for path in files}) < 2:
         raise InputError("--leave-one-out: one landmark file cannot be predicted from others; give at least two")
     store = run.store or result / STORE_FILE
     with resumable(store):
-        found = transfer_landmarks(result, landmarks, run=with_changes(run, store=store))
+        found = transfer_landmarks(
+            result,
+            landmarks or (),
+            curves=curves or (),
+            patches=patches or (),
+            curve_points=curve_points,
+            surface_points=surface_points,
+            run=with_changes(run, store=store),
+        )
     view = with_changes(load_view(result), samples=found.points, landmark_names=found.labels, pairs=())
-    paths = write_export(view, format, to, space=space)
-    for path in (*paths, *write_transfer(found, to, landmarks, leave_one_out=leave_one_out)):
+    paths = write_export(view, format, to, space=space, semilandmarks=found.semilandmarks)
+    for path in (*paths, *write_transfer(found, to, files, leave_one_out=leave_one_out)):
         print(path)
     return _summarise(found, leave_one_out=leave_one_out)
 

@@ -33,6 +33,12 @@ class Template:
     places: SurfacePoints
     offsets: FloatArray
 
+    def only(self, rows: Sequence[int]) -> Template:
+        """Return the template with some of its landmarks."""
+        chosen = list(rows)
+        places = SurfacePoints(corners=self.places.corners[chosen], weights=self.places.weights[chosen])
+        return Template(shape=self.shape, places=places, offsets=self.offsets[chosen])
+
 
 def template(shape: int, landmarks: FloatArray, vertices: FloatArray, faces: IntArray, radius: float) -> Template:
     """Find the places of a specimen's landmarks on its copy of the mean.

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from collalign.landmarks.curves import slider_rows
 from collalign.landmarks.radii import COVERAGE
 from collalign.products.transfer import TransferredLandmarks
 from data_tools.arrays import FloatArray
@@ -17,13 +18,14 @@ from data_tools.io.output_folder import OutputFolder
 
 TRANSFER_FILE = "transfer.csv"
 LEFT_OUT_FILE, LEFT_OUT_PLOT = "leave_one_out.csv", "leave_one_out.png"
+SLIDERS_FILE, SURFACES_FILE = "curveslide.csv", "surfaces.csv"
 _WRITER = "transfer"
 
 
 def write_transfer(
     transferred: TransferredLandmarks, to: Path, inputs: Iterable[Path], *, leave_one_out: bool
 ) -> tuple[Path, ...]:
-    """Write ``transfer.csv`` and, if asked for, ``leave_one_out.csv`` and its plot; return the paths.
+    """Write ``transfer.csv``, tables of semilandmarks where there are any, and what leaving out templates showed.
 
     Parameters
     ----------
@@ -40,6 +42,9 @@ def write_transfer(
     """
     with OutputFolder.open(to, writer=_WRITER, inputs=inputs) as output:
         staged = [_write(output.stage(TRANSFER_FILE), transfer_rows(transferred))]
+        if transferred.semilandmarks:
+            staged.append(_write(output.stage(SLIDERS_FILE), slider_table(transferred)))
+            staged.append(_write(output.stage(SURFACES_FILE), surface_table(transferred)))
         if leave_one_out:
             staged.append(_write(output.stage(LEFT_OUT_FILE), left_out_rows(transferred)))
             staged.append(draw_left_out(transferred, output.stage(LEFT_OUT_PLOT)))
@@ -55,6 +60,22 @@ def transfer_rows(transferred: TransferredLandmarks) -> list[list[str]]:
             place = [*transferred.points[at, number], transferred.radii[at, number]]
             rows.append([name, label, *map(_number, place), transferred.status[at][number]])
     return rows
+
+
+def slider_table(transferred: TransferredLandmarks) -> list[list[str]]:
+    """Return between which landmarks each semilandmark of a curve slides, counted from 1, as geomorph has it."""
+    rows = [["before", "slide", "after"]]
+    for one in transferred.semilandmarks:
+        if one.kind != "patch":
+            sliders = 1 + slider_rows(one.rows, closed=one.kind == "closed curve")
+            rows += [[str(number) for number in row] for row in sliders.tolist()]
+    return rows
+
+
+def surface_table(transferred: TransferredLandmarks) -> list[list[str]]:
+    """Return the numbers, from 1, of semilandmarks that slide along surfaces."""
+    patches = [one.rows for one in transferred.semilandmarks if one.kind == "patch"]
+    return [["surface"], *([str(1 + row)] for rows in patches for row in rows)]
 
 
 def left_out_rows(transferred: TransferredLandmarks) -> list[list[str]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data_tools.arrays import FloatArray
+from data_tools.io.landmarks import SemilandmarkRows
 
 #: What became of a landmark.
 PLACED, CARRIED, DOUBTFUL_POSE, NOT_REGISTERED, UNKNOWN, MISSING_PLACE = (
@@ -39,6 +40,8 @@ class TransferredLandmarks:
         Distance of each template's landmark from the one predicted by the other templates; NaN with one template.
     left_out_radii : ndarray, shape (t, l)
         What was predicted for them, calibrated on the other templates alone.
+    semilandmarks : tuple of SemilandmarkRows
+        Which landmarks are on curves and patches.
     """
 
     names: tuple[str, ...]
@@ -49,3 +52,4 @@ class TransferredLandmarks:
     templates: tuple[str, ...]
     left_out_errors: FloatArray
     left_out_radii: FloatArray
+    semilandmarks: tuple[SemilandmarkRows, ...] = ()

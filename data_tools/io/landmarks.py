@@ -5,16 +5,45 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import CollalignError, InputError
 from data_tools.io.files import existing_file
+
+#: What semilandmarks lie on: a curve with two ends, one without, or a patch of the surface.
+SemilandmarkKind = Literal["open curve", "closed curve", "patch"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Semilandmarks:
+    """Points of a curve in their order, or of a patch.
+
+    Attributes
+    ----------
+    name : str
+    kind : {"open curve", "closed curve", "patch"}
+    points : ndarray, shape (c, 3)
+        In the coordinates of the file; a closed curve does not repeat its first point. Read-only.
+    """
+
+    name: str
+    kind: SemilandmarkKind
+    points: FloatArray
+
+
+class SemilandmarkRows(NamedTuple):
+    """Which rows of an array of landmarks are the semilandmarks of one curve, in order, or of one patch."""
+
+    name: str
+    kind: SemilandmarkKind
+    rows: tuple[int, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,17 +58,21 @@ class Landmarks:
         In the coordinates of the file; rows of NaN are missing landmarks. Read-only.
     vertices : ndarray of int, shape (l,), or None
         The mesh's vertex of each landmark, where the file names it. Read-only.
+    semilandmarks : tuple of Semilandmarks
+        Curves and patches beside the landmarks.
     """
 
     labels: tuple[str, ...]
     points: FloatArray
     vertices: IntArray | None = None
+    semilandmarks: tuple[Semilandmarks, ...] = ()
 
 
 def read_landmarks(path: Path | str) -> Landmarks:
     """Read a landmark file by its suffix.
 
-    ``.mrk.json`` and ``.fcsv`` (3D Slicer; coordinates as they stand, whichever of LPS and RAS the file declares),
+    ``.mrk.json`` and ``.fcsv`` (3D Slicer; coordinates as they stand, whichever of LPS and RAS the file declares;
+    markups of the type Curve or ClosedCurve become curves, which are called as their points are, without the number),
     ``.csv`` (label, x, y, z or x, y, z; a header is allowed), ``.vts`` (vertex index, x, y, z: the SHREC07 points of
     Kim, Lipman and Funkhouser 2011).
 
@@ -59,9 +92,37 @@ def read_landmarks(path: Path | str) -> Landmarks:
         raise
     except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError) as error:
         raise InputError(f"{path}: not a readable landmark file ({type(error).__name__}: {error})") from error
-    if not len(landmarks.points) or np.isinf(landmarks.points).any():
-        raise InputError(f"{path}: {'infinite coordinates' if len(landmarks.points) else 'holds no landmarks'}")
+    every = np.concatenate([landmarks.points, *(one.points for one in landmarks.semilandmarks)])
+    if not len(every) or np.isinf(every).any():
+        raise InputError(f"{path}: {'infinite coordinates' if len(every) else 'holds no landmarks'}")
     return landmarks
+
+
+def read_semilandmarks(path: Path | str, kind: Literal["curve", "patch"]) -> Semilandmarks:
+    """Read a file of points as one curve or patch, which is called like the folder that the file is in.
+
+    Parameters
+    ----------
+    path : path
+        Any file that :func:`read_landmarks` reads.
+    kind : {"curve", "patch"}
+        A curve is closed where a markup says so or the last point is the first.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_landmarks`; if the file holds several curves, or a curve fewer than two points.
+    """
+    path = Path(path)
+    found = read_landmarks(path)
+    sets = [one for one in (found.points, *(curve.points for curve in found.semilandmarks)) if len(one)]
+    if len(sets) > 1:
+        raise InputError(f"{path}: holds {len(sets)} lists of points, expected one {kind}")
+    name = path.absolute().parent.name
+    if kind == "patch":
+        return Semilandmarks(name=name, kind="patch", points=sets[0])
+    said = any(curve.kind == "closed curve" for curve in found.semilandmarks)
+    return _curve(path, name, sets[0], closed=said)
 
 
 def specimen_of(path: Path | str) -> str:
@@ -161,13 +222,35 @@ def landmark_partners(labels: Sequence[str], pairs: Iterable[tuple[str, str]]) -
 
 def _read_slicer_json(path: Path) -> Landmarks:
     content: Any = json.loads(_text(path))
-    points, labels = [], []
-    for markup in content["markups"]:
-        for index, control in enumerate(markup.get("controlPoints", [])):
-            labels.append(str(control.get("label", index)))
-            defined = control.get("positionStatus", "defined") == "defined"
-            points.append([float(x) for x in control["position"]] if defined else [math.nan] * 3)
-    return _landmarks(path, labels, points)
+    points: list[list[float]] = []
+    labels: list[str] = []
+    curves: list[Semilandmarks] = []
+    for number, markup in enumerate(content["markups"], start=1):
+        controls = markup.get("controlPoints", [])
+        own = [str(control.get("label", index)) for index, control in enumerate(controls)]
+        defined = [control.get("positionStatus", "defined") == "defined" for control in controls]
+        places = [
+            [float(x) for x in control["position"]] if there else [math.nan] * 3
+            for control, there in zip(controls, defined, strict=True)
+        ]
+        if markup.get("type") in _CURVES:
+            name = re.sub(r"[-_ ]*\d*$", "", own[0]) if own else ""
+            along = _landmarks(path, own, places).points
+            closed = markup["type"] == "ClosedCurve"
+            curves.append(_curve(path, name or f"curve {number}", along, closed=closed))
+        else:
+            labels += own
+            points += places
+    return replace(_landmarks(path, labels, points), semilandmarks=tuple(curves))
+
+
+def _curve(path: Path, name: str, points: FloatArray, *, closed: bool) -> Semilandmarks:
+    known = points[np.isfinite(points).all(axis=1)]
+    if len(known) > 2 and (known[0] == known[-1]).all():
+        known, closed = known[:-1], True
+    if len(known) < (3 if closed else 2):
+        raise InputError(f"{path}: the curve {name!r} has {len(known)} points, which are too few")
+    return Semilandmarks(name=name, kind="closed curve" if closed else "open curve", points=read_only(known))
 
 
 def _read_fcsv(path: Path) -> Landmarks:
@@ -213,6 +296,8 @@ def _is_number(word: str) -> bool:
     return True
 
 
+#: Types of markups whose points are a curve.
+_CURVES = ("Curve", "ClosedCurve")
 _READERS: dict[str, Callable[[Path], Landmarks]] = {
     ".mrk.json": _read_slicer_json,
     ".fcsv": _read_fcsv,

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
 
 import collalign
 from collalign.cli import main
@@ -22,6 +24,7 @@ from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.landmarks import Landmarks, read_landmarks
 from data_tools.options import SamplingOptions
+from data_tools.surface.closest import SurfaceLocator
 
 NUM_SHAPES = 6
 #: Before it is bumped and posed: its corners are landmarks.
@@ -132,6 +135,57 @@ def test_the_command_writes_landmarks_tables_and_a_plot(
     assert len(left_out) == 30
     assert (to / "leave_one_out.png").read_bytes().startswith(b"\x89PNG")
     assert "30 landmarks of 5 templates" in capsys.readouterr().out
+
+
+def edge_path() -> list[int]:
+    """Return vertices of the base along the shortest way over its edges between two landmarks."""
+    edges = np.vstack([BASE.faces[:, [0, 1]], BASE.faces[:, [1, 2]], BASE.faces[:, [2, 0]]])
+    lengths = np.linalg.norm(BASE.vertices[edges[:, 0]] - BASE.vertices[edges[:, 1]], axis=1)
+    graph = coo_matrix((lengths, edges.T), shape=(len(BASE.vertices),) * 2).tocsr()
+    start, end = LANDMARK_VERTICES[:2]
+    before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)[1]
+    path = [int(end)]
+    while path[-1] != start:
+        path.append(int(before[path[-1]]))
+    return path[::-1]
+
+
+def on_file(planted: PlantedCollection, at: int, vertices: Sequence[int]) -> FloatArray:
+    origin = planted.origins[at]
+    return planted.shapes[at].vertices[[int(np.flatnonzero(origin == vertex)[0]) for vertex in vertices]]
+
+
+def test_curves_and_points_of_the_surface_reach_all_others(
+    result: Path, planted: PlantedCollection, tmp_path: Path, run: collalign.RunOptions
+) -> None:
+    path = edge_path()
+    curves = []
+    for at, shape in enumerate(planted.shapes[:2]):
+        drawn = on_file(planted, at, path[:: 1 - 2 * at])
+        (tmp_path / "edge").mkdir(exist_ok=True)
+        curves.append(tmp_path / "edge" / f"{shape.name}.fcsv")
+        curves[-1].write_text("".join(f"{i},{x},{y},{z}\n" for i, (x, y, z) in enumerate(drawn.tolist())))
+    to = tmp_path / "all"
+    words = ["transfer", str(result), "--curves", *map(str, curves), "--curve-points", "9", "--surface-points", "25"]
+    assert main([*words, "--to", str(to), "--jobs", "1", "--store", str(run.store), "--leave-one-out"]) == 0
+    names = [shape.name for shape in planted.shapes]
+    for at in (0, NUM_SHAPES - 1):
+        found = read_landmarks(to / f"{names[at]}.mrk.json")
+        rim = next(one for one in found.semilandmarks if one.name == "edge")
+        assert (rim.kind, len(rim.points), len(found.points)) == ("open curve", 9, 25)
+        truth, unit = on_file(planted, at, path), radius(planted.shapes[at].vertices)
+        assert np.linalg.norm(rim.points[:, None] - truth, axis=2).min(axis=1).mean() < 0.1 * unit
+        assert np.linalg.norm(rim.points[[0, -1]] - truth[[0, -1]], axis=1).max() < 0.15 * unit, "both drawn one way"
+        surface = SurfaceLocator(planted.shapes[at].vertices, planted.shapes[at].faces)
+        np.testing.assert_allclose(surface.closest(found.points).on(surface.vertices), found.points, atol=1e-6)
+        steps = np.linalg.norm(np.diff(rim.points, axis=0), axis=1)
+        assert steps.std() < 0.35 * steps.mean()
+    sliders = list(csv.reader((to / "curveslide.csv").open()))
+    assert sliders[:2] == [["before", "slide", "after"], ["1", "2", "3"]]
+    assert len(sliders) == 1 + 7
+    assert len(list(csv.reader((to / "surfaces.csv").open()))) == 26
+    with pytest.raises(InputError, match="vertices"):
+        collalign.transfer_landmarks(result, [], curves=curves, surface_points=10**6, run=run)
 
 
 def test_a_doubtful_pose_gets_no_landmarks(

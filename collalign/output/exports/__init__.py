@@ -11,6 +11,7 @@ from collalign.output.exports.request import ExportRequest, Space
 from collalign.products.evidence import CollectionView
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
+from data_tools.io.landmarks import SemilandmarkRows
 from data_tools.io.output_folder import OutputFolder
 from data_tools.threads import one_blas_thread
 
@@ -41,6 +42,7 @@ def export(
     *,
     space: Space = "aligned",
     sources: Path | str | None = None,
+    semilandmarks: tuple[SemilandmarkRows, ...] = (),
 ) -> tuple[Path, ...]:
     """Write a collection in one format.
 
@@ -57,6 +59,8 @@ def export(
         ShapeWorks project always holds raw and aligned coordinates.
     sources : path, optional
         Folder of the original files where they have moved; only mesh formats and ShapeWorks read them.
+    semilandmarks : tuple of SemilandmarkRows
+        Which landmarks are on curves: Slicer's markups have such a type.
 
     Returns
     -------
@@ -77,7 +81,11 @@ def export(
     try:
         with OutputFolder.open(folder, writer=f"export {format}") as output:
             request = ExportRequest(
-                view=view, folder=output.staging, space=space, sources=Path(sources) if sources else None
+                view=view,
+                folder=output.staging,
+                space=space,
+                sources=Path(sources) if sources else None,
+                semilandmarks=semilandmarks if space != "procrustes" else (),
             )
             staged = FORMATS[format](request)
             output.publish()

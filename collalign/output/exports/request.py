@@ -14,6 +14,7 @@ from collalign.products.evidence import CollectionView
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
+from data_tools.io.landmarks import SemilandmarkRows
 from data_tools.io.output_folder import output_path
 from data_tools.io.shapes import READERS, read_shape
 from data_tools.options import CleaningOptions
@@ -36,12 +37,15 @@ class ExportRequest:
         the file's own; superimposed on the generalised Procrustes mean (landmarks only).
     sources : Path or None
         Folder in which the original files are looked for by name, where they have moved.
+    semilandmarks : tuple of SemilandmarkRows
+        Which landmarks are on curves and patches; Procrustes coordinates, which leave out some, know none.
     """
 
     view: CollectionView
     folder: Path
     space: Space = "aligned"
     sources: Path | None = None
+    semilandmarks: tuple[SemilandmarkRows, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse an unknown space."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from collalign.output.exports.request import ExportRequest
 from data_tools.arrays import FloatArray
+from data_tools.io.landmarks import SemilandmarkRows
 from data_tools.io.output_folder import file_stems
 
 SCHEMA = (
@@ -19,35 +20,43 @@ SCHEMA = (
 
 
 def write(request: ExportRequest) -> tuple[Path, ...]:
-    """Write ``NAME.mrk.json`` per shape; missing landmarks have the status ``undefined``.
+    """Write ``NAME.mrk.json`` per shape: missing landmarks are ``undefined``, curves are markups of their own.
 
     Coordinates are the mesh's own numbers, declared LPS: Slicer takes PLY and OBJ files without a declaration as LPS
     too, so that landmarks and meshes coincide. No unit is declared: neither the formats that are read here nor the
     common frame say which one theirs is, and the schema does not ask for one.
     """
     labels, coordinates = request.landmarks()
+    curves = tuple(one for one in request.semilandmarks if one.kind != "patch")
     files = zip(file_stems(request.view.names), coordinates, strict=True)
     return tuple(
-        request.write(f"{stem}.mrk.json", json.dumps(_markups(labels, points), indent=1) + "\n")
+        request.write(f"{stem}.mrk.json", json.dumps(_markups(labels, points, curves), indent=1) + "\n")
         for stem, points in files
     )
 
 
-def _markups(labels: tuple[str, ...], points: FloatArray) -> dict[str, Any]:
-    controls = []
-    for number, (label, point) in enumerate(zip(labels, points, strict=True), start=1):
-        known = bool(np.isfinite(point).all())
-        control: dict[str, Any] = {"id": str(number), "label": label}
-        if known:
-            control["position"] = point.tolist()
-        control |= {
-            "orientation": [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0],
-            "positionStatus": "defined" if known else "undefined",
+def _markups(labels: tuple[str, ...], points: FloatArray, curves: tuple[SemilandmarkRows, ...]) -> dict[str, Any]:
+    on_curves = {row for curve in curves for row in curve.rows}
+    alone = [row for row in range(len(labels)) if row not in on_curves]
+    lists = [("Fiducial", alone)] if alone or not curves else []
+    lists += [("ClosedCurve" if curve.kind == "closed curve" else "Curve", list(curve.rows)) for curve in curves]
+    markups = [
+        {
+            "type": kind,
+            "coordinateSystem": "LPS",
+            "controlPoints": [_control(at, labels[row], points[row]) for at, row in enumerate(rows, start=1)],
         }
-        controls.append(control)
-    markup = {
-        "type": "Fiducial",
-        "coordinateSystem": "LPS",
-        "controlPoints": controls,
+        for kind, rows in lists
+    ]
+    return {"@schema": SCHEMA, "markups": markups}
+
+
+def _control(number: int, label: str, point: FloatArray) -> dict[str, Any]:
+    known = bool(np.isfinite(point).all())
+    control: dict[str, Any] = {"id": str(number), "label": label}
+    if known:
+        control["position"] = point.tolist()
+    return control | {
+        "orientation": [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0],
+        "positionStatus": "defined" if known else "undefined",
     }
-    return {"@schema": SCHEMA, "markups": [markup]}

@@ -9,6 +9,7 @@ from data_tools.io.landmarks import (
     landmark_partners,
     read_landmark_pairs,
     read_landmarks,
+    read_semilandmarks,
     read_symmetry,
     read_vertex_indices,
 )
@@ -120,3 +121,44 @@ def test_pairs_of_landmarks_come_from_a_table(tmp_path: Path) -> None:
     for pairs in ((("nose", "nose"),), (("nose", "eye l"), ("eye r", "nose")), (("nose", "mouth"),)):
         with pytest.raises(InputError, match="pairs"):
             landmark_partners(labels, pairs)
+
+
+def slicer_curve(kind: str, num: int, label: str = "R") -> dict[str, object]:
+    controls = [{"label": f"{label}-{at}", "position": [at, at % 2, 0]} for at in range(1, num + 1)]
+    return {"type": kind, "controlPoints": controls}
+
+
+def test_curves_of_slicer_are_no_landmarks(tmp_path: Path) -> None:
+    markups = [
+        {"type": "Fiducial", "controlPoints": [TIP]},
+        slicer_curve("Curve", 4),
+        slicer_curve("ClosedCurve", 3, "S"),
+    ]
+    path = tmp_path / "a.mrk.json"
+    path.write_text(json.dumps({"markups": markups}))
+    found = read_landmarks(path)
+    assert found.labels == ("tip",)
+    assert [(one.name, one.kind, len(one.points)) for one in found.semilandmarks] == [
+        ("R", "open curve", 4),
+        ("S", "closed curve", 3),
+    ]
+    path.write_text(json.dumps({"markups": [slicer_curve("Curve", 1)]}))
+    with pytest.raises(InputError, match="'R' has 1 points"):
+        read_landmarks(path)
+
+
+def test_lists_of_points_are_curves_or_patches_named_by_their_folder(tmp_path: Path) -> None:
+    (tmp_path / "orbit").mkdir()
+    path = tmp_path / "orbit" / "a.csv"
+    path.write_text("0,0,0\n1,0,0\n1,1,0\n0,0,0\n")
+    found = read_semilandmarks(path, "curve")
+    assert (found.name, found.kind, len(found.points)) == ("orbit", "closed curve", 3)
+    assert read_semilandmarks(path, "patch").points.shape == (4, 3)
+    path.write_text("0,0,0\n1,0,0\n")
+    assert read_semilandmarks(path, "curve").kind == "open curve"
+    markup = tmp_path / "orbit" / "b.mrk.json"
+    markup.write_text(json.dumps({"markups": [slicer_curve("ClosedCurve", 4)]}))
+    assert read_semilandmarks(markup, "curve").kind == "closed curve"
+    markup.write_text(json.dumps({"markups": [slicer_curve("Curve", 4), slicer_curve("Curve", 4, "S")]}))
+    with pytest.raises(InputError, match="holds 2 lists"):
+        read_semilandmarks(markup, "curve")
