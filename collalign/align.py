@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from collalign.collection import AlignedCollection
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
+from collalign.engine.store.layout import FINISHED
 from collalign.options import AUTO, AlignOptions, AlignSession
 from collalign.products.collection import ConsistentMaps, RunRecord
 from collalign.products.pair import FormerPairs
@@ -37,6 +38,7 @@ from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_shapes
 from collalign.stages.proofs import certify_pairs, contradictions
 from collalign.stages.shapes import prepare_shapes
+from collalign.stages.trial import rest_s
 from collalign.stages.trust.assess import gather_trust, with_trust
 from collalign.stages.trust.words import trust_notes
 from data_tools.arrays import FloatArray, as_rotations, read_only
@@ -129,7 +131,7 @@ def align_listing(
         Shapes that an earlier run found to be incomplete.
     """
     times_s = dict[str, float]()
-    with _timed(times_s, "shapes"):
+    with _stage(session, times_s, "shapes"):
         shapes = prepare_shapes(session, listing)
         constraints = _constraints(shapes, session.options, fixed, fixed_transforms or {})
     skipped = tuple(readable_name(path) for path in listing.skipped)
@@ -137,6 +139,7 @@ def align_listing(
     if len(missing) == len(shapes.names):
         outline = _align_shapes(session, shapes, constraints, times_s, former)
         scans = align_scans(_with_group(session, outline.group), shapes, outline, missing, constraints)
+        session.enter(FINISHED)
         return replace(scans, skipped=skipped)
     aligned = _align_others(session, shapes, constraints, times_s, missing, former)
     if not missing and session.options.incomplete == AUTO and session.options.clusters == 1:
@@ -144,6 +147,7 @@ def align_listing(
     if missing:
         decided = _with_group(session, aligned.group)
         aligned = with_incomplete(decided, shapes, aligned, missing, constraints)
+    session.enter(FINISHED)
     return replace(aligned, skipped=skipped)
 
 
@@ -167,8 +171,9 @@ def _without_found(
     missing: dict[int, str] = {}
     for _ in range(MAX_ROUNDS):
         kept = [i for i in range(len(shapes.names)) if i not in missing]
-        with _timed(times_s, "incomplete shapes"):
-            found = find_incomplete(shapes.some(kept).samples, aligned)
+        shown = session.alone("incomplete shapes", len(kept))
+        with _stage(session, times_s, "incomplete shapes"), shown as advance:
+            found = find_incomplete(shapes.some(kept).samples, aligned, advance)
         fresh = {kept[n]: reason for n, reason in found.items() if kept[n] not in constraints.fixed}
         if not fresh or len(kept) - len(fresh) < MIN_SHAPES:
             break
@@ -220,7 +225,7 @@ def _align_shapes(
 ) -> AlignedCollection:
     """Align complete shapes; the steps are those of section 6.3 of Maron et al. (2016)."""
     asked = session.options
-    with _timed(times_s, "pairs"):
+    with _stage(session, times_s, "pairs"):
         descriptors = describe_shapes(shapes)
         edges = choose_pairs(session, shapes, descriptors, former)
         choice = decide_group(
@@ -230,35 +235,39 @@ def _align_shapes(
         pairs, failed = match_pairs(session, shapes, edges)
         pairs, failed, solution = grow_pairs(session, shapes, descriptors, edges, pairs, failed)
     if asked.certify:
-        with _timed(times_s, "proofs"):
+        with _stage(session, times_s, "proofs"):
             pairs, solution, report = certify_pairs(session, shapes, pairs, solution)
             notes.append(str(report))
     search_gain = None
     if wants_maps(session.options, pairs):
-        with _timed(times_s, "maps"):
+        with _stage(session, times_s, "maps"):
             search = try_rivals(session, shapes, weigh_pairs(session, shapes, pairs))
             pairs, solution, search_gain = search.pairs, search.solution, search.gain
     options, samples = session.options, shapes.samples
-    with _timed(times_s, "synchronization"):
-        parts, linked = split_shapes(options, samples, pairs)
-        first = synchronize_shapes(options, samples, linked, constraints, known=solution if not parts else None)
+    if session.progress is not None:
+        session = session.expecting(rest_s(session, shapes, pairs))
+    with _stage(session, times_s, "synchronization"):
+        with session.alone("synchronization"):
+            parts, linked = split_shapes(options, samples, pairs)
+            first = synchronize_shapes(options, samples, linked, constraints, known=solution if not parts else None)
         matched, (linked, solution) = linked, resolve_pairs(session, samples, linked, first, constraints)
         pairs, solution = join_parts(options, parts, pairs, linked, solution, constraints)
         rotations = refine_poses(session, samples, pairs, solution, constraints)
-        rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
-        pairs = with_common_match(samples, pairs, solution, rotations)
-        notes.extend(contradictions(shapes.names, pairs, rotations))
-        labels = common_labels(samples, pairs, rotations)
+        with session.alone("common matches"):
+            rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
+            pairs = with_common_match(samples, pairs, solution, rotations)
+            notes.extend(contradictions(shapes.names, pairs, rotations))
+            labels = common_labels(samples, pairs, rotations)
         transforms = place_and_scale(samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms)
     trust = None
     if options.synchronization == "robust":
-        with _timed(times_s, "confidence"):
+        with _stage(session, times_s, "confidence"):
             trust = gather_trust(session, samples, matched, rotations, solution.components)
             solution = with_trust(solution, trust, constraints)
             notes.extend(trust_notes(shapes.names, trust, solution.confidence, first, rotations, constraints.fixed))
     vertices = None
     if options.deformable:
-        with _timed(times_s, "vertices"):
+        with _stage(session, times_s, "vertices"):
             vertices = map_vertices(session, shapes, pairs, rotations)
             notes.extend(vertex_notes(vertices))
     record = RunRecord(
@@ -327,7 +336,9 @@ def _constraints(
 
 
 @contextmanager
-def _timed(times_s: dict[str, float], stage: str) -> Iterator[None]:
+def _stage(session: AlignSession, times_s: dict[str, float], stage: str) -> Iterator[None]:
+    """Say in the store what the run does, and time it."""
+    session.enter(stage)
     start_s = time.perf_counter()
     yield
     times_s[stage] = time.perf_counter() - start_s

@@ -20,7 +20,8 @@ from collalign.cli.interruption import resumable
 from collalign.collection import AlignedCollection
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.options import RunOptions
-from collalign.engine.store.layout import STORE_FILE
+from collalign.engine.store.layout import FINISHED, STAGE, STORE_FILE
+from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
 from collalign.output.corrections import read_corrections
 from collalign.output.evidence.file import load_view
@@ -75,7 +76,7 @@ def align(
     ):
         output.refuse_foreign(output_names(listing.names))
         collection = collalign.align_collection(folder, options=options, run=run, fixed=fixed)
-        written = _save(collection, output, table, report=report)
+        written = _save(collection, output, table, store, report=report)
     return _finish(collection, written)
 
 
@@ -105,7 +106,7 @@ def add(
     run = replace(run, store=store)
     with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=[folder]) as output:
         collection = collalign.add_to_collection(result, folder, run=run)
-        written = _save(collection, output, table, report=report)
+        written = _save(collection, output, table, store, report=report)
     return _finish(collection, written)
 
 
@@ -166,12 +167,21 @@ def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:
 
 
 def _save(
-    collection: AlignedCollection, output: OutputFolder, table: Labels | None, *, report: bool
+    collection: AlignedCollection, output: OutputFolder, table: Labels | None, store: Path, *, report: bool
 ) -> tuple[Path, ...]:
-    """Write the outputs, with a progress bar where somebody watches a terminal."""
+    """Write the outputs, with a progress bar where somebody watches a terminal; the store says so meanwhile."""
+    _set_stage(store, "outputs")
     columns = table.columns_for(collection.names) if table is not None else None
     with ProgressBar("outputs", len(collection.names), disable=not sys.stderr.isatty()) as bar:
-        return save_collection(collection, output, report=report, labels=columns, advance=bar.advance)
+        written = save_collection(collection, output, report=report, labels=columns, advance=bar.advance)
+    _set_stage(store, FINISHED)
+    return written
+
+
+def _set_stage(store: Path, stage: str) -> None:
+    """Note in the store how far the run is."""
+    with Store.open(store) as opened:
+        opened.set_note(STAGE, stage)
 
 
 def _errors_deg(alignment: Path, planted: PlantedCollection) -> FloatArray:

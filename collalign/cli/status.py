@@ -9,7 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from collalign.engine.store.layout import STORE_FILE
+from collalign.engine.store.layout import FINISHED, NUM_FILES, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
 from data_tools.errors import StoreError
 
@@ -26,7 +26,7 @@ def status(result: Path, *, as_json: Annotated[bool, Parameter(name="--json", ne
     """
     store = result / STORE_FILE if result.is_dir() else result
     with Store.open(store, read_only=True) as opened:
-        counts = opened.status()
+        counts, notes = opened.status(), opened.notes()
         failures = {kind: opened.failures(kind) for kind in counts}
     if as_json:
         report = {
@@ -34,16 +34,21 @@ def status(result: Path, *, as_json: Annotated[bool, Parameter(name="--json", ne
             | {"failures": [{"label": f.label, "reason": f.reason} for f in failures[kind].values()]}
             for kind, count in counts.items()
         }
-        print(json.dumps(report, indent=1))
+        print(json.dumps(report | {"run": notes}, indent=1))
         return 0
+    num_files, stage = int(notes.get(NUM_FILES, 0)), notes.get(STAGE, FINISHED)
+    if num_files > counts["shapes"].planned:
+        print(f"files: {num_files}, of which {num_files - counts['shapes'].planned} hold what another one holds")
     for kind, count in counts.items():
         if not count.planned and kind not in ("shapes", "pairs"):
             continue
         print(f"{kind}: {count.done} done, {count.failed} failed, {count.left} left of {count.planned}")
         for failure in failures[kind].values():
             print(f"  {failure.label}: {failure.reason}")
-    if any(count.left for count in counts.values()):
-        print("Not finished: run the same command to go on.")
+    if stage != FINISHED:
+        print(f"stage: {stage}")
+    if stage != FINISHED or any(count.left for count in counts.values()):
+        print("Not finished: if it does not run any more, run the same command to go on.")
     return 0
 
 

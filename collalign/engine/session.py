@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -11,7 +12,7 @@ from typing import Any, Generic, Literal, TypeAlias, TypeVar
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
 from collalign.engine.options import RunOptions
-from collalign.engine.store.layout import KINDS, Failure
+from collalign.engine.store.layout import KINDS, STAGE, Failure
 from collalign.engine.store.store import Store
 from data_tools.errors import InputError, SolveFailed
 
@@ -27,6 +28,10 @@ def progress_display(progress: ProgressFactory | bool) -> ProgressFactory | None
         return progress
     watched = sys.stderr.isatty() or "ipykernel" in sys.modules
     return ProgressBar if progress and watched else None
+
+
+#: One step of what needs no worker, as a display counts it.
+_STEP = JobResult(key="", value=None, failure=None, seconds=0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,6 +50,8 @@ class Session(Generic[OptionsT]):
         Makes a progress display per stage.
     stored : mapping of kind to set of keys
         What the store held before this run.
+    end_s : float or None
+        When everything is expected to be done, by :func:`time.monotonic`; displays say it.
     """
 
     options: OptionsT
@@ -52,6 +59,7 @@ class Session(Generic[OptionsT]):
     store: Store
     progress: ProgressFactory | None
     stored: Mapping[str, frozenset[str]]
+    end_s: float | None = None
 
     @classmethod
     def around(
@@ -79,6 +87,23 @@ class Session(Generic[OptionsT]):
     def with_options(self, options: OptionsT) -> Session[OptionsT]:
         """Return the same session with other options."""
         return replace(self, options=options)
+
+    def expecting(self, seconds: float) -> Session[OptionsT]:
+        """Return the same session, whose displays say that all is done after so many seconds from now."""
+        return replace(self, end_s=time.monotonic() + seconds)
+
+    def enter(self, stage: str) -> None:
+        """Note in the store what the run does now."""
+        self.store.set_note(STAGE, stage)
+
+    @contextmanager
+    def alone(self, kind: str, total: int = 1) -> Iterator[Callable[[], None]]:
+        """Show the progress of what this process does by itself; call what is given after each of the steps."""
+        if self.progress is None:
+            yield lambda: None
+            return
+        with self.progress(self._words(kind), total, done=0) as report:
+            yield lambda: report(_STEP)
 
     def num_reused(self, kind: str, keys: Iterable[str]) -> int:
         """Return for how many of the keys the store held a result before this run."""
@@ -189,7 +214,14 @@ class Session(Generic[OptionsT]):
     ) -> AbstractContextManager[Callable[[JobResult], None] | None]:
         if self.progress is None or not missing:
             return nullcontext()
-        return self.progress(kind, total, done=total - missing)
+        return self.progress(self._words(kind), total, done=total - missing)
+
+    def _words(self, kind: str) -> str:
+        """Return what a display says: what is counted, and when all is expected to be done."""
+        if self.end_s is None:
+            return kind
+        left_s = max(self.end_s - time.monotonic(), 0.0)
+        return f"{kind} (report in about {f'{left_s:.0f} s' if left_s < 100 else f'{left_s / 60:.0f} min'})"
 
     def _keep(self, kind: str, label: str, job: JobResult) -> None:
         if job.failure is None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.engine.store.keys import fingerprint
+from collalign.engine.store.layout import NUM_FILES
 from collalign.engine.store.records import Record
 from collalign.options import AlignOptions, AlignSession, TwoShapeOptions
 from collalign.products.shapes import Excluded, Shapes
@@ -146,6 +147,7 @@ def _with_enough(shapes: Shapes, num: int, *, strict: bool) -> Shapes:
 def _prepare(session: AlignSession, listing: FolderListing, options: AlignOptions) -> Shapes:
     """Read, clean, sample and embed every file, each at as many points as asked for or as it has."""
     keyed, excluded = shape_keys(listing, options)
+    session.store.set_note(NUM_FILES, str(len(keyed)))
     tasks = {
         item.key: (item.file.name, shape_task(item.file, name, options, digest=item.digest))
         for name, item in keyed.items()

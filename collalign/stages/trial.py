@@ -6,16 +6,19 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from collalign.engine.estimate import Work
+import numpy as np
+
+from collalign.engine.estimate import Work, estimate_run
 from collalign.engine.options import RunOptions
 from collalign.engine.session import Session
 from collalign.engine.store.layout import Costs
-from collalign.options import AlignOptions
+from collalign.options import AUTO, AlignOptions, AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.chirality.pilot import MOST_SHAPES
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.weigh import weigh_pairs
+from collalign.stages.incomplete.detect import MIN_SHAPES
 from collalign.stages.pairs.graph import all_pairs
 from collalign.stages.pairs.match import match_pairs
 from collalign.stages.poses.refinement import NUM_NEIGHBOURS, NUM_ROUNDS, dense_points
@@ -23,17 +26,19 @@ from collalign.stages.shapes import prepare_shapes
 from data_tools.io.shapes import FolderListing, read_shape
 from pairwise.dense.refine import refine_pose
 
-#: Shapes of the trial.
-NUM_TRIAL_SHAPES = 3
+#: Shapes of the trial, from all over the folder, and pairs of a run that are refined to time that.
+NUM_TRIAL_SHAPES, NUM_TRIAL_PAIRS = 5, 10
 
-# Measured by tests/benchmarks/profile.py on 116 teeth and 300 generated shapes, in seconds of matching one pair or of
-# reading one shape, which the trial times on the machine at hand.
+# Measured by tests/benchmarks/profile.py and bench_estimate.py on teeth, skulls, bodies and generated shapes, in
+# seconds of matching one pair, of refining one or of reading one shape, which the trial times on the machine at hand.
 #: Pairs that the pilot matches for each shape that it looks at.
 PILOT_PAIRS = 2.5
 #: Solving a pair again, and its part in all synchronizations.
 AGAIN_MATCHES, SYNCHRONIZATION_MATCHES = 0.22, 0.1
 #: Local pairs of a shape, as a share of the neighbours that it names.
 LOCAL_SHARE = 0.75
+#: Poses of a shape that are tried for its confidence, and the search of what is missing from it.
+TRUST_REFINEMENTS, MISSING_REFINEMENTS = 3.0, 5.0
 #: Outputs of a shape, and its tile of the contact sheet.
 OUTPUT_READS, TILE_MATCHES, MOST_TILES = 2.0, 0.5, 100
 
@@ -70,7 +75,10 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
     CollalignError
         If too few of them are usable.
     """
-    few = replace(listing, files=listing.files[:NUM_TRIAL_SHAPES], names=listing.names[:NUM_TRIAL_SHAPES])
+    chosen = _evenly(len(listing.names))
+    few = replace(
+        listing, files=tuple(listing.files[i] for i in chosen), names=tuple(listing.names[i] for i in chosen)
+    )
     with Session.open(options, replace(run, store=None)) as session:
         started = time.perf_counter()
         shapes = prepare_shapes(session, few)
@@ -89,6 +97,38 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
         surface_costs=costs[2],
         map_costs=costs[3],
     )
+
+
+def rest_s(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> float:
+    """Return how many seconds are left to the outputs once all pairs are matched, from what the run took so far.
+
+    Parameters
+    ----------
+    session : Session
+    shapes : Shapes
+    pairs : sequence of Pair
+        All of them.
+    """
+    options, store = session.options, session.store
+    few = replace(shapes, files=tuple(shapes.files[i] for i in _evenly(len(shapes.files))))
+    trial = Trial(
+        shape_costs=store.costs("shapes"),
+        pair_costs=store.costs("pairs"),
+        start_s=0.0,
+        refinement_s=_refinement_s(shapes, pairs[:NUM_TRIAL_PAIRS]) if options.refine else 0.0,
+        read_s=_read_s(few, options),
+        surface_costs=store.costs("surfaces"),
+        map_costs=store.costs("evidence"),
+    )
+    work = later_work(trial, len(shapes.names), len(pairs), options, missing_pairs=0, pilot=False)
+    return estimate_run(
+        num_shapes=0,
+        num_pairs=0,
+        shape_costs=trial.shape_costs,
+        pair_costs=trial.pair_costs,
+        num_jobs=session.run.num_workers,
+        further=work,
+    ).seconds
 
 
 def later_work(
@@ -122,13 +162,22 @@ def later_work(
             Work(stage="poses", number=num_pairs, each_s=AGAIN_MATCHES * match_s),
             Work(stage="poses", number=num_pairs, each_s=SYNCHRONIZATION_MATCHES * match_s, spread=False),
             Work(stage="poses", number=NUM_ROUNDS * local, each_s=trial.refinement_s),
+            Work(stage="confidence", number=num_shapes, each_s=TRUST_REFINEMENTS * trial.refinement_s),
         ]
+    if options.incomplete == AUTO and num_shapes >= MIN_SHAPES:
+        missing_s = MISSING_REFINEMENTS * trial.refinement_s
+        work.append(Work(stage="incomplete shapes", number=num_shapes, each_s=missing_s, spread=False))
     tiles = min(num_shapes, MOST_TILES)
     return [
         *work,
         Work(stage="outputs", number=num_shapes, each_s=OUTPUT_READS * trial.read_s, spread=False),
         Work(stage="outputs", number=tiles, each_s=TILE_MATCHES * match_s, spread=False),
     ]
+
+
+def _evenly(num: int) -> list[int]:
+    """Return the positions of the trial's shapes among so many."""
+    return sorted({round(position) for position in np.linspace(0, num - 1, min(num, NUM_TRIAL_SHAPES))})
 
 
 def _refinement_s(shapes: Shapes, pairs: Sequence[Pair]) -> float:

@@ -94,7 +94,7 @@ def test_dry_run_estimates_and_writes_nothing(folder: Path, capsys: pytest.Captu
     estimate = estimate_job(read_batch(path)[0], RunOptions(jobs=1))
     assert (estimate.num_shapes, estimate.num_pairs) == (3, 3)
     assert not math.isnan(estimate.seconds)
-    assert list(estimate.stages_s) == ["shapes", "pairs", "start", "poses", "outputs"]
+    assert list(estimate.stages_s) == ["shapes", "pairs", "start", "poses", "confidence", "outputs"]
     assert all(seconds > 0 for seconds in estimate.stages_s.values())
     assert estimate.seconds == pytest.approx(sum(estimate.stages_s.values()))
     assert main(["batch", str(path), "--dry-run", "--jobs", "1"]) == 0

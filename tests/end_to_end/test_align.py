@@ -238,6 +238,7 @@ def test_status_counts(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["status", str(out / "store.sqlite"), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert (report["shapes"]["done"], report["pairs"]["done"], report["pairs"]["left"]) == (5, 10, 0)
+    assert report["run"] == {"files": "5", "stage": "finished"}
     assert main(["status", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == report
 
@@ -247,6 +248,22 @@ def test_status_of_an_unfinished_run_says_how_to_go_on(tmp_path: Path, capsys: p
         store.plan("shapes", {"a" * 40: "one.ply"})
     assert main(["status", str(tmp_path)]) == 0
     assert "1 left of 1\n" in (said := capsys.readouterr().out)
+    assert said.endswith("run the same command to go on.\n")
+
+
+def test_status_says_the_stage_and_counts_files_and_contents(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Store.open(tmp_path / "store.sqlite") as store:
+        store.plan("shapes", {"a" * 40: "one.ply"})
+        store.put("shapes", "a" * 40, {"x": 1.0})
+        store.set_note("files", "3")
+        store.set_note("stage", "confidence")
+    assert main(["status", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "files: 3, of which 2 hold what another one holds" in said
+    assert "shapes: 1 done, 0 failed, 0 left of 1" in said
+    assert "stage: confidence" in said
     assert said.endswith("run the same command to go on.\n")
 
 

@@ -15,7 +15,7 @@ class ProgressBar:
     Parameters
     ----------
     description : str
-        What is counted, for instance ``"pairs"``.
+        What is counted, for instance ``"pairs"``; what stands in brackets after it is shown as well.
     total : int
         How many results are expected, those of earlier runs included.
     done : int
@@ -35,7 +35,7 @@ class ProgressBar:
         file: IO[str] | None = None,
         disable: bool = False,
     ) -> None:
-        unit = description.rstrip("s")
+        unit = description.partition(" (")[0].rstrip("s")
         self._bar = tqdm(desc=description, total=total, initial=done, file=file, unit=unit, disable=disable)
         self._num_failed = 0
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 STORE_FILE = "store.sqlite"
 #: Kinds of records, each a table; ``measurements`` are the cells of an experiment's tables.
 KINDS = ("shapes", "pairs", "proofs", "surfaces", "evidence", "registrations", "measurements")
+#: Names of notes: what a run does just now (:data:`FINISHED` in the end), and how many files it was given.
+STAGE, NUM_FILES, FINISHED = "stage", "files", "finished"
 #: Raised whenever the tables or the encoding of records change.
 FORMAT_VERSION = 4
 #: Marks an SQLite file as a store ("cola").

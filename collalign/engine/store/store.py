@@ -200,6 +200,17 @@ class Store:
             connection.execute("DELETE FROM plan WHERE kind = ?", (kind,))
             connection.executemany("INSERT INTO plan VALUES (?, ?, ?)", rows)
 
+    def set_note(self, name: str, value: str) -> None:
+        """Keep a short text about the run, for those who look at the store meanwhile; an empty one is forgotten."""
+        with self._transaction() as connection:
+            connection.execute("DELETE FROM meta WHERE name = ?", (name,))
+            if value:
+                connection.execute("INSERT INTO meta VALUES (?, ?)", (name, value))
+
+    def notes(self) -> dict[str, str]:
+        """Return the texts of :meth:`set_note` by name."""
+        return {str(name): str(value) for name, value in self._query("SELECT name, value FROM meta ORDER BY name")}
+
     def missing(self, kind: str, keys: Iterable[str], *, retry: str = "crashed") -> list[str]:
         """Return the keys that are still to be computed, in the given order.
 

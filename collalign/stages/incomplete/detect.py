@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -59,7 +59,9 @@ def told_incomplete(options: AlignOptions, names: Sequence[str], found: Iterable
 
 
 @one_blas_thread()
-def find_incomplete(samples: Sequence[Samples], aligned: Collection) -> dict[int, str]:
+def find_incomplete(
+    samples: Sequence[Samples], aligned: Collection, advance: Callable[[], object] = lambda: None
+) -> dict[int, str]:
     """Return the shapes beyond whose rim those that match them best go on, and how far.
 
     Works on the dense samples at the common poses, from which each shape is first refined on its partners; nothing is
@@ -71,6 +73,8 @@ def find_incomplete(samples: Sequence[Samples], aligned: Collection) -> dict[int
     samples : sequence of Samples
     aligned : Collection
         Of these shapes, as if all were complete.
+    advance : callable, optional
+        Called after each shape.
     """
     bends = aligned.search_gain is not None
     if bends or len(samples) < MIN_SHAPES or not all(len(item.dense_positions) >= _NUM_POINTS for item in samples):
@@ -83,6 +87,7 @@ def find_incomplete(samples: Sequence[Samples], aligned: Collection) -> dict[int
         partners = [surfaces[j] for j in near]
         if partners and surfaces[i].on_rim.any():
             shares[i] = share_beyond(surfaces[i], partners)
+        advance()
     found = {i: share for i, share in shares.items() if share >= MISSING_SHARE and _may_be_cut(aligned, i)}
     if len(found) > MOST_MISSING * len(samples):
         return {}

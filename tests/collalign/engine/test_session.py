@@ -78,3 +78,31 @@ def test_results_are_spread_counted_and_not_kept(num_jobs: int) -> None:
 def test_a_failure_is_an_error_that_names_the_task() -> None:
     with Session.open(None, RunOptions(jobs=1)) as session, pytest.raises(SolveFailed, match="things, b: ValueError"):
         session.spread("things", misbehave, {"a": ("return", 1), "b": ("raise", 2)})
+
+
+def test_displays_say_when_all_is_done_and_count_steps_without_workers() -> None:
+    shown: list[str] = []
+    counted: list[JobResult] = []
+
+    def display(description: str, total: int, *, done: int) -> AbstractContextManager[Callable[[JobResult], None]]:
+        shown.append(f"{description}: {done} of {total}")
+        return nullcontext(counted.append)
+
+    with Store.memory() as store:
+        session = Session.around(store, None, RunOptions(jobs=1), display)
+        with session.alone("poses", 2) as advance:
+            advance()
+            advance()
+        session.expecting(300.0).spread("pairs again", root, {"a": 1.0})
+        session.enter("outputs")
+        with session.expecting(7.2).alone("poses"):
+            pass
+        assert store.notes() == {"stage": "outputs"}
+        with session_around(store).alone("poses") as advance:  # without a display nothing happens
+            advance()
+    assert len(counted) == 3
+    assert shown == [
+        "poses: 0 of 2",
+        "pairs again (report in about 5 min): 0 of 1",
+        "poses (report in about 7 s): 0 of 1",
+    ]

@@ -57,6 +57,17 @@ def test_a_store_in_memory_behaves_the_same() -> None:
         assert not store.read_only
 
 
+def test_notes_are_kept_replaced_and_forgotten(path: Path) -> None:
+    with Store.open(path) as store:
+        store.set_note("stage", "pairs")
+        store.set_note("stage", "outputs")
+        store.set_note("files", "7")
+        store.set_note("gone", "x")
+        store.set_note("gone", "")
+    with Store.open(path, read_only=True) as store:
+        assert store.notes() == {"files": "7", "stage": "outputs"}
+
+
 def test_status_counts_the_plan(path: Path) -> None:
     with Store.open(path) as store:
         store.plan("pairs", {"a": "1 ~ 2", "b": "1 ~ 3", "c": "2 ~ 3", "d": ""})

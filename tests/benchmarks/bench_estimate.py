@@ -1,0 +1,54 @@
+"""How true the estimates of ``batch --dry-run`` are: ``python -m tests.benchmarks.bench_estimate [NAME-NUM ...]``.
+
+Estimates a folder with an empty store, aligns it, saves it, and prints both, stage by stage. Everything runs in this
+process, on one thread, and both sides are processor seconds: other work on the machine hardly changes these, and a
+clock would compare a quiet trial with a loaded run. ``start`` is zero then: there are no workers to start.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+time.perf_counter = time.process_time  # all stages are timed by it
+
+from collalign import RunOptions, align_collection  # noqa: E402
+from collalign.batch import BatchJob, estimate_job  # noqa: E402
+from collalign.engine.jobs import run as jobs_run  # noqa: E402
+from collalign.engine.jobs.worker import Limits  # noqa: E402
+from collalign.options import AlignOptions  # noqa: E402
+from tests.benchmarks.profile import shapes_of  # noqa: E402
+
+FOLDERS = ("teeth-116", "teeth-20", "skulls-20", "bodies-20", "generated-20")
+
+
+def measure(name: str, num: int) -> None:
+    """Print the estimated and the actual seconds of one folder."""
+    with shapes_of(name, num) as folder:
+        run = RunOptions(jobs=1, store=folder.parent / "store.sqlite")
+        start = time.process_time()
+        estimate = estimate_job(BatchJob(folder=folder, out=folder.parent / "out", options=AlignOptions()), run)
+        trial_s = time.process_time() - start
+        start = time.process_time()
+        collection = align_collection(folder, run=run)
+        aligned_s = time.process_time() - start
+        collection.save(folder.parent / "out")
+        total_s = time.process_time() - start
+    print(f"{name}-{num}: {total_s:.1f} s, estimated {estimate.seconds:.1f} s", end=", ")
+    print(f"factor {estimate.seconds / total_s:.2f}; the trial took {trial_s:.1f} s")
+    print("  estimated", {stage: round(seconds, 1) for stage, seconds in estimate.stages_s.items()})
+    stages = dict(collection.run.times_s) | {"outputs": total_s - aligned_s}
+    print("  actual   ", {stage: round(seconds, 1) for stage, seconds in stages.items()}, flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", default=FOLDERS, metavar="NAME-NUM")
+    arguments = parser.parse_args()
+    jobs_run.Limits = lambda **ignored: Limits()  # type: ignore[assignment,misc]  # no limits: no worker processes
+    for name, _, num in (folder.partition("-") for folder in arguments.names):
+        measure(name, int(num))
+
+
+if __name__ == "__main__":
+    main()
