@@ -200,20 +200,8 @@ def _align_others(
         )
     if session.options.reference and constraints.reference in missing:
         raise InputError(f"reference: {session.options.reference!r} is incomplete; choose a complete shape")
-    at = {i: number for number, i in enumerate(kept)}
-    some = Constraints(
-        fixed={at[i]: pose for i, pose in constraints.fixed.items() if i in at},
-        fixed_transforms={at[i]: pose for i, pose in constraints.fixed_transforms.items() if i in at},
-        reference=at.get(constraints.reference, 0),
-    )
-    if former is not None:
-        edges = [[at[i], at[j]] for i, j in former.edges.tolist() if i in at and j in at]
-        former = FormerPairs(
-            num_shapes=sum(i < former.num_shapes for i in kept),
-            edges=np.array(edges, dtype=np.int64).reshape(-1, 2),
-            group=former.group,
-        )
-    return _align_shapes(session, shapes.some(kept), some, times_s, former)
+    some = former and former.some(kept)
+    return _align_shapes(session, shapes.some(kept), constraints.some(kept), times_s, some)
 
 
 def _align_shapes(

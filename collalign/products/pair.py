@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -139,3 +140,13 @@ class FormerPairs:
     num_shapes: int
     edges: IntArray
     group: str
+
+    def some(self, chosen: Sequence[int]) -> FormerPairs:
+        """Return the pairs among some of the shapes, in order, by position among these."""
+        at = {i: number for number, i in enumerate(chosen)}
+        edges = [[at[i], at[j]] for i, j in self.edges.tolist() if i in at and j in at]
+        return FormerPairs(
+            num_shapes=sum(i < self.num_shapes for i in chosen),
+            edges=np.array(edges, dtype=np.int64).reshape(-1, 2),
+            group=self.group,
+        )

@@ -88,6 +88,15 @@ class Constraints:
     fixed_transforms: Mapping[int, FloatArray] = field(default_factory=dict)
     reference: int = 0
 
+    def some(self, chosen: Sequence[int]) -> Constraints:
+        """Return those of some of the shapes, by position among these; the first is the reference if it is lost."""
+        at = {i: number for number, i in enumerate(chosen)}
+        return Constraints(
+            fixed={at[i]: pose for i, pose in self.fixed.items() if i in at},
+            fixed_transforms={at[i]: pose for i, pose in self.fixed_transforms.items() if i in at},
+            reference=at.get(self.reference, 0),
+        )
+
     @property
     def any_mirrored(self) -> bool:
         """Whether a fixed pose mirrors its shape."""
