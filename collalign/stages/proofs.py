@@ -42,6 +42,8 @@ RIVAL_FACTOR = 1.25
 LISTED_WITHIN = 1.2
 #: A common pose farther than this from every pose that a pair can have contradicts the pair.
 CONTRADICTION_RAD = np.deg2rad(30.0)
+#: A worker that takes so many times its time hangs, and is given up.
+GIVEN_UP_FACTOR = 10
 #: Pairs named in a note.
 _MOST_NAMED = 8
 
@@ -159,7 +161,7 @@ def certify_pairs(
             "proofs",
             prove_pair,
             {key: (_label(shapes, pairs[e]), _task(shapes, pairs[e], options)) for e, key in keys.items()},
-            time_limit_s=10 * options.certify_pair_s,
+            time_limit_s=GIVEN_UP_FACTOR * options.certify_pair_s,
             strict=options.strict,
             shared=table,
         )

@@ -4,7 +4,7 @@ import joblib
 import pytest
 
 from collalign.engine.options import RunOptions
-from collalign.former_options import FORMER
+from collalign.former_options import FORMER, flat_names
 from collalign.options import AlignOptions, options_from_record
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
@@ -50,6 +50,10 @@ def test_kinds_say_what_they_need() -> None:
 def test_there_are_as_many_workers_as_asked_for_but_no_more_than_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(joblib, "cpu_count", lambda: 4)
     assert [RunOptions(jobs=jobs).num_workers for jobs in (-1, 1, 3, 16)] == [4, 1, 3, 4]
+
+
+def test_there_are_no_more_options_than_anybody_reads() -> None:
+    assert len(list(flat_names(dataclasses.asdict(AlignOptions())))) <= 35
 
 
 @pytest.mark.parametrize(("group", "name"), [name.split(".") for name in FORMER if "." in name])

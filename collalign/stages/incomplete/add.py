@@ -28,6 +28,8 @@ from pairwise.status import Status
 CollectionT = TypeVar("CollectionT", bound=Collection)
 #: Complete shapes that an incomplete one is posed on.
 MAX_PARTNERS = 8
+#: Of these, the ones of at least this confidence come first.
+SURE = 0.9
 #: A pair agrees with the common pose within this angle.
 AGREEMENT_DEG = 20.0
 #: Other poses reported per shape.
@@ -95,7 +97,7 @@ def place_on(
 def _partners(shapes: Shapes, complete: Collection, at: IntArray) -> IntArray:
     """Return the complete shapes, by position among them, that others are posed on: sure ones, by content."""
     part = max(complete.parts, key=len)
-    order = sorted(part.tolist(), key=lambda c: (not complete.confidence[c] >= 0.9, shapes.keys[at[c]]))
+    order = sorted(part.tolist(), key=lambda c: (not complete.confidence[c] >= SURE, shapes.keys[at[c]]))
     return np.array(sorted(order[:MAX_PARTNERS]), dtype=np.int64)
 
 

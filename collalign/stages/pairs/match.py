@@ -20,6 +20,8 @@ from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
 from pairwise.problem.problem import Problem
 
+#: Failed pairs that an error names.
+_MOST_NAMED = 10
 #: Changes whenever the same two shapes and options would give other poses.
 PAIR_VERSION = "pair-4"
 
@@ -118,7 +120,7 @@ def match_pairs(session: AlignSession, shapes: Shapes, edges: IntArray) -> tuple
     ]
     failed = [Excluded(file=shapes.label(i, j), reason=failures[k].reason) for k, i, j in keyed if k in failures]
     if not pairs:
-        reasons = "".join(f"\n  {item.file}: {item.reason}" for item in failed[:10])
+        reasons = "".join(f"\n  {item.file}: {item.reason}" for item in failed[:_MOST_NAMED])
         raise CollectionError(f"not one of {len(edges)} pairs could be matched{reasons}")
     return pairs, failed
 

@@ -16,6 +16,8 @@ NUM_TURNS, NUM_SCREEN_POINTS, NUM_REFINED, NUM_STEPS = 600, 100, 40, 8
 MAX_TURNS = 12
 #: Turns within this angle are the same, and below it none at all.
 SAME_DEG = 30.0
+#: Cosine of the angle within which axes are told as one.
+SAME_AXIS = np.cos(np.deg2rad(10.0))
 
 _Surface = tuple[FloatArray, FloatArray]
 
@@ -65,7 +67,7 @@ def turns_in_words(turns: FloatArray) -> str:
     for turn in turns:
         axis = _axis(turn)
         angle = float(rotation_angle_deg(turn))
-        known = next((angles for other, angles in by_axis if abs(other @ axis) > np.cos(np.deg2rad(10.0))), None)
+        known = next((angles for other, angles in by_axis if abs(other @ axis) > SAME_AXIS), None)
         if known is None:
             by_axis.append((axis, [angle]))
         else:
