@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from collalign.dense import dense_correspondence
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory
-from collalign.landmarks.carry import Template, at_places, on_surface, template
+from collalign.landmarks.carry import Template, at_places, off_surface, on_surface, template
 from collalign.landmarks.curves import evenly_spaced
+from collalign.landmarks.files import read_templates, with_semilandmarks
 from collalign.landmarks.fusion import fuse, template_distance
-from collalign.landmarks.radii import Calibration, Evidence, calibrate, radii
+from collalign.landmarks.radii import Calibration, Evidence, beyond_range, calibrate, radii
 from collalign.landmarks.table import LandmarkTable, landmark_table
 from collalign.output.evidence.file import load_view
 from collalign.products.collection import DOUBT
@@ -25,30 +25,32 @@ from collalign.products.transfer import (
     CARRIED,
     DOUBTFUL_POSE,
     MISSING_PLACE,
+    NO_COUNTERPART,
     NOT_REGISTERED,
+    OUT_OF_RANGE,
     PLACED,
     UNKNOWN,
     TransferredLandmarks,
 )
+from collalign.registration.missing import missing_vertices, with_cloud_rim
 from collalign.registration.options import RegistrationOptions
-from data_tools.arrays import FloatArray, read_only
+from collalign.registration.surface import RegistrationSurface
+from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.checks import check_count
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.landmarks import (
     Landmarks,
     SemilandmarkRows,
-    read_landmarks,
-    read_semilandmarks,
-    specimen_of,
 )
 from data_tools.io.shapes import read_shape
-from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
 #: What semilandmarks of the whole surface are called.
 SURFACE = "surface"
+#: Farthest points by which the size of a specimen is measured, which says how far from its rim it has nothing.
+_NUM_RIM_POINTS = 300
 
 
 @one_blas_thread()
@@ -120,38 +122,6 @@ def transfer_landmarks(
     return _Transfer(view, dense, table).run(surface_points)
 
 
-def read_templates(paths: Sequence[str | Path]) -> dict[str, Landmarks]:
-    """Read landmark files; the shape that each belongs to is the file's name without its suffix.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read or two belong to one shape.
-    """
-    read: dict[str, Landmarks] = {}
-    for path in map(Path, paths):
-        name = specimen_of(path)
-        if name in read:
-            raise InputError(f"{path}: a second landmark file of the specimen {name!r}")
-        read[name] = read_landmarks(path)
-    return read
-
-
-def with_semilandmarks(
-    given: Mapping[str, Landmarks], curves: Sequence[str | Path], patches: Sequence[str | Path]
-) -> dict[str, Landmarks]:
-    """Return landmarks with the curves and patches of files of their own, of specimens without landmarks as well."""
-    found = dict(given)
-    kinds: list[tuple[Literal["curve", "patch"], Sequence[str | Path]]] = [("curve", curves), ("patch", patches)]
-    for kind, paths in kinds:
-        for path in paths:
-            name = specimen_of(path)
-            marks = found.get(name, Landmarks(labels=(), points=np.empty((0, 3))))
-            more = (*marks.semilandmarks, read_semilandmarks(path, kind))
-            found[name] = replace(marks, semilandmarks=more)
-    return found
-
-
 def template_table(
     view: CollectionView, given: Mapping[str, Landmarks], *, curve_points: int | None = None
 ) -> LandmarkTable:
@@ -218,7 +188,7 @@ class _Transfer:
         errors, evidence = [], []
         for at, item in enumerate(self._templates):
             name = self._dense.names[item.shape]
-            points, shown = self._predict(name, self._templates[:at] + self._templates[at + 1 :])
+            points, shown, _ = self._predict(name, self._templates[:at] + self._templates[at + 1 :])
             errors.append(np.linalg.norm(points - self._posed(name, self._known[name]), axis=1))
             evidence.append(shown)
         return np.array(errors), evidence
@@ -229,14 +199,19 @@ class _Transfer:
         placed = np.isfinite(own).all(axis=1)
         points, radius = np.array(own), np.where(placed, 0.0, np.nan)
         reason = self._abstention(name)
-        if reason is None and not placed.all():
-            predicted, evidence = self._predict(name, self._templates)
-            inverse = np.linalg.inv(self._view.transforms[self._view.index(name)])
-            points[~placed] = (predicted @ inverse[:3, :3].T + inverse[:3, 3])[~placed]
-            radius[~placed] = radii(calibration, evidence)[~placed] / self._scale[name]
-        there = np.isfinite(points).all(axis=1)
         known = np.isfinite(np.stack([item.offsets for item in self._templates])).all(axis=2).any(axis=0)
-        words = np.where(placed, PLACED, np.where(there, CARRIED, reason or np.where(known, MISSING_PLACE, UNKNOWN)))
+        reasons = np.where(known, MISSING_PLACE, UNKNOWN)
+        if reason is None and not placed.all():
+            predicted, evidence, nothing = self._predict(name, self._templates)
+            vague = beyond_range(calibration, evidence)
+            predicted[nothing | vague] = np.nan
+            reasons = np.where(nothing, NO_COUNTERPART, np.where(vague, OUT_OF_RANGE, reasons))
+            inverse = np.linalg.inv(self._view.transforms[self._view.index(name)])
+            points[~placed] = _moved(inverse, predicted)[~placed]
+            radius[~placed] = radii(calibration, evidence)[~placed] / self._scale[name]
+            radius[np.isnan(points).any(axis=1)] = np.nan
+        there = np.isfinite(points).all(axis=1)
+        words = np.where(placed, PLACED, np.where(there, CARRIED, reason or reasons))
         return points, radius, tuple(words.tolist())
 
     def _abstention(self, name: str) -> str | None:
@@ -245,25 +220,25 @@ class _Transfer:
         doubtful = self._view.confidence[self._view.index(name)] < DOUBT
         return DOUBTFUL_POSE if doubtful else None
 
-    def _predict(self, name: str, templates: list[Template]) -> tuple[FloatArray, Evidence]:
-        """Landmarks of a specimen, in the common frame, and what the prediction shows of its error."""
-        row, at, dense = self._rows[name], self._view.index(name), self._dense
+    def _predict(self, name: str, templates: list[Template]) -> tuple[FloatArray, Evidence, BoolArray]:
+        """Landmarks of a specimen, in the common frame, what shows their error, and where the surface has nothing."""
+        row, dense = self._rows[name], self._dense
         points, spreads = fuse(templates, row, dense.vertices, dense.quality)
-        shape = read_shape(self._view.file(at), name=name).transformed(self._view.transforms[at])
         evidence = Evidence(
             spread=spreads,
             distance=template_distance(templates, row, dense.vertices),
             residual=at_places(templates, dense.residual[row]).mean(axis=0),
             unit=self._radius,
         )
-        surface = SurfaceLocator(shape.vertices, shape.faces)
-        placed = on_surface(points, templates, surface)
+        surface = self._surface(name)
+        nothing = _without_counterpart(surface, points) & ~off_surface(templates)
+        placed = on_surface(points, templates, surface.locator)
         for curve in self._semilandmarks:
             rows = list(curve.rows)
             if curve.kind != "patch" and np.isfinite(placed[rows]).all():
                 spaced = evenly_spaced(placed[rows], len(rows), closed=curve.kind == "closed curve")
-                placed[rows] = on_surface(spaced, [item.only(rows) for item in templates], surface)
-        return placed, evidence
+                placed[rows] = on_surface(spaced, [item.only(rows) for item in templates], surface.locator)
+        return placed, evidence, nothing
 
     def _with_surface_points(self, carried: TransferredLandmarks, num: int) -> TransferredLandmarks:
         """Add evenly spread vertices of the mean, on the surface of every shape."""
@@ -276,13 +251,13 @@ class _Transfer:
             reason = self._abstention(name)
             points = np.full((num, 3), np.nan)
             if reason is None:
-                shape = read_shape(self._view.file(at), name=name)
-                back = np.linalg.inv(self._view.transforms[at])
-                copies = self._dense.vertices[self._rows[name]][chosen] @ back[:3, :3].T + back[:3, 3]
-                there = np.isfinite(copies).all(axis=1)
-                points[there] = SurfaceLocator(shape.vertices, shape.faces).closest(copies[there]).on(shape.vertices)
+                copies = self._dense.vertices[self._rows[name]][chosen]
+                surface = self._surface(name)
+                there = np.isfinite(copies).all(axis=1) & ~_without_counterpart(surface, copies)
+                points[there] = surface.locator.closest(copies[there]).on(surface.vertices)
+                points = _moved(np.linalg.inv(self._view.transforms[at]), points)
             places.append(points)
-            words.append(np.where(np.isfinite(points).all(axis=1), CARRIED, reason or MISSING_PLACE).tolist())
+            words.append(np.where(np.isfinite(points).all(axis=1), CARRIED, reason or NO_COUNTERPART).tolist())
         rows = SemilandmarkRows(SURFACE, "patch", tuple(range(len(self._labels), len(self._labels) + num)))
         nothing = np.full((len(self._view.names), num), np.nan)
         left_out = np.full((len(carried.templates), num), np.nan)
@@ -297,6 +272,23 @@ class _Transfer:
             semilandmarks=(*self._semilandmarks, rows),
         )
 
+    def _surface(self, name: str) -> RegistrationSurface:
+        """Read a specimen's surface, as its file has it, in the common frame."""
+        at = self._view.index(name)
+        shape = read_shape(self._view.file(at), name=name).transformed(self._view.transforms[at])
+        return with_cloud_rim(RegistrationSurface.from_shape(shape, _NUM_RIM_POINTS))
+
     def _posed(self, name: str, points: FloatArray) -> FloatArray:
-        T = self._view.transforms[self._view.index(name)]
-        return np.asarray(points @ T[:3, :3].T + T[:3, 3])
+        return _moved(self._view.transforms[self._view.index(name)], points)
+
+
+def _moved(transform: FloatArray, points: FloatArray) -> FloatArray:
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
+
+
+def _without_counterpart(surface: RegistrationSurface, points: FloatArray) -> BoolArray:
+    """Return which of the points that are known lie where the surface has nothing, shape (l,)."""
+    known = np.asarray(np.isfinite(points).all(axis=1))
+    nothing = np.zeros(len(points), dtype=bool)
+    nothing[known] = missing_vertices(surface, points[known])
+    return nothing

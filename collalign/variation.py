@@ -16,11 +16,12 @@ from collalign.dense import dense_correspondence
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory
 from collalign.landmarks.carry import template
+from collalign.landmarks.files import read_templates
 from collalign.output.evidence.file import load_view
 from collalign.output.variation.write import write_variation
 from collalign.products.dense import DenseCorrespondence
 from collalign.registration.mirror import mirror_map
-from collalign.transfer import read_templates, template_table
+from collalign.transfer import template_table
 from data_tools.arrays import FloatArray
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.landmarks import Landmarks, landmark_partners, read_landmark_pairs

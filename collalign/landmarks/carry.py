@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.surface.closest import SurfaceLocator, SurfacePoints
 
 #: Landmarks farther than this from their specimen's surface, in parts of the root mean square radius, are inside it
@@ -79,14 +79,18 @@ def at_places(templates: Sequence[Template], values: FloatArray) -> FloatArray:
     return np.stack([(item.places.weights * values[item.places.corners]).sum(axis=1) for item in templates])
 
 
+def off_surface(templates: Sequence[Template]) -> BoolArray:
+    """Return which landmarks are inside or beside the surface in most templates that have them, shape (l,)."""
+    off = np.stack([np.linalg.norm(item.offsets, axis=1) for item in templates])
+    return np.asarray(np.nanmedian(np.where(np.isnan(off).all(axis=0), 0.0, off), axis=0) > 0)
+
+
 def on_surface(points: FloatArray, templates: Sequence[Template], surface: SurfaceLocator) -> FloatArray:
     """Return fused landmarks on a specimen's surface, shape (l, 3).
 
     A landmark that is off the surface in most templates stays off it.
     """
-    off = np.stack([np.linalg.norm(item.offsets, axis=1) for item in templates])
-    stays = np.nanmedian(np.where(np.isnan(off).all(axis=0), 0.0, off), axis=0) > 0
-    known = np.isfinite(points).all(axis=1) & ~stays
+    known = np.isfinite(points).all(axis=1) & ~off_surface(templates)
     placed = np.array(points)
     if known.any():
         placed[known] = surface.closest(points[known]).on(surface.vertices)

@@ -8,13 +8,15 @@ from data_tools.arrays import FloatArray
 from data_tools.io.landmarks import SemilandmarkRows
 
 #: What became of a landmark.
-PLACED, CARRIED, DOUBTFUL_POSE, NOT_REGISTERED, UNKNOWN, MISSING_PLACE = (
+PLACED, CARRIED, DOUBTFUL_POSE, NOT_REGISTERED, UNKNOWN, MISSING_PLACE, NO_COUNTERPART, OUT_OF_RANGE = (
     "placed by an expert",
     "carried over",
     "abstained: the pose is doubtful",
     "abstained: the shape is not registered",
     "abstained: no template has it",
     "missing: the shape is incomplete there",
+    "abstained: the surface ends before it",
+    "abstained: the surface fits worse there than on any template",
 )
 
 

@@ -16,15 +16,17 @@ from scipy.sparse.csgraph import dijkstra
 import collalign
 from collalign.cli import main
 from collalign.output.evidence.file import load_view, save_view
-from collalign.products.transfer import CARRIED, DOUBTFUL_POSE, PLACED
+from collalign.products.transfer import CARRIED, DOUBTFUL_POSE, NO_COUNTERPART, PLACED
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.landmarks import Landmarks, read_landmarks
+from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.surface.closest import SurfaceLocator
+from data_tools.surface.shape import Shape
 
 NUM_SHAPES = 6
 #: Before it is bumped and posed: its corners are landmarks.
@@ -186,6 +188,30 @@ def test_curves_and_points_of_the_surface_reach_all_others(
     assert len(list(csv.reader((to / "surfaces.csv").open()))) == 26
     with pytest.raises(InputError, match="vertices"):
         collalign.transfer_landmarks(result, [], curves=curves, surface_points=10**6, run=run)
+
+
+def test_where_the_surface_ends_no_landmark_is_invented(
+    planted: PlantedCollection, tmp_path: Path, run: collalign.RunOptions
+) -> None:
+    """A hole around one landmark takes that landmark, and no other, whether or not the shape counts as incomplete."""
+    hurt, hole = planted.shapes[-1], true_landmarks(planted)[-1, 2]
+    reach = np.linalg.norm(hurt.vertices - hole, axis=1) / radius(hurt.vertices)
+    faces = hurt.faces[(reach[hurt.faces] > 0.25).all(axis=1)]
+    used = np.unique(faces)
+    left = Shape.from_arrays(hurt.vertices[used], np.searchsorted(used, faces), name=hurt.name)
+    for shape in (*planted.shapes[:-1], left):
+        write_mesh(tmp_path / "shapes" / f"{shape.name}.ply", shape)
+    options = collalign.AlignOptions(incomplete="never", sampling=SamplingOptions(num_points=24))
+    collalign.align_collection(tmp_path / "shapes", options=options, run=run).save(tmp_path / "out", report=False)
+    labels = tuple(f"tip {i}" for i in range(6))
+    marks = {planted.shapes[0].name: Landmarks(labels=labels, points=true_landmarks(planted)[0])}
+    found = collalign.transfer_landmarks(tmp_path / "out", marks, surface_points=60, run=run)
+    at = found.names.index(hurt.name)
+    assert [word == NO_COUNTERPART for word in found.status[at][:6]] == [i == 2 for i in range(6)]
+    assert np.isnan(found.points[at, 2]).all()
+    assert set(found.status[1][:6]) == {CARRIED}
+    gaps = np.linalg.norm(found.points[at, 6:] - hole, axis=1) / radius(hurt.vertices)
+    assert np.nanmin(gaps) > 0.2
 
 
 def test_a_doubtful_pose_gets_no_landmarks(

@@ -4,7 +4,7 @@ import numpy as np
 
 from collalign.landmarks.carry import carried, on_surface, template
 from collalign.landmarks.fusion import fuse, template_distance, template_weights
-from collalign.landmarks.radii import COVERAGE, MIN_TEMPLATES, Evidence, calibrate, radii, spread
+from collalign.landmarks.radii import COVERAGE, MIN_TEMPLATES, Evidence, beyond_range, calibrate, radii, spread
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.surface.closest import SurfaceLocator
 
@@ -96,3 +96,14 @@ def test_a_landmark_inside_keeps_its_offset_and_one_on_the_surface_is_put_there(
     np.testing.assert_allclose(on_sphere[1], mean[9], atol=1e-6)
     assert np.isnan(on_sphere[2]).all()
     assert (template_weights([found], 0, mean[None], np.ones((1, 200)))[:, 2] == 0).all()
+
+
+def test_a_fit_far_worse_than_on_any_template_is_out_of_range() -> None:
+    errors = simulated(np.random.default_rng(6), 8)
+    calibration = calibrate(errors, [shown(residual=0.05)] * 8)
+    bad = shown(residual=0.05)
+    bad.residual[4] = 0.3
+    assert beyond_range(calibration, bad).tolist() == [at == 4 for at in range(30)]
+    assert not beyond_range(calibration, shown(residual=0.1)).any()
+    few = calibrate(errors[:2], [shown(residual=0.05)] * 2)
+    assert not beyond_range(few, bad).any()
