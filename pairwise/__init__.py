@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pairwise.branch_and_bound.motions import MotionProof, prove_motion
     from pairwise.branch_and_bound.poses import PoseList, PoseRegion, all_poses
     from pairwise.branch_and_bound.prove import Proof, prove
     from pairwise.certificates.certificate import Certificate
@@ -23,6 +24,7 @@ __all__ = [
     "DenseOptions",
     "DensePoints",
     "MatchOptions",
+    "MotionProof",
     "PoseList",
     "PoseRegion",
     "Problem",
@@ -33,6 +35,7 @@ __all__ = [
     "match",
     "optimal_rotations",
     "prove",
+    "prove_motion",
     "refine_pose",
     "solve_relaxation",
     "verify_certificate",
@@ -44,6 +47,7 @@ _HOMES = {
     "DenseOptions": "pairwise.options",
     "DensePoints": "pairwise.dense.points",
     "MatchOptions": "pairwise.options",
+    "MotionProof": "pairwise.branch_and_bound.motions",
     "PoseList": "pairwise.branch_and_bound.poses",
     "PoseRegion": "pairwise.branch_and_bound.poses",
     "Problem": "pairwise.problem.problem",
@@ -54,6 +58,7 @@ _HOMES = {
     "match": "pairwise.matching",
     "optimal_rotations": "pairwise.tight.symmetries",
     "prove": "pairwise.branch_and_bound.prove",
+    "prove_motion": "pairwise.branch_and_bound.motions",
     "refine_pose": "pairwise.dense.refine",
     "solve_relaxation": "pairwise.relaxations",
     "verify_certificate": "pairwise.certificates.verify",

@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, as_rotations
 from data_tools.threads import one_blas_thread
+from pairwise.branch_and_bound.motions import can_prove_motion
+from pairwise.branch_and_bound.motions import certify_motion as prove_motion_by_branching
 from pairwise.branch_and_bound.prove import can_certify
 from pairwise.branch_and_bound.prove import certify as prove_by_branching
 from pairwise.candidates import with_better
@@ -118,9 +120,10 @@ def match_problem(
     ranked = find_poses(problem, options, relaxation=relaxation, starts=starts)
     found_s = time.perf_counter()
     bound, status = _proven(problem, relaxation, ranked[0], options)
-    if options.certify and status is not Status.PROVEN_OPTIMAL and can_certify(problem):
+    if options.certify and status is not Status.PROVEN_OPTIMAL and _can_prove(problem, options):
         left_s = None if options.time_limit_s is None else max(options.time_limit_s - (found_s - begin_s), 1e-3)
-        proven, better, status = prove_by_branching(problem, ranked, tol=options.gap_tol, time_limit_s=left_s)
+        prove = prove_motion_by_branching if options.estimate_translation else prove_by_branching
+        proven, better, status = prove(problem, ranked, tol=options.gap_tol, time_limit_s=left_s)
         ranked = with_better(ranked, better, problem.pattern, options)
         bound = min(float(np.fmax(bound, proven)), ranked[0].energy)
     proven_s = time.perf_counter()
@@ -148,6 +151,11 @@ def match_problem(
         certificate=None if relaxation is None else relaxation.certificate,
         refined=best.refined,
     )
+
+
+def _can_prove(problem: Problem, options: MatchOptions) -> bool:
+    """Whether branch and bound is for this problem, over rotations or over rotations and shifts."""
+    return can_prove_motion(problem) if options.estimate_translation else can_certify(problem)
 
 
 def _proven(

@@ -52,7 +52,8 @@ class MatchOptions:
     scale_range: tuple[float, float] = (0.5, 2.0)
     """Limits of the estimated scale."""
     estimate_translation: bool = False
-    """Estimate a shift of the source as well, as partial overlap needs; no bound is known then."""
+    """Estimate a shift of the source as well, as partial overlap needs; with ``certify`` it is proven as well, which
+    takes minutes for more than about 25 points."""
     seed: int = 0
     """Seed of the random draws."""
 
@@ -83,11 +84,10 @@ class MatchOptions:
         low, high = self.scale_range
         if not (0 < low <= 1 <= high and np.isfinite(high)):
             raise OptionsError(f"scale_range: expected limits around 1, got {self.scale_range}")
-        if self.freedom != RIGID and (self.certify or self.strategy == "relaxation"):
-            raise OptionsError(
-                "estimate_scale, estimate_translation: bounds are for rotations only; use neither strategy "
-                "'relaxation' nor certify with them"
-            )
+        if self.freedom != RIGID and self.strategy == "relaxation":
+            raise OptionsError("estimate_scale, estimate_translation: the relaxation's bounds are for rotations only")
+        if self.estimate_scale and self.certify:
+            raise OptionsError("estimate_scale: no bounds are known for scales; certify without it")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,6 +23,7 @@ HEAVY = {"trimesh", "cvxpy", "open3d", "matplotlib", "distributed", "clarabel", 
 #: Compiled by Numba, and therefore heavy themselves.
 COMPILED = {
     "pairwise.branch_and_bound.assignment",
+    "pairwise.branch_and_bound.reach",
     "pairwise.partial.screen",
     "pairwise.pm_sdp.cone_kernels",
     "pairwise.pm_sdp.newton_kernels",

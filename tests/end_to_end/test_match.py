@@ -146,3 +146,27 @@ def test_bad_files_exit_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[str
     for flags in ([], ["--nonrigid"]):
         assert main(["match", str(tmp_path / "a.ply"), str(tmp_path / "b.ply"), *flags]) == 2
         assert ".ply" in capsys.readouterr().err
+
+
+def test_an_overlap_in_part_is_proven_with_its_shift(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(0)
+    points = rng.standard_normal((9, 3))
+    turn = random_rotation(rng)
+    np.savetxt(tmp_path / "a.xyz", points[:8])
+    np.savetxt(tmp_path / "b.xyz", points[1:] @ turn + [3.0, 0.0, 0.0])
+    flags = ["--unmatched-penalty", "0.02", "--matching.estimate-translation", "--matching.gap-tol", "0.1"]
+    flags += [
+        "--certify",
+        "--sampling.num-points",
+        "8",
+        "--sampling.normalisation",
+        "none",
+        "--embedding.kind",
+        "xyz",
+    ]
+    assert main(["match", str(tmp_path / "a.xyz"), str(tmp_path / "b.xyz"), "--json", "--no-refine", *flags]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["status"] == "PROVEN_OPTIMAL"
+    assert 0.9 * record["energy"] - 1e-6 <= record["lower_bound"] <= record["energy"]
+    np.testing.assert_allclose(np.array(record["transform"])[:3, :3], turn, atol=1e-6)
+    assert record["candidates"][0]["map_target_source"].count(-1) == 1

@@ -248,7 +248,7 @@ def test_bad_input_is_refused_by_name(arguments, message: str) -> None:
         {"scale_range": (0.5, np.inf)},
         {"estimate_scale": True, "certify": True},
         {"estimate_scale": True, "strategy": "relaxation"},
-        {"estimate_translation": True, "certify": True},
+        {"estimate_translation": True, "strategy": "relaxation"},
     ],
 )
 def test_impossible_options_are_refused(fields) -> None:
