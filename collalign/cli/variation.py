@@ -13,7 +13,7 @@ from collalign.cli.interruption import resumable
 from collalign.engine.options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.output.evidence.file import load_view
-from collalign.output.variation.write import PAGE_FILE
+from collalign.output.variation.write import DEFAULT_FOLDER, PAGE_FILE
 from collalign.variation import write_surface_variation
 from data_tools.errors import InputError
 
@@ -21,7 +21,7 @@ from data_tools.errors import InputError
 def variation(
     result: Path,
     *,
-    to: Path,
+    to: Path | None = None,
     labels: Path | None = None,
     landmarks: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
     symmetry: str | None = None,
@@ -35,7 +35,8 @@ def variation(
     result
         Folder that ``collalign align`` wrote.
     to
-        Folder for variation.html, meshes with offsets from the mean, scores, distances and a figure.
+        Folder for variation.html, meshes with offsets from the mean, scores, distances and a figure; by default
+        ``variation`` in the result, to which its report has a link.
     labels
         CSV file with one row per shape; every column is one way to group.
     landmarks
@@ -51,6 +52,7 @@ def variation(
     if individuals is not None and individuals not in (columns or view.labels):
         raise InputError(f"--individuals: no column of the labels is called {individuals!r}")
     owners = None if individuals is None else (columns or view.labels)[individuals]
+    to = result / DEFAULT_FOLDER if to is None else to
     store = run.store or result / STORE_FILE
     with resumable(store):
         write_surface_variation(

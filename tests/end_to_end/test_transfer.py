@@ -251,8 +251,8 @@ def test_the_variation_of_the_surfaces_is_shown(
     names = load_view(result).names
     table = tmp_path / "labels.csv"
     table.write_text("name,kind\n" + "".join(f"{name},{'ab'[at % 2]}\n" for at, name in enumerate(names)))
-    to = tmp_path / "variation"
-    words = ["variation", str(result), "--to", str(to), "--labels", str(table), "--landmarks", str(templates[0])]
+    to = result / "variation"
+    words = ["variation", str(result), "--labels", str(table), "--landmarks", str(templates[0])]
     assert main([*words, "--jobs", "1", "--store", str(run.store)]) == 0
     rows = list(csv.DictReader((to / "scores.csv").open()))
     assert [row["specimen"] for row in rows] == list(names)

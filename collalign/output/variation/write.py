@@ -20,6 +20,8 @@ from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder, file_stems
 
 PAGE_FILE = "variation.html"
+#: Where in a result's folder its report looks for the page.
+DEFAULT_FOLDER = "variation"
 FIGURE_STEM = "morphospace"
 #: Of the surfaces drawn along a component.
 DEVIATIONS = 2.0

@@ -77,7 +77,7 @@ export function cycleSection(app) {
 export function componentsSection(app) {
   const { stage } = app;
   const { components, problem } = app.collection.variation;
-  if (!components) return [el("p", null, problem)];
+  if (!components) return [el("p", null, problem), surfacesNote()];
   const unit = { centroid: [0, 0, 0], scale: 1 };
   const draw = (parent, mesh, caption) => {
     const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": `${caption}; arrow keys turn` });
@@ -91,5 +91,12 @@ export function componentsSection(app) {
     draw(row, high, `component ${at + 1}, +2 sd`);
     return row;
   });
-  return [el("p", { class: "muted" }, app.collection.variation.words), ...rows];
+  return [el("p", { class: "muted" }, app.collection.variation.words), surfacesNote(), ...rows];
+}
+
+// The page that another command writes beside the report: a file cannot see whether it is there.
+function surfacesNote() {
+  return el("p", null,
+    "Whole surfaces in correspondence: components that deform the mean surface, group means, each specimen against the mean, left and right, numbered landmarks. ",
+    el("a", { href: "variation/variation.html" }, "variation/variation.html"), " has them, once ", el("code", null, "collalign variation"), " with the name of this folder has been run.");
 }
