@@ -20,8 +20,8 @@ _SPREAD_WEIGHT, _DISTANCE_POWER, _RESIDUAL_POWER = 1.5, 0.3, 0.1
 #: Distances and residuals below these parts of the radius say no more.
 _LEAST_DISTANCE, _LEAST_RESIDUAL = 1e-3, 2e-4
 #: Residuals beyond the largest on templates are out of the calibrated range, though never those below this, in radii.
-#: With seven templates, .8 % of 480 landmarks of 30 molars are out of it, which err by .71 radii where all err by .15,
-#: and .3 % of 1530 landmarks of 30 mouse skulls, which err as all do.
+#: With seven templates, .8 % of 480 landmarks of 30 molars are out of it, which err by .71 radii where all err by
+#: .15, and .3 % of 1530 landmarks of 30 mouse skulls, which err as all do.
 _LEAST_RANGE = 0.05
 #: Fewest templates that anything can be calibrated on.
 MIN_TEMPLATES = 4
