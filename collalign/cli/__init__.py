@@ -20,7 +20,7 @@ from cyclopts import App, CycloptsError, Parameter
 from collalign import __version__
 from collalign.cli.config import ALIGNING, ConfigFile, refuse_rounding
 from collalign.cli.help import HELP_ALL, GroupedHelp
-from collalign.cli.interruption import INTERRUPTED, orderly_interrupts, was_interrupted
+from collalign.cli.interruption import GO_ON, INTERRUPTED, orderly_interrupts, was_interrupted
 from collalign.former_options import refuse_former
 from data_tools.errors import CollalignError
 
@@ -113,12 +113,12 @@ def _run(words: list[str]) -> int:
     except BrokenPipeError:
         raise
     except KeyboardInterrupt as interrupt:
-        return _say(str(interrupt) or "interrupted; no file is left half-written", INTERRUPTED)
+        return _say(str(interrupt) or f"interrupted; no file is left half-written; {GO_ON}", INTERRUPTED)
     except Exception as error:
         if "-v" in words or "--verbose" in words:
             traceback.print_exc()
         if was_interrupted():  # an import that SIGINT met makes another error of it
-            return _say("interrupted before anything began", INTERRUPTED)
+            return _say(f"interrupted before anything began; {GO_ON}", INTERRUPTED)
         if not isinstance(error, CollalignError | OSError):
             raise
         return _say(str(error), error.exit_code if isinstance(error, CollalignError) else 1)

@@ -23,7 +23,7 @@ from collalign.engine.options import RunOptions
 from collalign.engine.store.layout import FINISHED, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
-from collalign.output.corrections import read_corrections
+from collalign.output.corrections import fixed_by, read_corrections
 from collalign.output.evidence.file import load_view
 from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE, WRITER, inputs_of, output_names, save_collection
 from collalign.products.collection import DOUBT
@@ -43,7 +43,7 @@ def align(
     folder: Path,
     *,
     out: Path,
-    corrections: Path | None = None,
+    corrections: Annotated[list[Path] | None, Parameter(negative=())] = None,
     labels: Path | None = None,
     report: bool = True,
     options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
@@ -58,7 +58,7 @@ def align(
     out
         Folder for the results; an interrupted run goes on from the store in it.
     corrections
-        Decisions downloaded from the report: poses that are kept, without matching any pair again.
+        Decisions downloaded from the report: poses that are kept, without matching any pair again. Once for each file.
     labels
         CSV file with one row per shape (name, then columns such as taxon), for the report.
     report
@@ -66,7 +66,7 @@ def align(
     """
     refuse_overlap(out, [folder])
     listing = read_folder(folder)
-    fixed = read_corrections(corrections).fixed(listing.names) if corrections is not None else {}
+    fixed = fixed_by([read_corrections(path) for path in corrections or ()], listing.names)
     table = _labels(labels, listing.names)
     store = run.store or out / STORE_FILE
     run = replace(run, store=store)

@@ -16,6 +16,8 @@ from data_tools.errors import RunLost
 
 #: Exit code of a run that was interrupted.
 INTERRUPTED = 130
+#: What every interruption says in the end.
+GO_ON = "run the same command to go on"
 
 
 @contextmanager
@@ -60,7 +62,7 @@ def resumable(store: Path) -> Iterator[None]:
     RunLost
         Likewise.
     """
-    kept = f"everything finished is kept in {store}; run the same command to go on"
+    kept = f"everything finished is kept in {store}; {GO_ON}"
     try:
         yield
     except KeyboardInterrupt:

@@ -87,6 +87,25 @@ class Corrections:
         return kept | {decision.shape: decision.R_common_shape for decision in self.decisions}
 
 
+def fixed_by(files: Sequence[Corrections], names: Sequence[str]) -> dict[str, FloatArray]:
+    """Return :meth:`Corrections.fixed` of several files about one result, as the pages of a large report give them.
+
+    Raises
+    ------
+    InputError
+        Also if two files decide about one shape.
+    """
+    fixed: dict[str, FloatArray] = {}
+    decided: dict[str, FloatArray] = {}
+    for one in files:
+        fixed |= one.fixed(names)
+        for decision in one.decisions:
+            if decision.shape in decided:
+                raise InputError(f"{one.source}: another file decides about {decision.shape!r} as well; keep one")
+            decided[decision.shape] = decision.R_common_shape
+    return fixed | decided
+
+
 def read_corrections(path: Path | str) -> Corrections:
     """Read the file that the report's "Download decisions" wrote.
 

@@ -6,6 +6,7 @@ import ast
 import json
 import re
 import sys
+from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
@@ -58,6 +59,8 @@ def test_points_are_in_the_order_of_their_labels(out: Path) -> None:
         first = archive["positions"][0, archive["labels"][0] == 2][0]
     assert np.allclose(read.shapes[0].points[2], first * [-1, -1, 1])
     assert [shape.in_doubt for shape in read.shapes] == [False, True]
+    assert [shape.percent for shape in read.shapes] == ["99 %", "unknown"]
+    assert replace(read.shapes[0], confidence=0.9999).percent == "99 %"
     assert [shape.mesh is None for shape in read.shapes] == [False, True]
     assert read.notes == ("Look.",)
 

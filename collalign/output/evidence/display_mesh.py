@@ -10,7 +10,7 @@ from data_tools.arrays import FloatArray, IntArray
 _FACES_IN_ALL = 200_000
 _FEWEST, _MOST = 1_500, 4_000
 #: No collection holds more triangles than this: in one of many thousand shapes each has fewer than ``_FEWEST``.
-_MOST_IN_ALL = 1_500_000
+_MOST_IN_ALL = 4_000_000
 
 
 def faces_per_shape(num_shapes: int) -> int:

@@ -12,17 +12,21 @@ from typing import Any
 import numpy as np
 
 from collalign.output.report.content import build_content
-from collalign.output.report.shown import shown_part
+from collalign.output.report.shown import MOST_SHOWN, page_members, shown_part, some_shapes
 from collalign.products.collection import DOUBT
 from collalign.products.evidence import CollectionView
+from data_tools.percent import percent
 from data_tools.threads import one_blas_thread
+
+#: Folder beside the report with the pages that show all shapes of a large collection.
+PAGES_FOLDER = "report_pages"
 
 _MARKER = re.compile(r"\{\{(\w+)\}\}")
 
 
 @one_blas_thread()
 def write_report(view: CollectionView, path: Path | str, *, title: str = "Aligned collection") -> Path:
-    """Write a self-contained ``report.html``.
+    """Write a self-contained ``report.html``; of a large collection also pages with all shapes, beside it.
 
     Parameters
     ----------
@@ -41,17 +45,65 @@ def write_report(view: CollectionView, path: Path | str, *, title: str = "Aligne
     if target.suffix.lower() not in (".html", ".htm"):
         target.mkdir(parents=True, exist_ok=True)
         target = target / "report.html"
-    target.write_text(render_report(view, title=title), encoding="utf-8", errors="backslashreplace", newline="\n")
+    _write(target, render_report(view, title=title))
+    if view.num_shapes > MOST_SHOWN:
+        (target.parent / PAGES_FOLDER).mkdir(exist_ok=True)
+        pages = page_members(view)
+        for number, members in enumerate(pages, 1):
+            shown = some_shapes(view, members)
+            summary = f"{_steps(number, len(pages), target.name)}{_summary(shown, ())}"
+            _write(target.parent / page_path(number), _page(f"{title}, page {number}", summary, shown))
     return target
+
+
+def page_path(number: int) -> str:
+    """Return where one of the pages with all shapes of a large collection lies, relative to the report."""
+    return f"{PAGES_FOLDER}/page-{number:03d}.html"
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
 
 
 @one_blas_thread()
 def render_report(view: CollectionView, *, title: str = "Aligned collection") -> str:
-    """Return the report as HTML text."""
+    """Return the report as HTML text; of a large collection its first page."""
     shown = shown_part(view)
+    every = _every_shape(view) if view.num_shapes > MOST_SHOWN else ""
+    return _page(title, _summary(view, shown.notes) + every, shown)
+
+
+def _page(title: str, summary: str, shown: CollectionView) -> str:
     document, blobs = build_content(shown)
-    version = str(view.versions.get("collalign", ""))
-    return render_page(title, _summary(view, shown.notes), document, blobs, version=version)
+    return render_page(title, summary, document, blobs, version=str(shown.versions.get("collalign", "")))
+
+
+def _every_shape(view: CollectionView) -> str:
+    """Return the list of all shapes by name, each with a link to the page that shows it."""
+    pages = page_members(view)
+    number = np.empty(view.num_shapes, dtype=np.int64)
+    for at, members in enumerate(pages, 1):
+        number[members] = at
+    items = [
+        f'<li><a href="{page_path(int(number[i]))}">{html.escape(name)}</a> {percent(view.confidence[i])}</li>'
+        for i, name in enumerate(view.names)
+    ]
+    return (
+        f'<details class="every"><summary>All {view.num_shapes} shapes, on {len(pages)} more pages in the folder '
+        f"{PAGES_FOLDER}: each shows shapes that were compared with each other. The browser's search finds names."
+        f"</summary><div tabindex='0'><ul>{''.join(items)}</ul></div></details>"
+    )
+
+
+def _steps(number: int, num_pages: int, report: str) -> str:
+    """Return the links from one of the further pages to the others."""
+    places = {f"../{html.escape(report)}": "overview"}
+    if number > 1:
+        places[Path(page_path(number - 1)).name] = "page before"
+    if number < num_pages:
+        places[Path(page_path(number + 1)).name] = "next page"
+    links = ", ".join(f'<a href="{place}">{words}</a>' for place, words in places.items())
+    return f"<p>Page {number} of {num_pages}; decisions on it have a download of their own. Go to: {links}</p>"
 
 
 def render_page(

@@ -1,10 +1,16 @@
-"""Which shapes of a large collection the page shows: a browser holds some hundreds, collections have thousands."""
+"""Which shapes of a large collection a page shows: a browser holds some hundreds, collections have thousands.
+
+The first page shows the most doubtful shapes and others evenly spaced. All shapes are on further pages, each with
+shapes that were compared with each other.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from collalign.products.evidence import CollectionView
 from collalign.products.incomplete import Incomplete
@@ -25,12 +31,29 @@ def shown_part(view: CollectionView, most: int = MOST_SHOWN) -> CollectionView:
     """
     if view.num_shapes <= most:
         return view
-    chosen = chosen_shapes(view, most)
-    position = {int(shape): at for at, shape in enumerate(chosen)}
     note = (
         f"{most} of {view.num_shapes} shapes are shown below, the {most // 2} most doubtful ones and others evenly "
         "spaced; alignment.json, pairs.csv and the exports hold all of them."
     )
+    part = some_shapes(view, chosen_shapes(view, most))
+    return replace(part, notes=(*view.notes, note))
+
+
+def page_members(view: CollectionView, most: int = MOST_SHOWN) -> list[IntArray]:
+    """Return the shapes of each of the pages that show all: about as many on each, most pairs within a page.
+
+    Shapes are ordered so that those that were matched and agree are near each other (Cuthill and McKee 1969).
+    """
+    ends = np.array([(pair.target, pair.source) for pair in view.pairs if pair.inlier], dtype=np.int64).reshape(-1, 2)
+    rows, cols = np.concatenate([ends, ends[:, ::-1]]).T
+    graph = coo_array((np.ones(len(rows)), (rows, cols)), shape=(view.num_shapes, view.num_shapes)).tocsr()
+    order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
+    return [np.sort(members) for members in np.array_split(order, -(-view.num_shapes // most))]
+
+
+def some_shapes(view: CollectionView, chosen: IntArray) -> CollectionView:
+    """Return the collection as if there were only some of its shapes, given by position, ascending."""
+    position = {int(shape): at for at, shape in enumerate(chosen)}
     return replace(
         view,
         names=tuple(view.names[i] for i in chosen),
@@ -48,7 +71,6 @@ def shown_part(view: CollectionView, most: int = MOST_SHOWN) -> CollectionView:
             for pair in view.pairs
             if pair.target in position and pair.source in position
         ),
-        notes=(*view.notes, note),
         incomplete=_chosen_incomplete(view, position),
     )
 

@@ -98,7 +98,7 @@ class CollalignWidget(ScriptedLoadableModuleWidget):
             self.logic.show(results)
             self.table.setRowCount(len(results.shapes))
             for row, shape in enumerate(sorted(results.shapes, key=lambda s: s.confidence)):
-                for column, text in enumerate((shape.name, f"{shape.confidence:.2f}")):
+                for column, text in enumerate((shape.name, shape.percent)):
                     self.table.setItem(row, column, qt.QTableWidgetItem(text))
             for note in results.notes:
                 self._say(note)
@@ -157,7 +157,7 @@ class CollalignLogic(ScriptedLoadableModuleLogic):
             slicer.util.updateMarkupsControlPointsFromArray(points, shape.points)
             points.SetLocked(True)
             points.GetDisplayNode().SetVisibility(False)
-            points.SetAttribute("collalign.confidence", f"{shape.confidence:.3f}")
+            points.SetAttribute("collalign.confidence", shape.percent)
 
 
 class CollalignTest(ScriptedLoadableModuleTest):

@@ -85,7 +85,22 @@ def test_ctrl_c_before_anything_began_has_a_message_too() -> None:
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert errors.startswith("collalign: interrupted")
+    assert errors.endswith("; run the same command to go on\n")
     assert "Traceback" not in errors
+
+
+def test_a_command_that_keeps_nothing_says_how_to_go_on_as_well(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*arguments: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("collalign.cli.match.match_rigid", interrupted)
+    first, second = sorted(folder.iterdir())[:2]
+    assert main(["match", str(first), str(second)]) == 130
+    assert capsys.readouterr().err == (
+        "collalign: interrupted; no file is left half-written; run the same command to go on\n"
+    )
 
 
 @pytest.mark.parametrize(

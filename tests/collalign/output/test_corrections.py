@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -6,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.output.corrections import FORMAT, read_corrections
+from collalign.output.corrections import FORMAT, fixed_by, read_corrections
 from data_tools.errors import InputError
 
 R = Rotation.random(4, random_state=1).as_matrix()
@@ -86,3 +87,16 @@ def test_decisions_about_shapes_that_are_not_there_are_refused(tmp_path: Path) -
 def test_damaged_files_are_refused_with_advice(tmp_path: Path, content: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read_corrections(write(tmp_path, content))
+
+
+def test_files_of_several_pages_are_kept_together(tmp_path: Path) -> None:
+    first = read_corrections(write(tmp_path, record()))
+    some, other = first.decisions[:1], replace(first.decisions[0], shape=next(iter(first.frame)))
+    files = [replace(first, decisions=some), replace(first, decisions=(other,), frame={}, source="second")]
+    fixed = fixed_by(files, NAMES)
+    assert np.array_equal(fixed[some[0].shape], some[0].R_common_shape)
+    assert np.array_equal(fixed[other.shape], other.R_common_shape)  # and not as the first file's frame has it
+    assert fixed.keys() == first.frame.keys() | {some[0].shape}
+    assert fixed_by([], NAMES) == {}
+    with pytest.raises(InputError, match=f"second: another file decides about '{some[0].shape}'"):
+        fixed_by([files[0], replace(files[0], source="second")], NAMES)

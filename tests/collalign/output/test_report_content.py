@@ -6,6 +6,7 @@ import base64
 import dataclasses
 import gzip
 import hashlib
+import html
 import json
 import re
 from pathlib import Path
@@ -20,7 +21,7 @@ from collalign.output.report import display_mesh, faces_per_shape, render_report
 from collalign.output.report.content import build_content, categories
 from collalign.output.report.payload import MISSING, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import DISTINCT_DEG, offered_poses
-from collalign.output.report.shown import shown_part
+from collalign.output.report.shown import page_members, shown_part
 from collalign.output.report.statistics import cycle_histogram, shape_map, variation
 from collalign.products.evidence import CollectionView
 from collalign.products.pair import Alternative
@@ -261,13 +262,54 @@ def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown()
 
 
 def test_the_page_of_a_large_collection_counts_all_shapes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("collalign.output.report.page.shown_part", lambda view: shown_part(view, 6))
+    small_pages(monkeypatch)
     page = render_report(view_of(12))
     assert len(data_of(page)["shapes"]) == 6
     assert "<strong>12</strong>shapes aligned" in page
     assert "6 of 12 shapes are shown" in page
 
 
+def small_pages(monkeypatch: pytest.MonkeyPatch) -> None:
+    page = "collalign.output.report.page"
+    monkeypatch.setattr(f"{page}.MOST_SHOWN", 6)
+    monkeypatch.setattr(f"{page}.shown_part", lambda view: shown_part(view, 6))
+    monkeypatch.setattr(f"{page}.page_members", lambda view: page_members(view, 6))
+
+
+def test_every_shape_of_a_large_collection_is_on_one_of_the_pages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small_pages(monkeypatch)
+    view = dataclasses.replace(view_of(14), names=("<b>&", *view_of(14).names[1:]))
+    report = write_report(view, tmp_path)
+    pages = sorted((tmp_path / "report_pages").iterdir())
+    assert [path.name for path in pages] == ["page-001.html", "page-002.html", "page-003.html"]
+    held = [[shape["name"] for shape in data_of(path.read_text())["shapes"]] for path in pages]
+    assert sorted(name for names in held for name in names) == sorted(view.names)
+    overview = report.read_text()
+    for path, names in zip(pages, held, strict=True):
+        for name in names:
+            assert f'<a href="report_pages/{path.name}">{html.escape(name)}</a>' in overview
+    assert 'href="../report.html">overview</a>' in pages[0].read_text()
+    assert 'href="page-003.html">next page</a>' in pages[1].read_text()
+    assert 'href="page-001.html">page before</a>' in pages[1].read_text()
+    assert "next page" not in pages[2].read_text()
+
+
+def test_shapes_of_a_page_were_compared_with_each_other() -> None:
+    view = view_of(60)
+    order = np.random.default_rng(0).permutation(60)
+    ring = [
+        dataclasses.replace(view.pairs[0], target=int(order[i]), source=int(order[i - 1]), inlier=True)
+        for i in range(60)
+    ]
+    members = page_members(dataclasses.replace(view, pairs=tuple(ring)), 20)
+    assert sorted(np.concatenate(members)) == list(range(60))
+    assert [len(page) for page in members] == [20, 20, 20]
+    within = sum(pair.target in page and pair.source in page for page in members for pair in ring)
+    assert within >= 52  # of the names in order 15 or so
+
+
 def test_huge_collections_hold_fewer_triangles_per_shape() -> None:
     assert faces_per_shape(1000) == 1500
-    assert faces_per_shape(10_000) == 150
+    assert faces_per_shape(10_000) == 400

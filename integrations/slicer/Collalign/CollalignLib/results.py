@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,6 +42,11 @@ class AlignedShape:
     def in_doubt(self) -> bool:
         """Whether the pose needs a look."""
         return not self.confidence >= DOUBT
+
+    @property
+    def percent(self) -> str:
+        """The confidence in whole percent, rounded down, as the report says it."""
+        return "unknown" if math.isnan(self.confidence) else f"{math.floor(100 * self.confidence + 1e-9)} %"
 
 
 @dataclass(frozen=True)
