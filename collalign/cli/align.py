@@ -58,7 +58,7 @@ def align(
     out
         Folder for the results; an interrupted run goes on from the store in it.
     corrections
-        Decisions downloaded from the report: poses that are kept, without matching any pair again. Once for each file.
+        Decisions downloaded from the report: poses that are kept, with no pair matched again. Once for each file.
     labels
         CSV file with one row per shape (name, then columns such as taxon), for the report.
     report
