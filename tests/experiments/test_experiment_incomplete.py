@@ -8,15 +8,63 @@ import numpy as np
 import pytest
 
 from collalign.engine.store.store import Store
-from experiments.experiment import Bench
+from experiments.experiment import Bench, Cell
 from experiments.pairs import incomplete
+from experiments.pairs.incomplete_sets import (
+    RANDOM,
+    TOLD,
+    complete_row,
+    cut_row,
+    measure_cut_collection,
+    scan_pair_rows,
+    scan_row,
+)
 
 
 def test_a_tool_that_was_not_there_has_no_share() -> None:
-    record = {"best": [5.0, 30.0], "top": [5.0, 10.0], "seconds": [1.0, 3.0], "open3d": [180.0, 3.0]}
+    record = {"best": [5.0, 30.0], "top": [5.0, 10.0], "seconds": [1.0, 3.0], "margin": [0.9, 0.01]}
+    record |= {"open3d": [180.0, 3.0]}
     row = incomplete.pair_row({"collection": "chair", "cut": 2}, record | {"kiss": [np.nan, np.nan]})
     assert (row["best"], row["top"], row["open3d"], row["kiss"]) == (50.0, 100.0, 50.0, None)
+    assert (row["noticed"], row["doubtful"]) == ("1 of 1", 0)
     assert (row["cut"], row["pairs"], row["median"], row["seconds"]) == ("both", 2, 17.5, 2.0)
+
+
+def test_rows_of_collections_count_what_is_cut_apart_from_what_is_whole() -> None:
+    settings = {"collection": "teeth", "share": 0.25, "way": "auto", "shapes": 4}
+    record = {
+        "names": ["a", "b", "c", "d"],
+        "cut": ["a", "c"],
+        "named": ["c", "d"],
+        "shape_deg": [90.0, 1.0, 8.0, 30.0],
+        "confidence": [0.6, 0.99, 0.99, 0.99],
+        "without_deg": [1.0, 2.0],
+        "as_without": False,
+        "processor_s": 3.0,
+    }
+    row = cut_row(settings, record)
+    assert (row["named"], row["wrongly"], row["right"], row["whole"], row["without"]) == (1, 1, 1, 1, 2)
+    assert (row["worst"], row["noticed"], row["same"], row["way"]) == (90.0, "1 of 2", "no", "looked for")
+    scans = scan_row({"shape_deg": [1.0, 6.0, 40.0], "confidence": [0.99, 0.5, 0.5], "processor_s": 1.0})
+    assert (scans["within_5"], scans["within_20"], scans["noticed"], scans["doubtful"]) == (1, 2, "1 of 1", 1)
+    pairs = {"overlap": [0.35, 0.4, 0.9], "best": [1.0, 90.0, 2.0], "margin": [0.9, 0.1, 0.9], "seconds": [1.0] * 3}
+    rows = scan_pair_rows(pairs)
+    assert [(one["overlap"], one["pairs"], one["right"]) for one in rows] == [
+        ("30 to 50", 2, 50.0),
+        ("70 to 100", 1, 100.0),
+    ]
+    assert rows[0]["noticed"] == "1 of 1"
+    complete = complete_row(settings, {"same": True, "named": [], "auto_s": 2.2, "never_s": 2.0})
+    assert (complete["same"], complete["named"], complete["ratio"]) == ("yes", 0, pytest.approx(1.1))
+
+
+@pytest.mark.data
+def test_a_small_cut_collection_is_measured(shared_data: Path) -> None:
+    settings = {"collection": "glasses", "shapes": 4, "cut": 1, "share": 0.25, "way": TOLD, "what": RANDOM, "seed": 1}
+    record = measure_cut_collection(Cell(data=shared_data, settings=settings))
+    assert record["named"] == record["cut"]
+    assert len(record["shape_deg"]) == 4
+    assert record["as_without"]
 
 
 @pytest.mark.data

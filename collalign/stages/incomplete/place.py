@@ -20,14 +20,15 @@ from collalign.stages.incomplete.surfaces import posed_points
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.rotations import rotation_angle_deg
 from data_tools.threads import one_blas_thread
+from pairwise.partial.certainty import RIVAL_DEG, certainty, rival_margin
 from pairwise.partial.match import NUM_POINTS, distinct, match_partial, refine, scales_allowed
 from pairwise.partial.poses import Poses, counterparts
 from pairwise.partial.surface import PartialSurface
 
 #: Partners that propose poses, those that each proposes, and those of all that are refined on all partners.
 NUM_PROPOSERS, NUM_PROPOSED, NUM_REFINED = 4, 8, 6
-#: Poses beyond this angle from the best one are its rivals.
-RIVAL_DEG = 20.0
+#: Poses beyond twice a rival's angle from the best one that are refined as well: without rivals nothing is in doubt.
+NUM_RIVALS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,11 +161,22 @@ def settle(
             turns=np.tile(fixed, (len(kept), 1, 1)), scales=proposed.scales[kept], shifts=proposed.shifts[kept]
         )
     else:
-        energies = energies_on(targets, source, proposed, NUM_POINTS[1])
-        proposed = proposed[distinct(proposed, np.log(energies).mean(axis=1), NUM_REFINED, radius)]
+        energies = np.log(energies_on(targets, source, proposed, NUM_POINTS[1])).mean(axis=1)
+        proposed = proposed[_with_rivals(proposed, energies, radius)]
     poses = refine(targets, source, proposed, scale_range=scale_range, hold_turns=fixed is not None)
     energies = energies_on(targets, source, poses, NUM_POINTS[2])
-    return poses[distinct(poses, np.log(energies).mean(axis=1), NUM_REFINED, radius)]
+    return poses[distinct(poses, np.log(energies).mean(axis=1), NUM_REFINED + NUM_RIVALS, radius)]
+
+
+def _with_rivals(poses: Poses, energies: FloatArray, radius: float) -> IntArray:
+    """Return the poses of least energy, and those of least energy that are far from the very best."""
+    best = distinct(poses, energies, NUM_REFINED, radius)
+    apart = np.nan_to_num(rotation_angle_deg(poses.turns, poses.turns[best[0]]), nan=180.0) > 2.0 * RIVAL_DEG
+    rivals = np.flatnonzero(apart)
+    if not len(rivals):
+        return best
+    rivals = rivals[distinct(poses[rivals], energies[rivals], NUM_RIVALS, radius)]
+    return np.concatenate([best, np.setdiff1d(rivals, best)])
 
 
 def energies_on(
@@ -175,22 +187,9 @@ def energies_on(
 
 
 def pose_certainty(record: Record) -> float:
-    """Return how probable the best pose is against its rivals, by the partners that prefer it.
-
-    Each partner compares both by the logarithm of its energies, and the rival with the least mean difference counts.
-    The log odds grow with it by :data:`SLOPE`, which nothing was fitted to: they order poses, and are no chances.
-    """
-    turns, energies = np.asarray(record["turns"]), np.log(np.asarray(record["energies"]))
-    apart = np.nan_to_num(rotation_angle_deg(turns, turns[0]), nan=180.0) > RIVAL_DEG
-    if not apart.any():
-        return 1.0 / (1.0 + np.exp(-MOST_CERTAIN))
-    gains = energies[apart] - energies[0]
-    margin = float(gains.mean(axis=1).min())
-    return float(1.0 / (1.0 + np.exp(-min(SLOPE * margin, MOST_CERTAIN))))
-
-
-#: Log odds of a pose per unit of its least mean margin over a rival, in logarithms of energy; and their most.
-SLOPE, MOST_CERTAIN = 30.0, 5.0
+    """Return how probable the best pose is against its rivals, see :mod:`pairwise.partial.certainty`."""
+    energies = np.asarray(record["energies"])
+    return certainty(rival_margin(np.asarray(record["turns"]), energies), energies.shape[1])
 
 
 def nearest_labels(positions: FloatArray, consensus: FloatArray) -> IntArray:
