@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import platform
-import time
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from importlib.metadata import version
 
@@ -20,27 +18,14 @@ from collalign.options import AUTO, AlignOptions, AlignSession
 from collalign.products.collection import ConsistentMaps, RunRecord
 from collalign.products.pair import FormerPairs
 from collalign.products.shapes import Constraints, Shapes
-from collalign.stages.chirality.pilot import decide_group
-from collalign.stages.deformation.solve import map_vertices, vertex_notes
-from collalign.stages.evidence.decide import wants_maps
-from collalign.stages.evidence.rivals import try_rivals
-from collalign.stages.evidence.weigh import weigh_pairs
+from collalign.stages import steps
 from collalign.stages.incomplete.add import with_incomplete
 from collalign.stages.incomplete.detect import MIN_SHAPES, find_incomplete, told_incomplete
 from collalign.stages.incomplete.grow import align_scans
-from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs
-from collalign.stages.pairs.match import match_pairs, num_reused_pairs
-from collalign.stages.poses.agreement import resolve_pairs, with_common_match
-from collalign.stages.poses.frame import fix_frame
-from collalign.stages.poses.parts import join_parts, split_shapes
-from collalign.stages.poses.placement import common_labels, common_positions, in_label_order, place_and_scale
-from collalign.stages.poses.refinement import refine_poses
-from collalign.stages.poses.synchronize import synchronize_shapes
-from collalign.stages.proofs import certify_pairs, contradictions
+from collalign.stages.pairs.match import num_reused_pairs
+from collalign.stages.poses.placement import common_positions, in_label_order
 from collalign.stages.shapes import prepare_shapes
-from collalign.stages.trial import rest_s
-from collalign.stages.trust.assess import gather_trust, with_trust
-from collalign.stages.trust.words import trust_notes
+from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.files import readable_name
@@ -131,170 +116,110 @@ def align_listing(
         Shapes that an earlier run found to be incomplete.
     """
     times_s = dict[str, float]()
-    with _stage(session, times_s, "shapes"):
+    with steps.timed(session, times_s, "shapes"):
         shapes = prepare_shapes(session, listing)
         constraints = _constraints(shapes, session.options, fixed, fixed_transforms or {})
-    skipped = tuple(readable_name(path) for path in listing.skipped)
+    run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)
     missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
     if len(missing) == len(shapes.names):
-        outline = _align_shapes(session, shapes, constraints, times_s, former)
-        scans = align_scans(_with_group(session, outline.group), shapes, outline, missing, constraints)
-        session.enter(FINISHED)
-        return replace(scans, skipped=skipped)
-    aligned = _align_others(session, shapes, constraints, times_s, missing, former)
-    if not missing and session.options.incomplete == AUTO and session.options.clusters == 1:
-        missing, aligned = _without_found(session, shapes, constraints, times_s, aligned, former)
-    if missing:
-        decided = _with_group(session, aligned.group)
-        aligned = with_incomplete(decided, shapes, aligned, missing, constraints)
+        outline = _align_shapes(run)
+        aligned = align_scans(with_group(session, outline.group), shapes, outline, missing, constraints)
+    else:
+        aligned = _align_others(run, missing)
+        if not missing and session.options.incomplete == AUTO and session.options.clusters == 1:
+            missing, aligned = _without_found(run, aligned)
+        if missing:
+            decided = with_group(session, aligned.group)
+            aligned = with_incomplete(decided, shapes, aligned, missing, constraints)
     session.enter(FINISHED)
-    return replace(aligned, skipped=skipped)
+    return replace(aligned, skipped=tuple(readable_name(path) for path in listing.skipped))
 
 
-def _with_group(session: AlignSession, group: str) -> AlignSession:
-    """Return the session with the group that was decided."""
-    return session.with_options(replace(session.options, group="O" if group == "O" else "SO"))
-
-
-def _without_found(
-    session: AlignSession,
-    shapes: Shapes,
-    constraints: Constraints,
-    times_s: dict[str, float],
-    aligned: AlignedCollection,
-    former: FormerPairs | None,
-) -> tuple[dict[int, str], AlignedCollection]:
+def _without_found(run: Run, aligned: AlignedCollection) -> tuple[dict[int, str], AlignedCollection]:
     """Return the shapes that turn out to be incomplete, and the others aligned without them; in rounds.
 
     Incomplete shapes among complete ones may spoil poses, and so hide others.
     """
     missing: dict[int, str] = {}
     for _ in range(MAX_ROUNDS):
-        kept = [i for i in range(len(shapes.names)) if i not in missing]
-        shown = session.alone("incomplete shapes", len(kept))
-        with _stage(session, times_s, "incomplete shapes"), shown as advance:
-            found = find_incomplete(shapes.some(kept).samples, aligned, advance)
-        fresh = {kept[n]: reason for n, reason in found.items() if kept[n] not in constraints.fixed}
+        kept = [i for i in range(len(run.shapes.names)) if i not in missing]
+        shown = run.session.alone("incomplete shapes", len(kept))
+        with run.stage("incomplete shapes"), shown as advance:
+            found = find_incomplete(run.shapes.some(kept).samples, aligned, advance)
+        fresh = {kept[n]: reason for n, reason in found.items() if kept[n] not in run.constraints.fixed}
         if not fresh or len(kept) - len(fresh) < MIN_SHAPES:
             break
         missing |= fresh
-        aligned = _align_others(session, shapes, constraints, times_s, missing, former)
+        aligned = _align_others(run, missing)
     return missing, aligned
 
 
-def _align_others(
-    session: AlignSession,
-    shapes: Shapes,
-    constraints: Constraints,
-    times_s: dict[str, float],
-    missing: Mapping[int, str],
-    former: FormerPairs | None,
-) -> AlignedCollection:
+def _align_others(run: Run, missing: Mapping[int, str]) -> AlignedCollection:
     """Align the shapes that are not incomplete."""
     if not missing:
-        return _align_shapes(session, shapes, constraints, times_s, former)
-    kept = [i for i in range(len(shapes.names)) if i not in missing]
+        return _align_shapes(run)
+    kept = [i for i in range(len(run.shapes.names)) if i not in missing]
     if len(kept) < 2:
         raise CollectionError(
             f"{len(kept)} complete shapes: at least two are needed to pose {len(missing)} incomplete ones on"
         )
-    if session.options.reference and constraints.reference in missing:
-        raise InputError(f"reference: {session.options.reference!r} is incomplete; choose a complete shape")
-    some = former and former.some(kept)
-    return _align_shapes(session, shapes.some(kept), constraints.some(kept), times_s, some)
+    reference = run.session.options.reference
+    if reference and run.constraints.reference in missing:
+        raise InputError(f"reference: {reference!r} is incomplete; choose a complete shape")
+    return _align_shapes(run.some(kept))
 
 
-def _align_shapes(
-    session: AlignSession,
-    shapes: Shapes,
-    constraints: Constraints,
-    times_s: dict[str, float],
-    former: FormerPairs | None,
-) -> AlignedCollection:
+def _align_shapes(run: Run) -> AlignedCollection:
     """Align complete shapes; the steps are those of section 6.3 of Maron et al. (2016)."""
-    asked = session.options
-    with _stage(session, times_s, "pairs"):
-        descriptors = describe_shapes(shapes)
-        edges = choose_pairs(session, shapes, descriptors, former)
-        choice = decide_group(
-            session, shapes, descriptors, edges, former=former, any_mirrored=constraints.any_mirrored
-        )
-        session, notes = session.with_options(replace(asked, group=choice.group)), [choice.note]
-        pairs, failed = match_pairs(session, shapes, edges)
-        pairs, failed, solution = grow_pairs(session, shapes, descriptors, edges, pairs, failed)
-    if asked.certify:
-        with _stage(session, times_s, "proofs"):
-            pairs, solution, report = certify_pairs(session, shapes, pairs, solution)
-            notes.append(str(report))
-    search_gain = None
-    if wants_maps(session.options, pairs):
-        with _stage(session, times_s, "maps"):
-            search = try_rivals(session, shapes, weigh_pairs(session, shapes, pairs))
-            pairs, solution, search_gain = search.pairs, search.solution, search.gain
-    options, samples = session.options, shapes.samples
-    if session.progress is not None:
-        session = session.expecting(rest_s(session, shapes, pairs))
-    with _stage(session, times_s, "synchronization"):
-        with session.alone("synchronization"):
-            parts, linked = split_shapes(options, samples, pairs)
-            first = synchronize_shapes(options, samples, linked, constraints, known=solution if not parts else None)
-        matched, (linked, solution) = linked, resolve_pairs(session, samples, linked, first, constraints)
-        pairs, solution = join_parts(options, parts, pairs, linked, solution, constraints)
-        rotations = refine_poses(session, samples, pairs, solution, constraints)
-        with session.alone("common matches"):
-            rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
-            pairs = with_common_match(samples, pairs, solution, rotations)
-            notes.extend(contradictions(shapes.names, pairs, rotations))
-            labels = common_labels(samples, pairs, rotations)
-        transforms = place_and_scale(samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms)
-    trust = None
-    if options.synchronization == "robust":
-        with _stage(session, times_s, "confidence"):
-            trust = gather_trust(session, samples, matched, rotations, solution.components)
-            solution = with_trust(solution, trust, constraints)
-            notes.extend(trust_notes(shapes.names, trust, solution.confidence, first, rotations, constraints.fixed))
-    vertices = None
-    if options.deformable:
-        with _stage(session, times_s, "vertices"):
-            vertices = map_vertices(session, shapes, pairs, rotations)
-            notes.extend(vertex_notes(vertices))
-    record = RunRecord(
-        times_s=times_s,
-        versions={"python": platform.python_version()} | {name: version(name) for name in _LIBRARIES},
-        num_reused=session.num_reused("shapes", shapes.keys) + num_reused_pairs(session, shapes, pairs),
-    )
-    positions = common_positions(samples, transforms)
+    decided, matched = steps.match(run)
+    matched = steps.prove(decided, matched)
+    matched = steps.weigh(decided, matched)
+    decided = steps.expecting(decided, matched)
+    posed = steps.pose(decided, matched)
+    posed = steps.state_trust(decided, posed)
+    posed = steps.with_vertices(decided, posed)
+    return _collected(decided, matched, posed, run.session.options)
+
+
+def _collected(run: Run, matched: Matched, posed: Posed, asked: AlignOptions) -> AlignedCollection:
+    """Return the result of a run whose group is decided."""
+    session, shapes, solution = run.session, run.shapes, posed.solution
+    samples, positions = shapes.samples, common_positions(shapes.samples, posed.transforms)
     return AlignedCollection(
         names=shapes.names,
         files=shapes.files,
         digests=shapes.digests,
-        transforms=read_only(transforms),
-        rotations=read_only(rotations),
-        reflected=read_only(np.linalg.det(rotations) < 0),
+        transforms=read_only(posed.transforms),
+        rotations=read_only(posed.rotations),
+        reflected=read_only(np.linalg.det(posed.rotations) < 0),
         confidence=solution.confidence,
         samples=tuple(item.vertex_indices for item in samples),
         positions=read_only(positions),
         coordinates=read_only(np.stack([item.coordinates for item in samples])),
         invariants=read_only(np.stack([item.invariants for item in samples])),
-        maps=ConsistentMaps(names=shapes.names, labels=read_only(labels), vertices=vertices),
-        consensus=read_only(in_label_order(positions, labels).mean(axis=0)),
-        pairs=tuple(pairs),
+        maps=ConsistentMaps(names=shapes.names, labels=read_only(posed.labels), vertices=posed.vertices),
+        consensus=read_only(in_label_order(positions, posed.labels).mean(axis=0)),
+        pairs=tuple(posed.pairs),
         alternatives=solution.alternatives,
         parts=solution.parts,
-        excluded=(*shapes.excluded, *failed),
+        excluded=(*shapes.excluded, *matched.failed),
         skipped=(),
         notes=(
             *solution.warnings,
             *shapes.notes,
-            *filter(None, notes),
-            *_unknown_confidence(solution.confidence, options.synchronization),
+            *filter(None, (*matched.notes, *posed.notes)),
+            *_unknown_confidence(solution.confidence, asked.synchronization),
         ),
         shape_notes=tuple(item.notes for item in samples),
         options=asked,
-        group=choice.group,
-        search_gain=search_gain,
-        run=record,
-        trust=trust,
+        group=matched.group,
+        search_gain=matched.search_gain,
+        run=RunRecord(
+            times_s=run.times_s,
+            versions={"python": platform.python_version()} | {name: version(name) for name in _LIBRARIES},
+            num_reused=session.num_reused("shapes", shapes.keys) + num_reused_pairs(session, shapes, posed.pairs),
+        ),
+        trust=posed.trust,
     )
 
 
@@ -321,12 +246,3 @@ def _constraints(
         fixed_transforms={at(name): transform for name, transform in fixed_transforms.items()},
         reference=at(options.reference) if options.reference else 0,
     )
-
-
-@contextmanager
-def _stage(session: AlignSession, times_s: dict[str, float], stage: str) -> Iterator[None]:
-    """Say in the store what the run does, and time it."""
-    session.enter(stage)
-    start_s = time.perf_counter()
-    yield
-    times_s[stage] = time.perf_counter() - start_s

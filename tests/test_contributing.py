@@ -53,7 +53,7 @@ def test_every_file_and_folder_that_is_named_exists(path: str) -> None:
 
 
 def test_the_way_of_a_pair_goes_through_steps_that_align_takes() -> None:
-    driver = (ROOT / "collalign" / "align.py").read_text("utf-8")
+    driver = "".join((ROOT / "collalign" / file).read_text("utf-8") for file in ("align.py", "stages/steps.py"))
     steps = [name for name in named(section("The way of a pair")) if re.fullmatch(r"[a-z]+(_[a-z]+)+", name)]
     assert len(steps) > 15
     for step in steps:

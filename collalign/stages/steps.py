@@ -1,0 +1,197 @@
+"""The steps of one alignment of complete shapes, in the order of section 6.3 of Maron et al. (2016).
+
+Each takes the run and what was found before, and returns that with more; :mod:`collalign.align` takes one after the
+other.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from collalign.options import AlignSession
+from collalign.products.deformation import VertexMaps
+from collalign.products.pair import FormerPairs, Pair
+from collalign.products.shapes import Constraints, Excluded, Shapes
+from collalign.products.trust import Trust
+from collalign.stages.chirality.pilot import decide_group
+from collalign.stages.deformation.solve import map_vertices, vertex_notes
+from collalign.stages.evidence.decide import wants_maps
+from collalign.stages.evidence.rivals import try_rivals
+from collalign.stages.evidence.weigh import weigh_pairs
+from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs
+from collalign.stages.pairs.match import match_pairs
+from collalign.stages.poses.agreement import resolve_pairs, with_common_match
+from collalign.stages.poses.frame import fix_frame
+from collalign.stages.poses.parts import join_parts, split_shapes
+from collalign.stages.poses.placement import common_labels, place_and_scale
+from collalign.stages.poses.refinement import refine_poses
+from collalign.stages.poses.synchronize import synchronize_shapes
+from collalign.stages.proofs import certify_pairs, contradictions
+from collalign.stages.trial import rest_s
+from collalign.stages.trust.assess import gather_trust, with_trust
+from collalign.stages.trust.words import trust_notes
+from collalign.synchronization import SynchronizationResult
+from data_tools.arrays import FloatArray, IntArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """What a run works on: shapes, what is known and decided about them, and the seconds of its stages so far."""
+
+    session: AlignSession
+    shapes: Shapes
+    constraints: Constraints
+    former: FormerPairs | None
+    times_s: dict[str, float]
+
+    def stage(self, name: str) -> AbstractContextManager[None]:
+        """Say in the store what the run does, and time it."""
+        return timed(self.session, self.times_s, name)
+
+    def some(self, kept: Sequence[int]) -> Run:
+        """Return the run of some of the shapes."""
+        return replace(
+            self,
+            shapes=self.shapes.some(kept),
+            constraints=self.constraints.some(kept),
+            former=self.former and self.former.some(kept),
+        )
+
+
+def with_group(session: AlignSession, group: str) -> AlignSession:
+    """Return the session with the group that was decided."""
+    return session.with_options(replace(session.options, group="O" if group == "O" else "SO"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Matched:
+    """The pairs, what to say about them, and the synchronization of exactly these where there is one already."""
+
+    group: Literal["SO", "O"]
+    pairs: list[Pair]
+    failed: list[Excluded]
+    solution: SynchronizationResult | None
+    notes: tuple[str, ...]
+    search_gain: float | None = None
+
+
+def match(run: Run) -> tuple[Run, Matched]:
+    """Choose pairs, decide the group, match, and match further pairs where poses are uncertain."""
+    session, shapes = run.session, run.shapes
+    with run.stage("pairs"):
+        descriptors = describe_shapes(shapes)
+        edges = choose_pairs(session, shapes, descriptors, run.former)
+        choice = decide_group(
+            session, shapes, descriptors, edges, former=run.former, any_mirrored=run.constraints.any_mirrored
+        )
+        session = with_group(session, choice.group)
+        pairs, failed = match_pairs(session, shapes, edges)
+        pairs, failed, solution = grow_pairs(session, shapes, descriptors, edges, pairs, failed)
+    matched = Matched(group=choice.group, pairs=pairs, failed=failed, solution=solution, notes=(choice.note,))
+    return replace(run, session=session), matched
+
+
+def prove(run: Run, matched: Matched) -> Matched:
+    """Prove poses of pairs, where that is asked for."""
+    if not run.session.options.certify:
+        return matched
+    with run.stage("proofs"):
+        pairs, solution, report = certify_pairs(run.session, run.shapes, matched.pairs, matched.solution)
+    return replace(matched, pairs=pairs, solution=solution, notes=(*matched.notes, str(report)))
+
+
+def weigh(run: Run, matched: Matched) -> Matched:
+    """Let non-rigid maps propose poses and judge all, where shapes bend."""
+    if not wants_maps(run.session.options, matched.pairs):
+        return matched
+    with run.stage("maps"):
+        search = try_rivals(run.session, run.shapes, weigh_pairs(run.session, run.shapes, matched.pairs))
+    return replace(matched, pairs=search.pairs, solution=search.solution, search_gain=search.gain)
+
+
+def expecting(run: Run, matched: Matched) -> Run:
+    """Return the run with how long the rest may take, where somebody watches."""
+    if run.session.progress is None:
+        return run
+    return replace(run, session=run.session.expecting(rest_s(run.session, run.shapes, matched.pairs)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Posed:
+    """The poses, with all that follows from them.
+
+    ``matched`` are the pairs within parts as they were first matched, and ``first`` is the synchronization of these.
+    """
+
+    pairs: list[Pair]
+    matched: list[Pair]
+    first: SynchronizationResult
+    solution: SynchronizationResult
+    rotations: FloatArray
+    transforms: FloatArray
+    labels: IntArray
+    notes: tuple[str, ...]
+    trust: Trust | None = None
+    vertices: VertexMaps | None = None
+
+
+def pose(run: Run, matched: Matched) -> Posed:
+    """Synchronize, match pairs again where the others ask for it, refine, and settle frame, labels and places."""
+    session, options, samples, constraints = run.session, run.session.options, run.shapes.samples, run.constraints
+    with run.stage("synchronization"):
+        with session.alone("synchronization"):
+            parts, linked = split_shapes(options, samples, matched.pairs)
+            known = matched.solution if not parts else None
+            first = synchronize_shapes(options, samples, linked, constraints, known=known)
+        resolved, solution = resolve_pairs(session, samples, linked, first, constraints)
+        pairs, solution = join_parts(options, parts, matched.pairs, resolved, solution, constraints)
+        rotations = refine_poses(session, samples, pairs, solution, constraints)
+        with session.alone("common matches"):
+            rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
+            pairs = with_common_match(samples, pairs, solution, rotations)
+            labels = common_labels(samples, pairs, rotations)
+        transforms = place_and_scale(samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms)
+    return Posed(
+        pairs=pairs,
+        matched=linked,
+        first=first,
+        solution=solution,
+        rotations=rotations,
+        transforms=transforms,
+        labels=labels,
+        notes=tuple(contradictions(run.shapes.names, pairs, rotations)),
+    )
+
+
+def state_trust(run: Run, posed: Posed) -> Posed:
+    """State how far each pose can be trusted."""
+    if run.session.options.synchronization != "robust":
+        return posed
+    names, fixed, rotations = run.shapes.names, run.constraints.fixed, posed.rotations
+    with run.stage("confidence"):
+        trust = gather_trust(run.session, run.shapes.samples, posed.matched, rotations, posed.solution.components)
+        solution = with_trust(posed.solution, trust, run.constraints)
+        notes = trust_notes(names, trust, solution.confidence, posed.first, rotations, fixed)
+    return replace(posed, solution=solution, trust=trust, notes=(*posed.notes, *notes))
+
+
+def with_vertices(run: Run, posed: Posed) -> Posed:
+    """Map all vertices between all shapes, where that is asked for."""
+    if not run.session.options.deformable:
+        return posed
+    with run.stage("vertices"):
+        vertices = map_vertices(run.session, run.shapes, posed.pairs, posed.rotations)
+    return replace(posed, vertices=vertices, notes=(*posed.notes, *vertex_notes(vertices)))
+
+
+@contextmanager
+def timed(session: AlignSession, times_s: dict[str, float], stage: str) -> Iterator[None]:
+    """Say in the store what a run does, and time it."""
+    session.enter(stage)
+    start_s = time.perf_counter()
+    yield
+    times_s[stage] = time.perf_counter() - start_s
