@@ -1,21 +1,24 @@
-"""Maps that start from rigid poses: closest points with normals, then a few steps of ZoomOut on few samples.
+"""Maps that start from poses, or from signs of eigenfunctions: then a few steps of ZoomOut on few samples.
 
 A non-rigid match searches for the map from inside the surfaces alone and takes seconds; from a pose it takes
 milliseconds. The map then says where the pose should be (the rotation that Procrustes takes from it) and whether the
 pose was a good idea (the evidence of :mod:`collalign.nonrigid.evidence`): a pose that puts the back on the front
-leads to a map that is torn, or that does not keep left and right.
+leads to a map that is torn, or that does not keep left and right. Where a limb is where another shape has its other
+one, closest points exchange them at every pose; there the signs of the lowest eigenfunctions start from within.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from collalign.nonrigid.evidence import Evidence, judge
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
-from collalign.nonrigid.refine import Refiner
+from collalign.nonrigid.refine import Refiner, unit_rows
 from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature, vertex_normals
 from collalign.nonrigid.surface.spectral import CURVATURE_TIMES, NUM_ORIENTATION, SpectralShape
 from data_tools.arrays import FloatArray, IntArray, read_only
@@ -35,6 +38,10 @@ FIRST_SIZE, GROWTH = 10, 1.5
 #: radius 1, in the closest points of a start. With descriptors of intrinsic place limbs find each other whatever they
 #: do: on 30 pairs of SHREC07's armadillos the pose judged best is 11 instead of 17 deg off in the median.
 START_NORMAL_WEIGHT, START_DESCRIPTOR_WEIGHT = 0.3, 0.6
+#: Lowest functions whose signs are enumerated, and how many of the maps that they give are refined: 50 ms a pair. Two
+#: of 20 of SHREC07's armadillos, whose other candidates all exchange two limbs, come right by them (``python -m
+#: experiments collections``).
+NUM_SIGNS, NUM_SIGN_MAPS = 6, 24
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -203,6 +210,22 @@ class PoseMapper:
         moved = _start_features(self.source, R_target_source)
         return self._refiner.from_point_maps(*mutual_nearest_rows(self._features, moved))
 
+    def maps_from_signs(self) -> list[FunctionalMap]:
+        """Return the maps that signs of the lowest eigenfunctions lead to, those that fit best at the start.
+
+        Eigenfunctions of near-isometric surfaces agree up to sign where their eigenvalues are simple; the descriptors
+        beside them steady those that are not. No pose takes part.
+        """
+        target, source = (_sign_features(one) for one in (self.target, self.source))
+        rest = np.ones(source.shape[1] - NUM_SIGNS)
+        starts = []
+        for signs in product((1.0, -1.0), repeat=NUM_SIGNS):
+            gaps = cdist(target, source * np.concatenate([signs, rest]), "sqeuclidean")
+            loss = gaps.min(axis=0).mean() + gaps.min(axis=1).mean()
+            starts.append((loss, gaps.argmin(axis=0), gaps.argmin(axis=1)))
+        best = sorted(range(len(starts)), key=lambda i: starts[i][0])[:NUM_SIGN_MAPS]
+        return [self._refiner.from_point_maps(*starts[i][1:]) for i in best]
+
     def oriented(self, found: FunctionalMap, *, preserving: bool) -> FunctionalMap:
         """Return the map that keeps the orientation of the surfaces, or reverses it, which a map leads to."""
         return self._refiner.oriented(found.C_source_target, preserving=preserving)
@@ -229,3 +252,10 @@ def _start_features(surface: PosedSurface, rotation: FloatArray) -> FloatArray:
     """Return what closest points compare at the start, shape (n, 6 + m)."""
     normals = START_NORMAL_WEIGHT * surface.normals @ rotation.T
     return np.hstack([surface.points @ rotation.T, normals, START_DESCRIPTOR_WEIGHT * surface.descriptors])
+
+
+def _sign_features(surface: PosedSurface) -> FloatArray:
+    """Return the lowest functions, of root mean square length 1, and weighted descriptors, shape (n, q + m)."""
+    return np.hstack(
+        [unit_rows(surface.spectral.functions[:, :NUM_SIGNS]), START_DESCRIPTOR_WEIGHT * surface.descriptors]
+    )

@@ -12,9 +12,9 @@ from collalign.nonrigid.evidence import MIXED_ORIENTATION
 from collalign.nonrigid.portfolio import is_same_map
 from collalign.nonrigid.pose_maps import PoseMapper, first_samples
 from collalign.nonrigid.refine import Refiner
+from collalign.stages.evidence.candidates import PoseWeigher
 from collalign.stages.evidence.odds import EVIDENCE
 from collalign.stages.evidence.surfaces import surface_from_record
-from collalign.stages.evidence.weigh import PoseWeigher
 from collalign.stages.stored_types import samples_from_record
 from data_tools.arrays import FloatArray
 

@@ -15,7 +15,8 @@ import numpy as np
 from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.evidence.weigh import SAME_CANDIDATE_DEG, weigh_starts, weighed_poses, with_candidates
+from collalign.stages.evidence.candidates import SAME_CANDIDATE_DEG
+from collalign.stages.evidence.weigh import weigh_starts, weighed_poses, with_candidates
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray
@@ -77,7 +78,7 @@ def try_rivals(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> 
     for _ in range(MAX_ROUNDS):
         starts = missing_poses(tried, solution.rotations)
         grown = False
-        for e, record in weigh_starts(session, shapes, tried, starts, with_axes=False).items() if starts else ():
+        for e, record in weigh_starts(session, shapes, tried, starts, is_first=False).items() if starts else ():
             pair = tried[e]
             found = weighed_poses(record, pair.maps.shape[1], shapes.label(pair.target, pair.source))
             fresh = [candidate for candidate in found if not _is_known(pair, candidate.rotation, SAME_CANDIDATE_DEG)]

@@ -39,6 +39,22 @@ def test_evidence_prefers_the_right_start(bent_pair: tuple[PosedSurface, PosedSu
     assert right.orientation > 0.8
 
 
+def test_signs_of_eigenfunctions_find_the_pose_without_one(
+    bent_pair: tuple[PosedSurface, PosedSurface, FloatArray],
+) -> None:
+    target, source, true = bent_pair
+    mapper = PoseMapper(target, source)
+    maps = mapper.maps_from_signs()
+    judged = [mapper.evidence(one) for one in maps]
+    assert max(one.orientation for one in judged) > 0.8
+    assert min(one.orientation for one in judged) < 0.3, "signs that do not fit lead to torn maps"
+    off = np.array([rotation_angle_deg(mapper.rotation_of(one, chirality=1.0), true) for one in maps])
+    scores = np.array([one.score for one in judged])
+    assert off[np.argmin(scores)] < 12.0
+    assert (off > 150.0).any(), "some of them turn the figure around"
+    assert scores[off > 150.0].min() > scores.min() + 1.0
+
+
 def test_a_reflection_keeps_its_determinant(bent_pair: tuple[PosedSurface, PosedSurface, FloatArray]) -> None:
     target, source, true = bent_pair
     mapper = PoseMapper(target, source)

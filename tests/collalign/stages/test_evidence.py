@@ -11,15 +11,18 @@ import pytest
 
 from collalign.align import align_collection
 from collalign.engine.options import RunOptions
+from collalign.nonrigid.pose_maps import PoseMapper, prepare_posed
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair
+from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, WeighedPose, distinct
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.odds import EVIDENCE, evidence_score
 from collalign.stages.evidence.rivals import missing_poses, support, voted_poses, votes_of
-from collalign.stages.evidence.weigh import MAX_CANDIDATES, WeighedPose, by_energy, distinct, with_evidence
+from collalign.stages.evidence.weigh import by_energy, with_evidence
 from collalign.stages.poses.synchronize import pair_graph
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
+from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import OptionsError, StoreError
 from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
@@ -76,6 +79,20 @@ def test_near_rotations_are_one_candidate_the_better_one() -> None:
     assert [c.evidence[0] for c in kept] == [0.2, 0.4]
     many = [replace(poses[0], rotation=random_rotation(rng)) for _ in range(100)]
     assert len(distinct(many)) == MAX_CANDIDATES
+
+
+def test_maps_of_signs_that_swap_sides_are_for_mirrored_poses_alone() -> None:
+    shape = figure(resolution=2)
+    mirror = Shape.from_arrays(shape.vertices * [-1.0, 1.0, 1.0], shape.faces[:, ::-1])
+    target, source = prepare_posed(shape), prepare_posed(mirror)
+    samples = [sample_shape(one, SamplingOptions(num_points=24), EmbeddingOptions()) for one in (shape, mirror)]
+    weigher = PoseWeigher(samples[0], samples[1], PoseMapper(target, source))
+    turned = weigher.candidates_from_signs(mirrored=False)
+    assert {round(float(np.linalg.det(one.rotation))) for one in turned} <= {1}
+    both = weigher.candidates_from_signs(mirrored=True)
+    best = max(both, key=lambda one: one.score)
+    assert np.linalg.det(best.rotation) == pytest.approx(-1.0)
+    assert rotation_angle_deg(best.rotation, np.diag([-1.0, 1.0, 1.0])) < 10.0
 
 
 def test_maps_are_asked_where_pairs_match_badly() -> None:

@@ -1,0 +1,119 @@
+"""Candidate poses of a pair that its maps ask for, each with what every kind of evidence says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
+
+from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
+from collalign.nonrigid.pose_maps import PoseMapper
+from collalign.stages.evidence.odds import EVIDENCE, evidence_score
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.embedding.embedding import Samples
+from data_tools.rotations import rotation_angle_deg
+
+#: Rotations of maps within this angle are one candidate, the one that more speaks for.
+SAME_CANDIDATE_DEG = 15.0
+#: Candidates kept, the ones that most speaks for.
+MAX_CANDIDATES = 10
+#: Weight of unit normals beside positions of root mean square radius 1 where surfaces are compared.
+SURFACE_NORMAL_WEIGHT = 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WeighedPose:
+    """A pose that a map asks for, with all that is known about both.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (3, 3)
+    point_map : ndarray of int, shape (k,)
+        The samples' best one-to-one match there.
+    evidence : ndarray, shape (7,)
+        As :data:`collalign.stages.evidence.odds.EVIDENCE` names it.
+    """
+
+    rotation: FloatArray
+    point_map: IntArray
+    evidence: FloatArray
+
+    @property
+    def score(self) -> float:
+        """Log-odds up to a constant of the pair."""
+        return float(evidence_score(self.evidence[None])[0])
+
+
+class PoseWeigher:
+    """Weighs poses of one pair.
+
+    Parameters
+    ----------
+    target, source : Samples
+    mapper : PoseMapper
+        Of their surfaces.
+    """
+
+    def __init__(self, target: Samples, source: Samples, mapper: PoseMapper) -> None:
+        self._target, self._source, self._mapper = target, source, mapper
+        self._fixed_costs = cdist(source.invariants, target.invariants, "sqeuclidean")
+
+    def candidate_from(self, start: FloatArray) -> WeighedPose:
+        """Return the pose of the map that a pose leads to, with its evidence."""
+        return self.weigh(self._mapper.map_from(start), chirality=float(np.sign(np.linalg.det(start))))
+
+    def candidates_from_signs(self, *, mirrored: bool) -> list[WeighedPose]:
+        """Return the poses of maps that eigenfunctions start; maps that swap sides ask for mirrored poses, if any."""
+        found = [(self._mapper.evidence(one).orientation, one) for one in self._mapper.maps_from_signs()]
+        return [
+            self.weigh(one, chirality=-1.0 if orientation < 0 else 1.0)
+            for orientation, one in found
+            if mirrored or not orientation < 0
+        ]
+
+    def weigh(self, found: FunctionalMap, *, chirality: float) -> WeighedPose:
+        """Return the pose of determinant ``chirality`` that a map asks for, with the evidence of both."""
+        rotation = self._mapper.rotation_of(found, chirality=chirality)
+        of_map = self._mapper.evidence(found)
+        point_map, energy = self._match_at(rotation)
+        normals = self._mapper.matched(found, self._mapper.target.normals, self._mapper.source.normals @ rotation.T)
+        evidence = {
+            "energy": energy,
+            "surface": self._surface_gap(rotation),
+            "normals": float(1.0 - (normals[0] * normals[1]).sum(axis=1).mean()),
+            "curvature": of_map.curvature,
+            "commutativity": of_map.commutativity,
+            "roughness": of_map.roughness,
+            "orientation": chirality * of_map.orientation,
+        }
+        return WeighedPose(
+            rotation=rotation, point_map=point_map, evidence=np.array([evidence[kind] for kind in EVIDENCE])
+        )
+
+    def _match_at(self, rotation: FloatArray) -> tuple[IntArray, float]:
+        costs = cdist(self._source.positions @ rotation.T, self._target.positions, "sqeuclidean") + self._fixed_costs
+        rows, columns = linear_sum_assignment(costs)
+        return columns.astype(np.int64), float(costs[rows, columns].sum())
+
+    def _surface_gap(self, rotation: FloatArray) -> float:
+        """Return the mean squared distance of closest points and normals, both ways."""
+        target, source = self._mapper.target, self._mapper.source
+        fixed = np.hstack([target.points, SURFACE_NORMAL_WEIGHT * target.normals])
+        moved = np.hstack([source.points @ rotation.T, SURFACE_NORMAL_WEIGHT * source.normals @ rotation.T])
+        there, back = mutual_nearest_rows(fixed, moved)
+        gaps = np.concatenate([fixed[there] - moved, fixed - moved[back]])
+        return float((gaps**2).sum(axis=1).mean())
+
+
+def distinct(candidates: Sequence[WeighedPose]) -> list[WeighedPose]:
+    """Return the candidates that most speaks for, best first, of each set of nearly equal rotations only one."""
+    kept: list[WeighedPose] = []
+    for candidate in sorted(candidates, key=lambda c: -c.score):
+        known = np.array([other.rotation for other in kept]).reshape(-1, 3, 3)
+        angles = rotation_angle_deg(known, np.tile(candidate.rotation, (len(known), 1, 1)))
+        if not (np.asarray(angles) <= SAME_CANDIDATE_DEG).any():
+            kept.append(candidate)
+    return kept[:MAX_CANDIDATES]
