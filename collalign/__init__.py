@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collalign.extend import add_to_collection
     from collalign.nonrigid import match_shapes
     from collalign.options import AlignOptions, TwoShapeOptions
+    from collalign.partial import PartialMatch, match_in_part
     from collalign.products.joint_bound import CertifiedCollection
     from collalign.rigid import RigidMatch, match_rigid
     from collalign.stability import StabilityOptions, check_stability
@@ -34,6 +35,7 @@ __all__ = [
     "CertifiedCollection",
     "CertifyOptions",
     "LoadedCollection",
+    "PartialMatch",
     "RigidMatch",
     "RunOptions",
     "StabilityOptions",
@@ -44,6 +46,7 @@ __all__ = [
     "check_stability",
     "dense_correspondence",
     "load",
+    "match_in_part",
     "match_rigid",
     "match_shapes",
     "synchronize",
@@ -58,6 +61,7 @@ _HOMES = {
     "CertifiedCollection": "collalign.products.joint_bound",
     "CertifyOptions": "collalign.stages.joint_bound",
     "LoadedCollection": "collalign.collection",
+    "PartialMatch": "collalign.partial",
     "RigidMatch": "collalign.rigid",
     "RunOptions": "collalign.engine.options",
     "TwoShapeOptions": "collalign.options",
@@ -68,6 +72,7 @@ _HOMES = {
     "check_stability": "collalign.stability",
     "dense_correspondence": "collalign.dense",
     "load": "collalign.collection",
+    "match_in_part": "collalign.partial",
     "match_rigid": "collalign.rigid",
     "match_shapes": "collalign.nonrigid",
     "synchronize": "collalign.synchronization",

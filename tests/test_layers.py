@@ -94,6 +94,7 @@ ROOMS = {
     "stability": {"align", "analysis", "collection", "engine", "options", "output", "products"},
     "batch": {"engine", "options", "stages"},
     "rigid": {"options", "stages"},
+    "partial": {"options", "stages"},
     "dense": {"engine", "options", "output", "products", "registration", "stages"},
     "transfer": {"dense", "engine", "landmarks", "output", "products", "registration"},
     "variation": {"analysis", "dense", "engine", "landmarks", "output", "products", "registration", "transfer"},

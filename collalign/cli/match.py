@@ -17,7 +17,10 @@ from collalign.nonrigid.page import vertices_map, write_match_page
 from collalign.nonrigid.pictures import draw_match
 from collalign.nonrigid.result import NonrigidMatch
 from collalign.options import TwoShapeOptions
+from collalign.partial import PartialMatch, match_in_part
+from collalign.products.collection import DOUBT
 from collalign.rigid import RigidMatch, match_rigid
+from data_tools.errors import OptionsError
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
@@ -39,6 +42,7 @@ def match(
     out: Path | None = None,
     json: Annotated[bool, Parameter(negative=())] = False,
     nonrigid: Annotated[bool, Parameter(negative=())] = False,
+    partial: Annotated[bool, Parameter(negative=())] = False,
     num_matches: int | None = None,
     unmatched_penalty: float | None = None,
     options: Annotated[TwoShapeOptions, Parameter(name="*")] = TwoShapeOptions(),  # noqa: B008
@@ -62,6 +66,9 @@ def match(
         Print match.json instead of a summary.
     nonrigid
         Match deformable shapes; the options of deformation and surface belong to this.
+    partial
+        Match the surfaces by what has a counterpart: rotations, shifts and sizes are searched (sizes stay with
+        --sampling.normalisation none), and the overlap of both is said.
     num_matches
         Partial shapes: match so many samples only, and leave the others out on both sides.
     unmatched_penalty
@@ -69,6 +76,12 @@ def match(
     """
     if nonrigid:
         return _match_nonrigid(target, source, out or Path("."), deformation, surface)
+    if partial:
+        if num_matches is not None or unmatched_penalty is not None or options.certify:
+            raise OptionsError(
+                "--partial works on surfaces: --num-matches, --unmatched-penalty and --certify are for samples"
+            )
+        return _match_partial(target, source, out, options, json=json)
     found = match_rigid(
         target, source, num_matches=num_matches, unmatched_penalty=unmatched_penalty, options=options, dense=dense
     )
@@ -100,8 +113,26 @@ def _summary(found: RigidMatch) -> str:
     return "\n".join([words, *("".join(f"{value:14.6g}" for value in row) for row in found.transform)])
 
 
+def _match_partial(target: Path, source: Path, out: Path | None, options: TwoShapeOptions, *, json: bool) -> int:
+    """Print and write the pose of two surfaces that overlap in part."""
+    found = match_in_part(target, source, options=options)
+    best, text = found.poses[0], json_text.dumps(found.record(), indent=1)
+    doubt = " (in doubt)" if found.confidence < DOUBT else ""
+    words = f"{found.source} -> {found.target}: confidence {percent(found.confidence)}{doubt}; "
+    words += f"{best.overlap_source:.0%} of it lies on {best.overlap_target:.0%} of the other"
+    rows = ("".join(f"{value:14.6g}" for value in row) for row in found.transform)
+    print(text if json else "\n".join([words, *rows]))
+    if out is not None:
+        with OutputFolder.open(out, writer=WRITER) as output:
+            output.stage("match.json").write_text(text, encoding="utf-8")
+            _draw_rigid(found, target, source, output, options.cleaning)
+            for path in output.publish():
+                print(path)
+    return 0
+
+
 def _draw_rigid(
-    found: RigidMatch, target: Path, source: Path, output: OutputFolder, cleaning: CleaningOptions
+    found: RigidMatch | PartialMatch, target: Path, source: Path, output: OutputFolder, cleaning: CleaningOptions
 ) -> None:
     """Stage a picture of both shapes in one pose, equal colours where they come to lie on each other."""
     left, right = (read_shape(file, cleaning) for file in (target, source))

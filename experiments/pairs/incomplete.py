@@ -52,12 +52,12 @@ CUT_SETS = (
     ("teeth", 20, 6, 0.25, TOLD, RANDOM),
     ("teeth", 20, 6, 0.25, AUTO, RANDOM),
     ("teeth", 20, 3, 0.5, TOLD, RANDOM),
-    ("mouse skulls", 62, 10, 0.33, TOLD, ROSTRUM),
+    ("mouse skulls", 20, 4, 0.33, TOLD, ROSTRUM),
 )
 #: Collections that lack nothing, and how many of their shapes are aligned.
-COMPLETE_SETS = (("glasses", 20), ("chair", 20), ("teeth", 20))
+COMPLETE_SETS = (("glasses", 20), ("teeth", 12))
 #: Pairs of each cell.
-NUM_PAIRS = 16
+NUM_PAIRS = 8
 #: Other tools on the same pairs, and the packages that they need.
 PEERS: dict[str, tuple[Callable[[Sequence[Shape], int], MatchedPairs], tuple[str, ...]]] = {
     "open3d": (open3d_pairs, ("open3d",)),

@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from collalign import TwoShapeOptions, match_rigid
+from collalign import TwoShapeOptions, match_in_part, match_rigid
 from collalign.cli import main
 from data_tools.datasets.synthetic import bent
-from data_tools.datasets.synthetic_shapes import figure
+from data_tools.datasets.synthetic_shapes import crown, figure
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from tests.pairwise.partial.test_partial_match import cut, moved
 
 
 @pytest.fixture
@@ -170,3 +171,27 @@ def test_an_overlap_in_part_is_proven_with_its_shift(tmp_path: Path, capsys: pyt
     assert 0.9 * record["energy"] - 1e-6 <= record["lower_bound"] <= record["energy"]
     np.testing.assert_allclose(np.array(record["transform"])[:3, :3], turn, atol=1e-6)
     assert record["candidates"][0]["map_target_source"].count(-1) == 1
+
+
+def test_surfaces_that_overlap_in_part_are_matched_and_say_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(1)
+    whole, turn = crown(rng, num_vertices=700), random_rotation(rng)
+    files = [str(write_mesh(tmp_path / "a.ply", whole))]
+    part = cut(whole, np.array([1.0, 0.2, 0.0]), 0.3)
+    files.append(str(write_mesh(tmp_path / "b.ply", moved(part, turn, 1.0, np.array([2.0, 0.0, 1.0])))))
+    flags = ["--partial", "--sampling.normalisation", "none"]
+    assert main(["match", *files, *flags, "--out", str(tmp_path / "out")]) == 0
+    assert "of it lies on" in capsys.readouterr().out
+    record = json.loads((tmp_path / "out" / "match.json").read_text())
+    assert rotation_angle_deg(np.array(record["transform"])[:3, :3] @ turn, np.eye(3)) < 5
+    assert np.linalg.norm(np.array(record["transform"])[:3, 3] + turn.T @ [2.0, 0.0, 1.0]) < 0.2
+    overlap = record["candidates"][0]["overlap"]
+    assert overlap["source"] > 0.9 > overlap["target"] > 0.5
+    assert 0.5 < record["confidence"] <= 1
+    found = match_in_part(*files, options=TwoShapeOptions(group="O"))
+    assert found.transforms.shape == (len(found.poses), 4, 4)
+    assert "of it on" in repr(found)
+    assert main(["match", *files, "--partial", "--num-matches", "3"]) == 2
+    assert "--partial works on surfaces" in capsys.readouterr().err
