@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import tempfile
 from pathlib import Path
@@ -51,6 +52,16 @@ def correction() -> None:
         download.scroll_into_view_if_needed()
         download.locator("..").screenshot(path=HERE / "howto" / "correction-download.png")
         browser.close()
+
+
+def two_shapes() -> None:
+    """The picture that ``collalign match`` writes of the two chairs of the tutorial."""
+    page = (HERE / "tutorials" / "two-shapes.md").read_text("utf-8")
+    code = page.partition("```python\n")[2].partition("```")[0]
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        exec(code, {})
+        collalign_command(["match", "A.ply", "B.ply", "--out", "AB"])
+        shutil.copy("AB/match.png", HERE / "tutorials" / "two-shapes.png")
 
 
 def candidates() -> None:
@@ -112,5 +123,6 @@ def random_rotation_near(rng: np.random.Generator, spread_rad: float) -> np.ndar
 if __name__ == "__main__":
     contact_sheet()
     correction()
+    two_shapes()
     candidates()
     synchronization()

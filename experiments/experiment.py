@@ -115,6 +115,8 @@ class Experiment:
         Takes a :class:`Bench` and returns an :class:`Outcome`.
     collections : tuple of str
         Folders of the data that it cannot do without.
+    seen : tuple of str
+        Those of :data:`experiments.seen.SEEN` that its tables are about: the page says what was chosen on them.
     """
 
     name: str
@@ -122,6 +124,7 @@ class Experiment:
     about: str
     measure: Callable[[Bench], Outcome]
     collections: tuple[str, ...] = ()
+    seen: tuple[str, ...] = ()
 
 
 @dataclass(kw_only=True)

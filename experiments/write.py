@@ -10,6 +10,7 @@ from pathlib import Path
 from data_tools.io.files import write_atomic
 from experiments.experiment import Bench, Experiment, Outcome, Plot
 from experiments.provenance import describe_versions
+from experiments.seen import seen_note
 
 #: Folder of the experiments' files, beside the page.
 RESULTS = "results"
@@ -74,6 +75,7 @@ def write_page(names: Iterable[str], folder: Path) -> Path:
 
 def _section(experiment: Experiment, outcome: Outcome, bench: Bench) -> str:
     parts = [f"## {experiment.title}", experiment.about.strip()]
+    parts += [seen_note(experiment.seen)] if experiment.seen else []
     parts += [table.to_markdown().strip() for table in outcome.tables]
     parts += [f"![{plot.title}]({_stem(experiment, plot.name)}.png)" for plot in outcome.plots]
     if outcome.text:

@@ -239,6 +239,7 @@ EXPERIMENT = Experiment(
     name="classification",
     title="Table 1: teeth classified by their nearest neighbour",
     about=_ABOUT,
+    seen=("teeth",),
     measure=measure,
     collections=(FOLDER,),
 )

@@ -257,6 +257,7 @@ EXPERIMENT = Experiment(
     name="collections",
     title="Collections: pairs alone, synchronized, and older ways",
     about=_ABOUT,
+    seen=("teeth", "shrec07"),
     measure=measure,
     collections=(TEETH_FOLDER, CLASSES_FOLDER),
 )

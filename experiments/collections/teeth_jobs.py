@@ -234,6 +234,7 @@ EXPERIMENT = Experiment(
     name="teeth_jobs",
     title="Aligning 8, 20 and 116 teeth from random poses",
     about=_ABOUT,
+    seen=("teeth",),
     measure=measure,
     collections=("teeth_pnas116",),
 )

@@ -159,6 +159,7 @@ EXPERIMENT = Experiment(
     name="figure13",
     title="Figure 13: collections with d = 3 and d = 7",
     about=_ABOUT,
+    seen=("shrec07",),
     measure=measure,
     collections=(CLASSES_FOLDER,),
 )

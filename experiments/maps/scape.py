@@ -31,5 +31,10 @@ def measure(bench: Bench) -> Outcome:
 
 
 EXPERIMENT = Experiment(
-    name="scape", title="SCAPE: maps of bodies", about=_ABOUT, measure=measure, collections=(FOLDERS["scape"],)
+    name="scape",
+    title="SCAPE: maps of bodies",
+    about=_ABOUT,
+    seen=("scape",),
+    measure=measure,
+    collections=(FOLDERS["scape"],),
 )

@@ -33,6 +33,7 @@ EXPERIMENT = Experiment(
     name="shrec07_maps",
     title="SHREC07: maps within classes",
     about=_ABOUT,
+    seen=("shrec07",),
     measure=measure,
     collections=("shrec07_dev",),
 )

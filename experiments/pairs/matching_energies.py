@@ -207,6 +207,7 @@ EXPERIMENT = Experiment(
     name="matching_energies",
     title="The matcher against random starts",
     about=_ABOUT,
+    seen=("teeth", "shrec07"),
     measure=measure,
     collections=(TEETH_FOLDER, CLASSES_FOLDER),
 )

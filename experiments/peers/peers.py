@@ -206,6 +206,7 @@ EXPERIMENT = Experiment(
     name="peers",
     title="Other tools: the same collections with the same clock",
     about=_ABOUT,
+    seen=("teeth", "shrec07"),
     measure=measure,
     collections=(TEETH_FOLDER, CLASSES_FOLDER),
 )

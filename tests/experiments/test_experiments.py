@@ -15,6 +15,7 @@ from experiments import NAMES, load_experiment
 from experiments.__main__ import app
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.figures import theorem3
+from experiments.seen import seen_note
 from experiments.tables import Column, Table, differences
 from experiments.write import write_experiment, write_page
 
@@ -151,3 +152,14 @@ def test_what_can_be_measured_has_been(name: str, shared_data: Path) -> None:
     if not all((shared_data / folder).is_dir() for folder in load_experiment(name).collections):
         pytest.skip("its collection is not here")
     assert (ROOT / "results" / f"{name}.md").is_file()
+
+
+def test_pages_say_on_which_of_their_collections_constants_were_chosen() -> None:
+    named = {name for name in NAMES if (ROOT / "results" / f"{name}.md").is_file() and load_experiment(name).seen}
+    assert {"collections", "figure13", "peers", "scape", "shrec07_maps", "teeth_jobs"} <= named
+    for name in named:
+        section = (ROOT / "results" / f"{name}.md").read_text("utf-8")
+        experiment = load_experiment(name)
+        assert f"{experiment.about.strip()}\n\n{seen_note(experiment.seen)}\n" in section
+    assert "molars" in seen_note(["teeth"])
+    assert "SHREC07" not in seen_note(["teeth"])

@@ -221,8 +221,14 @@ def _note(sides: Sides, num_better: int, names: tuple[str, ...]) -> str:
             f"by a median factor of {np.exp(sides.median_between):.2f} in energy; {sides.contradicted:.1%} of the "
             f"evidence contradicts the sides (--group SO forbids mirror images)."
         )
-    evidence = f"in {num_better} of {sides.num_pairs} pairs of similar shapes the mirror image fits better"
+    pairs = "pairs" if sides.num_pairs != 1 else "pair"
+    evidence = f"in {num_better} of {sides.num_pairs} {pairs} of similar shapes the mirror image fits better"
     if not (sides.are_suspected and sides.median_between >= _WORTH_A_WORD):
+        if len(names) < MIN_SHAPES:
+            return (
+                f"No shape is mirrored: {len(names)} shapes are too few to notice that left and right specimens are "
+                f"mixed; if they are, align with --group O."
+            )
         return f"No shape is mirrored: no mix of left and right specimens was noticed ({evidence})."
     why = "so few shapes cannot tell" if len(names) < MIN_SHAPES else "the evidence is not clear enough"
     return (

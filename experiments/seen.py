@@ -1,0 +1,24 @@
+"""On which collections constants of the toolkit were chosen: what is measured on these is not held out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+#: Collections that constants were chosen on, and which, by name of the collection.
+SEEN = {
+    "teeth": (
+        "the 116 molars (weights of the invariants, dense stage, sides of specimens, confidence, incomplete shapes, "
+        "registration)"
+    ),
+    "shrec07": (
+        "the classes of SHREC07 (weights of the invariants, dense stage, when maps are asked for and how they judge "
+        "poses, confidence)"
+    ),
+    "scape": "SCAPE (maps, when maps are asked for)",
+}
+
+
+def seen_note(collections: Iterable[str]) -> str:
+    """Return the sentence that marks figures on collections of :data:`SEEN`."""
+    listed = "; ".join(SEEN[name] for name in collections)
+    return f"**Not held out.** Constants of the toolkit were chosen while looking at {listed}."
