@@ -13,9 +13,11 @@ the energy of the centred points. The first term at (R0, t0) is at most |M| (s +
 E_c(R0) - E_c(R*) <= 2 (1 - cos r) K as :mod:`pairwise.branch_and_bound.bounds` shows, with K = s1(P) s1(Q) +
 s2(P) s2(Q) of *all* points: leaving points out and centring are projections, which raise no singular value. So
 
-    E*  >=  min over maps of sum over matches (cost at (R0, t0) - (s + 2 sin(r / 2) max|p|)^2)  -  2 (1 - cos r) K,
+    E*  >=  min over maps of sum over matches (cost at (R0, t0) - (s + 2 sin(r / 2) L)^2)  -  2 (1 - cos r) K,
 
-an assignment. It holds for poses that are best for their own map, the optimum among them, and loses second order.
+an assignment. L bounds |mean(p)|: with at most u points left out it is at most (|sum of all p| + the u longest) /
+(n - u), and at most the longest. The bound holds for poses that are best for their own map, the optimum among them,
+and loses second order.
 """
 
 from __future__ import annotations
@@ -71,20 +73,22 @@ class MotionBounds:
         In three dimensions, of unit weights.
     origin : ndarray, shape (3,)
         In the source's coordinates.
+    most_unmatched : int
+        How many source points the poses sought leave out at most.
 
     Attributes
     ----------
     num_columns : int
         The target points, and one more per source point that may stay unmatched.
     lever : float
-        Greatest distance of a source point from the origin.
+        Greatest distance from the origin of the mean of source points of which at most so many are left out.
     """
 
-    def __init__(self, problem: Problem, origin: FloatArray) -> None:
+    def __init__(self, problem: Problem, origin: FloatArray, most_unmatched: int) -> None:
         self.problem = problem
         self.source = np.ascontiguousarray(problem.source - origin)
         self._lengths = np.linalg.norm(self.source, axis=1)
-        self.lever = float(self._lengths.max())
+        self.lever = _lever(self.source, most_unmatched)
         costs = (problem.target**2).sum(axis=1)[:, None] + self._lengths**2 + problem.constant_cost
         fixed = np.where(problem.allowed, costs, np.inf).T
         spare = np.full((problem.num_source, problem.max_unmatched), problem.unmatched_cost)
@@ -167,6 +171,14 @@ class MotionBounds:
         half = np.sin(0.5 * np.minimum(cells.angles, np.pi))
         turn = 4.0 * half**2 * self._curvature
         return np.asarray(turn), np.asarray((cells.reaches + 2.0 * half * self.lever) ** 2)
+
+
+def _lever(source: FloatArray, most_unmatched: int) -> float:
+    """Return how far from the origin the mean may be of all points but at most so many."""
+    lengths = np.sort(np.linalg.norm(source, axis=1))[::-1]
+    left_out = np.arange(min(most_unmatched, len(source) - 1) + 1)
+    sums = np.linalg.norm(source.sum(axis=0)) + np.append(0.0, np.cumsum(lengths))[left_out]
+    return float(min(lengths[0], (sums / (len(source) - left_out)).max()) * (1.0 + 64.0 * _EPS))
 
 
 def _curvature(problem: Problem) -> float:

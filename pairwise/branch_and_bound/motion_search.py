@@ -89,7 +89,7 @@ class MotionSearch:
     def _screened(self) -> tuple[FloatArray, FloatArray]:
         """Return the rotations of an even set, with shifts that put a point onto another, of the least costs."""
         problem, turns = self.problem, rotation_set(3, _NUM_SCREENED)
-        evaluate = MotionBounds(problem, np.zeros(3))
+        evaluate = MotionBounds(problem, np.zeros(3), problem.max_unmatched)
         costs, shifts, still = [], [], np.zeros(problem.num_source * problem.num_target)
         for turn in turns:
             moved = problem.source @ turn.T
@@ -128,18 +128,23 @@ class MotionSearch:
 
     def _reach(self, num: int, other: float) -> float:
         """Return the radius in which some of so many anchors must lie; infinite where all may be unmatched."""
-        problem, energy = self.problem, min(float(self.best.energies[0]), other)
-        cost, most = problem.unmatched_cost, problem.max_unmatched
-        if cost > 0:
-            most = min(most, int(energy / cost), problem.num_source - 1)
+        cost, most = self.problem.unmatched_cost, self._most_unmatched(other)
+        energy = min(float(self.best.energies[0]), other)
         if num <= most:
             return math.inf
         unmatched = np.arange(most + 1)
         return float(np.sqrt(((energy - cost * unmatched) / (num - unmatched)).max()))
 
+    def _most_unmatched(self, other: float) -> int:
+        """Return how many points a pose leaves out at most that is better than the best one."""
+        problem, energy = self.problem, min(float(self.best.energies[0]), other)
+        if problem.unmatched_cost <= 0:
+            return problem.max_unmatched
+        return min(problem.max_unmatched, int(energy / problem.unmatched_cost), problem.num_source - 1)
+
     def _search(self, anchor: int, place: int, deadline: float, other: float) -> float:
         """Search the poses that put an anchor near a target point; return the least bound of what was settled."""
-        evaluate = MotionBounds(self.problem, self.problem.source[anchor])
+        evaluate = MotionBounds(self.problem, self.problem.source[anchor], self._most_unmatched(other))
         reach = self._reach(self._num_anchors, other) * (1.0 + 1e-9) + 1e-12
         whole, settled = Cells.whole(3), math.inf
         found = _Open(

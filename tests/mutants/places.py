@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from tests.mutants.branch_and_bound import BRANCH_AND_BOUND
 from tests.mutants.collections import COLLECTIONS, ENGINE, NONRIGID, SHAPES
+from tests.mutants.incomplete import INCOMPLETE
 from tests.mutants.proofs import MATCHING, VERIFIERS
 from tests.mutants.trust import TRUST
 
-MUTANTS = (*VERIFIERS, *MATCHING, *BRANCH_AND_BOUND, *COLLECTIONS, *TRUST, *ENGINE, *NONRIGID, *SHAPES)
+MUTANTS = (*VERIFIERS, *MATCHING, *BRANCH_AND_BOUND, *INCOMPLETE, *COLLECTIONS, *TRUST, *ENGINE, *NONRIGID, *SHAPES)
