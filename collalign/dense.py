@@ -14,8 +14,11 @@ from collalign.products.dense import DenseCorrespondence
 from collalign.products.evidence import CollectionView
 from collalign.registration.mean import medoid
 from collalign.registration.options import RegistrationOptions
+from collalign.registration.pose import moved_by
 from collalign.stages.dense import PosedFile, correspond
+from data_tools.arrays import IntArray
 from data_tools.io.source import hash_source
+from data_tools.surface.topology import mesh_edges
 from data_tools.threads import one_blas_thread
 
 
@@ -80,10 +83,16 @@ def dense_correspondence(
         for at in members
     ]
     whole = [at for at in members if not view.is_incomplete[at]] or members
-    samples = [view.aligned_samples[at] for at in whole]
-    reference = members.index(whole[medoid([cloud[np.isfinite(cloud).all(axis=1)] for cloud in samples])])
+    clouds = [moved_by(view.transforms[at], view.vertices[at]) for at in whole]
+    closed = [place for place, at in enumerate(whole) if _is_closed(view.faces[at])]
+    reference = members.index(whole[medoid(clouds, closed)])
     with Session.open(options or RegistrationOptions(), run or RunOptions(), progress_display(progress)) as session:
         return correspond(session, files, reference)
+
+
+def _is_closed(faces: IntArray) -> bool:
+    """Whether a mesh has no rim: one that lends its triangles should not have a hole where others have something."""
+    return bool(len(faces)) and not len(mesh_edges(faces).boundary)
 
 
 def largest_group(view: CollectionView) -> list[int]:

@@ -148,6 +148,20 @@ def test_the_medoid_is_in_the_middle() -> None:
     cloud = np.random.default_rng(6).random((50, 3))
     assert medoid([cloud, cloud + 0.4, cloud + 0.8]) == 1
     assert medoid([cloud, cloud]) == 0
+    assert medoid([cloud, cloud + 0.4, cloud + 0.8], [0, 2]) in (0, 2)
+
+
+def test_the_medoid_of_dense_clouds_does_not_depend_on_where_their_points_lie() -> None:
+    radii = (0.8, 0.98, 1.0, 1.03, 1.2)
+
+    def found(num: int) -> set[int]:
+        rng = np.random.default_rng(7)
+        directions = rng.standard_normal((10, len(radii), num, 3))
+        unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        return {medoid(list(one * np.array(radii)[:, None, None])) for one in unit}
+
+    assert found(4000) == {2}
+    assert len(found(40)) > 1, "few points would not tell"
 
 
 def test_impossible_options_are_refused() -> None:
