@@ -8,6 +8,7 @@ from pathlib import Path
 from collalign.output.evidence.file import load_view
 from collalign.output.exports import fcsv, itk, meshes, morphologika, nts, shapeworks, slicer_json, tables, tps
 from collalign.output.exports.request import ExportRequest, Space
+from collalign.output.exports.specimen_names import incomplete_table
 from collalign.products.evidence import CollectionView
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
@@ -65,7 +66,7 @@ def export(
     Returns
     -------
     tuple of Path
-        The files written.
+        The files written; ``incomplete.csv`` is among them where shapes of the collection lack parts.
 
     Raises
     ------
@@ -87,7 +88,7 @@ def export(
                 sources=Path(sources) if sources else None,
                 semilandmarks=semilandmarks if space != "procrustes" else (),
             )
-            staged = FORMATS[format](request)
+            staged = (*FORMATS[format](request), *incomplete_table(request))
             output.publish()
             return tuple(output.published(path) for path in staged)
     except OSError as error:

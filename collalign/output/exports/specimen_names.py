@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from collalign.output.exports.request import ExportRequest, incomplete_columns, label_columns
 from data_tools.io.csv_cells import csv_text
 
@@ -65,3 +67,15 @@ def specimen_table(request: ExportRequest, written: list[str]) -> Path:
     }
     columns |= label_columns(view, columns)
     return request.write("specimens.csv", csv_text([columns, *zip(*columns.values(), strict=True)]))
+
+
+def incomplete_table(request: ExportRequest) -> tuple[Path, ...]:
+    """Write ``incomplete.csv`` where shapes lack parts: which, why they count as such, and what they cover."""
+    view = request.view
+    if not view.incomplete:
+        return ()
+    lacking = np.isnan(view.samples).any(axis=2).sum(axis=1)
+    rows: list[list[Any]] = [["name", "reason", "coverage", "missing_landmarks", "landmarks"]]
+    for one in view.incomplete:
+        rows.append([view.names[one.shape], one.reason, one.coverage, int(lacking[one.shape]), view.samples.shape[1]])
+    return (request.write("incomplete.csv", csv_text(rows)),)
