@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.spatial import cKDTree
 
 from collalign.options import ALL, AUTO, NEVER, AlignOptions
@@ -33,6 +36,8 @@ NUM_PARTNERS = 6
 #: Steps from the common pose, which centroids and sizes of different parts have shifted.
 _STEPS = (0.35,) * 4 + (0.25,) * 8
 _NUM_POINTS = 200
+#: Surfaces with their grids, a quarter of a MiB each, that are held at a time.
+MOST_HELD = 2000
 #: Fewer shapes cannot tell which of them is incomplete, nor can they where more than this share seems to be.
 MIN_SHAPES, MOST_MISSING = 5, 0.5
 
@@ -79,19 +84,27 @@ def find_incomplete(
     bends = aligned.search_gain is not None
     if bends or len(samples) < MIN_SHAPES or not all(len(item.dense_positions) >= _NUM_POINTS for item in samples):
         return {}
-    surfaces = [posed_samples(item, pose) for item, pose in zip(samples, aligned.transforms, strict=True)]
-    if not any(surface.on_rim.any() for surface in surfaces):
+    surface = lru_cache(MOST_HELD)(lambda i: posed_samples(samples[i], aligned.transforms[i]))
+    has_rim = [bool(surface(i).on_rim.any()) for i in range(len(samples))]
+    if not any(has_rim):
         return {}
-    shares = {}
-    for i, near in enumerate(_nearest(aligned, len(samples))):
-        partners = [surfaces[j] for j in near]
-        if partners and surfaces[i].on_rim.any():
-            shares[i] = share_beyond(surfaces[i], partners)
+    nearest, shares = _nearest(aligned, len(samples)), {}
+    for i in _neighbours_together(nearest):
+        if nearest[i] and has_rim[i]:
+            shares[i] = share_beyond(surface(i), [surface(j) for j in nearest[i]])
         advance()
-    found = {i: share for i, share in shares.items() if share >= MISSING_SHARE and _may_be_cut(aligned, i)}
+    found = {i: shares[i] for i in sorted(shares) if shares[i] >= MISSING_SHARE and _may_be_cut(aligned, i)}
     if len(found) > MOST_MISSING * len(samples):
         return {}
     return {i: f"{share:.0%} of the shapes most like it lie beyond its rim" for i, share in found.items()}
+
+
+def _neighbours_together(nearest: Sequence[Sequence[int]]) -> list[int]:
+    """Return all shapes in an order in which those that have partners in common are near each other."""
+    ends = np.array([(i, j) for i, near in enumerate(nearest) for j in near], dtype=np.int64).reshape(-1, 2)
+    graph = coo_array((np.ones(len(ends)), ends.T), shape=(len(nearest), len(nearest))).tocsr()
+    order: list[int] = reverse_cuthill_mckee(graph + graph.T, symmetric_mode=True).tolist()
+    return order
 
 
 def _may_be_cut(aligned: Collection, shape: int) -> bool:

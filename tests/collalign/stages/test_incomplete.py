@@ -172,6 +172,9 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path: Path, monke
     clouds = {f"cloud{n}": blob(rng, num_vertices=400).vertices for n in range(5)}
     open_ones = align_collection(clouds, options=replace(OPTIONS, incomplete="never"), progress=False)
     assert len(find_incomplete(samples, open_ones)) == 5
+    found = find_incomplete(samples, open_ones)
+    monkeypatch.setattr("collalign.stages.incomplete.detect.MOST_HELD", 1)
+    assert list(find_incomplete(samples, open_ones).items()) == list(found.items())
     assert find_incomplete(samples, replace(open_ones, search_gain=0.0)) == {}
 
 
