@@ -11,7 +11,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from data_tools.errors import OptionsError
-from experiments.calibration import confidence, evidence, incomplete, maps, model, radii, registration, sides
+from experiments.calibration import (
+    confidence,
+    evidence,
+    incomplete,
+    maps,
+    margins,
+    model,
+    radii,
+    registration,
+    sides,
+)
 from experiments.calibration.scan import Constant
 from experiments.tables import Column, Table
 
@@ -20,6 +30,7 @@ CALIBRATIONS = {
     "evidence": evidence.CALIBRATION,
     "incomplete": incomplete.CALIBRATION,
     "maps": maps.CALIBRATION,
+    "margins": margins.CALIBRATION,
     "model": model.CALIBRATION,
     "radii": radii.CALIBRATION,
     "registration": registration.CALIBRATION,

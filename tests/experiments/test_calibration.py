@@ -93,7 +93,7 @@ def test_the_logit_finds_what_tells_right_poses() -> None:
 @pytest.mark.data
 @pytest.mark.parametrize(
     ("name", "collection"),
-    [("model", "glasses"), ("sides", "teeth"), ("evidence", "glasses")],
+    [("model", "glasses"), ("sides", "teeth"), ("evidence", "glasses"), ("margins", "chair")],
 )
 def test_quick_calibrations_measure_every_constant(shared_data: Path, name: str, collection: str) -> None:
     rows = calibrate(name, shared_data, [collection], quick=True).rows
