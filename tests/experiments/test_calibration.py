@@ -101,3 +101,6 @@ def test_quick_calibrations_measure_every_constant(shared_data: Path, name: str,
     for row in rows:
         assert row["measured"]
         assert name == "model" or isfinite(float(str(row["now"])))
+    if name == "model":
+        assert 0 < float(str(rows[0]["measured"])) < 0.35
+        assert 0 <= float(str(rows[1]["measured"])) < 1
