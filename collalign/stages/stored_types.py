@@ -7,8 +7,6 @@ record depends on the file's content alone, and a repeated run gives the same by
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any
 
@@ -16,24 +14,31 @@ import numpy as np
 
 from collalign.engine.store.records import Record
 from collalign.products.pair import Pair
+from collalign.stages.record_fields import (
+    MAX_INDEX,
+    checked,
+    floats,
+    indices,
+    listed,
+    number,
+    positive,
+    status,
+    text,
+)
 from data_tools.arrays import (
     FloatArray,
-    IntArray,
-    as_floats,
     as_indices,
     as_points,
     as_rotations,
     read_only,
 )
 from data_tools.embedding.embedding import Samples
-from data_tools.errors import InputError, SolveFailed, StoreError
+from data_tools.errors import InputError, SolveFailed
 from pairwise.branch_and_bound.poses import PoseList
 from pairwise.branch_and_bound.tilted import TiltedProof
 from pairwise.certificates.certificate import Certificate
 from pairwise.results import MatchResult
-from pairwise.status import Status
 
-_MAX_INDEX = 2**31
 #: Most listed poses and regions of a pair: more candidates would make synchronization slow.
 MOST_LISTED = 32
 
@@ -74,33 +79,33 @@ def samples_from_record(record: Record, name: str) -> Samples:
     StoreError
         If a field is missing, of another shape, or impossible.
     """
-    with _as_store_error(name):
+    with checked(f"record of {name}"):
         positions = as_points(record["positions"], "positions", dim=3)
         k = len(positions)
-        block_sizes = tuple(_positive(size, "block_sizes") for size in _listed(record["block_sizes"], "block_sizes"))
+        block_sizes = tuple(positive(size, "block_sizes") for size in listed(record["block_sizes"], "block_sizes"))
         if block_sizes[:1] != (3,) or len(block_sizes) > 2:
             raise InputError(f"block_sizes: expected (3,) or (3, m), got {block_sizes}")
-        dense_indices = _indices(record["dense_indices"], "dense_indices")
-        scale = _number(record["scale"], "scale")
+        dense_indices = indices(record["dense_indices"], "dense_indices")
+        scale = number(record["scale"], "scale")
         if not 0 < scale < np.inf:
             raise InputError(f"scale: expected a positive number, got {scale}")
-        invariants = _floats(record["invariants"], "invariants", (k, None))
+        invariants = floats(record["invariants"], "invariants", (k, None))
         return Samples(
             name=name,
-            vertex_indices=_indices(record["vertex_indices"], "vertex_indices", num=k),
+            vertex_indices=indices(record["vertex_indices"], "vertex_indices", num=k),
             positions=read_only(positions),
-            coordinates=_floats(record["coordinates"], "coordinates", (k, sum(block_sizes))),
+            coordinates=floats(record["coordinates"], "coordinates", (k, sum(block_sizes))),
             block_sizes=block_sizes,
             invariants=invariants,
-            offset=_floats(record["offset"], "offset", (3,)),
+            offset=floats(record["offset"], "offset", (3,)),
             scale=scale,
             dense_indices=dense_indices,
-            dense_positions=_floats(record["dense_positions"], "dense_positions", (len(dense_indices), 3)),
+            dense_positions=floats(record["dense_positions"], "dense_positions", (len(dense_indices), 3)),
             dense_normals=_normals(record["dense_normals"], len(dense_indices)),
-            dense_invariants=_floats(
+            dense_invariants=floats(
                 record["dense_invariants"], "dense_invariants", (len(dense_indices), invariants.shape[1])
             ),
-            notes=tuple(_text(note, "notes") for note in _listed(record["notes"], "notes")),
+            notes=tuple(text(note, "notes") for note in listed(record["notes"], "notes")),
         )
 
 
@@ -144,11 +149,11 @@ def pair_from_record(record: Record, name: str, target: int = 0, source: int = 1
     StoreError
         If a field is missing, of another shape, or impossible.
     """
-    with _as_store_error(name):
-        energies = _floats(record["energies"], "energies", (None,))
+    with checked(f"record of {name}"):
+        energies = floats(record["energies"], "energies", (None,))
         num_poses = len(energies)
-        rotations = as_rotations(_floats(record["rotations"], "rotations", (num_poses, None, None)), "rotations")
-        maps = as_indices(record["maps"], "maps", lower=-1, upper=_MAX_INDEX, shape=(num_poses, None))
+        rotations = as_rotations(floats(record["rotations"], "rotations", (num_poses, None, None)), "rotations")
+        maps = as_indices(record["maps"], "maps", lower=-1, upper=MAX_INDEX, shape=(num_poses, None))
         if num_poses == 0:
             raise InputError("holds no pose")
         return Pair(
@@ -157,9 +162,9 @@ def pair_from_record(record: Record, name: str, target: int = 0, source: int = 1
             rotations=read_only(rotations),
             maps=read_only(maps),
             energies=energies,
-            gaps=_floats(record["gaps"], "gaps", (num_poses,)) if "gaps" in record else _NO_GAPS,
-            lower_bound=_number(record["lower_bound"], "lower_bound", allow_nan=True),
-            status=_status(record["status"]).name,
+            gaps=floats(record["gaps"], "gaps", (num_poses,)) if "gaps" in record else _NO_GAPS,
+            lower_bound=number(record["lower_bound"], "lower_bound", allow_nan=True),
+            status=status(record["status"]).name,
         )
 
 
@@ -205,30 +210,30 @@ def proof_from_record(record: Record, name: str) -> Record:
     StoreError
         If a field is missing, of another shape, or impossible.
     """
-    with _as_store_error(name):
+    with checked(f"record of {name}"):
         if not isinstance(record["chirality_proven"], bool):
             raise InputError("chirality_proven: expected true or false")
-        energies = _floats(record["listed_energies"], "listed_energies", (None,))
-        radii = _floats(record["region_radii_rad"], "region_radii_rad", (None,))
-        listed = _floats(record["listed_rotations"], "listed_rotations", (len(energies), None, None))
-        regions = _floats(record["regions"], "regions", (len(radii), None, None))
+        energies = floats(record["listed_energies"], "listed_energies", (None,))
+        radii = floats(record["region_radii_rad"], "region_radii_rad", (None,))
+        listed = floats(record["listed_rotations"], "listed_rotations", (len(energies), None, None))
+        regions = floats(record["regions"], "regions", (len(radii), None, None))
         maps = as_indices(
-            record["listed_maps"], "listed_maps", lower=-1, upper=_MAX_INDEX, shape=(len(energies), None)
+            record["listed_maps"], "listed_maps", lower=-1, upper=MAX_INDEX, shape=(len(energies), None)
         )
         return {
-            "lower_bound": _number(record["lower_bound"], "lower_bound"),
-            "status": _status(record["status"]).name,
-            "energy": _number(record["energy"], "energy"),
+            "lower_bound": number(record["lower_bound"], "lower_bound"),
+            "status": status(record["status"]).name,
+            "energy": number(record["energy"], "energy"),
             "rotation": read_only(as_rotations(record["rotation"], "rotation")),
-            "map": _indices(record["map"], "map"),
+            "map": indices(record["map"], "map"),
             "chirality_proven": record["chirality_proven"],
             "certificate": None if record["certificate"] is None else _certificate(record["certificate"]),
             "listed_rotations": read_only(as_rotations(listed, "listed_rotations")),
             "listed_maps": read_only(maps),
             "listed_energies": energies,
-            "gap": _number(record["gap"], "gap", allow_nan=True),
-            "listed_gaps": _floats(record["listed_gaps"], "listed_gaps", (len(energies),)),
-            "complete_within": _number(record["complete_within"], "complete_within", allow_nan=True),
+            "gap": number(record["gap"], "gap", allow_nan=True),
+            "listed_gaps": floats(record["listed_gaps"], "listed_gaps", (len(energies),)),
+            "complete_within": number(record["complete_within"], "complete_within", allow_nan=True),
             "regions": read_only(as_rotations(regions, "regions")),
             "region_radii_rad": radii,
         }
@@ -251,11 +256,11 @@ def tilted_from_record(record: Record, name: str) -> TiltedProof:
     StoreError
         If a field is missing, of another shape, or impossible.
     """
-    with _as_store_error(name):
-        energies = _floats(record["energies"], "energies", (None,))
-        rotations = as_rotations(_floats(record["rotations"], "rotations", (len(energies), 3, 3)), "rotations")
+    with checked(f"record of {name}"):
+        energies = floats(record["energies"], "energies", (None,))
+        rotations = as_rotations(floats(record["rotations"], "rotations", (len(energies), 3, 3)), "rotations")
         return TiltedProof(
-            lower_bound=_number(record["lower_bound"], "lower_bound"),
+            lower_bound=number(record["lower_bound"], "lower_bound"),
             rotations=read_only(rotations),
             energies=energies,
         )
@@ -270,66 +275,15 @@ def _certificate(fields: Any) -> Certificate:
     if not all(isinstance(values, np.ndarray) for values in fields["arrays"].values()):
         raise InputError("certificate: one of its arrays is none")
     return Certificate(
-        kind=_text(fields["kind"], "kind"),
+        kind=text(fields["kind"], "kind"),
         arrays=fields["arrays"],
-        problem_hash=_text(fields["problem_hash"], "problem_hash"),
-        bound=_number(fields["bound"], "bound"),
+        problem_hash=text(fields["problem_hash"], "problem_hash"),
+        bound=number(fields["bound"], "bound"),
     )
 
 
-@contextmanager
-def _as_store_error(name: str) -> Iterator[None]:
-    """Report whatever is wrong with a record as damage of the store."""
-    try:
-        yield
-    except KeyError as error:
-        raise StoreError(f"stored record of {name}: {error} is missing") from None
-    except (InputError, TypeError, ValueError) as error:
-        raise StoreError(f"stored record of {name}: {error}") from None
-
-
-def _floats(value: Any, name: str, shape: tuple[int | None, ...]) -> FloatArray:
-    return read_only(as_floats(value, name, shape=shape))
-
-
-def _indices(value: Any, name: str, num: int | None = None) -> IntArray:
-    return read_only(as_indices(value, name, upper=_MAX_INDEX, shape=(num,)))
-
-
 def _normals(value: Any, num: int) -> FloatArray:
-    normals = _floats(value, "dense_normals", (None, 3))
+    normals = floats(value, "dense_normals", (None, 3))
     if len(normals) not in (0, num):
         raise InputError(f"dense_normals: expected none or {num}, got {len(normals)}")
     return normals
-
-
-def _number(value: Any, name: str, *, allow_nan: bool = False) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{name}: expected a number, got {type(value).__name__}")
-    if not allow_nan and value != value:
-        raise InputError(f"{name}: is NaN")
-    return float(value)
-
-
-def _positive(value: Any, name: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 < value < _MAX_INDEX:
-        raise InputError(f"{name}: expected a positive integer, got {value!r}")
-    return value
-
-
-def _listed(value: Any, name: str) -> list[Any]:
-    if not isinstance(value, list):
-        raise InputError(f"{name}: expected a list, got {type(value).__name__}")
-    return value
-
-
-def _text(value: Any, name: str) -> str:
-    if not isinstance(value, str):
-        raise InputError(f"{name}: expected text, got {type(value).__name__}")
-    return value
-
-
-def _status(value: Any) -> Status:
-    if not isinstance(value, str) or value not in Status.__members__:
-        raise InputError(f"status: {value!r} is none")
-    return Status[value]

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 
 from collalign.options import AlignOptions
-from collalign.stages.evidence import odds, weigh
+from collalign.stages.evidence import candidates, odds, weigh
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.rotations import rotation_angle_deg
 from experiments.calibration.matched import matched
@@ -39,7 +39,7 @@ def weighed_pairs(data: Path, collection: str, quick: bool) -> list[WeighedPair]
     found = []
     options = AlignOptions(group="SO", maps="always")
     with (
-        patched(weigh, {"MAX_CANDIDATES": MOST_POSES}),
+        patched(candidates, {"MAX_CANDIDATES": max(MOST_POSES, candidates.MAX_CANDIDATES)}),
         matched(data, collection, NUM_QUICK if quick else NUM_SHAPES, options) as all_pairs,
     ):
         at = [all_pairs.posed.names.index(name) for name in all_pairs.shapes.names]

@@ -9,8 +9,9 @@ from collalign.engine.store.records import Record
 from collalign.nonrigid.pose_maps import PosedSurface, posed_surface, prepare_posed, spectral_samples
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
+from collalign.stages.record_fields import checked
 from data_tools.arrays import as_floats, as_points, read_only
-from data_tools.errors import InputError, StoreError
+from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
@@ -52,7 +53,7 @@ def surface_from_record(record: Record, name: str) -> PosedSurface:
     StoreError
         If a field is missing, of another shape, or impossible.
     """
-    try:
+    with checked(f"surface of {name}"):
         vertices = as_points(record["vertices"], "vertices", dim=3)
         values = as_floats(record["eigenvalues"], "eigenvalues", shape=(None,))
         num, size = len(vertices), len(values)
@@ -72,10 +73,6 @@ def surface_from_record(record: Record, name: str) -> PosedSurface:
             orientation=orientation,
         )
         return posed_surface(spectral, read_only(as_floats(record["normals"], "normals", shape=(num, 3))))
-    except KeyError as error:
-        raise StoreError(f"stored surface of {name}: {error} is missing") from None
-    except (InputError, TypeError, ValueError) as error:
-        raise StoreError(f"stored surface of {name}: {error}") from None
 
 
 def prepare_surfaces(session: AlignSession, shapes: Shapes) -> dict[int, str]:

@@ -21,9 +21,10 @@ from collalign.products.shapes import Shapes
 from collalign.stages.evidence.candidates import PoseWeigher, WeighedPose, distinct
 from collalign.stages.evidence.odds import EVIDENCE, evidence_score
 from collalign.stages.evidence.surfaces import prepare_surfaces, surface_from_record
+from collalign.stages.record_fields import checked
 from collalign.stages.stored_types import samples_from_record
 from data_tools.arrays import FloatArray, as_floats, as_indices, as_rotations, read_only
-from data_tools.errors import InputError, StoreError
+from data_tools.errors import InputError
 
 #: Changes whenever the same surfaces and poses would give other candidates.
 EVIDENCE_VERSION = "evidence-2"
@@ -188,17 +189,13 @@ def weighed_poses(record: Record, num_samples: int, label: str) -> list[WeighedP
     StoreError
         If a field is missing, of another shape, or impossible.
     """
-    try:
+    with checked(f"evidence of {label}"):
         evidence = as_floats(record["evidence"], "evidence", shape=(None, len(EVIDENCE)))
         num = len(evidence)
         poses = as_rotations(as_floats(record["rotations"], "rotations", shape=(num, 3, 3)), "rotations")
         maps = as_indices(record["maps"], "maps", upper=num_samples, shape=(num, num_samples))
         if not num:
             raise InputError("holds no pose")
-    except KeyError as error:
-        raise StoreError(f"stored evidence of {label}: {error} is missing") from None
-    except (InputError, TypeError, ValueError) as error:
-        raise StoreError(f"stored evidence of {label}: {error}") from None
     return [
         WeighedPose(rotation=pose, point_map=point_map, evidence=row)
         for pose, point_map, row in zip(poses, maps, evidence, strict=True)

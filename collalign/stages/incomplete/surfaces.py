@@ -13,9 +13,10 @@ from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
+from collalign.stages.record_fields import checked
 from data_tools.arrays import FloatArray, as_floats, as_points
 from data_tools.embedding.surface_points import surface_points
-from data_tools.errors import CollectionError, InputError, StoreError
+from data_tools.errors import CollectionError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
@@ -84,7 +85,7 @@ def posed_points(record: Any, name: str, transform: FloatArray | None = None) ->
     StoreError
         If a field is missing, of another shape, or impossible.
     """
-    try:
+    with checked(f"points of {name}"):
         points = as_points(record["points"], "points", dim=3)
         normals = as_floats(record["normals"], "normals", shape=points.shape)
         on_rim = np.asarray(record["on_rim"]) != 0
@@ -93,7 +94,3 @@ def posed_points(record: Any, name: str, transform: FloatArray | None = None) ->
             points = points @ linear.T + transform[:3, 3]
             normals = normals @ linear.T / np.cbrt(abs(np.linalg.det(linear)))
         return PartialSurface.from_user(points, normals, on_rim, oriented=bool(record["oriented"]))
-    except KeyError as error:
-        raise StoreError(f"stored points of {name}: {error} is missing") from None
-    except (InputError, TypeError, ValueError) as error:
-        raise StoreError(f"stored points of {name}: {error}") from None
