@@ -34,6 +34,7 @@ _FOLDERS = {
     "landmarks": "peers",
     "teeth_jobs": "collections",
     "deformations": "collections",
+    "morphospace": "collections",
     "confidence": "confidence",
 }
 NAMES: tuple[str, ...] = tuple(_FOLDERS)

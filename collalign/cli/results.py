@@ -19,6 +19,9 @@ from collalign.output.exports import export as write_export
 from collalign.output.verify import verify_result
 from data_tools.errors import InputError
 
+#: Said below every classification.
+_DISTANCES = "By distances of surfaces: closest points at the poses, refined for near neighbours."
+
 
 def export(
     result: Path,
@@ -76,7 +79,8 @@ def classify(
     """Classify every shape by its nearest neighbour, leaving it out.
 
     The distance of two shapes is that of their surfaces, by closest points at their poses, of all pairs of near
-    neighbours after turning, shifting and scaling to fit best.
+    neighbours after turning, shifting and scaling to fit best. On 116 molars points in dense correspondence classify
+    no better.
 
     Parameters
     ----------
@@ -98,7 +102,7 @@ def classify(
         print(f"collalign: {sentence}", file=sys.stderr)
     distances = surface_distances(posed_clouds(view), view.part_numbers)
     found = classify_leave_one_out(distances, values, names=view.names, singles=singles)
-    print(json.dumps(found.as_dict(), indent=1) if as_json else found.table())
+    print(json.dumps(found.as_dict(), indent=1) if as_json else f"{found.table()}\n{_DISTANCES}")
     return 0
 
 

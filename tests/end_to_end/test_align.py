@@ -324,6 +324,8 @@ def test_export_and_classify_read_a_result(
     arguments = ["classify", str(out), "--labels", str(tmp_path / "labels.csv"), "--by", "kind", "--json"]
     assert main(arguments) == 0
     assert 0 <= json.loads(capsys.readouterr().out)["accuracy"] <= 1
+    assert main(arguments[:-1]) == 0
+    assert "closest points at the poses" in capsys.readouterr().out
     assert main(["export", str(out), "--format", "doc", "--to", str(tmp_path)]) == 2
     assert (out / "report.html").stat().st_size > 100_000
 

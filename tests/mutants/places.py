@@ -6,6 +6,18 @@ from tests.mutants.branch_and_bound import BRANCH_AND_BOUND
 from tests.mutants.collections import COLLECTIONS, ENGINE, NONRIGID, SHAPES
 from tests.mutants.incomplete import INCOMPLETE
 from tests.mutants.proofs import MATCHING, VERIFIERS
+from tests.mutants.surfaces import SURFACES
 from tests.mutants.trust import TRUST
 
-MUTANTS = (*VERIFIERS, *MATCHING, *BRANCH_AND_BOUND, *INCOMPLETE, *COLLECTIONS, *TRUST, *ENGINE, *NONRIGID, *SHAPES)
+MUTANTS = (
+    *VERIFIERS,
+    *MATCHING,
+    *BRANCH_AND_BOUND,
+    *INCOMPLETE,
+    *COLLECTIONS,
+    *TRUST,
+    *ENGINE,
+    *NONRIGID,
+    *SHAPES,
+    *SURFACES,
+)

@@ -116,6 +116,10 @@ def test_wrong_pairs_are_no_answer() -> None:
     wrong = PARTNER.copy()
     wrong[[0, 1, 10, 11]] = [11, 10, 1, 0]
     assert object_symmetry(shapes, wrong).asymmetry.min() > 0.05
+    points = shapes[0] - shapes[0].mean(axis=0)
+    normal = mirror_normal(points, PARTNER)
+    reflected = points - 2 * np.outer(points @ normal, normal)
+    np.testing.assert_allclose(reflected[PARTNER], points, atol=1e-9)
     inverted = np.array([[1.0, 2, 3], [-1, -2, -3], [4, -1, 2], [-4, 1, -2], [0, 3, -1], [0, -3, 1]])
     with pytest.raises(InputError, match="left and right"):
         mirror_normal(inverted, np.array([1, 0, 3, 2, 5, 4]))

@@ -105,5 +105,7 @@ def test_a_fit_worse_than_on_any_template_is_out_of_range() -> None:
     bad.residual[4] = 0.3
     assert beyond_range(calibration, bad).tolist() == [at == 4 for at in range(30)]
     assert not beyond_range(calibration, shown(residual=0.05)).any()
+    rough = calibrate(errors, [shown(residual=0.2)] * 8)
+    assert not beyond_range(rough, shown(residual=0.15)).any()
     few = calibrate(errors[:2], [shown(residual=0.05)] * 2)
     assert not beyond_range(few, bad).any()

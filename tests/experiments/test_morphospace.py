@@ -1,0 +1,32 @@
+"""Likeness of morphospaces: 1 for the same up to a similarity, less for others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data_tools.rotations import random_rotation
+from experiments.collections.morphospace import distance_correlation, products, rv_coefficient
+
+
+def test_poses_sizes_and_more_points_of_the_same_shapes_change_nothing() -> None:
+    rng = np.random.default_rng(0)
+    shapes = rng.standard_normal((30, 3)) + 0.1 * rng.standard_normal((8, 30, 3))
+    turned = np.array([rng.uniform(1, 3) * shape @ random_rotation(rng).T + rng.random(3) for shape in shapes])
+    one, two = products(shapes), products(turned)
+    assert np.isclose(rv_coefficient(one, two), 1)
+    assert np.isclose(distance_correlation(one, two), 1)
+    twice = products(np.concatenate([shapes, shapes], axis=1))
+    assert np.isclose(rv_coefficient(one, twice), 1)
+
+
+def test_other_shapes_are_told_from_noise() -> None:
+    rng = np.random.default_rng(1)
+    base, ways = rng.standard_normal((30, 3)), rng.standard_normal((2, 30, 3))
+    scores = rng.standard_normal((8, 2))
+    shapes = base + 0.1 * np.einsum("nw,wkd->nkd", scores, ways)
+    noisy = shapes + 0.01 * rng.standard_normal(shapes.shape)
+    others = base + 0.1 * np.einsum("nw,wkd->nkd", scores[::-1], ways)
+    likeness = [rv_coefficient(products(shapes), products(other)) for other in (noisy, others)]
+    assert likeness[0] > 0.95 > likeness[1] + 0.1
+    assert distance_correlation(products(shapes), products(noisy)) > 0.95
+    assert distance_correlation(products(shapes), products(others)) < 0.8

@@ -1,0 +1,40 @@
+"""Faults in left and right, in semilandmarks of curves, and in what landmarks may not be carried to."""
+
+from __future__ import annotations
+
+from tests.mutants.place import Mutant, faults
+
+SURFACES: tuple[Mutant, ...] = (
+    *faults(
+        "collalign/analysis/symmetry.py",
+        ("tests/collalign/analysis/test_symmetry.py",),
+        ("mirror_image", "points[..., partner, :] * _MIRROR", "points * _MIRROR"),
+        ("mirror_normal", "vectors[:, 0]", "vectors[:, 2]"),
+        ("_anova", "3 * num_pairs + num_middle - 3", "3 * num_pairs - 3"),
+        ("_exchange_test", ">= found", "< found"),
+        ("_group_means", "sums / counts[:, None, None]", "sums"),
+    ),
+    *faults(
+        "collalign/registration/mirror.py",
+        ("tests/collalign/registration/test_mirror.py",),
+        ("mirror_map", "unlikeness > MOST_UNLIKE", "False"),
+        ("mirror_map", "values.argmin()", "values.argmax()"),
+    ),
+    *faults(
+        "collalign/landmarks/curves.py",
+        ("tests/collalign/landmarks/test_curves.py",),
+        ("evenly_spaced", "endpoint=not closed", "endpoint=True"),
+        ("counting_like", "np.argmin(gaps)", "np.argmax(gaps)"),
+        ("slider_rows", "[*rows, rows[0]] if closed", "rows if closed"),
+    ),
+    *faults(
+        "collalign/landmarks/radii.py",
+        ("tests/collalign/landmarks/test_radii.py",),
+        ("beyond_range", "max(calibration.most_residual, _LEAST_RANGE)", "_LEAST_RANGE"),
+    ),
+    *faults(
+        "collalign/registration/mean.py",
+        ("tests/collalign/registration/test_register.py",),
+        ("medoid", "one_way + one_way.T", "-one_way"),
+    ),
+)
