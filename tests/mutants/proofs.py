@@ -206,7 +206,7 @@ MATCHING: tuple[Mutant, ...] = (
         "pairwise/problem/problem.py",
         ("tests/pairwise/problem/test_problem.py",),
         ("Problem.assignment_costs", "- 2.0 * cross", "- cross"),
-        ("Problem.assignment_costs", "np.where(self.candidates, costs, np.inf)", "costs"),
+        ("Problem.assignment_costs", "np.where(self.allowed, costs, np.inf)", "costs"),
         ("Problem.energy", "(self.num_source - len(matched))", "len(matched)"),
         ("Problem.procrustes", "np.where(point_map >= 0, self.weights, 0.0)", "self.weights"),
         ("_max_unmatched", "return k - int(num_matches)", "return int(num_matches)"),

@@ -10,12 +10,11 @@ TRUST: tuple[Mutant, ...] = (
     *faults(
         "collalign/stages/trust/model.py",
         _TESTS,
-        (MODULE, "CONSTANT = -4.6", "CONSTANT = 4.6"),
+        (MODULE, "10.0, 2.5, -5.2", "10.0, 2.5, 5.2"),
         (MODULE, "TIED = 0.02", "TIED = -9.0"),
         ("terms", "np.sqrt(votes * collection)", "votes"),
         ("terms", "LIMITS[:, 0], LIMITS[:, 1]", "-np.inf, np.inf"),
-        ("probability", "np.minimum(chance, MOST_CONFIDENT)", "chance"),
-        ("probability", "np.where(np.isnan(chance), 0.0,", "np.where(np.isnan(chance), 0.5,"),
+        ("probability", "np.minimum(1.0 / (1.0 + np.exp(-score)), MOST_CONFIDENT)", "1.0 / (1.0 + np.exp(-score))"),
         ("pose_confidence", "1.0 / (1.0 + ties)", "1.0 / np.maximum(ties, 1.0)"),
         ("pose_confidence", "np.minimum(probability", "np.maximum(probability"),
     ),
@@ -49,7 +48,7 @@ TRUST: tuple[Mutant, ...] = (
     *faults(
         "collalign/stages/surface_gap.py",
         _TESTS,
-        ("surface_gap", "(2.0 - 2.0 * target[1]", "(2.0 + 2.0 * target[1]"),
+        ("point_gaps", "(2.0 - 2.0 * target[1]", "(2.0 + 2.0 * target[1]"),
         ("surface_gap", "gaps.min(axis=0).mean() + gaps.min(axis=1).mean()", "2.0 * gaps.min(axis=0).mean()"),
     ),
 )
