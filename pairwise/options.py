@@ -53,7 +53,7 @@ class MatchOptions:
     """Limits of the estimated scale."""
     estimate_translation: bool = False
     """Estimate a shift of the source as well, as partial overlap needs; with ``certify`` it is proven as well, which
-    takes minutes for more than about 25 points."""
+    takes minutes for more than about 20 points."""
     seed: int = 0
     """Seed of the random draws."""
 

@@ -73,7 +73,7 @@ def prove_motion(
     ----------
     problem : Problem
         Of three dimensions, full R and unit weights, over SO(3) or O(3). Points may stay unmatched
-        (``unmatched_penalty``, ``num_matches``), or not. Up to about 25 points.
+        (``unmatched_penalty``, ``num_matches``), or not. Up to about 20 points.
     candidates : sequence of Candidate
         Poses already known; good ones save time.
     tol : float
