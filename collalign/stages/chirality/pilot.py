@@ -15,12 +15,15 @@ from typing import Literal
 
 import numpy as np
 
+from collalign.engine.jobs.run import SharedTable
+from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.chirality.sides import MIN_SHAPES, Sides, find_sides
 from collalign.stages.pairs.graph import all_pairs
 from collalign.stages.pairs.match import match_pairs
+from collalign.stages.stored_types import samples_from_record, samples_to_record
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from pairwise.dense.points import DensePoints
@@ -102,7 +105,7 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
     session, shapes, descriptors, edges
         As for :func:`decide_group`.
     """
-    num, samples = len(shapes.names), shapes.samples
+    num = len(shapes.names)
     if num > MOST_SHAPES:
         some, chosen = _evenly_spaced(shapes, MOST_SHAPES)
         choice = group_of_shapes(session, some, descriptors[chosen], all_pairs(MOST_SHAPES))
@@ -112,15 +115,14 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
 
     def energies_of(nearest: IntArray) -> tuple[list[tuple[int, int]], FloatArray]:
         pairs, _ = match_pairs(both_kinds, shapes, nearest)
-        for pair in pairs:
-            if (pair.target, pair.source) not in compared:
-                compared[pair.target, pair.source] = chirality_energies(
-                    pair, samples[pair.target], samples[pair.source]
-                )
-        matched = [(pair.target, pair.source) for pair in pairs]
-        return matched, np.array([compared[pair] for pair in matched])
+        matched = {(pair.target, pair.source): pair for pair in pairs}
+        tasks = {f"{i} {j}": pair for (i, j), pair in matched.items() if (i, j) not in compared}
+        for key, found in session.spread("mirror images", compare_kinds, tasks, shared=table).items():
+            compared[tasks[key].target, tasks[key].source] = (found["plain"], found["mirrored"])
+        return list(matched), np.array([compared[pair] for pair in matched])
 
-    sides, energies = staged_sides(edges, descriptors, energies_of)
+    with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(shapes.samples)) as table:
+        sides, energies = staged_sides(edges, descriptors, energies_of)
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
     return GroupChoice(group="O" if sides.are_clear else "SO", note=_note(sides, num_better, shapes.names))
 
@@ -180,6 +182,13 @@ def nearest_pairs(edges: IntArray, descriptors: FloatArray, num_partners: int) -
         kept[e] = min(taken[i], taken[j]) < num_partners
         taken[[i, j]] += 1
     return edges[kept]
+
+
+def compare_kinds(pair: Pair, shared: SharedTable) -> Record:
+    """Return :func:`chirality_energies` of a pair, ``plain`` and ``mirrored``; runs inside a worker."""
+    target, source = (samples_from_record(shared[str(i)], str(i)) for i in (pair.target, pair.source))
+    plain, mirrored = chirality_energies(pair, target, source)
+    return {"plain": plain, "mirrored": mirrored}
 
 
 def chirality_energies(pair: Pair, target: Samples, source: Samples) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from collalign.options import ALL, AUTO, NEVER, AlignOptions
 from collalign.products.collection import Collection
-from data_tools.arrays import FloatArray
+from data_tools.arrays import BoolArray, FloatArray
 from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
 from data_tools.errors import InputError
@@ -84,8 +84,9 @@ def find_incomplete(
     bends = aligned.search_gain is not None
     if bends or len(samples) < MIN_SHAPES or not all(len(item.dense_positions) >= _NUM_POINTS for item in samples):
         return {}
-    surface = lru_cache(MOST_HELD)(lambda i: posed_samples(samples[i], aligned.transforms[i]))
-    has_rim = [bool(surface(i).on_rim.any()) for i in range(len(samples))]
+    posed = [posed_samples(item, pose) for item, pose in zip(samples, aligned.transforms, strict=True)]
+    surface = lru_cache(MOST_HELD)(lambda i: PartialSurface.from_user(*posed[i], oriented=_is_oriented(samples[i])))
+    has_rim = [bool(on_rim.any()) for _, _, on_rim in posed]
     if not any(has_rim):
         return {}
     nearest, shares = _nearest(aligned, len(samples)), {}
@@ -113,14 +114,20 @@ def _may_be_cut(aligned: Collection, shape: int) -> bool:
     return not found.is_mesh or is_open_surface(found.vertices, found.faces)
 
 
-def posed_samples(samples: Samples, transform: FloatArray) -> PartialSurface:
-    """Return the dense samples of a shape at its transform (4, 4); what has wide gaps around it is its rim."""
+def _is_oriented(samples: Samples) -> bool:
+    return len(samples.dense_normals) > 0
+
+
+def posed_samples(samples: Samples, transform: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return the dense samples of a shape at its transform (4, 4), their normals, and which are on its rim.
+
+    What has wide gaps around it is the rim.
+    """
     raw = samples.dense_positions * samples.scale + samples.offset
     points = raw @ transform[:3, :3].T + transform[:3, 3]
-    oriented = len(samples.dense_normals) > 0
     turn = transform[:3, :3] / np.cbrt(abs(np.linalg.det(transform[:3, :3])))
-    normals = samples.dense_normals @ turn.T if oriented else plane_normals(points, points)
-    return PartialSurface.from_user(points, normals, cloud_rim(points, normals), oriented=oriented)
+    normals = samples.dense_normals @ turn.T if _is_oriented(samples) else plane_normals(points, points)
+    return points, normals, cloud_rim(points, normals)
 
 
 def share_beyond(surface: PartialSurface, partners: Sequence[PartialSurface]) -> float:
