@@ -24,6 +24,7 @@ _FOLDERS = {
     "figure14": "figures",
     "classification": "collections",
     "collections": "collections",
+    "bending": "collections",
     "invariants": "pairs",
     "matching_table": "pairs",
     "matching_energies": "pairs",

@@ -21,6 +21,9 @@ NUM_SMOOTH = 30
 MIXED_ORIENTATION = 0.4
 #: Floor of a disagreement inside its logarithm.
 FLOOR = 1e-3
+#: Weights of the logarithms of what the best pose leaves, beside 1 for commutativity and roughness: their ratios in
+#: :data:`collalign.stages.evidence.odds.WEIGHTS`, which were fitted on other pairs.
+NORMALS_WEIGHT, SURFACE_WEIGHT = 0.8, 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +46,10 @@ class Evidence:
         Share of the target's dense samples that are some point's image.
     bijectivity : float
         Share of the source's dense samples that come back, by map and inverse, to a point nearer than 0.1 sqrt(area).
+    normals : float
+        Mean of 1 - cosine of matched normals at the rotation that the map asks for; NaN where no pose was asked.
+    surface : float
+        Mean squared distance of closest points with normals there; NaN likewise.
     """
 
     curvature: float
@@ -51,10 +58,20 @@ class Evidence:
     orientation: float
     coverage: float
     bijectivity: float
+    normals: float = float("nan")
+    surface: float = float("nan")
 
     @property
     def score(self) -> float:
-        """Logarithms of the disagreements plus what the orientation leaves open; the lower the better.
+        """The map's own score and what its pose leaves, where one was asked, by logarithms; the lower the better."""
+        if not np.isfinite(self.normals):
+            return self.map_score
+        left = NORMALS_WEIGHT * np.log(max(self.normals, FLOOR)) + SURFACE_WEIGHT * np.log(max(self.surface, FLOOR))
+        return self.map_score + float(left)
+
+    @property
+    def map_score(self) -> float:
+        """Logarithms of the map's disagreements plus what the orientation leaves open; the lower the better.
 
         Curvature counts twice, because it alone tells the sides of an intrinsically symmetric surface apart.
         """

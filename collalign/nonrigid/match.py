@@ -9,7 +9,7 @@ import numpy as np
 from collalign.nonrigid.evidence import MIXED_ORIENTATION
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.paper import paper_candidates
-from collalign.nonrigid.portfolio import Refined, find_candidates
+from collalign.nonrigid.portfolio import FROM_POSES, Refined, find_candidates
 from collalign.nonrigid.prepare import prepare_file
 from collalign.nonrigid.refine import between_files, dense_point_maps
 from collalign.nonrigid.result import NonrigidCandidate, NonrigidMatch
@@ -133,14 +133,17 @@ def confidence(found: list[Refined], options: NonrigidOptions) -> float:
     """Return how far the chosen candidate can be trusted: its odds against its rivals, times how good it is at all.
 
     Rivals are candidates of its orientation; its mirror image is none where normals tell the two apart. Without
-    normals it is at most one half. The scales were set on poses of one body and on ants, many of which it gets wrong.
+    normals, and for a map that only poses lead to, it is at most one half. The scales were set on poses of one body
+    and on ants, many of which it gets wrong.
     """
     chosen = found[0]
     rivals = [c.score for c in found[1:] if options.orientation == "any" or _same_orientation(c, chosen)]
     odds = np.exp(-(np.array([chosen.score, *rivals]) - chosen.score) / SCORE_SCALE)
     quality = 0.5
     if np.isfinite(chosen.evidence.orientation):
-        quality = 1.0 / (1.0 + np.exp((chosen.score - DOUBTFUL_SCORE) / DOUBT_SCALE))
+        quality = 1.0 / (1.0 + np.exp((chosen.evidence.map_score - DOUBTFUL_SCORE) / DOUBT_SCALE))
+    if chosen.origin == FROM_POSES:
+        quality = min(quality, 0.5)
     return float(min(1.0, 1.0 / odds.sum()) * quality)
 
 

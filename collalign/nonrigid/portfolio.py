@@ -10,9 +10,11 @@ from collalign.nonrigid.evidence import MIXED_ORIENTATION, Evidence, judge
 from collalign.nonrigid.functional_map import FunctionalMap, icp
 from collalign.nonrigid.masks import candidate_mask
 from collalign.nonrigid.options import NonrigidOptions
+from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.nonrigid.refine import Refiner
 from collalign.nonrigid.relaxed import relaxation_starts
 from collalign.nonrigid.starts import descriptor_start, sign_starts
+from collalign.nonrigid.surface.posed import NUM_FUNCTIONS, NUM_POINTS, first_samples, sampled_surface
 from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import FloatArray
 from data_tools.rotations import nearest_orthogonal
@@ -21,6 +23,11 @@ from pairwise.status import Status
 
 #: Distinct starts that are refined on few samples, and how few.
 NUM_SCREENED, NUM_SCREEN_SAMPLES = 12, 400
+#: Origin of maps that only poses lead to, and how much better their score must be than that of maps from within:
+#: chosen on the 60 pairs of SHREC07's ants, teddy bears and glasses on which maps are published.
+FROM_POSES, POSED_HANDICAP = "poses", 0.7
+#: Candidates from poses that are refined with all samples.
+NUM_POSED = 6
 #: Screened candidates of each orientation that are composed with the target's self-maps.
 NUM_TURNED = 2
 #: Refinement on few samples ends with this number of functions.
@@ -47,8 +54,8 @@ class Refined:
 
     @property
     def score(self) -> float:
-        """The lower the better."""
-        return self.evidence.score
+        """The lower the better; maps that only poses lead to have a handicap."""
+        return self.evidence.score + (POSED_HANDICAP if self.origin == FROM_POSES else 0.0)
 
 
 def find_candidates(
@@ -56,8 +63,9 @@ def find_candidates(
 ) -> tuple[list[Refined], Status]:
     """Return distinct refined candidates, best evidence first, and how the search ended.
 
-    At most ``options.num_candidates`` are kept. Starts are screened with few samples and functions; the best of
-    them, and of what becomes of them by the target's self-maps, are refined with all.
+    Starts are screened with few samples and functions; the best of them, and of what becomes of them by the target's
+    self-maps, are refined with all; ``options.num_candidates`` of these, and beside them, where there are normals,
+    maps that start from poses: shapes of a class may look alike where their insides differ.
     """
     starts, status = portfolio_starts(target, source, options)
     screen = screening_refiner(target, source)
@@ -68,7 +76,48 @@ def find_candidates(
     turned = composed(target, source, of_both_orientations(distinct_maps(screened), 2 * NUM_TURNED), screen)
     best = of_both_orientations(distinct_maps([*screened, *turned]), options.num_candidates)
     finish = finish_by_icp if options.ends_with_icp else finish_by_zoomout
-    return distinct_maps(finish(target, source, best)), status
+    if not has_normals(target, source):
+        return distinct_maps(finish(target, source, best)), status
+    mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
+    own = distinct_maps(finish(target, source, best))
+    others = finish(target, source, posed_candidates(mapper, options))
+    fresh = [candidate for candidate in others if not _is_among(candidate, own)]
+    return distinct_maps([with_pose_evidence(mapper, candidate, options) for candidate in [*own, *fresh]]), status
+
+
+def posed_candidates(mapper: PoseMapper, options: NonrigidOptions) -> list[Refined]:
+    """Return maps at few samples that start from the axes' poses and from signs, best evidence first.
+
+    Parameters
+    ----------
+    mapper : PoseMapper
+        Of both surfaces at all dense samples.
+    options : NonrigidOptions
+        Whether maps that swap left and right are asked for.
+    """
+    few = PoseMapper(*(first_samples(one, NUM_POINTS, NUM_FUNCTIONS) for one in (mapper.target, mapper.source)))
+    maps = few.maps_from_signs()
+    for start in axis_poses(few.target, few.source, mirrored=options.orientation == "any"):
+        plain = few.map_from(start)
+        maps += [plain, few.oriented(plain, preserving=bool(np.linalg.det(start) > 0))]
+    target, source = few.target.spectral, few.source.spectral
+    found = [with_pose_evidence(few, judged(target, source, one, FROM_POSES), options) for one in maps]
+    if options.orientation == "preserving":
+        found = [candidate for candidate in found if candidate.evidence.orientation > 0]
+    return distinct_maps(found)[:NUM_POSED]
+
+
+def with_pose_evidence(mapper: PoseMapper, candidate: Refined, options: NonrigidOptions) -> Refined:
+    """Return a candidate whose evidence knows what the pose that it asks for leaves between the surfaces.
+
+    The pose is mirrored only where maps that swap left and right are asked for.
+    """
+    chirality = -1.0 if candidate.evidence.orientation < 0 and options.orientation == "any" else 1.0
+    rotation = mapper.rotation_of(candidate.functional_map, chirality=chirality)
+    normals = mapper.normal_gap(candidate.functional_map, rotation)
+    return replace(
+        candidate, evidence=replace(candidate.evidence, normals=normals, surface=mapper.surface_gap(rotation))
+    )
 
 
 def start_maps(refiner: Refiner, rotation_target_source: FloatArray, *, has_normals: bool) -> list[FunctionalMap]:
@@ -152,10 +201,14 @@ def distinct_maps(refined: list[Refined]) -> list[Refined]:
     """Return the candidates best evidence first, of each set of nearly equal ones only the best."""
     kept: list[Refined] = []
     for candidate in sorted(refined, key=lambda c: c.score):
-        c = candidate.functional_map.C_source_target
-        if not any(is_same_map(c, other.functional_map.C_source_target) for other in kept):
+        if not _is_among(candidate, kept):
             kept.append(candidate)
     return kept
+
+
+def _is_among(candidate: Refined, others: list[Refined]) -> bool:
+    c = candidate.functional_map.C_source_target
+    return any(is_same_map(c, other.functional_map.C_source_target) for other in others)
 
 
 def of_both_orientations(best: list[Refined], num: int) -> list[Refined]:

@@ -9,7 +9,6 @@ one, closest points exchange them at every pose; there the signs of the lowest e
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -19,152 +18,22 @@ from scipy.spatial.transform import Rotation
 from collalign.nonrigid.evidence import Evidence, judge
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.refine import Refiner, unit_rows
-from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature, vertex_normals
-from collalign.nonrigid.surface.spectral import CURVATURE_TIMES, NUM_ORIENTATION, SpectralShape
-from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.embedding.invariants import heat_kernel_signature, standardised
-from data_tools.embedding.working_surface import WorkingSurface
-from data_tools.errors import InputError
-from data_tools.options import SamplingOptions
+from collalign.nonrigid.surface.posed import PosedSurface
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal
-from data_tools.surface.laplacian import Spectrum
-from data_tools.surface.shape import Shape
 
-#: Triangles, points and eigenfunctions of a prepared surface: few enough that a map takes a few milliseconds.
-MAX_FACES, NUM_POINTS, NUM_FUNCTIONS = 6000, 200, 39
 #: Functions, the constant one included, that ZoomOut starts with, and how fast their number grows.
 FIRST_SIZE, GROWTH = 10, 1.5
 #: Weights of unit normals, and of the descriptors, each kind of unit variance, beside positions of root mean square
 #: radius 1, in the closest points of a start. With descriptors of intrinsic place limbs find each other whatever they
 #: do: on 30 pairs of SHREC07's armadillos the pose judged best is 11 instead of 17 deg off in the median.
 START_NORMAL_WEIGHT, START_DESCRIPTOR_WEIGHT = 0.3, 0.6
+#: Weight of unit normals beside positions of root mean square radius 1 where surfaces are compared.
+SURFACE_NORMAL_WEIGHT = 0.5
 #: Lowest functions whose signs are enumerated, and how many of the maps that they give are refined: 50 ms a pair. Two
 #: of 20 of SHREC07's armadillos, whose other candidates all exchange two limbs, come right by them (``python -m
-#: experiments collections``).
+#: experiments bending``).
 NUM_SIGNS, NUM_SIGN_MAPS = 6, 24
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PosedSurface:
-    """What maps from poses need of a shape, at its dense samples alone.
-
-    Attributes
-    ----------
-    points : ndarray, shape (n, 3)
-        Dense samples, centred, of root mean square radius 1, in the orientation of the file.
-    normals : ndarray, shape (n, 3)
-        Outward.
-    descriptors : ndarray, shape (n, m)
-        Heat kernel signature and average geodesic distance, standardised.
-    spectral : SpectralShape
-        Its vertices are the dense samples; no triangles, descriptors or self-maps.
-    """
-
-    points: FloatArray
-    normals: FloatArray
-    descriptors: FloatArray
-    spectral: SpectralShape
-
-
-def prepare_posed(shape: Shape) -> PosedSurface:
-    """Prepare a mesh for maps that start from poses.
-
-    Raises
-    ------
-    InputError
-        If the shape is no mesh, or its surface has too few vertices.
-    """
-    if not shape.is_mesh:
-        raise InputError(f"{shape.file or shape.name}: maps from poses need a mesh")
-    surface = WorkingSurface(shape, SamplingOptions(max_faces=MAX_FACES))
-    working = outward(surface.shape)
-    if len(working.vertices) < NUM_POINTS:
-        raise InputError(f"{shape.file or shape.name}: {len(working.vertices)} vertices, {NUM_POINTS} are needed")
-    dense = surface.farthest_points(NUM_POINTS, "euclidean", seeded=False)
-    eigen = surface.eigenfunctions(NUM_FUNCTIONS)
-    operators = surface.operators
-    curvature = np.column_stack([smoothed_curvature(working, operators, time=t) for t in CURVATURE_TIMES])
-    spectral = spectral_samples(
-        name=shape.name,
-        vertices=working.vertices[dense],
-        area=surface.area,
-        eigenvalues=eigen.values,
-        functions=eigen.functions[dense],
-        mass=eigen.mass[dense] / eigen.mass[dense].sum(),
-        agd=surface.agd[dense] / surface.area**0.5,
-        curvature=curvature[dense],
-        orientation=orientation_form(working, eigen.functions[:, :NUM_ORIENTATION])[dense],
-    )
-    return posed_surface(spectral, vertex_normals(working)[dense])
-
-
-def spectral_samples(
-    *,
-    name: str,
-    vertices: FloatArray,
-    area: float,
-    eigenvalues: FloatArray,
-    functions: FloatArray,
-    mass: FloatArray,
-    agd: FloatArray,
-    curvature: FloatArray,
-    orientation: FloatArray,
-) -> SpectralShape:
-    """Return a prepared shape that is known at its dense samples only; arrays have one row for each of them."""
-    num = len(vertices)
-    nothing, none = read_only(np.empty((num, 0))), read_only(np.empty(0, dtype=np.int64))
-    return SpectralShape(
-        name=name,
-        vertices=read_only(vertices),
-        faces=read_only(np.empty((0, 3), dtype=np.int64)),
-        to_working=none,
-        to_original=none,
-        area=area,
-        eigenvalues=read_only(eigenvalues),
-        functions=read_only(functions),
-        mass=read_only(mass),
-        agd=read_only(agd),
-        waves=nothing,
-        curvature=read_only(curvature),
-        samples=none,
-        dense=read_only(np.arange(num)),
-        orientation=read_only(orientation),
-        self_maps=read_only(np.empty((0, 0, 0))),
-        notes=(),
-    )
-
-
-def posed_surface(spectral: SpectralShape, normals: FloatArray) -> PosedSurface:
-    """Return the surface with its samples centred and scaled."""
-    centred = spectral.vertices - spectral.vertices.mean(axis=0)
-    points = centred / np.sqrt((centred**2).sum(axis=1).mean())
-    eigen = Spectrum(spectral.eigenvalues, spectral.functions, spectral.mass, "cotangent")
-    everything, unit = np.arange(len(points)), np.sqrt(len(points))
-    heat = standardised(heat_kernel_signature(eigen), everything)
-    distance = standardised(spectral.agd[:, None], everything)
-    return PosedSurface(
-        points=read_only(points),
-        normals=read_only(normals),
-        descriptors=read_only(unit * np.hstack([heat, distance])),
-        spectral=spectral,
-    )
-
-
-def first_samples(surface: PosedSurface, num_points: int, num_functions: int) -> PosedSurface:
-    """Return the surface at its first samples, which are spread evenly, with its lowest functions alone."""
-    whole = surface.spectral
-    few = spectral_samples(
-        name=whole.name,
-        vertices=whole.vertices[:num_points],
-        area=whole.area,
-        eigenvalues=whole.eigenvalues[:num_functions],
-        functions=whole.functions[:num_points, :num_functions],
-        mass=whole.mass[:num_points] / whole.mass[:num_points].sum(),
-        agd=whole.agd[:num_points],
-        curvature=whole.curvature[:num_points],
-        orientation=whole.orientation[:num_points],
-    )
-    return posed_surface(few, surface.normals[:num_points])
 
 
 def axis_poses(target: PosedSurface, source: PosedSurface, *, mirrored: bool) -> FloatArray:
@@ -233,6 +102,20 @@ class PoseMapper:
     def evidence(self, found: FunctionalMap) -> Evidence:
         """Return the evidence for a map."""
         return judge(self.target.spectral, self.source.spectral, found)
+
+    def surface_gap(self, R_target_source: FloatArray) -> float:
+        """Return the mean squared distance of closest points and normals at a pose, both ways."""
+        turn, source = R_target_source.T, self.source
+        fixed = np.hstack([self.target.points, SURFACE_NORMAL_WEIGHT * self.target.normals])
+        moved = np.hstack([source.points @ turn, SURFACE_NORMAL_WEIGHT * source.normals @ turn])
+        there, back = mutual_nearest_rows(fixed, moved)
+        gaps = np.concatenate([fixed[there] - moved, fixed - moved[back]])
+        return float((gaps**2).sum(axis=1).mean())
+
+    def normal_gap(self, found: FunctionalMap, R_target_source: FloatArray) -> float:
+        """Return the mean of 1 - cosine of the normals that a map and its inverse match, at a pose."""
+        first, second = self.matched(found, self.target.normals, self.source.normals @ R_target_source.T)
+        return float(1.0 - (first * second).sum(axis=1).mean())
 
     def rotation_of(self, found: FunctionalMap, *, chirality: float) -> FloatArray:
         """Return the orthogonal matrix of determinant ``chirality`` that fits a map and its inverse best."""

@@ -10,8 +10,9 @@ from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.records import Record
 from collalign.nonrigid.evidence import MIXED_ORIENTATION
 from collalign.nonrigid.portfolio import is_same_map
-from collalign.nonrigid.pose_maps import PoseMapper, first_samples
+from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.refine import Refiner
+from collalign.nonrigid.surface.posed import first_samples
 from collalign.stages.evidence.candidates import PoseWeigher
 from collalign.stages.evidence.odds import EVIDENCE
 from collalign.stages.evidence.surfaces import surface_from_record

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
+from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.stages.evidence.odds import EVIDENCE, evidence_score
 from data_tools.arrays import FloatArray, IntArray
@@ -20,8 +20,6 @@ from data_tools.rotations import rotation_angle_deg
 SAME_CANDIDATE_DEG = 15.0
 #: Candidates kept, the ones that most speaks for.
 MAX_CANDIDATES = 10
-#: Weight of unit normals beside positions of root mean square radius 1 where surfaces are compared.
-SURFACE_NORMAL_WEIGHT = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,11 +77,10 @@ class PoseWeigher:
         rotation = self._mapper.rotation_of(found, chirality=chirality)
         of_map = self._mapper.evidence(found)
         point_map, energy = self._match_at(rotation)
-        normals = self._mapper.matched(found, self._mapper.target.normals, self._mapper.source.normals @ rotation.T)
         evidence = {
             "energy": energy,
-            "surface": self._surface_gap(rotation),
-            "normals": float(1.0 - (normals[0] * normals[1]).sum(axis=1).mean()),
+            "surface": self._mapper.surface_gap(rotation),
+            "normals": self._mapper.normal_gap(found, rotation),
             "curvature": of_map.curvature,
             "commutativity": of_map.commutativity,
             "roughness": of_map.roughness,
@@ -97,15 +94,6 @@ class PoseWeigher:
         costs = cdist(self._source.positions @ rotation.T, self._target.positions, "sqeuclidean") + self._fixed_costs
         rows, columns = linear_sum_assignment(costs)
         return columns.astype(np.int64), float(costs[rows, columns].sum())
-
-    def _surface_gap(self, rotation: FloatArray) -> float:
-        """Return the mean squared distance of closest points and normals, both ways."""
-        target, source = self._mapper.target, self._mapper.source
-        fixed = np.hstack([target.points, SURFACE_NORMAL_WEIGHT * target.normals])
-        moved = np.hstack([source.points @ rotation.T, SURFACE_NORMAL_WEIGHT * source.normals @ rotation.T])
-        there, back = mutual_nearest_rows(fixed, moved)
-        gaps = np.concatenate([fixed[there] - moved, fixed - moved[back]])
-        return float((gaps**2).sum(axis=1).mean())
 
 
 def distinct(candidates: Sequence[WeighedPose]) -> list[WeighedPose]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
-from collalign.nonrigid.pose_maps import PosedSurface, posed_surface, prepare_posed, spectral_samples
+from collalign.nonrigid.surface.posed import PosedSurface, posed_surface, prepare_posed, spectral_samples
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.record_fields import checked

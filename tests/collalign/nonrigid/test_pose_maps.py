@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from collalign.nonrigid.pose_maps import PosedSurface, PoseMapper, axis_poses, prepare_posed
+from collalign.nonrigid.match import confidence
+from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.portfolio import judged, posed_candidates, with_pose_evidence
+from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
+from collalign.nonrigid.surface.posed import PosedSurface, prepare_posed, sampled_surface
+from collalign.nonrigid.surface.spectral import prepare_surface
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
@@ -80,3 +87,28 @@ def test_clouds_and_tiny_meshes_are_refused() -> None:
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     with pytest.raises(InputError, match="vertices"):
         prepare_posed(Shape.from_arrays(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
+
+
+def test_what_a_pose_leaves_tells_a_torn_map_from_the_right_one() -> None:
+    rng, options = np.random.default_rng(3), SurfaceOptions(num_functions=40, num_samples=60, num_dense=200)
+    shape, turn = figure(resolution=2), random_rotation(np.random.default_rng(4))
+    other = bent(shape, rng, angle=0.5)
+    target = prepare_surface(shape, options)
+    source = prepare_surface(Shape.from_arrays(other.vertices @ turn.T, other.faces), options)
+    mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
+    found = posed_candidates(mapper, NonrigidOptions())
+    assert [one.score for one in found] == sorted(one.score for one in found)
+    assert all(one.evidence.orientation > 0 for one in found)
+    best = mapper.rotation_of(found[0].functional_map, chirality=1.0)
+    assert rotation_angle_deg(best, turn.T) < 15.0
+    starts = [mapper.map_from(start @ turn.T) for start in (np.eye(3), np.diag([-1.0, -1.0, 1.0]))]
+    judgements = [judged(target, source, mapper.oriented(one, preserving=True), "poses") for one in starts]
+    right, flipped = (with_pose_evidence(mapper, one, NonrigidOptions()).evidence for one in judgements)
+    assert right.normals < flipped.normals
+    assert right.surface < flipped.surface
+    blind = replace(right, normals=float("nan"), surface=float("nan"))
+    assert right.score < blind.score, "small gaps speak for a map"
+    own = replace(found[0], origin="signs")
+    assert own.score < found[0].score, "a map that only poses lead to must be better"
+    assert confidence(found[:1], NonrigidOptions()) <= 0.5
+    assert confidence([own], NonrigidOptions()) >= confidence(found[:1], NonrigidOptions())

@@ -11,7 +11,8 @@ import pytest
 
 from collalign.align import align_collection
 from collalign.engine.options import RunOptions
-from collalign.nonrigid.pose_maps import PoseMapper, prepare_posed
+from collalign.nonrigid.pose_maps import PoseMapper
+from collalign.nonrigid.surface.posed import prepare_posed
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, WeighedPose, distinct
