@@ -63,9 +63,25 @@ def find_candidates(
 ) -> tuple[list[Refined], Status]:
     """Return distinct refined candidates, best evidence first, and how the search ended.
 
-    Starts are screened with few samples and functions; the best of them, and of what becomes of them by the target's
-    self-maps, are refined with all; ``options.num_candidates`` of these, and beside them, where there are normals,
-    maps that start from poses: shapes of a class may look alike where their insides differ.
+    Those of :func:`candidates_from_within` and, where there are normals, maps that start from poses: shapes of a
+    class may look alike where their insides differ.
+    """
+    own, status = candidates_from_within(target, source, options)
+    if not has_normals(target, source):
+        return own, status
+    mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
+    others = _finished(target, source, posed_candidates(mapper, options), options)
+    fresh = [candidate for candidate in others if not _is_among(candidate, own)]
+    return distinct_maps([with_pose_evidence(mapper, candidate, options) for candidate in [*own, *fresh]]), status
+
+
+def candidates_from_within(
+    target: SpectralShape, source: SpectralShape, options: NonrigidOptions
+) -> tuple[list[Refined], Status]:
+    """Return distinct refined candidates that no pose takes part in, best evidence first, and how the search ended.
+
+    At most ``options.num_candidates`` are kept. Starts are screened with few samples and functions; the best of
+    them, and of what becomes of them by the target's self-maps, are refined with all.
     """
     starts, status = portfolio_starts(target, source, options)
     screen = screening_refiner(target, source)
@@ -75,14 +91,15 @@ def find_candidates(
         screened += [judged(target, source, refined, str(starts.origins[i])) for refined in maps]
     turned = composed(target, source, of_both_orientations(distinct_maps(screened), 2 * NUM_TURNED), screen)
     best = of_both_orientations(distinct_maps([*screened, *turned]), options.num_candidates)
+    return distinct_maps(_finished(target, source, best, options)), status
+
+
+def _finished(
+    target: SpectralShape, source: SpectralShape, coarse: list[Refined], options: NonrigidOptions
+) -> list[Refined]:
+    """Return coarse candidates refined on all samples."""
     finish = finish_by_icp if options.ends_with_icp else finish_by_zoomout
-    if not has_normals(target, source):
-        return distinct_maps(finish(target, source, best)), status
-    mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
-    own = distinct_maps(finish(target, source, best))
-    others = finish(target, source, posed_candidates(mapper, options))
-    fresh = [candidate for candidate in others if not _is_among(candidate, own)]
-    return distinct_maps([with_pose_evidence(mapper, candidate, options) for candidate in [*own, *fresh]]), status
+    return finish(target, source, coarse)
 
 
 def posed_candidates(mapper: PoseMapper, options: NonrigidOptions) -> list[Refined]:

@@ -10,8 +10,8 @@ from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.portfolio import (
     NUM_COMPOSED,
     Refined,
+    candidates_from_within,
     distinct_maps,
-    find_candidates,
     is_same_map,
     judged,
     screening_refiner,
@@ -34,7 +34,7 @@ def self_maps(shape: SpectralShape) -> FloatArray:
     functions alone.
     """
     own = replace(shape, self_maps=read_only(np.empty((0, 0, 0))))
-    searched, _ = find_candidates(own, own, NonrigidOptions(num_candidates=NUM_SELF_MAPS))
+    searched, _ = candidates_from_within(own, own, NonrigidOptions(num_candidates=NUM_SELF_MAPS))
     candidates = distinct_maps([*searched, *_negations(own)])
     maps = [candidate.functional_map.C_source_target for candidate in candidates]
     size = min([NUM_COMPOSED, *(len(c) for c in maps)])

@@ -17,7 +17,7 @@ from data_tools.io.files import existing_file
 from data_tools.io.source import hash_source
 
 #: Changes whenever the same files and options would give other prepared shapes, or other maps.
-MAP_VERSION = "map-1"
+MAP_VERSION = "map-2"
 
 
 @dataclass(frozen=True, kw_only=True)

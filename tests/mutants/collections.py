@@ -166,8 +166,8 @@ NONRIGID: tuple[Mutant, ...] = (
     *faults(
         "collalign/nonrigid/evidence.py",
         ("tests/collalign/nonrigid/test_nonrigid_evidence.py",),
-        ("Evidence.score", "2.0 * np.log(max(self.curvature, FLOOR))", "np.log(max(self.curvature, FLOOR))"),
-        ("Evidence.score", "1.0 - abs(self.orientation)", "1.0 - self.orientation"),
+        ("Evidence.map_score", "2.0 * np.log(max(self.curvature, FLOOR))", "np.log(max(self.curvature, FLOOR))"),
+        ("Evidence.map_score", "1.0 - abs(self.orientation)", "1.0 - self.orientation"),
         (
             "_commutativity_gap",
             "left, right = of_source[:, None] * c, c * of_target",
