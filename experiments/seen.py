@@ -11,8 +11,8 @@ SEEN = {
         "registration)"
     ),
     "shrec07": (
-        "the classes of SHREC07 (weights of the invariants, dense stage, when maps are asked for and how they judge "
-        "poses, confidence)"
+        "the classes of SHREC07 (weights of the invariants, dense stage, when maps are asked for, how they judge "
+        "poses and where they start, confidence)"
     ),
     "scape": "SCAPE (maps, when maps are asked for)",
 }

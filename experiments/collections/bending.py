@@ -17,6 +17,7 @@ from experiments.collections.aligning import pose_some
 from experiments.collections.landmarked import CLASSES_FOLDER, RIGHT_DEG, TEETH_FOLDER
 from experiments.collections.posed import GROSS_DEG, PosedCollection
 from experiments.experiment import Bench, Cell, Experiment, Outcome
+from experiments.seen import seen_note
 from experiments.tables import Column, Row, Table
 
 #: Shapes drawn of each collection.
@@ -43,8 +44,7 @@ The truth of two shapes is the rotation that their landmarks ask for, or all ver
 Where bodies bend, these rotations contradict each other around cycles, and no poses fit all of them: *best possible*
 are the poses that are synchronized from the true rotations themselves. Mirrored pairs count as gross.
 
-The weights of the evidence were chosen on human, ant, armadillo and glasses, thresholds while looking at all of these
-but the last two; starts from signs of eigenfunctions while looking at human and armadillo.
+{seen_note(("teeth", "shrec07", "scape"))}
 """
 
 

@@ -18,7 +18,8 @@ LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8)])
 #: collections, as ``python -m experiments calibrate confidence`` does again. With each collection judged by weights
 #: fitted without it, 97.9 % of the shapes at .95 or more were right, all of those of real collections (the worst,
 #: generated crowns of both sides: 82 %); the calibration error was .018; right shapes ranked above wrong ones of the
-#: same run in 76 %. Neither the votes of the best partners, nor their decisiveness, nor the spread of margins help.
+#: same run in 76 %; that was before maps started from signs of eigenfunctions as well. Neither the votes of the best
+#: partners, nor their decisiveness, nor the spread of margins help.
 AGREEMENT_WEIGHT, MARGIN_WEIGHT, CONSTANT = 10.0, 2.5, -5.2
 #: A rival whose excess is below this is as good as the reported pose: half turns of boxes, cylinders and spheres.
 TIED = 0.02
