@@ -36,7 +36,7 @@ def variation(
         Folder that ``collalign align`` wrote.
     to
         Folder for variation.html, meshes with offsets from the mean, scores, distances and a figure; by default
-        ``variation`` in the result, to which its report has a link.
+        ``variation`` in the result.
     labels
         CSV file with one row per shape; every column is one way to group.
     landmarks

@@ -20,7 +20,7 @@ from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder, file_stems
 
 PAGE_FILE = "variation.html"
-#: Where in a result's folder its report looks for the page.
+#: Where in a result's folder the page is, which its report names.
 DEFAULT_FOLDER = "variation"
 FIGURE_STEM = "morphospace"
 #: Of the surfaces drawn along a component.

@@ -302,7 +302,8 @@ def test_every_part_holds_what_it_should(opened: Page) -> None:
     assert opened.page.locator("#cycles rect").count() == 36
     assert opened.page.locator("#tree text").count() == 10
     assert opened.page.locator("#components figure").count() == 9
-    assert opened.page.locator("#components a").get_attribute("href") == "variation/variation.html"
+    assert opened.page.locator("#components a").count() == 0  # the page of collalign variation may not be there
+    assert "variation/variation.html" in opened.page.locator("#components").text_content()
     assert opened.pixels("#components canvas", 0)["share"] > 0.1
     first = opened.page.locator("#confidence tbody tr").first.inner_text()
     assert first.startswith("shape_001")

@@ -114,7 +114,7 @@ def test_a_second_write_gives_the_same_bytes(written: Path, variation: SurfaceVa
         assert (tmp_path / name).read_bytes() == (written / name).read_bytes(), name
 
 
-def test_the_page_works_in_a_browser(written: Path) -> None:
+def test_the_page_works_in_a_browser(written: Path, variation: SurfaceVariation, tmp_path: Path) -> None:
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if chromium is None:
@@ -148,5 +148,9 @@ def test_the_page_works_in_a_browser(written: Path) -> None:
             page.get_by_role("button", name="Save chart (SVG)").click()
         assert "<polygon" in Path(started.value.path()).read_text()
         assert page.evaluate("document.documentElement.scrollWidth") <= 400
+        write_variation(variation, tmp_path, [], columns={}, landmarks=((), np.empty((0, 3))))
+        page.goto((tmp_path / "variation.html").as_uri())
+        page.wait_for_selector("html[data-ready]", state="attached")
+        assert page.locator("#specimens p.muted").text_content()[-1].isdigit()  # no labels, and nothing before them
         browser.close()
     assert not problems

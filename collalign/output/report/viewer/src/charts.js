@@ -94,9 +94,8 @@ export function componentsSection(app) {
   return [el("p", { class: "muted" }, app.collection.variation.words), surfacesNote(), ...rows];
 }
 
-// The page that another command writes beside the report: a file cannot see whether it is there.
+// A file cannot see whether the page that another command writes is there: a link to it might lead nowhere.
 function surfacesNote() {
-  return el("p", null,
-    "Whole surfaces in correspondence: components that deform the mean surface, group means, each specimen against the mean, left and right, numbered landmarks. ",
-    el("a", { href: "variation/variation.html" }, "variation/variation.html"), " has them, once ", el("code", null, "collalign variation"), " with the name of this folder has been run.");
+  return el("p", null, el("code", null, "collalign variation"),
+    " with the name of this folder writes variation/variation.html beside this report, with whole surfaces in correspondence: components that deform the mean surface, group means, each specimen against the mean, left and right, numbered landmarks.");
 }

@@ -129,7 +129,8 @@ function specimensSection(app) {
     const surface = variation.shape(at);
     const offsets = variation.offsets(variation.mean, surface);
     bar.set(largestOf(offsets));
-    words.textContent = `${variation.names[at]}: centroid size ${number(variation.centroidSizes[at])}; ${Object.entries(variation.columns).map(([key, values]) => `${key} ${values[at] || "unknown"}`).join(", ")}`;
+    const labels = Object.entries(variation.columns).map(([key, values]) => `${key} ${values[at] || "unknown"}`).join(", ");
+    words.textContent = [`${variation.names[at]}: centroid size ${number(variation.centroidSizes[at])}`, labels].filter(Boolean).join("; ");
     view.show(surface, offsets, largestOf(offsets));
   };
   const box = select("Specimen", variation.names.map((name, at) => [String(at), name]), (at) => draw(Number(at)), "0");
