@@ -24,6 +24,22 @@ COLLECTIONS: tuple[Mutant, ...] = (
         ("_judged", "np.maximum(-agreement, 0.0)", "np.maximum(agreement, 0.0)"),
     ),
     *faults(
+        "collalign/stages/poses/bent.py",
+        ("tests/collalign/stages/test_bent_poses.py",),
+        ("first_samples", "samples.positions[:num].mean(axis=0)", "0.0"),
+        ("first_samples", "samples.invariants[:num] * weight", "samples.invariants[:num] / weight"),
+        ("bent_poses", "present * trust", "present * 1.0"),
+        ("_nearest_map", "np.where(near, pair.log_odds, -np.inf)", "pair.log_odds"),
+        ("_trust", "[:, 0], np.inf)", "[:, 0], 0.0)"),
+        ("_trust", "** -SCATTER_POWER", "** SCATTER_POWER"),
+    ),
+    *faults(
+        _SYNC + "solvers/averaging.py",
+        ("tests/collalign/stages/test_bent_poses.py",),
+        ("average_frames", "SMALLEST_RESIDUAL_DEG / residuals", "1.0"),
+        ("average_frames", "weights * SMALLEST", "SMALLEST"),
+    ),
+    *faults(
         "collalign/stages/poses/refinement.py",
         ("tests/collalign/stages/test_pose_refinement.py",),
         (MODULE, "NUM_ROUNDS = 2", "NUM_ROUNDS = 1"),

@@ -18,20 +18,18 @@ from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
-from collalign.stages.poses.agreement import match_at, solve_again
+from collalign.stages.poses.agreement import match_at
+from collalign.stages.poses.bent import bent_poses
 from collalign.stages.stored_types import samples_from_record, samples_to_record
 from collalign.synchronization import PairGraph, SynchronizationResult, synchronize_graph
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
-from data_tools.rotations import rotation_angle_deg
 from pairwise.dense.points import DensePoints
 from pairwise.dense.refine import refine_pose
 from pairwise.problem.pattern import RotationPattern
 
 #: Pairs that each shape is refined with, beside a spanning tree.
 NUM_NEIGHBOURS = 8
-#: Minima of the energy within this angle of a map's pose are the same pose seen by other evidence.
-SAME_BASIN_DEG = 30.0
 #: How often pairs are refined from the poses of the round before.
 NUM_ROUNDS = 2
 #: Weight of a pair is (energy / median energy), within a range, to the power of minus this.
@@ -77,7 +75,7 @@ def refine_poses(
     session : Session
         Its group is decided; without ``options.refine``, with the paper's own synchronization, or where a shape has
         no dense samples, nothing is refined. Where maps chose the poses, closest points would pull off bent limbs
-        (SHREC07's humans from 2 to 14 % of pairs beyond 30 deg): there the samples' energy is asked instead.
+        (SHREC07's humans from 2 to 14 % of pairs beyond 30 deg): there maps and the samples' energies are averaged.
     samples : sequence of Samples
     pairs : sequence of Pair
     solution : SynchronizationResult
@@ -95,7 +93,7 @@ def refine_poses(
             first = constraints.reference if constraints.reference in members else int(members[0])
             kept[first] = rotations[first]
     if any(len(pair.log_odds) for pair in pairs):
-        return most_consistent(session, samples, pairs, solution, fixed=kept)
+        return bent_poses(session, samples, pairs, solution, fixed=kept)
     if not all(len(item.dense_indices) > 1 for item in samples):
         return rotations
     within = [pair for pair in pairs if part[pair.target] == part[pair.source]]
@@ -108,49 +106,6 @@ def refine_poses(
         group=options.group,
         fixed=kept,
     )
-
-
-def most_consistent(
-    session: AlignSession,
-    samples: Sequence[Samples],
-    pairs: Sequence[Pair],
-    solution: SynchronizationResult,
-    *,
-    fixed: Mapping[int, FloatArray],
-) -> FloatArray:
-    """Return the poses of the maps, or those of the energy's own minima next to them, whichever agree better.
-
-    Which rotations between bent shapes are more accurate depends on what bends: maps follow limbs, the energy of the
-    samples follows the tips. Pairs that are accurate agree with each other around cycles, so the smaller median
-    residual decides.
-
-    Parameters
-    ----------
-    session : Session
-    samples : sequence of Samples
-    pairs : sequence of Pair
-    solution : SynchronizationResult
-        Of the candidates of maps.
-    fixed : mapping of int to ndarray (3, 3)
-        Poses that stay, at least one in each part that the pairs connect.
-    """
-    edges = np.array([(pair.target, pair.source) for pair in pairs])
-    asked = np.swapaxes(solution.rotations[edges[:, 0]], 1, 2) @ solution.rotations[edges[:, 1]]
-    with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(samples)) as table:
-        found = solve_again(session, pairs, asked, table)
-    minima = np.stack([record["rotations"][0, :3, :3] for record in found])
-    near = np.flatnonzero(rotation_angle_deg(minima, asked) <= SAME_BASIN_DEG)
-    graph = PairGraph.of_candidates(
-        edges[near],
-        [(minima[e][None], found[e]["energies"]) for e in near],
-        num_shapes=len(samples),
-        pattern=RotationPattern.from_user(None, 3, session.options.group),
-    )
-    if len(graph.connected_components()) > len(solution.components):
-        return solution.rotations
-    other = synchronize_graph(graph, fixed=fixed)
-    of_maps, of_minima = solution.edge_inconsistency_rad[near], other.edge_inconsistency_rad
-    return other.rotations if np.median(of_minima) < np.median(of_maps) else solution.rotations
 
 
 def refine_rotations(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import replace
 
 import networkx as nx
 import numpy as np
@@ -14,10 +13,7 @@ from scipy.spatial.transform import Rotation
 from collalign.engine.options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions, AlignSession
-from collalign.products.pair import Pair
-from collalign.products.shapes import Constraints
-from collalign.stages.poses.refinement import _weights, local_pairs, refine_poses, refine_rotations
-from collalign.stages.poses.synchronize import synchronize_pairs
+from collalign.stages.poses.refinement import _weights, local_pairs, refine_rotations
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
@@ -85,43 +81,6 @@ def test_fixed_poses_stay(session: AlignSession, rng: np.random.Generator) -> No
     refined = refine_rotations(session, samples, truth, all_edges(3), np.ones(3), group="O", fixed=fixed)
     for shape, pose in fixed.items():
         assert np.allclose(refined[shape], pose)
-
-
-def weighed_pairs(truth: np.ndarray, noise_rad: float, rng: np.random.Generator) -> list[Pair]:
-    """Return pairs whose one candidate is that of a map, off by so much."""
-    pairs = []
-    for i, j in all_edges(len(truth)):
-        off = Rotation.from_rotvec(noise_rad * rng.standard_normal(3)).as_matrix()
-        pairs.append(
-            Pair(
-                target=int(i),
-                source=int(j),
-                rotations=(off @ truth[i].T @ truth[j])[None],
-                maps=np.arange(16)[None],
-                energies=np.array([0.1]),
-                log_odds=np.zeros(1),
-            )
-        )
-    return pairs
-
-
-@pytest.mark.parametrize("is_noisy", [True, False])
-def test_of_maps_and_energies_the_more_consistent_decide(
-    session: AlignSession, rng: np.random.Generator, is_noisy: bool
-) -> None:
-    samples, truth = posed_crowns(rng, 5)
-    if not is_noisy:  # the maps are exact, the samples lie anywhere on the shapes
-        noise = [item.positions + 0.06 * rng.standard_normal(item.positions.shape) for item in samples]
-        samples = [replace(item, positions=p, coordinates=p) for item, p in zip(samples, noise, strict=True)]
-    session = session.with_options(replace(session.options, group="O"))
-    pairs = weighed_pairs(truth, 0.1 if is_noisy else 1e-4, rng)
-    solution = synchronize_pairs(session.options, 5, pairs)
-    refined = refine_poses(session, samples, pairs, solution, Constraints())
-    if is_noisy:
-        assert errors_deg(solution.rotations, truth).max() > 2.0
-        assert errors_deg(refined, truth).max() < 1e-3
-    else:
-        assert np.array_equal(refined, solution.rotations)
 
 
 def test_near_pairs_weigh_more_by_the_square_of_their_energy() -> None:

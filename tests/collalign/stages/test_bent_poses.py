@@ -1,0 +1,162 @@
+"""Poses of bent shapes: every pair measured in several ways, each trusted by how well it agrees with itself."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from collalign.engine.options import RunOptions
+from collalign.engine.session import Session
+from collalign.options import AlignOptions, AlignSession
+from collalign.products.pair import Pair
+from collalign.products.shapes import Constraints
+from collalign.stages.poses.bent import _nearest_map, _trust, first_samples
+from collalign.stages.poses.refinement import refine_poses
+from collalign.stages.poses.synchronize import synchronize_pairs
+from collalign.synchronization.problem.geometry import transposed
+from collalign.synchronization.solvers.averaging import average_frames, residuals_deg
+from data_tools.arrays import FloatArray
+from data_tools.datasets.synthetic_shapes import crown
+from data_tools.embedding.embedding import Samples, sample_shape
+from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
+
+NUM = 5
+EDGES = np.array(list(itertools.combinations(range(NUM), 2)))
+
+
+@pytest.fixture
+def session() -> Iterator[AlignSession]:
+    with Session.open(AlignOptions(group="O"), RunOptions(jobs=1)) as opened:
+        yield opened
+
+
+def turned(rotations: FloatArray, angle_deg: float, rng: np.random.Generator) -> FloatArray:
+    """Return rotations that are off by about an angle, each about an axis of its own."""
+    axes = rng.standard_normal((len(rotations), 3))
+    axes *= np.deg2rad(angle_deg) / np.linalg.norm(axes, axis=1, keepdims=True)
+    return np.asarray(Rotation.from_rotvec(axes).as_matrix() @ rotations)
+
+
+def true_pairs(truth: FloatArray) -> FloatArray:
+    return np.stack([truth[i].T @ truth[j] for i, j in EDGES])
+
+
+def weighed_pairs(measured: FloatArray) -> list[Pair]:
+    """Return pairs whose one candidate is that of a map."""
+    return [
+        Pair(
+            target=int(i),
+            source=int(j),
+            rotations=rotation[None],
+            maps=np.arange(32)[None],
+            energies=np.array([0.1]),
+            log_odds=np.zeros(1),
+        )
+        for (i, j), rotation in zip(EDGES, measured, strict=True)
+    ]
+
+
+def posed_crowns(rng: np.random.Generator, noise: float) -> tuple[list[Samples], FloatArray]:
+    """Return one crown in several poses, mirrored ones among them, its samples moved by some noise."""
+    shape = crown(num_vertices=500)
+    turns = np.stack([random_rotation(rng, group="O") for _ in range(NUM)])
+    options = SamplingOptions(num_points=32, num_dense_points=0)
+    samples = [
+        sample_shape(Shape.from_arrays(shape.vertices @ turn, shape.faces), options, EmbeddingOptions(kind="xyz"))
+        for turn in turns
+    ]
+    moved = [item.positions + noise * rng.standard_normal(item.positions.shape) for item in samples]
+    return [replace(item, positions=p, coordinates=p) for item, p in zip(samples, moved, strict=True)], turns
+
+
+def largest_error(rotations: FloatArray, truth: FloatArray) -> float:
+    return float(rotation_angle_deg(true_pairs(rotations), true_pairs(truth)).max())
+
+
+@pytest.mark.parametrize(("map_error", "noise"), [(6.0, 0.0), (0.01, 0.03)])
+def test_the_way_that_agrees_with_itself_decides(
+    session: AlignSession, rng: np.random.Generator, map_error: float, noise: float
+) -> None:
+    samples, truth = posed_crowns(rng, noise)
+    pairs = weighed_pairs(turned(true_pairs(truth), map_error, rng))
+    solution = synchronize_pairs(session.options, NUM, pairs)
+    without_maps = [replace(pair, log_odds=np.array([-np.inf])) for pair in pairs]
+    refined = refine_poses(session, samples, pairs, solution, Constraints())
+    others = refine_poses(session, samples, without_maps, solution, Constraints())
+    assert largest_error(refined, truth) < 0.3
+    worse = others if noise else solution.rotations
+    assert largest_error(worse, truth) > 1.0
+
+
+def test_poses_set_by_hand_stay(session: AlignSession, rng: np.random.Generator) -> None:
+    samples, truth = posed_crowns(rng, 0.02)
+    pairs = weighed_pairs(turned(true_pairs(truth), 5.0, rng))
+    fixed = {1: truth[1], 3: truth[3]}
+    solution = synchronize_pairs(session.options, NUM, pairs, Constraints(fixed=fixed))
+    refined = refine_poses(session, samples, pairs, solution, Constraints(fixed=fixed))
+    for shape, pose in fixed.items():
+        assert np.array_equal(refined[shape], solution.rotations[shape])
+        assert np.allclose(refined[shape], pose)
+    assert not np.allclose(refined[0], solution.rotations[0], atol=1e-4)
+
+
+def test_first_samples_are_centred_and_of_unit_size(rng: np.random.Generator) -> None:
+    samples = replace(posed_crowns(rng, 0.0)[0][0], invariants=rng.standard_normal((32, 2)))
+    few = first_samples(samples, 8)
+    assert np.allclose(few.positions.mean(axis=0), 0)
+    assert np.linalg.norm(few.positions) == pytest.approx(1.0)
+    assert np.allclose(few.invariants, 2.0 * samples.invariants[:8])
+    whole = first_samples(samples, 32)
+    assert np.allclose(whole.positions, samples.positions / np.linalg.norm(samples.positions))
+
+
+def test_the_likeliest_candidate_near_the_pose_is_the_maps(rng: np.random.Generator) -> None:
+    asked = random_rotation(rng)
+    poses = np.stack([np.diag([1.0, -1, -1]) @ asked, *turned(np.stack([asked, asked, asked]), 10.0, rng)])
+    pair = Pair(
+        target=0,
+        source=1,
+        rotations=poses,
+        maps=np.zeros((4, 8), dtype=np.int64),
+        energies=np.ones(4),
+        log_odds=np.array([9.0, 1.0, 2.0, -np.inf]),
+    )
+    assert np.array_equal(_nearest_map(pair, asked), poses[2])
+    assert not _nearest_map(pair, np.diag([-1.0, 1, -1]) @ asked).any()
+
+
+def test_least_deviations_forgive_one_wrong_measurement(rng: np.random.Generator) -> None:
+    truth = np.stack([random_rotation(rng) for _ in range(NUM)])
+    right = true_pairs(truth)
+    measured = np.stack([right, turned(right, 1.0, rng)], axis=1)
+    measured[3, 1] = turned(right[3:4], 25.0, rng)[0]
+    start = transposed(turned(truth, 8.0, rng))
+    start[0] = truth[0].T
+    free = np.arange(NUM) > 0
+    even = np.ones((len(EDGES), 2))
+    found = average_frames(start, EDGES, measured, even, free)
+    assert residuals_deg(found, EDGES, measured[:, :1]).max() < 1.0
+    assert np.array_equal(found[0], start[0])
+    trusting = average_frames(start, EDGES, measured, even * [1.0, 0.0], free)
+    assert residuals_deg(trusting, EDGES, measured[:, :1]).max() < 1e-3
+    assert average_frames(start, EDGES, measured, 0.0 * even, free) is start
+    swapped = average_frames(start, EDGES, measured[:, ::-1], even, free)
+    assert np.allclose(swapped, found, atol=1e-9)
+
+
+def test_a_way_that_most_pairs_lack_is_not_trusted(rng: np.random.Generator) -> None:
+    truth = np.stack([random_rotation(rng) for _ in range(NUM)])
+    right, free = true_pairs(truth), np.arange(NUM) > 0
+    frames = transposed(truth)
+    exact = _trust(frames, EDGES, right[:, None], np.ones(len(EDGES), dtype=bool), free)
+    loose = _trust(frames, EDGES, turned(right, 10.0, rng)[:, None], np.ones(len(EDGES), dtype=bool), free)
+    assert exact == pytest.approx(0.1**-3.0)
+    assert 0 < loose < 1e-3 * exact
+    assert _trust(frames, EDGES, right[:, None], np.arange(len(EDGES)) < 4, free) == 0
