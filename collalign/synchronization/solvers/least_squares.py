@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.sparse import coo_matrix, csr_matrix, diags
-from scipy.sparse.linalg import splu
+from scipy.sparse import coo_matrix, csc_matrix, diags
+from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.sparse.linalg import SuperLU, splu
 
 from collalign.synchronization.problem.geometry import cayley
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -20,7 +23,7 @@ MAX_STEP_RAD = 0.7
 MAX_STEPS, SETTLED_RAD = 50, 1e-11
 
 #: Conjugate gradients take so many steps at most, to this residual relative to the first.
-MAX_CG_STEPS, CG_TOL = 60, 1e-3
+MAX_CG_STEPS, CG_TOL = 200, 1e-3
 
 
 def gauss_newton_step(
@@ -95,7 +98,7 @@ def _solve_laplacian(
     """Solve the weighted graph Laplacian of the free shapes: directly, or where it is large by conjugate gradients.
 
     These are stopped at ``CG_TOL`` (each step of Gauss-Newton starts anew), and replaced by a factorization where
-    they are slow, as on chains.
+    they are slow, as on grids, whose factors are sparse; those of graphs with random pairs are not.
     """
     left, right = edges.T
     degree = np.bincount(edges.ravel(), weights=np.repeat(weights, 2), minlength=count).astype(np.float64)
@@ -108,17 +111,46 @@ def _solve_laplacian(
             return cho_solve(cho_factor(laplacian[np.ix_(free, free)], check_finite=False), force)
         except LinAlgError:
             return np.asarray(np.linalg.lstsq(laplacian[np.ix_(free, free)], force, rcond=None)[0], dtype=np.float64)
-    couplings = coo_matrix((weights, (left, right)), shape=(count, count))
-    sparse = (diags(degree) - couplings - couplings.T).tocsr()[free][:, free]
-    solution = _conjugate_gradients(sparse, degree[free], force)
-    return splu(sparse.tocsc()).solve(force) if solution is None else solution
+    inside = free[left] & free[right]
+    number = np.cumsum(free) - 1
+    ends, coupling = number[edges[inside]], weights[inside]
+    matrix = _minus_couplings(degree[free], ends, coupling)
+    tree = _heaviest_forest(ends, coupling, len(force))
+    preconditioner = _factor(_minus_couplings(degree[free], ends[tree], coupling[tree]))
+    solution = _conjugate_gradients(matrix, preconditioner.solve, force)
+    return _factor(matrix).solve(force) if solution is None else solution
 
 
-def _conjugate_gradients(matrix: csr_matrix, diagonal: FloatArray, force: FloatArray) -> FloatArray | None:
-    """Return the solution for all columns by Jacobi-preconditioned conjugate gradients; None if they are too slow."""
-    scale = 1.0 / diagonal[:, None]
+def _minus_couplings(degree: FloatArray, ends: IntArray, coupling: FloatArray) -> csc_matrix:
+    """Return the matrix with the degrees on its diagonal and minus the couplings of the pairs off it."""
+    couplings = coo_matrix((coupling, tuple(ends.T)), shape=(len(degree), len(degree)))
+    return (diags(degree) - couplings - couplings.T).tocsc()
+
+
+def _heaviest_forest(ends: IntArray, coupling: FloatArray, count: int) -> IntArray:
+    """Return which pairs make a spanning forest of greatest weight, ascending; of equal ones the first."""
+    rank = np.empty(len(coupling))
+    order = np.argsort(-coupling, kind="stable")
+    rank[order] = np.arange(1.0, len(coupling) + 1.0)
+    found = minimum_spanning_tree(coo_matrix((rank, tuple(ends.T)), shape=(count, count)).tocsr())
+    return np.sort(order[found.data.astype(np.int64) - 1])
+
+
+def _factor(matrix: csc_matrix) -> SuperLU:
+    """Factor a symmetric positive definite matrix, without the pivoting that it does not need."""
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
+def _conjugate_gradients(
+    matrix: csc_matrix, precondition: Callable[[FloatArray], FloatArray], force: FloatArray
+) -> FloatArray | None:
+    """Return the solution for all columns by preconditioned conjugate gradients; None if they are too slow.
+
+    The preconditioner is the matrix with the couplings of a spanning tree of greatest weight alone (Vaidya 1990, with
+    the whole diagonal): it solves chains at once, and weights that differ by orders of magnitude do not matter to it.
+    """
     solution, residual = np.zeros_like(force), force.copy()
-    direction = scale * residual
+    direction = precondition(residual)
     energy = (residual * direction).sum(axis=0)
     goal = CG_TOL**2 * np.maximum(energy, 1e-300)
     for _ in range(MAX_CG_STEPS):
@@ -126,7 +158,7 @@ def _conjugate_gradients(matrix: csr_matrix, diagonal: FloatArray, force: FloatA
         step = energy / np.maximum((direction * image).sum(axis=0), 1e-300)
         solution += step * direction
         residual -= step * image
-        preconditioned = scale * residual
+        preconditioned = precondition(residual)
         fresh = (residual * preconditioned).sum(axis=0)
         if (fresh <= goal).all():
             return solution
