@@ -90,7 +90,7 @@ class TiltTask:
 
 def bound_pair(task: TiltTask, shared: SharedTable) -> Record:
     """Bound a pair's energy less a linear function of its rotation; runs inside a worker."""
-    target, source = (samples_from_record(shared[key], key) for key in (task.target_key, task.source_key))
+    target, source = (shared.made(key, samples_from_record) for key in (task.target_key, task.source_key))
     problem = pair_problem(target, source, task.group)
     return tilted_to_record(
         prove_tilted(problem, task.tilt, task.known, gap=task.gap, time_limit_s=task.time_limit_s)

@@ -106,7 +106,7 @@ class CertificationReport:
 
 def prove_pair(task: ProofTask, shared: SharedTable) -> Record:
     """Prove the best pose of one pair and list its rivals as far as the time allows; runs inside a worker."""
-    target, source = (samples_from_record(shared[key], key) for key in (task.target_key, task.source_key))
+    target, source = (shared.made(key, samples_from_record) for key in (task.target_key, task.source_key))
     problem = pair_problem(target, source, task.group)
     poses = list_poses(
         problem,

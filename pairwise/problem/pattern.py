@@ -66,7 +66,7 @@ class RotationPattern:
             return pattern
         mask, first = _mask_from_user(pattern, dim)
         special = ((0, first),) if group == "SO" else ()
-        if np.linalg.matrix_rank(_random_filling(mask)) < dim:
+        if not mask.all() and np.linalg.matrix_rank(_random_filling(mask)) < dim:
             raise InputError("rotation_pattern: every matrix with these non-zero entries is singular")
         return cls(read_only(mask), special)
 

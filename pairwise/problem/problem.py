@@ -222,6 +222,8 @@ def _max_unmatched(k: int, num_matches: int | None, unmatched_penalty: float | N
 
 
 def _check_feasible(allowed: BoolArray, max_unmatched: int) -> None:
+    if allowed.all():
+        return
     empty = np.flatnonzero(~allowed.any(axis=0))
     if len(empty) > max_unmatched:
         raise InputError(f"allowed: source point {empty[0]} has none ({len(empty)} such points)")

@@ -1,20 +1,27 @@
-"""Records that many tasks need: written to a file once, mapped by every worker, and sent once to each Dask worker."""
+"""Records that many tasks need: written to a file once, read by every worker, and sent once to each Dask worker.
+
+Records are read from the file and not mapped: pages of a map count as a worker's own memory, by its limit and by
+joblib, which replaces workers that seem to grow.
+"""
 
 from __future__ import annotations
 
-import mmap
+import os
 import struct
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from io import FileIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from collalign.engine.jobs.scratch import remove_scratch, scratch_directory
 from collalign.engine.store.records import Record, decode, encode
 from data_tools.errors import StoreError
 
-#: Decoded records that each worker keeps.
-_CACHE_SIZE = 256
+Made = TypeVar("Made")
+
+#: Bytes that each worker keeps of decoded records and of what was made of them: those used last.
+_MAX_KEPT_BYTES = 2**27
 _FOOTER = struct.Struct("<QQ")
 
 
@@ -22,7 +29,7 @@ class SharedTable(Mapping[str, Record]):
     """A read-only mapping of keys to records in one file; only records that are looked up are in memory.
 
     Build it with :meth:`create` in the parent, and use it as a context manager there, so that the file goes away.
-    Travelling to a worker process costs a path; the worker maps the file when it first looks something up.
+    Travelling to a worker process costs a path; the worker opens the file when it first looks something up.
 
     Parameters
     ----------
@@ -33,9 +40,10 @@ class SharedTable(Mapping[str, Record]):
     def __init__(self, path: Path) -> None:
         self.path = path
         self._owned: Path | None = None
-        self._map: mmap.mmap | None = None
+        self._file: FileIO | None = None
         self._index: dict[str, list[int]] = {}
-        self._cache: OrderedDict[str, Record] = OrderedDict()
+        self._kept_bytes = 0.0
+        self._cache: OrderedDict[tuple[str, Callable[[Record, str], Any]], tuple[Any, float]] = OrderedDict()
 
     @classmethod
     def create(cls, records: Iterable[tuple[str, Record]], *, directory: Path | None = None) -> SharedTable:
@@ -68,16 +76,32 @@ class SharedTable(Mapping[str, Record]):
 
     def __getitem__(self, key: str) -> Record:
         """Return a record with read-only arrays; the ones used last are kept decoded."""
-        if key in self._cache:
-            self._cache.move_to_end(key)
-            return self._cache[key]
-        data = self._open()
-        start, size = self._index[key]
-        record = decode(data[start : start + size], f"{self.path}: {key}")
-        self._cache[key] = record
-        if len(self._cache) > _CACHE_SIZE:
-            self._cache.popitem(last=False)
-        return record
+        return self.made(key, _itself)
+
+    def made(self, key: str, make: Callable[[Record, str], Made], *, growth: float = 1.0) -> Made:
+        """Return what a function makes of a record and its key; what was made of the ones used last is kept.
+
+        Parameters
+        ----------
+        key : str
+        make : callable
+            Of a module. Several tasks get the same object, which none of them may change.
+        growth : float
+            About how many times the record's bytes that object takes.
+        """
+        if (key, make) in self._cache:
+            self._cache.move_to_end((key, make))
+        else:
+            file = self._open()
+            start, size = self._index[key]
+            made = make(decode(_part(file, start, size), f"{self.path}: {key}"), key)
+            self._cache[key, make] = made, growth * size
+            self._kept_bytes += growth * size
+            while self._kept_bytes > _MAX_KEPT_BYTES and len(self._cache) > 1:
+                _, (_, dropped) = self._cache.popitem(last=False)
+                self._kept_bytes -= dropped
+        found: Made = self._cache[key, make][0]
+        return found
 
     def __iter__(self) -> Iterator[str]:
         self._open()
@@ -88,10 +112,10 @@ class SharedTable(Mapping[str, Record]):
         return len(self._index)
 
     def close(self) -> None:
-        """Unmap the file, and remove it where this is the table that :meth:`create` returned."""
-        if self._map is not None:
-            self._map.close()
-            self._map = None
+        """Close the file, and remove it where this is the table that :meth:`create` returned."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
         if self._owned is not None:
             remove_scratch(self._owned)
 
@@ -104,16 +128,26 @@ class SharedTable(Mapping[str, Record]):
     def __reduce__(self) -> tuple[Any, ...]:
         return _opened, (str(self.path),)
 
-    def _open(self) -> mmap.mmap:
-        if self._map is None:
-            with open(self.path, "rb") as file:
-                self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-            start, size = _FOOTER.unpack(self._map[-_FOOTER.size :])
-            index = decode(self._map[start : start + size], str(self.path))["index"]
+    def _open(self) -> FileIO:
+        if self._file is None:
+            self._file = FileIO(str(self.path))
+            end = self._file.seek(0, os.SEEK_END)
+            start, size = _FOOTER.unpack(_part(self._file, end - _FOOTER.size, _FOOTER.size))
+            index = decode(_part(self._file, start, size), str(self.path))["index"]
             if not isinstance(index, dict):
                 raise StoreError(f"{self.path}: not a table")
             self._index = index
-        return self._map
+        return self._file
+
+
+def _itself(record: Record, key: str) -> Record:
+    return record
+
+
+def _part(file: FileIO, start: int, size: int) -> bytes:
+    """Return so many bytes of a file from a place on; fewer where it is truncated."""
+    file.seek(start)
+    return file.read(size)
 
 
 _TABLES: dict[str, SharedTable] = {}
@@ -122,6 +156,8 @@ _TABLES: dict[str, SharedTable] = {}
 def _opened(path: str) -> SharedTable:
     """Return this process's table of a path; each task that arrives carries the path again."""
     if path not in _TABLES:
+        for stale in _TABLES.values():
+            stale.close()
         _TABLES.clear()
         _TABLES[path] = SharedTable(Path(path))
     return _TABLES[path]

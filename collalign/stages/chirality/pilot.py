@@ -186,7 +186,7 @@ def nearest_pairs(edges: IntArray, descriptors: FloatArray, num_partners: int) -
 
 def compare_kinds(pair: Pair, shared: SharedTable) -> Record:
     """Return :func:`chirality_energies` of a pair, ``plain`` and ``mirrored``; runs inside a worker."""
-    target, source = (samples_from_record(shared[str(i)], str(i)) for i in (pair.target, pair.source))
+    target, source = (shared.made(str(i), samples_from_record) for i in (pair.target, pair.source))
     plain, mirrored = chirality_energies(pair, target, source)
     return {"plain": plain, "mirrored": mirrored}
 

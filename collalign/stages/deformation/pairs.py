@@ -59,7 +59,7 @@ def candidate_maps(task: CandidatesTask, shared: SharedTable) -> Record:
         first_samples(surface_from_record(shared[key], key), NUM_SCREEN_POINTS, NUM_SCREEN_FUNCTIONS)
         for key in (task.target_surface, task.source_surface)
     )
-    samples = [samples_from_record(shared[key], key) for key in (task.target_key, task.source_key)]
+    samples = [shared.made(key, samples_from_record) for key in (task.target_key, task.source_key)]
     mapper = PoseMapper(target, source)
     weigher = PoseWeigher(samples[0], samples[1], mapper)
     found = []

@@ -55,7 +55,7 @@ def weigh_pair(task: EvidenceTask, shared: SharedTable) -> Record:
     dict
         ``rotations`` (m, 3, 3), ``maps`` (m, k), ``evidence`` (m, 7), the best candidate first.
     """
-    samples = [samples_from_record(shared[key], key) for key in (task.target_key, task.source_key)]
+    samples = [shared.made(key, samples_from_record) for key in (task.target_key, task.source_key)]
     surfaces = [surface_from_record(shared[key], key) for key in (task.target_surface, task.source_surface)]
     weigher = PoseWeigher(samples[0], samples[1], PoseMapper(surfaces[0], surfaces[1]))
     mirrored, starts = task.group == "O", task.starts

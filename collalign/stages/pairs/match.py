@@ -44,7 +44,7 @@ def match_pair(task: PairTask, shared: SharedTable) -> Record:
     dict
         ``rotations`` (m, d, d), ``maps`` (m, k), ``energies`` (m,), ``gaps`` (m,), ``lower_bound``, ``status``.
     """
-    target, source = (samples_from_record(shared[key], key) for key in (task.target_key, task.source_key))
+    target, source = (shared.made(key, samples_from_record) for key in (task.target_key, task.source_key))
     record = poses_to_record(match_problem(pair_problem(target, source, task.group), task.options))
     return record | {"gaps": surface_gaps(target, source, record["rotations"])}
 

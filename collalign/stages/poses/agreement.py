@@ -47,7 +47,7 @@ def resolve_pair(task: ResolveTask, shared: SharedTable) -> Record:
     dict
         ``rotations`` (1, d, d), ``maps`` (1, k), ``energies`` (1,), ``gaps`` (1,).
     """
-    target, source = (samples_from_record(shared[str(i)], str(i)) for i in (task.target, task.source))
+    target, source = (shared.made(str(i), samples_from_record) for i in (task.target, task.source))
     problem = pair_problem(target, source, task.group)
     start = task.start
     if problem.dim > 3:

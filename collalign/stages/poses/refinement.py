@@ -53,12 +53,13 @@ def refine_pair(task: RefinementTask, shared: SharedTable) -> Record:
     dict
         ``rotation`` (3, 3), ``R_target_source``; ``energy``, in squares of the target's radius.
     """
-    target, source = (
-        dense_points(samples_from_record(shared[str(i)], str(i)), invariants=False)
-        for i in (task.target, task.source)
-    )
+    target, source = (shared.made(str(i), _points_from_record) for i in (task.target, task.source))
     pose = refine_pose(target, source, task.start)
     return {"rotation": pose.R_target_source, "energy": pose.energy / target.radius**2}
+
+
+def _points_from_record(record: Record, name: str) -> DensePoints:
+    return dense_points(samples_from_record(record, name), invariants=False)
 
 
 def refine_poses(

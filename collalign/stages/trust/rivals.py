@@ -127,10 +127,10 @@ def pose_costs(task: RivalTask, shared: SharedTable) -> Record:
     dict
         ``costs``, shape (r, p): mean squared distance of closest points and normals, both ways, in squared radii.
     """
-    own = surface_points(samples_from_record(shared[str(task.shape)], str(task.shape)), first=0)
+    own = surface_points(shared.made(str(task.shape), samples_from_record), first=0)
     costs = np.empty((len(task.poses), len(task.partners)))
     for p, (partner, partner_pose) in enumerate(zip(task.partners, task.partner_poses, strict=True)):
-        other = surface_points(samples_from_record(shared[str(partner)], str(partner)), first=1)
+        other = surface_points(shared.made(str(partner), samples_from_record), first=1)
         for r, pose in enumerate(task.poses):
             costs[r, p] = surface_gap(other, own, partner_pose.T @ pose)
     return {"costs": costs}

@@ -13,15 +13,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+import collalign.engine.jobs.table as table_module
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
-from collalign.engine.jobs.worker import describe
+from collalign.engine.jobs.worker import _mapped_bytes, describe
 from data_tools.errors import CollalignError, InputError, OptionsError
 from tests.faults import worker_processes
 from tests.job_functions import look_up, misbehave, process_id, spectrum
 
 ROOT = Path(__file__).resolve().parents[3]
 SPECTRA = [(f"s{seed}", seed) for seed in range(12)]
+
+
+def total_and_key(record: dict[str, Any], key: str) -> tuple[float, str]:
+    return float(record["positions"].sum()), key
 
 
 def collect(*arguments: Any, **options: Any) -> dict[str, JobResult]:
@@ -192,6 +197,33 @@ def test_shared_records_are_looked_up_by_key(num_jobs: int) -> None:
             table["3"]["positions"][0] = 1.0
         path = table.path
     assert not path.exists()
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the size of a process is read from /proc")
+def test_a_table_takes_no_memory_but_for_the_records_used_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    record = {"positions": np.zeros(2000)}
+    monkeypatch.setattr(table_module, "_MAX_KEPT_BYTES", 10**6)
+    with SharedTable.create((str(i), record) for i in range(3000)) as table:  # 48 MB
+        before = _mapped_bytes()
+        total = sum(len(table[key]["positions"]) for key in table)
+        after = _mapped_bytes()
+    assert total == 3000 * 2000
+    assert before is not None
+    assert after is not None
+    assert after - before < 24e6
+
+
+def test_what_is_made_of_records_is_kept_while_they_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    records = [(str(i), {"positions": np.full(1000, float(i))}) for i in range(4)]
+    monkeypatch.setattr(table_module, "_MAX_KEPT_BYTES", 20_000)  # two of them
+    with SharedTable.create(records) as table:
+        zero, one = table.made("0", total_and_key), table.made("1", total_and_key)
+        assert (zero, one) == ((0.0, "0"), (1000.0, "1"))
+        assert table.made("0", total_and_key) is zero
+        assert table.made("2", total_and_key) == (2000.0, "2")
+        assert table.made("0", total_and_key) is zero
+        assert table.made("1", total_and_key) is not one
+        assert table["1"]["positions"].shape == (1000,)  # kept apart from what is made of it
 
 
 def test_a_table_that_cannot_be_written_leaves_no_file(tmp_path: Path) -> None:
