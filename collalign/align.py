@@ -143,9 +143,8 @@ def _without_found(run: Run, aligned: AlignedCollection) -> tuple[dict[int, str]
     missing: dict[int, str] = {}
     for _ in range(MAX_ROUNDS):
         kept = [i for i in range(len(run.shapes.names)) if i not in missing]
-        shown = run.session.alone("incomplete shapes", len(kept))
-        with run.stage("incomplete shapes"), shown as advance:
-            found = find_incomplete(run.shapes.some(kept).samples, aligned, advance)
+        with run.stage("incomplete shapes"):
+            found = find_incomplete(run.session, run.shapes.some(kept).samples, aligned)
         fresh = {kept[n]: reason for n, reason in found.items() if kept[n] not in run.constraints.fixed}
         if not fresh or len(kept) - len(fresh) < MIN_SHAPES:
             break

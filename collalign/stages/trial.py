@@ -166,11 +166,11 @@ def later_work(
         ]
     if options.incomplete == AUTO and num_shapes >= MIN_SHAPES:
         missing_s = MISSING_REFINEMENTS * trial.refinement_s
-        work.append(Work(stage="incomplete shapes", number=num_shapes, each_s=missing_s, spread=False))
+        work.append(Work(stage="incomplete shapes", number=num_shapes, each_s=missing_s))
     tiles = min(num_shapes, MOST_TILES)
     return [
         *work,
-        Work(stage="outputs", number=num_shapes, each_s=OUTPUT_READS * trial.read_s, spread=False),
+        Work(stage="outputs", number=num_shapes, each_s=OUTPUT_READS * trial.read_s),
         Work(stage="outputs", number=tiles, each_s=TILE_MATCHES * match_s, spread=False),
     ]
 

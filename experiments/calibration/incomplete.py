@@ -69,8 +69,9 @@ def measure_detection(data: Path, collections: Sequence[str], quick: bool) -> di
 
         def score(collection: str, changed: Mapping[str, Constant]) -> float:
             tried = spoiled[collection]
-            with patched(detect, changed):
-                found = detect.find_incomplete(tried.samples, tried.aligned)
+            alone = Session.open(AlignOptions(group="SO"), RunOptions(jobs=1))
+            with patched(detect, changed), alone as session:
+                found = detect.find_incomplete(session, tried.samples, tried.aligned)
             return float((np.isin(np.arange(len(tried.cut)), list(found)) == tried.cut).mean())
 
         return scan(CALIBRATION.constants, collections, score, quick=quick)

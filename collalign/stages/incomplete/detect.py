@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from functools import lru_cache
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.spatial import cKDTree
 
-from collalign.options import ALL, AUTO, NEVER, AlignOptions
+from collalign.engine.jobs.run import SharedTable
+from collalign.engine.store.records import Record
+from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
 from collalign.products.collection import Collection
+from collalign.stages.incomplete.surfaces import posed_points
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.surface.topology import is_open_surface
-from data_tools.threads import one_blas_thread
 from pairwise.partial.match import refine, scales_allowed
 from pairwise.partial.poses import Poses
 from pairwise.partial.surface import PartialSurface
@@ -36,8 +38,8 @@ NUM_PARTNERS = 6
 #: Steps from the common pose, which centroids and sizes of different parts have shifted.
 _STEPS = (0.35,) * 4 + (0.25,) * 8
 _NUM_POINTS = 200
-#: Surfaces with their grids, a quarter of a MiB each, that are held at a time.
-MOST_HELD = 2000
+#: Memory of a surface with its grid of a quarter of a MiB, in that of its points alone.
+_GRID_GROWTH = 14.0
 #: Fewer shapes cannot tell which of them is incomplete, nor can they where more than this share seems to be.
 MIN_SHAPES, MOST_MISSING = 5, 0.5
 
@@ -63,10 +65,15 @@ def told_incomplete(options: AlignOptions, names: Sequence[str], found: Iterable
     return {names.index(name): TOLD for name in sorted(set(asked))}
 
 
-@one_blas_thread()
-def find_incomplete(
-    samples: Sequence[Samples], aligned: Collection, advance: Callable[[], object] = lambda: None
-) -> dict[int, str]:
+@dataclass(frozen=True, kw_only=True)
+class ShareTask:
+    """What a worker needs to look beyond the rim of one shape; surfaces come from the shared table, by position."""
+
+    shape: int
+    partners: tuple[int, ...]
+
+
+def find_incomplete(session: AlignSession, samples: Sequence[Samples], aligned: Collection) -> dict[int, str]:
     """Return the shapes beyond whose rim those that match them best go on, and how far.
 
     Works on the dense samples at the common poses, from which each shape is first refined on its partners; nothing is
@@ -75,29 +82,46 @@ def find_incomplete(
 
     Parameters
     ----------
+    session : Session
     samples : sequence of Samples
     aligned : Collection
         Of these shapes, as if all were complete.
-    advance : callable, optional
-        Called after each shape.
     """
     bends = aligned.search_gain is not None
     if bends or len(samples) < MIN_SHAPES or not all(len(item.dense_positions) >= _NUM_POINTS for item in samples):
         return {}
-    posed = [posed_samples(item, pose) for item, pose in zip(samples, aligned.transforms, strict=True)]
-    surface = lru_cache(MOST_HELD)(lambda i: PartialSurface.from_user(*posed[i], oriented=_is_oriented(samples[i])))
-    has_rim = [bool(on_rim.any()) for _, _, on_rim in posed]
-    if not any(has_rim):
+    nearest, has_rim = _nearest(aligned, len(samples)), set[int]()
+    with SharedTable.create(_posed_records(samples, aligned, has_rim)) as table:
+        tasks = {
+            str(i): ShareTask(shape=i, partners=tuple(nearest[i]))
+            for i in _neighbours_together(nearest)
+            if nearest[i] and i in has_rim
+        }
+        shares = session.spread("incomplete shapes", share_beyond_rim, tasks, shared=table)
+    missing = [i for i in range(len(samples)) if shares.get(str(i), 0.0) >= MISSING_SHARE and _may_be_cut(aligned, i)]
+    if len(missing) > MOST_MISSING * len(samples):
         return {}
-    nearest, shares = _nearest(aligned, len(samples)), {}
-    for i in _neighbours_together(nearest):
-        if nearest[i] and has_rim[i]:
-            shares[i] = share_beyond(surface(i), [surface(j) for j in nearest[i]])
-        advance()
-    found = {i: shares[i] for i in sorted(shares) if shares[i] >= MISSING_SHARE and _may_be_cut(aligned, i)}
-    if len(found) > MOST_MISSING * len(samples):
-        return {}
-    return {i: f"{share:.0%} of the shapes most like it lie beyond its rim" for i, share in found.items()}
+    return {i: f"{shares[str(i)]:.0%} of the shapes most like it lie beyond its rim" for i in missing}
+
+
+def _posed_records(
+    samples: Sequence[Samples], aligned: Collection, has_rim: set[int]
+) -> Iterator[tuple[str, Record]]:
+    """Yield the shapes at their poses, by position as text; those that have a rim are put into ``has_rim``."""
+    for i, (item, pose) in enumerate(zip(samples, aligned.transforms, strict=True)):
+        points, normals, on_rim = posed_samples(item, pose)
+        if on_rim.any():
+            has_rim.add(i)
+        rim = on_rim.astype(np.int64)
+        yield str(i), {"points": points, "normals": normals, "on_rim": rim, "oriented": _is_oriented(item)}
+
+
+def share_beyond_rim(task: ShareTask, shared: SharedTable) -> float:
+    """Return :func:`share_beyond` of a shape; runs inside a worker."""
+    surface, *partners = (
+        shared.made(str(i), posed_points, growth=_GRID_GROWTH) for i in (task.shape, *task.partners)
+    )
+    return share_beyond(surface, partners)
 
 
 def _neighbours_together(nearest: Sequence[Sequence[int]]) -> list[int]:

@@ -11,6 +11,7 @@ import pytest
 
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
 from collalign.collection import AlignedCollection
+from collalign.engine.session import Session
 from collalign.stages.incomplete.detect import find_incomplete, told_incomplete
 from collalign.stages.incomplete.grow import common_points
 from collalign.stages.incomplete.place import nearest_labels, pose_certainty
@@ -142,7 +143,8 @@ def test_nothing_is_missing_among_whole_teeth(planted: tuple[Path, np.ndarray], 
     whole = [i for i, name in enumerate(aligned.names) if name not in BROKEN]
     again = align_collection([planted[0] / f"{aligned.names[i]}.ply" for i in whole], progress=False)
     assert not again.incomplete
-    assert find_incomplete([], again) == {}
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
+        assert find_incomplete(session, [], again) == {}
 
 
 def test_a_rival_that_partners_like_nearly_as_much_takes_certainty() -> None:
@@ -168,14 +170,12 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path: Path, monke
         write_mesh(tmp_path / f"blob{number}.ply", blob(np.random.default_rng(1), num_vertices=400))
     closed = align_collection(tmp_path, options=replace(OPTIONS, incomplete="never"), progress=False)
     samples = [sample_shape(closed._shape(i), OPTIONS.sampling, EmbeddingOptions(kind="xyz")) for i in range(5)]
-    assert find_incomplete(samples, closed) == {}
     clouds = {f"cloud{n}": blob(rng, num_vertices=400).vertices for n in range(5)}
     open_ones = align_collection(clouds, options=replace(OPTIONS, incomplete="never"), progress=False)
-    assert len(find_incomplete(samples, open_ones)) == 5
-    found = find_incomplete(samples, open_ones)
-    monkeypatch.setattr("collalign.stages.incomplete.detect.MOST_HELD", 1)
-    assert list(find_incomplete(samples, open_ones).items()) == list(found.items())
-    assert find_incomplete(samples, replace(open_ones, search_gain=0.0)) == {}
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
+        assert find_incomplete(session, samples, closed) == {}
+        assert list(find_incomplete(session, samples, open_ones)) == [0, 1, 2, 3, 4]
+        assert find_incomplete(session, samples, replace(open_ones, search_gain=0.0)) == {}
 
 
 def test_parts_of_which_none_is_whole_are_put_together(tmp_path: Path) -> None:
