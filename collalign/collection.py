@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+from collalign.engine.options import RunOptions
 from collalign.output.browsing import Browsable
 from collalign.output.evidence.file import load_view
 from collalign.output.evidence.gather import part_numbers
@@ -42,7 +43,12 @@ class AlignedCollection(Browsable, Collection):
         return self._shape(at).transformed(self.transforms[at])
 
     def save(
-        self, folder: str | Path, *, report: bool = True, labels: Mapping[str, tuple[str, ...]] | None = None
+        self,
+        folder: str | Path,
+        *,
+        report: bool = True,
+        labels: Mapping[str, tuple[str, ...]] | None = None,
+        run: RunOptions | None = None,
     ) -> tuple[Path, ...]:
         """Write every output into ``folder``, all or nothing, and return the paths written.
 
@@ -55,6 +61,9 @@ class AlignedCollection(Browsable, Collection):
             Write ``report.html`` as well.
         labels : mapping of str to tuple of str, optional
             Columns of labels, one value per shape, for the report.
+        run : RunOptions, optional
+            Processes of this machine that share the work, for instance those of the alignment; by default this one
+            alone.
 
         Raises
         ------
@@ -63,7 +72,8 @@ class AlignedCollection(Browsable, Collection):
             file under the name of an output.
         """
         with OutputFolder.open(folder, writer=WRITER, inputs=inputs_of(self.files)) as output:
-            return save_collection(self, output, report=report, labels=labels)
+            num_jobs = 1 if run is None else run.num_workers
+            return save_collection(self, output, report=report, labels=labels, num_jobs=num_jobs)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -76,7 +76,7 @@ def align(
     ):
         output.refuse_foreign(output_names(listing.names))
         collection = collalign.align_collection(folder, options=options, run=run, fixed=fixed)
-        written = _save(collection, output, table, store, report=report)
+        written = _save(collection, output, table, store, report=report, num_jobs=run.num_workers)
     return _finish(collection, written)
 
 
@@ -106,7 +106,7 @@ def add(
     run = replace(run, store=store)
     with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=[folder]) as output:
         collection = collalign.add_to_collection(result, folder, run=run)
-        written = _save(collection, output, table, store, report=report)
+        written = _save(collection, output, table, store, report=report, num_jobs=run.num_workers)
     return _finish(collection, written)
 
 
@@ -167,13 +167,21 @@ def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:
 
 
 def _save(
-    collection: AlignedCollection, output: OutputFolder, table: Labels | None, store: Path, *, report: bool
+    collection: AlignedCollection,
+    output: OutputFolder,
+    table: Labels | None,
+    store: Path,
+    *,
+    report: bool,
+    num_jobs: int,
 ) -> tuple[Path, ...]:
     """Write the outputs, with a progress bar where somebody watches a terminal; the store says so meanwhile."""
     _set_stage(store, "outputs")
     columns = table.columns_for(collection.names) if table is not None else None
     with ProgressBar("outputs", len(collection.names), disable=not sys.stderr.isatty()) as bar:
-        written = save_collection(collection, output, report=report, labels=columns, advance=bar.advance)
+        written = save_collection(
+            collection, output, report=report, labels=columns, advance=bar.advance, num_jobs=num_jobs
+        )
     _set_stage(store, FINISHED)
     return written
 

@@ -70,16 +70,23 @@ def tile_of(shape: Shape, transform: FloatArray, confidence: float, colours: Flo
     )
 
 
-def draw_contact_sheet(tiles: Iterable[Tile], path: Path) -> None:
-    """Draw all tiles, each before (left) and after (right) alignment, and write a PNG.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ContactSheet:
+    """A picture of all tiles, each before (left) and after (right) alignment, as it goes to who draws it.
 
-    Parameters
+    Attributes
     ----------
-    tiles : iterable of Tile
     path : Path
         The PNG to write.
+    tiles : tuple of Tile
     """
-    contact_sheet(tiles).savefig(path, format="png", metadata={"Software": None})
+
+    path: Path
+    tiles: tuple[Tile, ...]
+
+    def write(self) -> None:
+        """Draw the picture and write it."""
+        contact_sheet(self.tiles).savefig(self.path, format="png", metadata={"Software": None})
 
 
 def contact_sheet(tiles: Iterable[Tile]) -> Figure:

@@ -96,18 +96,24 @@ class PlaceColours:
         self._colours = np.tile(_GREY, (maps.from_reference[0].shape[0] + 1, 1))
         self._colours[_in_file(reference)] = _by_place(reference.vertices)
 
-    def of(self, shape: Shape) -> FloatArray:
-        """Return the colours of a shape's vertices, shape (v, 3); grey where there is no counterpart.
+    def of_file(self, name: str) -> FloatArray:
+        """Return the colours of the vertices of a shape's file, then grey: that of vertices without counterpart."""
+        if name not in self._maps.names:
+            return _GREY[None].copy()
+        onto = self._maps.to_reference[self._maps.names.index(name)]
+        return np.asarray(self._colours[np.append(onto, -1)])
 
-        Parameters
-        ----------
-        shape : Shape
-            Some of the vertices of its file.
-        """
-        if shape.name not in self._maps.names:
-            return np.tile(_GREY, (len(shape.vertices), 1))
-        onto = self._maps.to_reference[self._maps.names.index(shape.name)]
-        return np.asarray(self._colours[np.append(onto, -1)[np.minimum(_in_file(shape), len(onto))]])
+
+def at_vertices(colours: FloatArray, shape: Shape) -> FloatArray:
+    """Return the colours of the vertices of a shape, some of those of its file, shape (v, 3).
+
+    Parameters
+    ----------
+    colours : ndarray, shape (f, 3)
+        Of the file's vertices; the last one is that of all others.
+    shape : Shape
+    """
+    return np.asarray(colours[np.minimum(_in_file(shape), len(colours) - 1)])
 
 
 def _in_file(shape: Shape) -> IntArray:

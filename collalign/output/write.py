@@ -13,21 +13,22 @@ import numpy as np
 
 from collalign.options import AlignOptions, options_from_record
 from collalign.output.certificates import write_certificates
-from collalign.output.contact_sheet import Tile, draw_contact_sheet, tile_of
+from collalign.output.contact_sheet import ContactSheet
 from collalign.output.evidence.file import EVIDENCE_FILE, save_view
 from collalign.output.evidence.gather import view_collection
-from collalign.output.report.page import write_report
+from collalign.output.report.page import Page, report_pages
+from collalign.output.shape_files import ShapeParts, share_out, write_shapes
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, VERTEX_MAPS_PICTURE, PlaceColours, save_vertex_maps
 from collalign.products.collection import Collection
+from collalign.products.evidence import CollectionView
 from collalign.products.trust import KINDS
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder, file_stems, refuse_overlap
-from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin, location
 from data_tools.options import AS_STORED
-from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
 #: The command whose files these are, in the manifest of an output folder.
@@ -56,8 +57,6 @@ _PAIR_COLUMNS = (
     "complete_within",
     "num_regions",
 )
-#: More shapes than this are drawn as an evenly spaced choice.
-_MAX_TILES = 100
 
 
 @one_blas_thread()
@@ -68,6 +67,7 @@ def save_collection(
     report: bool = True,
     labels: Mapping[str, tuple[str, ...]] | None = None,
     advance: Callable[[], None] | None = None,
+    num_jobs: int = 1,
 ) -> tuple[Path, ...]:
     """Write every output of a collection.
 
@@ -85,6 +85,8 @@ def save_collection(
         Columns of labels, one value per shape, for the report.
     advance : callable, optional
         Called after each shape, for a display of the progress.
+    num_jobs : int
+        Processes of this machine that share the work; 1 is this one alone.
 
     Returns
     -------
@@ -102,7 +104,12 @@ def save_collection(
         output.refuse_foreign(output_names(collection.names))
         _write_tables(collection, output)
         write_certificates(collection, output)
-        _write_shapes(collection, output, report=report, labels=labels, advance=advance)
+        meshes = [output.stage(MESH_FOLDER, f"{stem}.ply").absolute() for stem in file_stems(collection.names)]
+        parts = write_shapes(collection, meshes, _place_colours(collection), num_jobs=num_jobs, advance=advance)
+        view = view_collection(collection, [(part.vertices, part.faces) for part in parts], labels=labels)
+        save_view(view, output.staging)
+        title = f"Aligned collection {_folder_name(collection)}".rstrip() if report else None
+        share_out(write_document, _documents(parts, view, output, title), num_jobs=num_jobs)
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
         raise InputError(f"{output.folder}: the results cannot be written ({error.strerror or error})") from error
@@ -244,43 +251,23 @@ def _write_tables(collection: Collection, output: OutputFolder) -> None:
         save_vertex_maps(collection.maps.vertices, output.stage(VERTEX_MAPS_FILE))
 
 
-def _write_shapes(
-    collection: Collection,
-    output: OutputFolder,
-    *,
-    report: bool,
-    labels: Mapping[str, tuple[str, ...]] | None,
-    advance: Callable[[], None] | None,
-) -> None:
-    """Write what needs the shapes themselves, which are read once each, one in memory at a time."""
-    num = len(collection.names)
-    drawn = set(np.linspace(0, num - 1, min(num, _MAX_TILES)).round().astype(int).tolist())
-    tiles: list[Tile] = []
-    colours, coloured = _place_colours(collection), list[Tile]()
-    order = iter(range(num))
-    stems = file_stems(collection.names)
+def write_document(document: Page | ContactSheet) -> None:
+    """Write a page or a picture; runs inside a worker."""
+    document.write()
 
-    def read_next(file: Origin) -> Shape:
-        """Read a shape, write its aligned copy and draw it, in the order of the collection."""
-        i = next(order)
-        shape = read_shape(file, collection.options.cleaning, name=collection.names[i], digest=collection.digests[i])
-        write_mesh(output.stage(MESH_FOLDER, f"{stems[i]}.ply"), shape.transformed(collection.transforms[i]))
-        if i in drawn:
-            seen = (shape, collection.transforms[i], float(collection.confidence[i]))
-            tiles.append(tile_of(*seen))
-            if colours is not None:
-                coloured.append(tile_of(*seen, colours.of(shape)))
-        if advance is not None:
-            advance()
-        return shape
 
-    view = view_collection(collection, read_next, labels=labels)
-    save_view(view, output.staging)
-    draw_contact_sheet(tiles, output.stage(CONTACT_SHEET_FILE))
+def _documents(
+    parts: Sequence[ShapeParts], view: CollectionView, output: OutputFolder, title: str | None
+) -> Iterator[tuple[str, Page | ContactSheet]]:
+    """Yield what is drawn and, with a title, the pages of the report, by name."""
+    tiles = tuple(part.tile for part in parts if part.tile is not None)
+    yield "sheet", ContactSheet(path=output.stage(CONTACT_SHEET_FILE).absolute(), tiles=tiles)
+    coloured = tuple(part.coloured for part in parts if part.coloured is not None)
     if coloured:
-        draw_contact_sheet(coloured, output.stage(VERTEX_MAPS_PICTURE))
-    if report:
-        write_report(view, output.stage(REPORT_FILE), title=f"Aligned collection {_folder_name(collection)}".rstrip())
+        yield "coloured", ContactSheet(path=output.stage(VERTEX_MAPS_PICTURE).absolute(), tiles=coloured)
+    if title is not None:
+        for page in report_pages(view, output.stage(REPORT_FILE).absolute(), title=title):
+            yield page.title, page
 
 
 def _place_colours(collection: Collection) -> PlaceColours | None:

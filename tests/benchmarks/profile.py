@@ -71,11 +71,11 @@ KERNELS = {
     ),
     "outputs": (
         "output.write:save_collection",
-        "output.contact_sheet:draw_contact_sheet",
+        "output.contact_sheet:ContactSheet.write",
         "output.evidence.gather:view_collection",
         "output.evidence.display_mesh:display_mesh",
         "output.evidence.file:save_view",
-        "output.report.page:write_report",
+        "output.report.page:Page.write",
         "io.shapes:write_mesh",
     ),
 }

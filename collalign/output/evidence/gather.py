@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
 
-from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.products.collection import Collection
 from collalign.products.evidence import CollectionView
 from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.io.source import Origin, location
+from data_tools.io.source import location
 from data_tools.rotations import rotation_angles
-from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
 #: Cycles of three pairs looked at, spread evenly over all of them.
@@ -28,17 +26,17 @@ MOST_PAIR_POSES = 4
 @one_blas_thread()
 def view_collection(
     collection: Collection,
-    read_shape: Callable[[Origin], Shape],
+    meshes: Sequence[tuple[FloatArray, IntArray]],
     *,
     labels: Mapping[str, tuple[str, ...]] | None = None,
 ) -> CollectionView:
-    """Gather what is shown and exported; shapes are read one at a time and decimated.
+    """Gather what is shown and exported.
 
     Parameters
     ----------
     collection : Collection
-    read_shape : callable
-        Reads one of ``collection.files``, cleaned exactly as it was for the alignment.
+    meshes : sequence of (vertices, faces)
+        The display mesh of each shape, in file coordinates; see :mod:`collalign.output.evidence.display_mesh`.
     labels : mapping of str to tuple of str, optional
         Column name to one value per shape; see :meth:`collalign.analysis.label_table.Labels.columns_for`.
 
@@ -46,13 +44,6 @@ def view_collection(
     -------
     CollectionView
     """
-    max_faces = faces_per_shape(len(collection.names))
-    vertices, faces = [], []
-    for file in collection.files:
-        shape = read_shape(file)
-        points, triangles = display_mesh(shape.vertices, shape.faces, max_faces=max_faces)
-        vertices.append(points)
-        faces.append(triangles)
     inverse = np.linalg.inv(collection.transforms)
     raw = collection.positions @ np.swapaxes(inverse[:, :3, :3], 1, 2) + inverse[:, None, :3, 3]
     sample_labels = collection.maps.labels
@@ -62,8 +53,8 @@ def view_collection(
         transforms=collection.transforms,
         confidence=collection.confidence,
         samples=by_label(raw, sample_labels),
-        vertices=tuple(vertices),
-        faces=tuple(faces),
+        vertices=tuple(vertices for vertices, _ in meshes),
+        faces=tuple(faces for _, faces in meshes),
         pairs=tuple(_shown(pair, sample_labels) for pair in collection.pairs),
         alternatives=collection.alternatives,
         part_numbers=part_numbers(collection.parts, len(collection.names)),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import html
 import json
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,37 @@ from data_tools.threads import one_blas_thread
 PAGES_FOLDER = "report_pages"
 
 _MARKER = re.compile(r"\{\{(\w+)\}\}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Page:
+    """One page of a report, as it goes to the worker that writes it.
+
+    Attributes
+    ----------
+    path : Path
+    title : str
+    summary : str
+        HTML below the title.
+    shown : CollectionView
+        What the page shows.
+    """
+
+    path: Path
+    title: str
+    summary: str
+    shown: CollectionView
+
+    def text(self) -> str:
+        """Return the page as HTML text."""
+        document, blobs = build_content(self.shown)
+        version = str(self.shown.versions.get("collalign", ""))
+        return render_page(self.title, self.summary, document, blobs, version=version)
+
+    def write(self) -> None:
+        """Write the page; the folder of further pages is made."""
+        self.path.parent.mkdir(exist_ok=True)
+        self.path.write_text(self.text(), encoding="utf-8", errors="backslashreplace", newline="\n")
 
 
 @one_blas_thread()
@@ -45,15 +78,29 @@ def write_report(view: CollectionView, path: Path | str, *, title: str = "Aligne
     if target.suffix.lower() not in (".html", ".htm"):
         target.mkdir(parents=True, exist_ok=True)
         target = target / "report.html"
-    _write(target, render_report(view, title=title))
+    for page in report_pages(view, target, title=title):
+        page.write()
+    return target
+
+
+def report_pages(view: CollectionView, path: Path, *, title: str) -> Iterator[Page]:
+    """Yield the page of a report, and of a large collection the further pages that show all shapes.
+
+    Parameters
+    ----------
+    view : CollectionView
+    path : Path
+        Of the first page.
+    title : str
+    """
+    yield _first_page(view, path, title)
     if view.num_shapes > MOST_SHOWN:
-        (target.parent / PAGES_FOLDER).mkdir(exist_ok=True)
         pages = page_members(view)
         for number, members in enumerate(pages, 1):
             shown = some_shapes(view, members)
-            summary = f"{_steps(number, len(pages), target.name)}{_summary(shown, ())}"
-            _write(target.parent / page_path(number), _page(f"{title}, page {number}", summary, shown))
-    return target
+            summary = f"{_steps(number, len(pages), path.name)}{_summary(shown, ())}"
+            place = path.parent / page_path(number)
+            yield Page(path=place, title=f"{title}, page {number}", summary=summary, shown=shown)
 
 
 def page_path(number: int) -> str:
@@ -61,21 +108,16 @@ def page_path(number: int) -> str:
     return f"{PAGES_FOLDER}/page-{number:03d}.html"
 
 
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
-
-
 @one_blas_thread()
 def render_report(view: CollectionView, *, title: str = "Aligned collection") -> str:
     """Return the report as HTML text; of a large collection its first page."""
+    return _first_page(view, Path("report.html"), title).text()
+
+
+def _first_page(view: CollectionView, path: Path, title: str) -> Page:
     shown = shown_part(view)
     every = _every_shape(view) if view.num_shapes > MOST_SHOWN else ""
-    return _page(title, _summary(view, shown.notes) + every, shown)
-
-
-def _page(title: str, summary: str, shown: CollectionView) -> str:
-    document, blobs = build_content(shown)
-    return render_page(title, summary, document, blobs, version=str(shown.versions.get("collalign", "")))
+    return Page(path=path, title=title, summary=_summary(view, shown.notes) + every, shown=shown)
 
 
 def _every_shape(view: CollectionView) -> str:

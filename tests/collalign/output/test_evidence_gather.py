@@ -18,7 +18,6 @@ from collalign.products.collection import ConsistentMaps, RunRecord
 from collalign.products.pair import Alternative, Pair
 from collalign.products.shapes import Excluded
 from data_tools.arrays import FloatArray
-from data_tools.surface.shape import Shape
 from tests.view_problems import bumpy_shapes
 
 K = 12
@@ -93,13 +92,13 @@ def collection() -> AlignedCollection:
     )
 
 
-def read(file: Path) -> Shape:
+def meshes() -> list[tuple[np.ndarray, np.ndarray]]:
     common, faces = bumpy_shapes(4, seed=1)
-    return Shape.from_arrays(common["abcd".index(file.stem)], faces, name=file.stem, file=file)
+    return [(vertices, faces) for vertices in common]
 
 
 def test_samples_come_by_label_in_file_coordinates(collection: AlignedCollection) -> None:
-    view = view_collection(collection, read)
+    view = view_collection(collection, meshes())
     common, _ = bumpy_shapes(4, seed=1)
     expected = common[:, np.arange(K) * 7].copy()
     expected[3, 5] = np.nan
@@ -109,7 +108,7 @@ def test_samples_come_by_label_in_file_coordinates(collection: AlignedCollection
 
 
 def test_pairs_say_how_they_disagree_and_what_was_used(collection: AlignedCollection) -> None:
-    view = view_collection(collection, read)
+    view = view_collection(collection, meshes())
     good, flipped, mirrored, failed = view.pairs
     own = own_disagreements_deg(view)
     np.testing.assert_allclose(own[:3], [0.0, 180.0, np.inf], atol=1e-5)
@@ -121,7 +120,7 @@ def test_pairs_say_how_they_disagree_and_what_was_used(collection: AlignedCollec
 
 
 def test_pair_maps_are_in_terms_of_labels(collection: AlignedCollection) -> None:
-    good, flipped, _, failed = view_collection(collection, read).pairs
+    good, flipped, _, failed = view_collection(collection, meshes()).pairs
     assert len(good.map_target_source) == 0
     labels, rolled = collection.maps.labels, collection.pairs[1].map_target_source
     for sample in range(K):
@@ -143,7 +142,7 @@ def test_poses_of_a_pair_are_distinct_and_hold_the_chosen_one() -> None:
 
 
 def test_everything_else_is_carried_over(collection: AlignedCollection) -> None:
-    view = view_collection(collection, read, labels={"taxon": tuple("xxyy")})
+    view = view_collection(collection, meshes(), labels={"taxon": tuple("xxyy")})
     assert view.part_numbers.tolist() == [0, 0, 0, 1]
     assert view.excluded == (("e.ply", "empty"),)
     assert view.notes == ("two parts",)

@@ -1,0 +1,165 @@
+"""What is made of each shape's file: its aligned mesh, its mesh for the report, its tiles of the contact sheets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from collalign.engine.jobs.run import run_jobs
+from collalign.output.contact_sheet import Tile, tile_of
+from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
+from collalign.output.vertex_maps import PlaceColours, at_vertices
+from collalign.products.collection import Collection
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.errors import InputError
+from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.io.source import Origin
+from data_tools.options import CleaningOptions
+
+Made = TypeVar("Made")
+
+#: More shapes than this are drawn as an evenly spaced choice.
+_MAX_TILES = 100
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShapeFileTask:
+    """What a worker needs for one shape.
+
+    Attributes
+    ----------
+    file, name, digest, cleaning
+        As the shape was read for the alignment.
+    transform : ndarray, shape (4, 4)
+    confidence : float
+    mesh : Path
+        Where to write the aligned mesh.
+    max_faces : int
+        Of the mesh for the report.
+    drawn : bool
+        Whether the shape has a tile.
+    colours : ndarray, shape (f, 3), or None
+        Of its file's vertices, for a second tile; see :meth:`collalign.output.vertex_maps.PlaceColours.of_file`.
+    """
+
+    file: Origin
+    name: str
+    digest: str
+    cleaning: CleaningOptions
+    transform: FloatArray
+    confidence: float
+    mesh: Path
+    max_faces: int
+    drawn: bool
+    colours: FloatArray | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShapeParts:
+    """What the report and the contact sheets show of one shape.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (v, 3)
+        Of the display mesh, in the file's coordinates.
+    faces : ndarray of int, shape (f, 3)
+    tile, coloured : Tile or None
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    tile: Tile | None
+    coloured: Tile | None
+
+
+def write_shape(task: ShapeFileTask) -> ShapeParts:
+    """Read a shape, write its aligned copy and decimate it; runs inside a worker."""
+    shape = read_shape(task.file, task.cleaning, name=task.name, digest=task.digest)
+    write_mesh(task.mesh, shape.transformed(task.transform))
+    vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=task.max_faces)
+    tile = tile_of(shape, task.transform, task.confidence) if task.drawn else None
+    coloured = None
+    if task.drawn and task.colours is not None:
+        coloured = tile_of(shape, task.transform, task.confidence, at_vertices(task.colours, shape))
+    return ShapeParts(vertices=vertices, faces=faces, tile=tile, coloured=coloured)
+
+
+def write_shapes(
+    collection: Collection,
+    meshes: Sequence[Path],
+    colours: PlaceColours | None,
+    *,
+    num_jobs: int = 1,
+    advance: Callable[[], None] | None = None,
+) -> list[ShapeParts]:
+    """Write the aligned meshes, and return what else is made of the shapes; each file is read once.
+
+    Parameters
+    ----------
+    collection : Collection
+    meshes : sequence of Path
+        Where to write the aligned mesh of each shape.
+    colours : PlaceColours or None
+        Of the second tiles.
+    num_jobs : int
+        Processes of this machine that share the work; 1 is this one alone.
+    advance : callable, optional
+        Called after each shape.
+
+    Raises
+    ------
+    InputError
+        If a file has vanished or changed meanwhile, or a mesh cannot be written.
+    """
+    num = len(collection.names)
+    drawn = set(np.linspace(0, num - 1, min(num, _MAX_TILES)).round().astype(int).tolist())
+    tasks = (
+        (
+            str(i),
+            ShapeFileTask(
+                file=collection.files[i],
+                name=name,
+                digest=collection.digests[i],
+                cleaning=collection.options.cleaning,
+                transform=collection.transforms[i],
+                confidence=float(collection.confidence[i]),
+                mesh=meshes[i],
+                max_faces=faces_per_shape(num),
+                drawn=i in drawn,
+                colours=None if colours is None else colours.of_file(name),
+            ),
+        )
+        for i, name in enumerate(collection.names)
+    )
+    parts = share_out(write_shape, tasks, num_jobs=num_jobs, advance=advance)
+    return [parts[str(i)] for i in range(num)]
+
+
+def share_out(
+    function: Callable[[Any], Made],
+    tasks: Iterable[tuple[str, Any]],
+    *,
+    num_jobs: int,
+    advance: Callable[[], None] | None = None,
+) -> dict[str, Made]:
+    """Return what a function of a module makes of each task, by key, on several processes.
+
+    Raises
+    ------
+    InputError
+        At the first task that fails.
+    """
+    made: dict[str, Made] = {}
+    jobs = run_jobs(function, tasks, num_jobs=num_jobs)
+    for job in jobs:
+        if job.failure is not None:
+            jobs.close()
+            raise InputError(job.failure)
+        made[job.key] = job.value
+        if advance is not None:
+            advance()
+    return made
