@@ -28,6 +28,10 @@ def look_up(payload: str, shared: Mapping[str, Record]) -> float:
     return float(shared[payload]["positions"].sum())
 
 
+def nothing(payload: Any, shared: Mapping[str, Record] | None = None) -> Any:
+    return payload
+
+
 def process_id(payload: Any) -> int:
     time.sleep(0.02)
     return os.getpid()

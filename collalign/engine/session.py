@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 from collalign.engine.jobs.progress import ProgressBar
-from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
+from collalign.engine.jobs.run import JobResult, SharedTable, end_runs, run_jobs
 from collalign.engine.options import RunOptions
 from collalign.engine.store.layout import KINDS, STAGE, Failure
 from collalign.engine.store.store import Store
@@ -83,6 +83,7 @@ class Session(Generic[OptionsT]):
         """
         with Store.open(run.store) if run.store else Store.memory() as store:
             yield cls.around(store, options, run, progress)
+            end_runs(run.scheduler)
 
     def with_options(self, options: OptionsT) -> Session[OptionsT]:
         """Return the same session with other options."""

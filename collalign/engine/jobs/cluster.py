@@ -31,8 +31,8 @@ _LISTEN_TIMEOUT_S = 15.0
 _CONNECT_TIMEOUT_S = 10.0
 #: Until the first worker joins.
 _JOIN_TIMEOUT_S = 25.0
-#: Until a question is answered; shared records of 100 MB take some seconds.
-_ANSWER_TIMEOUT_S = 25.0
+#: Until a question is answered, and how fast at least what is sent with it is expected to go out.
+_ANSWER_TIMEOUT_S, _LEAST_BYTES_PER_S = 25.0, 5e7
 #: Workers may all be gone for a while, as in a queue of jobs: until that is said, and until the run is given up.
 _WORKERLESS_NOTE_S = 20.0
 _WORKERLESS_END_S = 600.0
@@ -86,8 +86,14 @@ class Cluster:
                 with suppress(Exception):  # a scheduler that is gone needs no farewell
                     _within(_ANSWER_TIMEOUT_S / 5, client.close, timeout=_ANSWER_TIMEOUT_S / 6)
 
-    def ask(self, question: Callable[..., Answer], *arguments: Any, **options: Any) -> Answer:
+    def ask(self, question: Callable[..., Answer], *arguments: Any, num_bytes: float = 0.0, **options: Any) -> Answer:
         """Call a function of the client or of a future.
+
+        Parameters
+        ----------
+        question : callable
+        num_bytes : float
+            Sent by it, to all workers together.
 
         Raises
         ------
@@ -99,7 +105,7 @@ class Cluster:
         if self.client.status != "running":
             raise self._lost()
         try:
-            return _within(_ANSWER_TIMEOUT_S, question, *arguments, **options)
+            return _within(_ANSWER_TIMEOUT_S + num_bytes / _LEAST_BYTES_PER_S, question, *arguments, **options)
         except TimeoutError:
             raise self._lost() from None
         except Exception:

@@ -7,6 +7,7 @@ place in the order. So one process, two workers and a cluster of the same machin
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any, TypeAlias
 
@@ -15,7 +16,7 @@ from collalign.engine.jobs.table import SharedTable
 from collalign.engine.jobs.worker import Call, Limits, Outcome, Task, run_in_process
 from data_tools.errors import OptionsError
 
-__all__ = ["JobResult", "SharedTable", "run_jobs"]
+__all__ = ["JobResult", "SharedTable", "end_runs", "run_jobs"]
 
 #: What became of one task: ``key``, ``value`` (None after a failure), ``failure`` (None or a sentence), ``seconds``
 #: and ``crashed`` (whether its worker died or hung rather than the function raising an error).
@@ -80,6 +81,14 @@ def run_jobs(
     call = Call(function=function, limits=limits, table=shared)
     numbered = (Task(token=token, key=key, payload=payload) for token, (key, payload) in enumerate(tasks))
     return _stream(_outcomes(call, numbered, num_jobs, scheduler, batch_size), progress)
+
+
+def end_runs(scheduler: str | None) -> None:
+    """Leave nothing behind on a cluster; call it after the last run of a session."""
+    if scheduler is not None and "collalign.engine.jobs.dask" in sys.modules:
+        from collalign.engine.jobs.dask import withdraw_tables
+
+        withdraw_tables(scheduler)
 
 
 def _outcomes(

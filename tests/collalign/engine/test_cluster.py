@@ -62,6 +62,27 @@ class OwnCluster:
         self._log.close()
 
 
+class Answering:
+    """A client of a scheduler that is there but slow."""
+
+    status = "running"
+
+    def slow(self) -> int:
+        time.sleep(0.3)
+        return 7
+
+
+def test_what_sends_much_may_take_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    from collalign.engine.jobs import cluster as module
+
+    monkeypatch.setattr(module, "_ANSWER_TIMEOUT_S", 0.05)
+    client = Answering()
+    cluster = module.Cluster(client, "tcp://there:1")
+    with pytest.raises(RunLost):
+        cluster.ask(client.slow)
+    assert cluster.ask(client.slow, num_bytes=2.0 * module._LEAST_BYTES_PER_S) == 7
+
+
 @contextmanager
 def own_cluster(folder: Path, *, with_worker: bool = True) -> Iterator[OwnCluster]:
     cluster = OwnCluster(folder, with_worker=with_worker)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
+from collalign.engine.jobs.run import JobResult, SharedTable, end_runs, run_jobs
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import CollalignError
@@ -21,6 +21,7 @@ from tests.job_functions import look_up, misbehave, spectrum
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'collalign[dask]'")
 dask = pytest.importorskip("dask")
+dask_jobs = pytest.importorskip("collalign.engine.jobs.dask")
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +59,38 @@ def test_restarted_workers_have_the_shared_records(cluster: Any) -> None:
             if len(found) == 20:
                 kill_one_worker(cluster)
     assert found == {f"{i} {j}": 12.0 * i for i in range(10) for j in range(20)}
+
+
+def tables_of_workers(cluster: Any) -> list[set[str]]:
+    def names() -> set[str]:
+        from collalign.engine.jobs.dask import _TABLES
+
+        return set(_TABLES)
+
+    with distributed.Client(cluster, set_as_default=False) as client:
+        return list(client.run(names).values())
+
+
+def test_equal_tables_are_sent_once_and_taken_away_at_the_end(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent = []
+    publish = dask_jobs._DaskRun._publish
+    monkeypatch.setattr(dask_jobs._DaskRun, "_publish", lambda run: (sent.append(run._plugin.name), publish(run)))
+
+    def run(number: float) -> list[float]:
+        records = ((str(i), {"positions": np.full(3, number)}) for i in range(4))
+        with SharedTable.create(records) as table:
+            tasks = [(str(i), str(i)) for i in range(4)]
+            return [r.value for r in run_jobs(look_up, tasks, scheduler=cluster.scheduler_address, shared=table)]
+
+    end_runs(cluster.scheduler_address)
+    assert [run(number)[0] for number in (1.0, 2.0, 1.0, 2.0, 1.0)] == [3.0, 6.0, 3.0, 6.0, 3.0]
+    assert len(sent) == len(set(sent)) == 2
+    assert all(names == set(sent) for names in tables_of_workers(cluster))
+    assert [run(number)[0] for number in (3.0, 4.0, 1.0)] == [9.0, 12.0, 3.0]
+    assert len(sent) == 5  # the first of four tables had to go
+    assert all(names == set(sent[-3:]) for names in tables_of_workers(cluster))
+    end_runs(cluster.scheduler_address)
+    assert not any(tables_of_workers(cluster))
 
 
 def test_tasks_that_kill_workers_cost_only_themselves(cluster: Any) -> None:

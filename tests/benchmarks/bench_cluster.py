@@ -1,0 +1,152 @@
+"""What a cluster would make of a large collection: ``python -m tests.benchmarks.bench_cluster [--num 300]``.
+
+Aligns generated chairs in this process, on one thread, and counts by kind of job the tasks, their processor seconds
+and the bytes that travel with them, and what is left to the parent alone. Then it measures what Dask costs on this
+machine: tasks that do nothing, and a table of shared records sent to two workers. From both it prints how long a
+larger collection would take on more and more workers, all in proportion to the number of shapes. What is not measured
+is the network: ``--bytes-per-s`` is what the scheduler's machine sends (1.25e9 is ten gigabits).
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import logging
+import pickle
+import tempfile
+import time
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import collalign
+import collalign.engine.session as session_module
+import collalign.output.shape_files as shape_files
+from collalign.engine.jobs import run as jobs_run
+from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
+from collalign.engine.jobs.worker import Limits
+from tests.benchmarks.bench_scale import generate
+from tests.job_functions import nothing
+
+WORKERS = (2, 16, 64, 256)
+#: Tasks that do nothing, and the records of a table of 40 MB.
+NUM_EMPTY, NUM_RECORDS = 2000, 1000
+
+
+@dataclass
+class Kind:
+    """What tasks of one kind took in all."""
+
+    num: int = 0
+    seconds: float = 0.0
+    sent_bytes: float = 0.0
+    table_bytes: float = 0.0
+
+
+class Counter:
+    """Stands for ``run_jobs`` and counts."""
+
+    def __init__(self) -> None:
+        self.kinds: dict[str, Kind] = {}
+        self._sent = set[bytes]()
+
+    def __call__(
+        self, function: Callable[..., Any], tasks: Any, shared: SharedTable | None = None, **options: Any
+    ) -> Generator[JobResult]:
+        kind = self.kinds.setdefault(function.__name__, Kind())
+        if shared is not None:
+            content = shared.path.read_bytes()
+            digest = hashlib.sha256(content).digest()
+            kind.table_bytes += len(content) * (digest not in self._sent)  # equal tables go out once
+            self._sent.add(digest)
+
+        def counted() -> Iterator[tuple[str, Any]]:
+            for key, payload in tasks:
+                kind.sent_bytes += len(pickle.dumps((key, payload), protocol=5))
+                yield key, payload
+
+        for job in run_jobs(function, counted(), num_jobs=1, shared=shared):
+            kind.num += 1
+            kind.seconds += job.seconds
+            kind.sent_bytes += len(pickle.dumps(job, protocol=5))
+            yield job
+
+
+def measure(num: int) -> tuple[dict[str, Kind], float]:
+    """Return the work of the workers by kind, and the seconds of the parent alone, for so many generated shapes."""
+    counter = Counter()
+    time.perf_counter = time.process_time  # tasks are timed by it
+    jobs_run.Limits = lambda **ignored: Limits()  # type: ignore[assignment,misc]  # no limits: no worker processes
+    session_module.run_jobs = shape_files.run_jobs = counter  # type: ignore[assignment]
+    with tempfile.TemporaryDirectory() as folder:
+        generate(num, Path(folder) / "shapes", 0)
+        start_s = time.process_time()
+        run = collalign.RunOptions(jobs=1, store=Path(folder) / "store.sqlite")
+        collalign.align_collection(Path(folder) / "shapes", run=run).save(Path(folder) / "out")
+        total_s = time.process_time() - start_s
+    return counter.kinds, total_s - sum(kind.seconds for kind in counter.kinds.values())
+
+
+@contextmanager
+def cluster() -> Iterator[Any]:
+    """Start a scheduler in this process and two workers."""
+    from distributed import LocalCluster
+
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+    with LocalCluster(**options) as running:
+        yield running
+
+
+def dask_costs() -> tuple[float, float]:
+    """Return the seconds of scheduler and parent for each empty task, and for each byte of a table to each worker."""
+    rng = np.random.default_rng(0)
+    table = ((str(i), {"positions": rng.standard_normal(5000)}) for i in range(NUM_RECORDS))
+    with cluster() as running, SharedTable.create(table) as shared:
+        address = running.scheduler_address
+        list(run_jobs(nothing, [("first", 0)], scheduler=address))
+        start_s = time.process_time()
+        list(run_jobs(nothing, [(str(i), i) for i in range(NUM_EMPTY)], scheduler=address))
+        task_s = (time.process_time() - start_s) / NUM_EMPTY
+        start_s = time.process_time()
+        list(run_jobs(nothing, [("one", 0)], scheduler=address, shared=shared))
+        byte_s = (time.process_time() - start_s) / (2 * shared.path.stat().st_size)
+    return task_s, byte_s
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--num", type=int, default=300)
+    parser.add_argument("--plan", type=int, default=10_000)
+    parser.add_argument("--bytes-per-s", type=float, default=1.25e9)
+    arguments = parser.parse_args()
+    task_s, byte_s = dask_costs()
+    print(f"Dask: {1e3 * task_s:.2f} ms for each task, {1e-6 / byte_s:.0f} MB/s of tables in the scheduler's process")
+    kinds, alone_s = measure(arguments.num)
+    factor = arguments.plan / arguments.num
+    print(
+        f"{arguments.num} shapes, for {arguments.plan} times {factor:.1f}; the parent alone {factor * alone_s:.0f} s"
+    )
+    for name, kind in kinds.items():
+        print(
+            f"  {name:18} {factor * kind.num:8.0f} tasks of {1e3 * kind.seconds / max(kind.num, 1):6.1f} ms, "
+            f"{kind.sent_bytes / max(kind.num, 1) / 1e3:6.1f} kB each, {factor * kind.table_bytes / 1e6:6.0f} MB of "
+            "tables for each worker",
+            flush=True,
+        )
+    for num_workers in (1, *WORKERS):
+        tasks_s = sum(max(k.seconds / num_workers, k.num * task_s) for k in kinds.values())
+        tables = num_workers * sum(k.table_bytes for k in kinds.values())
+        tables_s = tables * max(1.0 / arguments.bytes_per_s, byte_s)
+        whole_s = factor * (tasks_s + alone_s + tables_s)
+        parts = (
+            f"tasks {factor * tasks_s:.0f} s, parent alone {factor * alone_s:.0f} s, tables {factor * tables_s:.0f} s"
+        )
+        print(f"{num_workers:4} workers: {whole_s / 60:.1f} min ({parts})", flush=True)
+
+
+if __name__ == "__main__":
+    main()
