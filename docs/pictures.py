@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import shutil
 import tempfile
 from pathlib import Path
@@ -62,6 +63,34 @@ def two_shapes() -> None:
         exec(code, {})
         collalign_command(["match", "A.ply", "B.ply", "--out", "AB"])
         shutil.copy("AB/match.png", HERE / "tutorials" / "two-shapes.png")
+
+
+def landmarks() -> None:
+    """Landmarks of the tutorial on the mean surface, a component, and the errors of templates left out."""
+    from playwright.sync_api import sync_playwright
+
+    page = (HERE / "tutorials" / "landmarks.md").read_text("utf-8")
+    blocks = re.findall(r"^```(bash|python)\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), sync_playwright() as driver:
+        names: dict[str, object] = {}
+        for language, code in blocks:
+            if language == "python":
+                exec(code, names)
+                continue
+            for line in code.splitlines():
+                collalign_command(line.split()[1:])
+        shutil.copy("several/leave_one_out.png", HERE / "tutorials" / "landmarks-left-out.png")
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        shown = browser.new_page(viewport={"width": 700, "height": 1400}, color_scheme="light")
+        shown.goto((Path(folder) / "variation" / "variation.html").as_uri())
+        shown.wait_for_selector("html[data-ready]", state="attached")
+        shown.locator("#components input[type=range]").first.fill("2")
+        for part in ("components", "landmarks"):
+            section = shown.locator(f"#{part}")
+            section.scroll_into_view_if_needed()
+            shown.wait_for_timeout(_DRAWING_MS)
+            section.screenshot(path=HERE / "tutorials" / f"landmarks-{part}.png")
+        browser.close()
 
 
 def candidates() -> None:
@@ -124,5 +153,6 @@ if __name__ == "__main__":
     contact_sheet()
     correction()
     two_shapes()
+    landmarks()
     candidates()
     synchronization()
