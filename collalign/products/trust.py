@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from data_tools.arrays import FloatArray
 
 #: Kinds of evidence about a pose, the columns of :attr:`Trust.evidence`.
-KINDS = ("votes", "margin", "collection votes")
+KINDS = ("votes", "margin", "collection votes", "lead")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,13 +23,18 @@ class Trust:
           added on either side;
         * margin: log of what the cheapest other pose costs on dense points over what the pose costs, mean over the
           partners that match best;
-        * collection votes: mean of the votes over the shapes that it can be compared with.
+        * collection votes: mean of the votes over the shapes that it can be compared with;
+        * lead: how much more plausible its pairs, as first matched, find the pose than its strongest rival, in
+          log-odds, mean over all pairs.
     rivals : tuple of ndarray, each (r, 3, 3)
         Other poses of each shape, ``R_common_shape``.
     excess : tuple of ndarray, each (r,)
         The margin of each of them.
+    leads : tuple of ndarray, each (r,)
+        The lead over each of them.
     """
 
     evidence: FloatArray
     rivals: tuple[FloatArray, ...]
     excess: tuple[FloatArray, ...]
+    leads: tuple[FloatArray, ...]

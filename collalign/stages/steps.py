@@ -76,6 +76,7 @@ class Matched:
     failed: list[Excluded]
     solution: SynchronizationResult | None
     notes: tuple[str, ...]
+    may_be_mirrored: tuple[int, ...] = ()
     search_gain: float | None = None
 
 
@@ -91,7 +92,14 @@ def match(run: Run) -> tuple[Run, Matched]:
         session = with_group(session, choice.group)
         pairs, failed = match_pairs(session, shapes, edges)
         pairs, failed, solution = grow_pairs(session, shapes, descriptors, edges, pairs, failed)
-    matched = Matched(group=choice.group, pairs=pairs, failed=failed, solution=solution, notes=(choice.note,))
+    matched = Matched(
+        group=choice.group,
+        pairs=pairs,
+        failed=failed,
+        solution=solution,
+        notes=(choice.note,),
+        may_be_mirrored=choice.may_be_mirrored,
+    )
     return replace(run, session=session), matched
 
 
@@ -110,7 +118,8 @@ def weigh(run: Run, matched: Matched) -> Matched:
         return matched
     with run.stage("maps"):
         search = try_rivals(run.session, run.shapes, weigh_pairs(run.session, run.shapes, matched.pairs))
-    return replace(matched, pairs=search.pairs, solution=search.solution, search_gain=search.gain)
+    # Mirrored energies cannot tell a mirrored body from one in another posture; maps can.
+    return replace(matched, pairs=search.pairs, solution=search.solution, search_gain=search.gain, may_be_mirrored=())
 
 
 def expecting(run: Run, matched: Matched) -> Run:
@@ -135,6 +144,7 @@ class Posed:
     transforms: FloatArray
     labels: IntArray
     notes: tuple[str, ...]
+    may_be_mirrored: tuple[int, ...]
     trust: Trust | None = None
     vertices: VertexMaps | None = None
 
@@ -164,6 +174,7 @@ def pose(run: Run, matched: Matched) -> Posed:
         transforms=transforms,
         labels=labels,
         notes=tuple(contradictions(run.shapes.names, pairs, rotations)),
+        may_be_mirrored=matched.may_be_mirrored,
     )
 
 
@@ -174,7 +185,7 @@ def state_trust(run: Run, posed: Posed) -> Posed:
     names, fixed, rotations = run.shapes.names, run.constraints.fixed, posed.rotations
     with run.stage("confidence"):
         trust = gather_trust(run.session, run.shapes.samples, posed.matched, rotations, posed.solution.components)
-        solution = with_trust(posed.solution, trust, run.constraints)
+        solution = with_trust(posed.solution, trust, run.constraints, posed.may_be_mirrored)
         notes = trust_notes(names, trust, solution.confidence, posed.first, rotations, fixed)
     return replace(posed, solution=solution, trust=trust, notes=(*posed.notes, *notes))
 

@@ -16,8 +16,9 @@ from experiments.confidence.families import FAMILIES
 from experiments.confidence.fit import fit_weights, left_out, training_rows
 from experiments.experiment import Cell
 
+NAMES = ("AGREEMENT_WEIGHT", "MARGIN_WEIGHT", "LEAD_WEIGHT", "CONSTANT")
 #: Runs of each collection, and their seed: another one than that of the experiment.
-NUM_RUNS, NUM_QUICK, SEED = 4, 1, 7
+NUM_RUNS, NUM_QUICK, SEED = 8, 1, 29
 
 
 def measure_weights(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
@@ -25,17 +26,17 @@ def measure_weights(data: Path, collections: Sequence[str], quick: bool) -> dict
     shared = {"seed": SEED, "runs": NUM_QUICK if quick else NUM_RUNS}
     records = {kind: measure_collection(Cell(data=data, settings={"kind": kind, **shared})) for kind in collections}
     evidence, right, kind = training_rows(records)
-    (agreement, margin), constant = fit_weights(evidence, right, kind)
-    fitted = 1.0 / (1.0 + np.exp(-(model.terms(evidence) @ [agreement, margin] + constant)))
+    weights, constant = fit_weights(evidence, right, kind)
+    fitted = 1.0 / (1.0 + np.exp(-(model.terms(evidence) @ weights + constant)))
     stated = [model.probability(evidence), fitted, left_out(evidence, right, kind)]
     now, best, without = (float(right[chance >= DOUBT].mean()) for chance in stated)
-    values = {"AGREEMENT_WEIGHT": float(agreement), "MARGIN_WEIGHT": float(margin), "CONSTANT": constant}
+    values = dict(zip(NAMES, [*weights.tolist(), constant], strict=True))
     return {name: Finding(value=value, now=now, best=best, left_out=without) for name, value in values.items()}
 
 
 CALIBRATION = Calibration(
     module=model.__name__,
-    constants=constants_of(model, "AGREEMENT_WEIGHT", "MARGIN_WEIGHT", "CONSTANT"),
+    constants=constants_of(model, *NAMES),
     measure=measure_weights,
     collections=(*COLLECTIONS, *(name for name, family in FAMILIES.items() if not family.symmetric)),
     score=f"share of the shapes at {DOUBT} or more that are right, all weights together",

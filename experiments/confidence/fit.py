@@ -15,8 +15,8 @@ RIDGE = 3.0
 #: Every collection counts as if it had this many shapes.
 COLLECTION_WEIGHT = 50.0
 _NUM_STEPS = 50
-#: Agreement and margin.
-NUM_TERMS = 2
+#: Agreement, margin and lead.
+NUM_TERMS = 3
 
 
 def fit_weights(evidence: FloatArray, right: BoolArray, kind: FloatArray) -> tuple[FloatArray, float]:

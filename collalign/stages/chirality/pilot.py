@@ -33,8 +33,6 @@ from pairwise.dense.refine import refine_pose
 NUM_PARTNERS = (2, 6)
 #: Shapes of a larger collection that the pilot looks at: a side with a twentieth of the shapes is among so many.
 MOST_SHAPES = 150
-#: Median preference, in pairs between the sides, that is worth a word though it does not suffice.
-_WORTH_A_WORD = 0.15
 #: Steps by which poses are refined on dense samples before they are compared.
 _DENSE_STEPS = 4
 #: Said of specimens of the other side that are added to a collection without mirror images.
@@ -55,10 +53,13 @@ class GroupChoice:
     group : {"SO", "O"}
     note : str
         For the user, one sentence or two; empty where the user decided.
+    may_be_mirrored : tuple of int
+        Shapes that were not mirrored though that is as likely.
     """
 
     group: Literal["SO", "O"]
     note: str = ""
+    may_be_mirrored: tuple[int, ...] = ()
 
 
 def decide_group(
@@ -94,7 +95,9 @@ def decide_group(
     choice = group_of_shapes(session, shapes, descriptors, edges)
     if former is None or choice.group == "SO":
         return choice
-    return GroupChoice(group="SO", note=f"{KEPT_UNMIRRORED} The evidence: {choice.note}")
+    return GroupChoice(
+        group="SO", note=f"{KEPT_UNMIRRORED} The evidence: {choice.note}", may_be_mirrored=choice.may_be_mirrored
+    )
 
 
 def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArray, edges: IntArray) -> GroupChoice:
@@ -109,7 +112,8 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
     if num > MOST_SHAPES:
         some, chosen = _evenly_spaced(shapes, MOST_SHAPES)
         choice = group_of_shapes(session, some, descriptors[chosen], all_pairs(MOST_SHAPES))
-        return replace(choice, note=f"{choice.note} This was decided on {MOST_SHAPES} of {num} shapes.")
+        note = f"{choice.note} This was decided on {MOST_SHAPES} of {num} shapes."
+        return replace(choice, note=note, may_be_mirrored=tuple(chosen[list(choice.may_be_mirrored)].tolist()))
     both_kinds = session.with_options(replace(session.options, group="O"))
     compared: dict[tuple[int, int], tuple[float, float]] = {}
 
@@ -124,7 +128,12 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
     with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(shapes.samples)) as table:
         sides, energies = staged_sides(edges, descriptors, energies_of)
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
-    return GroupChoice(group="O" if sides.are_clear else "SO", note=_note(sides, num_better, shapes.names))
+    is_open = sides.are_likely and not sides.are_clear
+    return GroupChoice(
+        group="O" if sides.are_clear else "SO",
+        note=_note(sides, num_better, shapes.names),
+        may_be_mirrored=tuple(np.flatnonzero(sides.mirrored).tolist()) if is_open else (),
+    )
 
 
 def staged_sides(
@@ -232,7 +241,7 @@ def _note(sides: Sides, num_better: int, names: tuple[str, ...]) -> str:
         )
     pairs = "pairs" if sides.num_pairs != 1 else "pair"
     evidence = f"in {num_better} of {sides.num_pairs} {pairs} of similar shapes the mirror image fits better"
-    if not (sides.are_suspected and sides.median_between >= _WORTH_A_WORD):
+    if not sides.are_likely:
         if len(names) < MIN_SHAPES:
             return (
                 f"No shape is mirrored: {len(names)} shapes are too few to notice that left and right specimens are "

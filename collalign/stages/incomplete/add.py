@@ -239,6 +239,7 @@ def _trust(trust: Trust | None, at: IntArray, num: int) -> Trust | None:
         evidence=read_only(evidence),
         rivals=tuple(trust.rivals[position[i]] if i in position else none[0] for i in range(num)),
         excess=tuple(trust.excess[position[i]] if i in position else none[1] for i in range(num)),
+        leads=tuple(trust.leads[position[i]] if i in position else none[1] for i in range(num)),
     )
 
 

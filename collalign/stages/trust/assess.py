@@ -14,13 +14,14 @@ from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.stored_types import samples_to_record
 from collalign.stages.trust.model import pose_confidence
-from collalign.stages.trust.rivals import MAX_PARTNERS, Partner, RivalTask, pose_costs, rival_poses
+from collalign.stages.trust.rivals import MAX_PARTNERS, Partner, RivalTask, leads_over, pose_costs, rival_poses
 from collalign.stages.trust.symmetry import near_symmetries
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.rotations import rotation_angle_deg
 
+VOTES, MARGIN, COLLECTION_VOTES, LEAD = range(len(KINDS))
 #: A pair votes for a pose that is within this angle of what its most plausible candidate asks for.
 VOTE_DEG = 20.0
 #: Added to the votes on either side: few pairs settle little (Laplace's rule of succession).
@@ -29,6 +30,10 @@ PRIOR_VOTES = 1.0
 RESOLUTION = 0.01
 #: Odds of a rival against the others fall by this power of what it costs.
 RIVAL_POWER = 6.0
+#: Log-odds of a pair's candidates per unit of the logarithm of their costs, where these alone decide.
+COST_LOG_ODDS = 8.0
+#: Confidence in a pose without mirror image, where one with it is as likely.
+EITHER_SIDE = 0.5
 #: Alternatives reported per shape.
 MAX_ALTERNATIVES = 3
 
@@ -69,19 +74,21 @@ def gather_trust(
     costs = _costs(session, samples, rotations, partners, poses)
     votes = np.array([_votes(pose, own) for pose, own in zip(rotations, partners, strict=True)])
     evidence = np.full((len(samples), len(KINDS)), np.nan)
-    excess = []
+    excess, leads = [], []
     for i, cost in enumerate(costs):
         rises = np.log(cost[1:].mean(axis=1) / cost[0].mean()) if cost.size else np.zeros(0)
         excess.append(rises)
+        leads.append(leads_over(poses[i][0], poses[i][1:], partners[i]) if cost.size else np.zeros(0))
         if cost.size:
-            evidence[i, :2] = votes[i], rises.min()
+            evidence[i, [VOTES, MARGIN, LEAD]] = votes[i], rises.min(), leads[i].min()
     for members in components:
-        known = members[~np.isnan(evidence[members, 0])]
-        evidence[known, 2] = evidence[known, 0].mean() if len(known) else np.nan
+        known = members[~np.isnan(evidence[members, VOTES])]
+        evidence[known, COLLECTION_VOTES] = evidence[known, VOTES].mean() if len(known) else np.nan
     return Trust(
         evidence=read_only(evidence),
         rivals=tuple(read_only(pose[1:]) for pose in poses),
         excess=tuple(read_only(rises) for rises in excess),
+        leads=tuple(read_only(own) for own in leads),
     )
 
 
@@ -107,17 +114,25 @@ def partners_of(pairs: Sequence[Pair], rotations: FloatArray) -> list[list[Partn
     """Return for each shape the shapes that it was matched with, the best match first."""
     partners: list[list[Partner]] = [[] for _ in rotations]
     for pair in pairs:
-        doubt = -pair.log_odds if len(pair.log_odds) else np.log(pair.costs)
+        is_weighed = len(pair.log_odds) > 0
+        doubt = -pair.log_odds if is_weighed else np.log(pair.costs)
         order = np.argsort(doubt, kind="stable")
         order = order[np.isfinite(doubt[order])]
         turns, excess = pair.rotations[order, :3, :3], doubt[order] - doubt[order[0]]
+        log_odds = -excess if is_weighed else -COST_LOG_ODDS * excess
         energy = float(pair.energies[order[0]])
         for own, other, relative in (
             (pair.source, pair.target, turns),
             (pair.target, pair.source, np.swapaxes(turns, 1, 2)),
         ):
             partners[own].append(
-                Partner(shape=other, poses=rotations[other] @ relative, excess=excess, energy=energy)
+                Partner(
+                    shape=other,
+                    poses=rotations[other] @ relative,
+                    excess=excess,
+                    log_odds=log_odds,
+                    energy=energy,
+                )
             )
     return [sorted(own, key=lambda partner: (partner.energy, partner.shape)) for own in partners]
 
@@ -150,12 +165,17 @@ def _costs(
     return [found[str(i)]["costs"] + RESOLUTION if str(i) in found else np.zeros((0, 0)) for i in range(len(samples))]
 
 
-def with_trust(solution: SynchronizationResult, trust: Trust, constraints: Constraints) -> SynchronizationResult:
+def with_trust(
+    solution: SynchronizationResult, trust: Trust, constraints: Constraints, may_be_mirrored: Sequence[int] = ()
+) -> SynchronizationResult:
     """Return the solution with confidences and alternatives as the evidence has them; poses set by hand are certain.
 
-    The odds of the rivals share what the reported pose leaves, by what they cost on dense points.
+    The odds of the rivals share what the reported pose leaves, by what they cost on dense points. A shape that is as
+    likely a mirror image is trusted by :data:`EITHER_SIDE` at most.
     """
     confidence = pose_confidence(trust)
+    doubted = list(may_be_mirrored)
+    confidence[doubted] = np.minimum(confidence[doubted], EITHER_SIDE)
     alternatives = []
     for i, (rivals, excess) in enumerate(zip(trust.rivals, trust.excess, strict=True)):
         share = np.exp(-RIVAL_POWER * (excess - excess.min())) if len(excess) else excess

@@ -1,8 +1,10 @@
 """From evidence to the probability that a pose is right: a logistic model, small enough to read.
 
-It weighs two things. *Agreement* is the geometric mean of a shape's own votes and those of its collection: a shape
+It weighs three things. *Agreement* is the geometric mean of a shape's own votes and those of its collection: a shape
 that its own pairs contradict is wrong in the best of collections, and votes mean little where all pairs contradict
-each other. *Margin* is what the cheapest other pose costs more on dense points.
+each other. *Margin* is what the cheapest other pose costs more on dense points. *Lead* is how much less plausible the
+pairs themselves find the strongest rival: where votes are split among many poses, the first of them may still be far
+ahead.
 """
 
 from __future__ import annotations
@@ -10,33 +12,30 @@ from __future__ import annotations
 import numpy as np
 
 from collalign.products.trust import KINDS, Trust
-from data_tools.arrays import FloatArray
+from data_tools.arrays import BoolArray, FloatArray
 
-#: Limits of agreement and margin: beyond them nothing was seen when the weights were fitted.
-LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8)])
-#: Their weights, and the constant: fitted on 1296 shapes of 78 runs over eleven real and ten generated
-#: collections, as ``python -m experiments calibrate confidence`` does again. With each collection judged by weights
-#: fitted without it, 97.9 % of the shapes at .95 or more were right, all of those of real collections (the worst,
-#: generated crowns of both sides: 82 %); the calibration error was .018; right shapes ranked above wrong ones of the
-#: same run in 76 %; that was before maps started from signs of eigenfunctions as well. Neither the votes of the best
-#: partners, nor their decisiveness, nor the spread of margins help.
-AGREEMENT_WEIGHT, MARGIN_WEIGHT, CONSTANT = 10.0, 2.5, -5.2
-#: A rival whose excess is below this is as good as the reported pose: half turns of boxes, cylinders and spheres.
-TIED = 0.02
+#: Limits of agreement, margin and lead: beyond them nothing was seen when the weights were fitted.
+LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8), (-2.0, 4.0)])
+#: WEIGHTS_PROVENANCE
+AGREEMENT_WEIGHT, MARGIN_WEIGHT, LEAD_WEIGHT, CONSTANT = 10.0, 2.5, 0.5, -5.2
+#: A rival whose excess is below this, and over which the lead is below that, is as good as the reported pose: half
+#: turns of boxes, cylinders and spheres, over which no pair leads at all. Of other shapes that dense points leave
+#: undecided, those whose pairs lead by more are right in 97 %.
+TIED, TIED_LEAD = 0.02, 1.0
 #: No confidence is stated beyond this: the model itself may be wrong.
 MOST_CONFIDENT = 0.995
 
 
 def terms(evidence: FloatArray) -> FloatArray:
-    """Return what the model weighs, shape (N, 2); NaN where nothing is known.
+    """Return what the model weighs, shape (N, 3); NaN where nothing is known.
 
     Parameters
     ----------
     evidence : ndarray, shape (N, len(KINDS))
         As :class:`collalign.products.trust.Trust` holds it.
     """
-    votes, margin, collection = (evidence[:, KINDS.index(kind)] for kind in KINDS)
-    return np.clip(np.column_stack([np.sqrt(votes * collection), margin]), LIMITS[:, 0], LIMITS[:, 1])
+    votes, margin, collection, lead = (evidence[:, KINDS.index(kind)] for kind in KINDS)
+    return np.clip(np.column_stack([np.sqrt(votes * collection), margin, lead]), LIMITS[:, 0], LIMITS[:, 1])
 
 
 def probability(evidence: FloatArray) -> FloatArray:
@@ -46,7 +45,7 @@ def probability(evidence: FloatArray) -> FloatArray:
     ----------
     evidence : ndarray, shape (N, len(KINDS))
     """
-    score = terms(evidence) @ [AGREEMENT_WEIGHT, MARGIN_WEIGHT] + CONSTANT
+    score = terms(evidence) @ [AGREEMENT_WEIGHT, MARGIN_WEIGHT, LEAD_WEIGHT] + CONSTANT
     return np.asarray(np.minimum(1.0 / (1.0 + np.exp(-score)), MOST_CONFIDENT))
 
 
@@ -57,5 +56,15 @@ def pose_confidence(trust: Trust) -> FloatArray:
     ----------
     trust : Trust
     """
-    ties = np.array([int((excess < TIED).sum()) for excess in trust.excess])
+    ties = np.array([int(tied.sum()) for tied in tied_rivals(trust)])
     return np.minimum(probability(trust.evidence), 1.0 / (1.0 + ties))
+
+
+def tied_rivals(trust: Trust) -> list[BoolArray]:
+    """Return which rivals of each shape are as good as its pose, each (r,).
+
+    Parameters
+    ----------
+    trust : Trust
+    """
+    return [(excess < TIED) & (leads < TIED_LEAD) for excess, leads in zip(trust.excess, trust.leads, strict=True)]

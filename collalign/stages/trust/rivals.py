@@ -22,6 +22,8 @@ MAX_RIVALS = 7
 MAX_PARTNERS = 8
 #: Support of a candidate falls by this power of its energy over the pair's lowest.
 SUPPORT_POWER = 4.0
+#: No pose of a pair is less plausible than by these log-odds; one that it did not find is as plausible as its last.
+LEAST_LOG_ODDS = -8.0
 #: Excess energy at which a half turn that no pair proposed is counted.
 HALF_TURN_EXCESS = 1.0
 
@@ -37,6 +39,8 @@ class Partner:
         ``R_common_shape`` of the *other* shape that each candidate asks for, the most plausible first.
     excess : ndarray, shape (m,)
         How much less plausible each is than the first, 0 and more.
+    log_odds : ndarray, shape (m,)
+        The same as log-odds against the first, 0 and less.
     energy : float
         How badly the two match at best.
     """
@@ -44,6 +48,7 @@ class Partner:
     shape: int
     poses: FloatArray
     excess: FloatArray
+    log_odds: FloatArray
     energy: float
 
 
@@ -99,6 +104,24 @@ def rival_poses(
     found = _representatives(poses[apart], np.exp(-SUPPORT_POWER * excess[apart])).reshape(-1, 3, 3)
     alike = turns @ pose
     return np.concatenate([found, alike[~_near(alike, np.concatenate([pose[None], found])).any(axis=1)]])
+
+
+def leads_over(pose: FloatArray, rivals: FloatArray, partners: Sequence[Partner]) -> FloatArray:
+    """Return how much more plausible a shape's pairs find a pose than each rival, mean log-odds, shape (r,).
+
+    Parameters
+    ----------
+    pose : ndarray, shape (3, 3)
+    rivals : ndarray, shape (r, 3, 3)
+    partners : sequence of Partner
+        At least one.
+    """
+    poses = np.concatenate([pose[None], rivals])
+    odds = np.zeros(len(poses))
+    for partner in partners:
+        own = np.maximum(partner.log_odds, LEAST_LOG_ODDS)
+        odds += np.where(_near(partner.poses, poses), own[:, None], own.min()).max(axis=0)
+    return np.asarray((odds[0] - odds[1:]) / len(partners))
 
 
 def _near(poses: FloatArray, others: FloatArray) -> BoolArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from collalign.products.collection import DOUBT
 from collalign.products.trust import KINDS, Trust
-from collalign.stages.trust.model import TIED
+from collalign.stages.trust.model import tied_rivals
 from collalign.stages.trust.symmetry import turns_in_words
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
@@ -83,17 +83,16 @@ def _contradicted(names: Sequence[str], trust: Trust, fixed: Mapping[int, FloatA
 
 def _symmetric(trust: Trust, rotations: FloatArray) -> list[str]:
     """Return the sentence about collections whose shapes look the same in several poses."""
-    tied = [excess for excess in trust.excess if len(excess) and excess.min() < TIED]
-    if not trust.excess or len(tied) < max(2, SYMMETRIC_SHARE * len(trust.excess)):
+    tied = tied_rivals(trust)
+    num = sum(own.any() for own in tied)
+    if not tied or num < max(2, SYMMETRIC_SHARE * len(tied)):
         return []
     turns = [
-        rivals[excess < TIED] @ pose.T
-        for rivals, excess, pose in zip(trust.rivals, trust.excess, rotations, strict=True)
-        if len(excess)
+        rivals[own] @ pose.T for rivals, own, pose in zip(trust.rivals, tied, rotations, strict=True) if len(own)
     ]
     typical = max(turns, key=len)
     return [
-        f"{len(tied)} of {len(trust.excess)} shapes fit as well in other poses: poses are defined only up to turns "
+        f"{num} of {len(tied)} shapes fit as well in other poses: poses are defined only up to turns "
         f"that leave such shapes as they are, in the common frame {turns_in_words(typical)}."
     ]
 

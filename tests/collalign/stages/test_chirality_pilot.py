@@ -18,6 +18,7 @@ from collalign.products.pair import Pair
 from collalign.stages.chirality import pilot
 from collalign.stages.chirality.pilot import KEPT_UNMIRRORED, chirality_energies, nearest_pairs
 from collalign.stages.pairs.graph import all_pairs
+from collalign.stages.trust.assess import EITHER_SIDE
 from data_tools.arrays import FloatArray
 from data_tools.datasets.public import Dataset, read_shrec07_class, read_teeth
 from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
@@ -109,6 +110,14 @@ def test_two_workers_and_a_second_run_decide_alike(
     assert parallel.run.num_reused == 0
     for other in (again, parallel):
         assert json.dumps(alignment_record(other)) == json.dumps(alignment_record(aligned_mixed))
+
+
+def test_of_too_few_shapes_those_that_may_be_mirrored_are_in_doubt(tmp_path: Path) -> None:
+    found = align_collection(crowns(tmp_path, num=5, sides=(1,)), options=OPTIONS, run=ONE)
+    assert found.group == "SO"
+    assert "may be mirror images" in " ".join(found.notes)
+    assert found.confidence[1] <= EITHER_SIDE
+    assert (np.delete(found.confidence, 1) > EITHER_SIDE).all()
 
 
 def test_bilateral_shapes_are_not_mirrored(tmp_path: Path) -> None:

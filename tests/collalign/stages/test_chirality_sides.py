@@ -127,3 +127,18 @@ def test_few_or_weak_pairs_leave_room_for_more() -> None:
     assert not replace(CLEAR, num_between=0).are_suspected
     assert not replace(CLEAR, median_all=0.05).are_suspected
     assert not replace(CLEAR, median_between=0.04).are_suspected
+
+
+def test_sides_may_be_likely_without_being_clear() -> None:
+    few = replace(CLEAR, mirrored=np.arange(4) < 1, num_pairs=5, num_between=3)
+    assert few.are_likely
+    assert not few.are_clear
+    for change in (
+        {"num_between": 0},
+        {"median_between": 0.11},
+        {"contradicted": 0.11},
+        {"balance": 0.79},
+        {"median_all": 0.05},
+    ):
+        assert not replace(few, **change).are_likely, change
+    assert replace(few, median_between=0.13, contradicted=0.09, balance=0.81).are_likely

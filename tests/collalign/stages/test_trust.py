@@ -17,9 +17,9 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.surface_gap import surface_gap
-from collalign.stages.trust.assess import RIVAL_POWER, gather_trust, partners_of, with_trust
+from collalign.stages.trust.assess import EITHER_SIDE, RIVAL_POWER, gather_trust, partners_of, with_trust
 from collalign.stages.trust.model import MOST_CONFIDENT, pose_confidence, probability
-from collalign.stages.trust.rivals import Partner, rival_poses
+from collalign.stages.trust.rivals import Partner, leads_over, rival_poses
 from collalign.stages.trust.symmetry import near_symmetries, turns_in_words
 from collalign.stages.trust.words import listed, trust_notes
 from collalign.synchronization import SynchronizationResult, synchronize
@@ -104,7 +104,8 @@ def test_poses_of_a_sphere_are_all_in_doubt(rng: np.random.Generator) -> None:
     directions, faces = sphere_mesh(400)
     turns = np.stack([random_rotation(rng) for _ in range(5)])
     samples = samples_of([Shape.from_arrays(directions @ R, faces) for R in turns])
-    trust = trusted(samples, pairs_at(turns), turns)
+    pairs = [replace(pair, energies=np.array([0.1, 0.1])) for pair in pairs_at(turns)]
+    trust = trusted(samples, pairs, turns)
     assert (pose_confidence(trust) <= 0.5).all()
 
 
@@ -132,35 +133,40 @@ def test_the_cost_is_zero_on_itself_and_sees_normals(rng: np.random.Generator) -
 
 
 def test_evidence_for_a_pose_never_lowers_its_probability() -> None:
-    middle = np.array([0.5, 0.2, 0.6])
+    middle = np.array([0.5, 0.2, 0.6, 0.4])
     for at in range(len(KINDS)):
         low, high = middle.copy(), middle.copy()
         low[at], high[at] = middle[at] - 0.2, middle[at] + 0.2
         assert probability(low[None]) < probability(high[None])
     assert np.isnan(probability(np.full((1, len(KINDS)), np.nan))).all()
-    assert probability(np.array([[1.0, 9.0, 1.0]])) == MOST_CONFIDENT
+    assert probability(np.array([[1.0, 9.0, 1.0, 9.0]])) == MOST_CONFIDENT
 
 
-def trust_of(evidence: list[float], excess: list[float]) -> Trust:
+def trust_of(evidence: list[float], excess: list[float], leads: list[float] | None = None) -> Trust:
     turns = np.array([Rotation.from_euler("z", r + 1.0).as_matrix() for r in range(len(excess))]).reshape(-1, 3, 3)
-    return Trust(evidence=np.array([evidence]), rivals=(turns,), excess=(np.array(excess),))
+    over = np.zeros(len(excess)) if leads is None else np.array(leads)
+    return Trust(evidence=np.array([evidence]), rivals=(turns,), excess=(np.array(excess),), leads=(over,))
 
 
 def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit() -> None:
-    assert probability(np.array([[0.4, 5.0, 0.4]])) == probability(np.array([[0.4, 0.8, 0.4]]))
-    assert probability(np.array([[0.9, -5.0, 0.9]])) == probability(np.array([[0.9, -0.3, 0.9]]))
-    assert 0.0 < probability(np.array([[0.9, -5.0, 0.9]])) < probability(np.array([[0.9, 0.0, 0.9]])) < 1.0
+    def chance(*evidence: float) -> float:
+        return float(probability(np.array([evidence]))[0])
+
+    assert chance(0.4, 5.0, 0.4, 9.0) == chance(0.4, 0.8, 0.4, 4.0)
+    assert chance(0.9, -5.0, 0.9, -9.0) == chance(0.9, -0.3, 0.9, -2.0)
+    assert 0.0 < chance(0.9, -5.0, 0.9, 0.0) < chance(0.9, 0.0, 0.9, 0.0) < 1.0
 
 
 def test_rivals_that_fit_as_well_share_the_confidence() -> None:
-    sure = [1.0, 0.8, 1.0]
+    sure = [1.0, 0.8, 1.0, 4.0]
     for excess, share in (([0.0], 1 / 2), ([0.0, 0.01, -0.2], 1 / 4), ([0.5, 0.03], 1.0), ([], 1.0)):
         assert pose_confidence(trust_of(sure, excess)) == min(share, MOST_CONFIDENT)
-    assert pose_confidence(trust_of([0.1, 0.0, 0.1], [0.0])) < 0.1  # a tie makes nothing likelier
+    assert pose_confidence(trust_of([0.1, 0.0, 0.1, 0.0], [0.0])) < 0.1  # a tie makes nothing likelier
+    assert pose_confidence(trust_of(sure, [0.0, 0.0], [2.0, 0.5])) == 1 / 2  # pairs tell the first apart
 
 
 def test_cheaper_rivals_are_likelier_and_come_first() -> None:
-    trust = trust_of([0.7, 0.1, 0.7], [0.5, 0.1, 0.3, 0.9])
+    trust = trust_of([0.7, 0.1, 0.7, 0.5], [0.5, 0.1, 0.3, 0.9])
     first = solved(pairs_at(np.stack([np.eye(3)] * 2)))
     solution = with_trust(first, trust, Constraints())
     (confidence,), (found,) = solution.confidence, solution.alternatives
@@ -191,10 +197,28 @@ def test_the_most_supported_rival_comes_first(rng: np.random.Generator) -> None:
         Rotation.from_euler(axis, angle, degrees=True).as_matrix() @ truth[0]
         for axis, angle in (("y", 25), ("x", 70), ("z", 70))
     )
-    partner = Partner(shape=1, poses=np.stack([same, far, likely]), excess=np.array([0.0, 2.0, 0.2]), energy=1.0)
+    excess = np.array([0.0, 2.0, 0.2])
+    partner = Partner(shape=1, poses=np.stack([same, far, likely]), excess=excess, log_odds=-8.0 * excess, energy=1.0)
     rivals = rival_poses(samples[0], truth[0], [partner], turns=NO_TURNS, mirrored=False)
     assert rotation_angle_deg(rivals[0], likely) < 1e-4
     assert min(rotation_angle_deg(rival, truth[0]) for rival in rivals) > 30.0  # less is the same pose
+
+
+def test_the_lead_is_the_mean_over_pairs_and_counts_poses_that_a_pair_did_not_find_as_its_last() -> None:
+    def turn(angle: float) -> np.ndarray:
+        return Rotation.from_euler("z", angle, degrees=True).as_matrix()
+
+    first = Partner(
+        shape=1,
+        poses=np.stack([turn(5.0), turn(90.0)]),
+        excess=np.array([0.0, 3.0]),
+        log_odds=np.array([0.0, -3.0]),
+        energy=1.0,
+    )
+    second = replace(first, shape=2, poses=np.stack([turn(180.0), turn(0.0)]), log_odds=np.array([0.0, -99.0]))
+    leads = leads_over(np.eye(3), np.stack([turn(90.0), turn(180.0)]), [first, second])
+    np.testing.assert_allclose(leads, [(3.0 + 0.0) / 2, (3.0 - 8.0) / 2])
+    assert leads_over(np.eye(3), np.empty((0, 3, 3)), [first]).shape == (0,)
 
 
 def test_the_cost_looks_both_ways(rng: np.random.Generator) -> None:
@@ -214,6 +238,17 @@ def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certa
     for confidence, others in zip(np.delete(solution.confidence, 1), np.delete(np.arange(NUM), 1), strict=True):
         chances = [confidence * np.exp(-other.log_odds) for other in solution.alternatives[others]]
         assert 0.0 < sum(chances) <= 1.0 - confidence + 1e-9
+
+
+def test_what_may_be_a_mirror_image_is_trusted_by_one_half(rng: np.random.Generator) -> None:
+    samples, truth = crowns(rng)
+    pairs = pairs_at(truth)
+    trust = trusted(samples, pairs, truth)
+    plain = with_trust(solved(pairs), trust, Constraints()).confidence
+    capped = with_trust(solved(pairs), trust, Constraints(), may_be_mirrored=(2, 5)).confidence
+    assert plain.min() > EITHER_SIDE
+    np.testing.assert_array_equal(capped[[2, 5]], EITHER_SIDE)
+    np.testing.assert_array_equal(np.delete(capped, [2, 5]), np.delete(plain, [2, 5]))
 
 
 def test_notes_name_the_doubtful_the_contradicted_and_the_block(rng: np.random.Generator) -> None:
@@ -278,9 +313,10 @@ def test_the_turns_of_a_box_come_first(sides: tuple[float, float, float], num: i
 def test_cubes_are_named_as_symmetric_and_in_doubt(rng: np.random.Generator) -> None:
     sample = brick(np.ones(3))
     poses = np.stack([np.eye(3)] * 4)
-    trust = trusted([sample] * 4, pairs_at(poses), poses)
+    pairs = [replace(pair, energies=np.array([0.1, 0.1])) for pair in pairs_at(poses)]
+    trust = trusted([sample] * 4, pairs, poses)
     assert (pose_confidence(trust) <= 0.1).all()
-    notes = trust_notes([*"abcd"], trust, pose_confidence(trust), solved(pairs_at(poses)), poses, {})
+    notes = trust_notes([*"abcd"], trust, pose_confidence(trust), solved(pairs), poses, {})
     assert any("4 of 4 shapes fit as well in other poses" in note and "deg about" in note for note in notes)
 
 
