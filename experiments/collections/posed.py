@@ -18,6 +18,8 @@ from data_tools.surface.shape import Shape
 
 #: A pair beyond this angle is called gross.
 GROSS_DEG = 30.0
+#: The error of a shape of the wrong chirality.
+MIRRORED_DEG = 180.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,12 +95,12 @@ class PosedCollection:
         Returns
         -------
         ndarray, shape (M,)
-            Degrees; 180 where the chirality is wrong.
+            Degrees; :data:`MIRRORED_DEG` where the chirality is wrong.
         """
         index = np.array([self.names.index(name) for name in names])
         found = np.swapaxes(rotations, 1, 2)[:, None] @ rotations[None]
         errors = rotation_angle_deg(found, self.relative[np.ix_(index, index)])
-        errors = np.where(np.isnan(errors), 180.0, errors)
+        errors = np.where(np.isnan(errors), MIRRORED_DEG, errors)
         best = max(errors, key=lambda row: ((row <= 20).sum(), -np.median(row)))
         return np.asarray(best)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from collalign.stages.trust.model import terms
 from data_tools.arrays import BoolArray, FloatArray
+from experiments.collections.posed import MIRRORED_DEG
 
 #: Ridge on the weights of standardised evidence: with few collections, weights that chase one of them are no gain.
 RIDGE = 3.0
@@ -80,10 +81,13 @@ def left_out(evidence: FloatArray, right: BoolArray, kind: FloatArray) -> FloatA
 
 
 def training_rows(records: Mapping[str, Mapping[str, Any]]) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """Return evidence, truth and collection of all shapes that are no intruders and have evidence."""
+    """Return evidence, truth and collection of all shapes that are no intruders and have evidence.
+
+    Poses of the wrong chirality are left out: the evidence is about turns, and sides are judged apart from it.
+    """
     parts = []
     for number, record in enumerate(records.values()):
-        used = ~record["intruder"] & ~np.isnan(record["evidence"]).any(axis=1)
+        used = ~record["intruder"] & ~np.isnan(record["evidence"]).any(axis=1) & (record["error_deg"] != MIRRORED_DEG)
         parts.append((record["evidence"][used], record["right"][used], np.full(used.sum(), number)))
     evidence, right, kind = (np.concatenate(part) for part in zip(*parts, strict=True))
     return evidence, right, kind

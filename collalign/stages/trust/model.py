@@ -16,8 +16,14 @@ from data_tools.arrays import BoolArray, FloatArray
 
 #: Limits of agreement, margin and lead: beyond them nothing was seen when the weights were fitted.
 LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8), (-2.0, 4.0)])
-#: WEIGHTS_PROVENANCE
-AGREEMENT_WEIGHT, MARGIN_WEIGHT, LEAD_WEIGHT, CONSTANT = 10.0, 2.5, 0.5, -5.2
+#: Their weights, and the constant: fitted on 1643 shapes of 151 runs over eleven real and nine generated collections,
+#: those whose mirror image was asked for left out, as ``python -m experiments calibrate confidence`` does again. With
+#: each collection judged by weights fitted without it, 97 % of the shapes at .95 or more were right (99 % or more
+#: in every real collection; generated crowns of both sides, which hardly differ, 84 %, strongly deformed ones 72 %);
+#: the calibration error was .03, right shapes ranked above wrong ones of the same run in 75 %, and 98 % of the right
+#: shapes of rigid anatomy and 81 % of all others had .9 or more. Neither the share of votes of the strongest rival,
+#: nor probabilities instead of votes, nor the number of shapes help, nor to know whether maps were asked for.
+AGREEMENT_WEIGHT, MARGIN_WEIGHT, LEAD_WEIGHT, CONSTANT = 10.0, 3.0, 0.6, -5.85
 #: A rival whose excess is below this, and over which the lead is below that, is as good as the reported pose: half
 #: turns of boxes, cylinders and spheres, over which no pair leads at all. Of other shapes that dense points leave
 #: undecided, those whose pairs lead by more are right in 97 %.
