@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from collalign.products.trust import KINDS
 from data_tools.errors import InputError
+from experiments.collections.posed import MIRRORED_DEG
+from experiments.confidence.confidence import judged_by_the_others
+from experiments.confidence.fit import training_rows
 from experiments.confidence.reliability import auc_within, reliability, right_above, unnoticed_runs
 
 RNG = np.random.default_rng(0)
@@ -44,3 +48,42 @@ def test_share_of_the_sure() -> None:
 def test_impossible_confidences_are_refused(stated: list[float]) -> None:
     with pytest.raises(InputError, match="stated"):
         reliability(stated, [True] * len(stated))
+
+
+def record_of(slope: float, num: int = 400) -> dict[str, np.ndarray]:
+    """Return a record whose votes say the truth if the slope is positive, and its contrary if it is negative."""
+    rng = np.random.default_rng(5)
+    evidence = np.full((num, len(KINDS)), 0.5)
+    evidence[:, KINDS.index("votes")] = evidence[:, KINDS.index("collection votes")] = rng.random(num)
+    right = rng.random(num) < 1.0 / (1.0 + np.exp(-slope * (evidence[:, 0] - 0.5)))
+    return {
+        "evidence": evidence,
+        "right": right,
+        "error_deg": np.where(right, 0.0, 90.0),
+        "intruder": np.zeros(num, dtype=bool),
+        "stated": np.full(num, 0.5),
+        "run": np.zeros(num, dtype=np.int64),
+    }
+
+
+def test_a_collection_is_judged_by_the_others_alone() -> None:
+    records = {"teeth": record_of(9.0), "ant": record_of(9.0), "fish": record_of(-9.0)}
+    judged = judged_by_the_others(records)
+    votes = records["fish"]["evidence"][:, 0]
+    assert np.corrcoef(judged["fish"]["stated"], votes)[0, 1] > 0.9  # what teeth and ants say, which is wrong here
+    assert auc_within(judged["fish"]["stated"], records["fish"]["right"], records["fish"]["run"]) < 0.3
+
+
+def test_limits_of_a_confidence_stay_when_others_judge() -> None:
+    records = {"teeth": record_of(9.0), "ant": record_of(9.0)}
+    records["ant"]["evidence"][:] = 1.0
+    stated = judged_by_the_others(records)["ant"]["stated"]
+    np.testing.assert_array_equal(stated, 0.5)
+
+
+def test_wrong_chirality_is_no_evidence_about_turns() -> None:
+    record = record_of(9.0)
+    record["error_deg"][:7] = MIRRORED_DEG
+    record["intruder"][7:9] = True
+    record["evidence"][9, 0] = np.nan
+    assert len(training_rows({"teeth": record})[0]) == len(record["right"]) - 10

@@ -98,6 +98,8 @@ def test_an_answer_that_pairs_were_solved_again_for_does_not_vote(rng: np.random
     first = pairs_at(truth, wrong={0})
     trust = trusted(samples, first, truth)
     assert column(trust, "votes")[0] == 1 / (NUM + 1)
+    assert column(trust, "lead").tolist() == [leads.min() for leads in trust.leads]
+    assert trust.leads[0].min() < trust.leads[0].max()
 
 
 def test_poses_of_a_sphere_are_all_in_doubt(rng: np.random.Generator) -> None:
