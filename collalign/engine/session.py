@@ -21,6 +21,9 @@ ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[[JobR
 
 OptionsT = TypeVar("OptionsT")
 
+#: Messages that each worker gets of a stage whose tasks are short and many, and tasks in one of them at most.
+_BATCHES_PER_WORKER, _MAX_BATCH = 16, 64
+
 
 def progress_display(progress: ProgressFactory | bool) -> ProgressFactory | None:
     """Return what shows the progress of a run: for True a bar where somebody watches a terminal or a notebook."""
@@ -201,6 +204,7 @@ class Session(Generic[OptionsT]):
                 num_jobs=self.run.num_workers,
                 scheduler=self.run.scheduler,
                 shared=shared,
+                batch_size=None if self.run.scheduler else self._batch_size(len(tasks)),
                 progress=report,
             )
             for job in jobs:
@@ -209,6 +213,10 @@ class Session(Generic[OptionsT]):
                     raise SolveFailed(f"{kind}, {job.key}: {job.failure}")
                 results[job.key] = job.value
         return results
+
+    def _batch_size(self, num_tasks: int) -> int:
+        """Return how many short tasks go to a worker of this machine in one message."""
+        return min(max(num_tasks // (_BATCHES_PER_WORKER * self.run.num_workers), 1), _MAX_BATCH)
 
     def _display(
         self, kind: str, total: int, missing: int

@@ -32,6 +32,8 @@ _ROW_HEIGHT, _MARGIN = 1.2, 0.03
 #: From the cell of a shape before alignment to the one after.
 _RIGHT = np.array([1.0, 0.0])
 _MAX_COLUMNS = 10
+#: Half the time of the usual level, for 4 % more bytes.
+_PNG = {"compress_level": 3}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,7 +88,7 @@ class ContactSheet:
 
     def write(self) -> None:
         """Draw the picture and write it."""
-        contact_sheet(self.tiles).savefig(self.path, format="png", metadata={"Software": None})
+        contact_sheet(self.tiles).savefig(self.path, format="png", metadata={"Software": None}, pil_kwargs=_PNG)
 
 
 def contact_sheet(tiles: Iterable[Tile]) -> Figure:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import re
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -50,16 +49,11 @@ def parse_table(lines: Sequence[str]) -> FloatArray | None:
 
     None where they do not: the caller then goes through them one by one, to name the line that is wrong.
     """
-    num_columns = len(lines[0].split()) if lines else 0
-    if num_columns == 0 or any(len(line.split()) != num_columns for line in lines):
+    try:
+        values = np.loadtxt(lines, comments=None, ndmin=2) if lines and lines[0].split() else None
+    except ValueError:
         return None
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # how older NumPy says that a word is no number
-        try:
-            values = np.fromstring("\n".join(lines), sep=" ")
-        except (ValueError, DeprecationWarning):
-            return None
-    return values.reshape(len(lines), num_columns) if values.size == len(lines) * num_columns else None
+    return values if values is not None and len(values) == len(lines) else None  # it passes over empty lines
 
 
 def read_points_table(text: str, name: str) -> FloatArray:

@@ -119,9 +119,9 @@ def _merge_vertices(
 
 
 def _drop_degenerate(vertices: FloatArray, faces: IntArray, notes: list[str]) -> IntArray:
-    corners = vertices[faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    good = 2.0 * face_areas(vertices, faces) > DEGENERATE_TOL * longest**2
+    sides = vertices[faces] - vertices[faces[:, [2, 0, 1]]]
+    longest_squared = np.einsum("fkd,fkd->fk", sides, sides).max(axis=1)
+    good = 2.0 * face_areas(vertices, faces) > DEGENERATE_TOL * longest_squared
     return _keep(faces, good, "dropped {} degenerate triangles", notes)
 
 

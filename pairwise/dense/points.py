@@ -140,6 +140,8 @@ class DenseMatcher:
             of_target, of_source = linear_sum_assignment(np.minimum(costs, self.penalty))
         else:
             of_target, of_source = self._nearest(features)
+        if self.penalty == np.inf and self.share >= 1.0:
+            return DensePairs(of_target=of_target, of_source=of_source, num_left_out=0)
         costs = ((self._target_features[of_target] - features[of_source]) ** 2).sum(axis=1)
         kept = costs <= self.penalty
         if self.share < 1.0:
