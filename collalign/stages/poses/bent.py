@@ -30,7 +30,7 @@ from pairwise.local.local_search import minimise
 #: Shares of the samples, in the order of farthest point sampling, whose energy is minimised: from the tips to all.
 SHARES = (3 / 16, 1 / 4, 3 / 8, 1 / 2, 3 / 4, 1.0)
 #: Fewer samples settle no rotation.
-FEWEST_SAMPLES = 8
+FEWEST_SAMPLES = 12
 #: Rotations within this angle are the same pose measured in another way.
 SAME_BASIN_DEG = 30.0
 #: Trust in a way of measuring falls by this power of its scatter: 2 would be right if the ways erred independently.
@@ -57,15 +57,19 @@ def measure_pair(task: MeasureTask, shared: SharedTable) -> Record:
     Returns
     -------
     dict
-        ``rotations``, shape (len(SHARES), 3, 3), ``R_target_source``.
+        ``rotations``, shape (s, 3, 3), ``R_target_source``, for each of :func:`numbers_of_samples`.
     """
     target, source = (samples_from_record(shared[str(i)], str(i)) for i in (task.target, task.source))
     found = []
-    for share in SHARES:
-        num = max(FEWEST_SAMPLES, round(share * len(target.positions)))
+    for num in numbers_of_samples(len(target.positions)):
         problem = pair_problem(first_samples(target, num), first_samples(source, num), task.group)
         found.append(minimise(problem, task.start[None], hold_chirality=True).rotations[0])
     return {"rotations": np.stack(found)}
+
+
+def numbers_of_samples(most: int) -> list[int]:
+    """Return how many samples are used, of so many: some shares of them, no number twice."""
+    return sorted({min(most, max(FEWEST_SAMPLES, round(share * most))) for share in SHARES})
 
 
 def first_samples(samples: Samples, num: int) -> Samples:

@@ -15,7 +15,7 @@ from collalign.engine.session import Session
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
-from collalign.stages.poses.bent import _nearest_map, _trust, first_samples
+from collalign.stages.poses.bent import _nearest_map, _trust, first_samples, numbers_of_samples
 from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.synchronization.problem.geometry import transposed
@@ -115,6 +115,13 @@ def test_first_samples_are_centred_and_of_unit_size(rng: np.random.Generator) ->
     assert np.allclose(few.invariants, 2.0 * samples.invariants[:8])
     whole = first_samples(samples, 32)
     assert np.allclose(whole.positions, samples.positions / np.linalg.norm(samples.positions))
+
+
+@pytest.mark.parametrize(
+    ("most", "numbers"), [(64, [12, 16, 24, 32, 48, 64]), (24, [12, 18, 24]), (12, [12]), (9, [9])]
+)
+def test_shares_of_few_samples_are_not_counted_twice(most: int, numbers: list[int]) -> None:
+    assert numbers_of_samples(most) == numbers
 
 
 def test_the_likeliest_candidate_near_the_pose_is_the_maps(rng: np.random.Generator) -> None:

@@ -151,7 +151,7 @@ def test_bent_figures_are_put_right_by_maps(tmp_path: Path) -> None:
         shape, turn = bent(figure(resolution=2), rng, angle=0.9), random_rotation(rng)
         write_mesh(folder / f"{number}.ply", Shape.from_arrays(shape.vertices @ turn.T, shape.faces))
         turns.append(turn)
-    options = AlignOptions(maps="always", group="SO", sampling=SamplingOptions(num_points=24))
+    options = AlignOptions(maps="always", group="SO")
     run = RunOptions(jobs=1, store=tmp_path / "store.sqlite")
     aligned = align_collection(folder, options=options, run=run)
     relative = [aligned.rotations[0].T @ pose @ turns[i] @ turns[0].T for i, pose in enumerate(aligned.rotations)]
