@@ -12,7 +12,7 @@ from collalign.cli.interruption import resumable
 from collalign.engine.options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.output.evidence.file import load_view, source_files
-from collalign.output.stability import CSV_FILE, JSON_FILE, PLOT_FILE, WRITER, stability_summary, write_stability
+from collalign.output.stability import FILES, WRITER, stability_summary, write_stability
 from collalign.output.write import inputs_of
 from collalign.stability import StabilityOptions, check_stability
 from data_tools.io.output_folder import OutputFolder
@@ -29,12 +29,12 @@ def stability(
     Parameters
     ----------
     result
-        Folder that ``collalign align`` wrote; stability.csv, .json and .png are written into it.
+        Folder that ``collalign align`` wrote; stability.html, .csv, .json and .png are written into it.
     """
     files = source_files(load_view(result))
     store = run.store or result / STORE_FILE
     with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=inputs_of(files)) as output:
-        output.refuse_foreign((CSV_FILE, JSON_FILE, PLOT_FILE))
+        output.refuse_foreign(FILES)
         found = check_stability(result, options=options, run=replace(run, store=store))
         written = write_stability(found, output)
     for line in (*stability_summary(found), *written):

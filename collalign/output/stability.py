@@ -1,7 +1,8 @@
-"""Table, record and picture of how stable a result is, beside the result."""
+"""Page, table, record and picture of how stable a result is, beside the result."""
 
 from __future__ import annotations
 
+import html
 import io
 import json
 from pathlib import Path
@@ -12,14 +13,30 @@ from collalign.products.collection import DOUBT
 from collalign.products.evidence import json_types
 from collalign.products.stability import Stability
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.html_pages import html_figure, html_table, write_html_page
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
+from data_tools.percent import percent
 
 #: The command whose files these are, in the manifest of an output folder.
 WRITER = "stability"
-CSV_FILE, JSON_FILE, PLOT_FILE = "stability.csv", "stability.json", "stability.png"
+CSV_FILE, JSON_FILE, PLOT_FILE, PAGE_FILE = FILES = (
+    "stability.csv",
+    "stability.json",
+    "stability.png",
+    "stability.html",
+)
 _COLUMNS = ("shape", "confidence", "repetitions", "pose_stays", "chirality_stays", "neighbours_stay", "largest_deg")
+_TITLES = {
+    "shape": "shape",
+    "confidence": "confidence",
+    "repetitions": "repetitions",
+    "pose_stays": "pose stays",
+    "chirality_stays": "mirror image stays",
+    "neighbours_stay": "neighbours stay",
+    "largest_deg": "largest change, deg",
+}
 #: Shapes drawn, the least stable ones.
 _MAX_DRAWN = 60
 #: Shapes named in a line.
@@ -27,7 +44,7 @@ _MAX_NAMES = 8
 
 
 def write_stability(stability: Stability, output: OutputFolder) -> tuple[Path, ...]:
-    """Write ``stability.csv``, ``stability.json`` and ``stability.png`` and return the paths.
+    """Write ``stability.csv``, ``.json``, ``.png`` and ``.html`` and return the paths.
 
     Parameters
     ----------
@@ -42,7 +59,8 @@ def write_stability(stability: Stability, output: OutputFolder) -> tuple[Path, .
     """
     write_atomic(output.stage(CSV_FILE), csv_text(_rows(stability)).encode())
     write_atomic(output.stage(JSON_FILE), json.dumps(stability_record(stability), indent=1).encode())
-    draw_stability(stability, output.stage(PLOT_FILE))
+    plot = draw_stability(stability, output.stage(PLOT_FILE))
+    write_stability_page(stability, plot.read_bytes(), output.stage(PAGE_FILE))
     return output.publish(complete=True)
 
 
@@ -85,6 +103,35 @@ def stability_summary(stability: Stability) -> tuple[str, ...]:
         f"Of the {len(moved)} shapes that moved, {sure} had not been called doubtful; of the {int(doubted.sum())} "
         f"doubtful ones {sum(poses[i] == 1.0 for i in np.flatnonzero(doubted))} never moved.",
     )
+
+
+def write_stability_page(stability: Stability, plot: bytes, path: Path) -> Path:
+    """Write the page with the summary, the table of all shapes, those that stay least first, and the plot.
+
+    Parameters
+    ----------
+    stability : Stability
+    plot : bytes
+        The picture of :func:`draw_stability`, as PNG.
+    path : Path
+    """
+    order = least_stable(stability).tolist()
+    never = sorted(set(range(len(stability.names))) - set(order))
+    cells = [dict(zip(_COLUMNS, row, strict=True)) for row in _rows(stability)[1:]]
+    rows = [[_cell(column, cells[i][column]) for column in _COLUMNS] for i in (*order, *never)]
+    lines = "".join(f"<li>{html.escape(line)}</li>" for line in stability_summary(stability))
+    table = html_table("Stability of every shape", [_TITLES[column] for column in _COLUMNS], rows)
+    drawn = "Change of every pose in every repetition, the least stable shapes first"
+    return write_html_page(path, "How stable the poses are", f"<ul>{lines}</ul>\n{table}\n{html_figure(plot, drawn)}")
+
+
+def _cell(column: str, value: object) -> str:
+    """Return a number of a table as it is read: shares as percentages, angles as whole degrees."""
+    if not isinstance(value, float | np.floating):
+        return str(value)
+    if np.isnan(value):
+        return "–"
+    return f"{value:.0f}" if column == "largest_deg" else percent(float(value))
 
 
 def least_stable(stability: Stability) -> IntArray:

@@ -16,7 +16,7 @@ from collalign.cli import main
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
 from collalign.output.evidence.file import load_view, save_view
-from collalign.output.stability import stability_summary
+from collalign.output.stability import stability_summary, write_stability_page
 from collalign.stability import StabilityOptions, repetitions
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
@@ -48,7 +48,13 @@ def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "5 shapes aligned again 3 times: 4 shapes, choice 1; seed 1; 24 points."
     assert "Every pose stayed in every repetition." in said[3]
-    assert [Path(line).name for line in said[5:]] == ["stability.csv", "stability.json", "stability.png"]
+    names = ["stability.csv", "stability.html", "stability.json", "stability.png"]
+    assert sorted(Path(line).name for line in said[5:]) == names
+    page = (result / "stability.html").read_text()
+    assert "5 shapes aligned again 3 times" in page
+    assert page.count("<tr>") == 6
+    assert page.count("<td>100 %</td>") >= 5
+    assert "data:image/png;base64," in page
     assert {name: (result / name).read_bytes() for name in before} == before
     with Store.open(result / "store.sqlite") as store:
         num_pairs = len(store.keys("pairs"))
@@ -77,6 +83,10 @@ def test_a_pose_that_only_the_result_has_is_found(result: Path, tmp_path: Path) 
     assert (np.delete(stays, 2) == 1.0).all()
     assert found.chirality_stays.min() == 1.0
     assert f"{view.names[2]} (0 %)" in stability_summary(found)[3]
+    page = write_stability_page(found, b"", tmp_path / "page.html").read_text()
+    first = page.split("<tr>")[2]
+    assert first.startswith(f"<td>{view.names[2]}</td>")  # the least stable shape comes first
+    assert "<td>0 %</td>" in first
 
 
 def test_a_vanished_file_and_a_file_of_somebody_else_are_named(result: Path, tmp_path: Path) -> None:

@@ -34,5 +34,7 @@ export function doubtSection(app) {
     ? "No shape is below the threshold of doubt."
     : `${doubtful} of ${shapes.length} shapes are below the threshold of ${number(doubtThreshold)}: open them, compare with the reference, and choose the right pose.`;
   const head = ["Shape", "Confidence", "Median disagreement of its pairs", "Pairs left out", "Other poses", "Marks"];
-  return [el("p", null, words), table("Shapes by confidence", head, cells, { class: "doubt" })];
+  const stability = el("p", null, el("code", null, "collalign stability"),
+    " with the name of this folder writes stability.html beside this report: how often every pose, mirror image and neighbourhood stays with other points, seeds and fewer shapes.");
+  return [el("p", null, words), stability, table("Shapes by confidence", head, cells, { class: "doubt" })];
 }
