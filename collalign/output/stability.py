@@ -147,7 +147,7 @@ def draw_stability(stability: Stability, path: Path) -> Path:
     from matplotlib.figure import Figure
 
     chosen, num = least_stable(stability)[:_MAX_DRAWN], len(stability.repetitions)
-    figure = Figure(figsize=(3.5 + 0.55 * num, 2.0 + 0.2 * len(chosen)), layout="constrained")
+    figure = Figure(figsize=(3.5 + 0.55 * num, max(3.6, 2.0 + 0.2 * len(chosen))), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.set_facecolor("lightgrey")
@@ -159,7 +159,8 @@ def draw_stability(stability: Stability, path: Path) -> Path:
         label.label1.set_parse_math(False)
     axes.set_xticks(range(num), stability.repetitions, rotation=60, ha="right", fontsize=7)
     axes.set_title(f"Poses that stay within {stability.stay_deg:.0f} deg, of all repetitions", fontsize=9)
-    figure.colorbar(image, ax=axes, label="change of pose, deg (grey: took no part)")
+    bar = figure.colorbar(image, ax=axes)
+    bar.set_label("change of pose, deg (grey: took no part)", fontsize=8)
     content = io.BytesIO()
     figure.savefig(content, format="png", metadata={"Software": None})
     return write_atomic(path, content.getvalue())
