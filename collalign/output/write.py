@@ -54,6 +54,7 @@ _PAIR_COLUMNS = (
     "choice",
     "inlier",
     "disagreement_deg",
+    "chance",
     "complete_within",
     "num_regions",
 )
@@ -303,6 +304,7 @@ def _pairs_table(collection: Collection) -> str:
             pair.choice,
             int(pair.inlier),
             f"{pair.disagreement_deg:.3f}",
+            f"{pair.chances[pair.choice]:.4f}" if pair.choice >= 0 else "",
             repr(pair.complete_within),
             len(pair.regions),
         ]

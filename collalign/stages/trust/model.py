@@ -28,6 +28,8 @@ AGREEMENT_WEIGHT, MARGIN_WEIGHT, LEAD_WEIGHT, CONSTANT = 10.0, 3.0, 0.6, -5.85
 #: turns of boxes, cylinders and spheres, over which no pair leads at all. Of other shapes that dense points leave
 #: undecided, those whose pairs lead by more are right in 97 %.
 TIED, TIED_LEAD = 0.02, 1.0
+#: Collections in which this share of the shapes is tied are called symmetric.
+SYMMETRIC_SHARE = 0.5
 #: No confidence is stated beyond this: the model itself may be wrong.
 MOST_CONFIDENT = 0.995
 
@@ -58,12 +60,25 @@ def probability(evidence: FloatArray) -> FloatArray:
 def pose_confidence(trust: Trust) -> FloatArray:
     """Return the confidence in each pose, shape (N,): its probability, shared with the rivals that fit as well.
 
+    Where most shapes are tied, what ties them is the collection's: none is trusted more than the typical tied one.
+
     Parameters
     ----------
     trust : Trust
     """
     ties = np.array([int(tied.sum()) for tied in tied_rivals(trust)])
-    return np.minimum(probability(trust.evidence), 1.0 / (1.0 + ties))
+    most = float(np.median(1.0 / (1.0 + ties[ties > 0]))) if is_symmetric(ties > 0) else 1.0
+    return np.minimum(probability(trust.evidence), np.minimum(1.0 / (1.0 + ties), most))
+
+
+def is_symmetric(tied: BoolArray) -> bool:
+    """Whether so many shapes are tied that the collection is called symmetric.
+
+    Parameters
+    ----------
+    tied : ndarray of bool, shape (N,)
+    """
+    return bool(tied.sum() >= max(2.0, SYMMETRIC_SHARE * len(tied)))
 
 
 def tied_rivals(trust: Trust) -> list[BoolArray]:

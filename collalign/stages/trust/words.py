@@ -8,7 +8,7 @@ import numpy as np
 
 from collalign.products.collection import DOUBT
 from collalign.products.trust import KINDS, Trust
-from collalign.stages.trust.model import tied_rivals
+from collalign.stages.trust.model import is_symmetric, tied_rivals
 from collalign.stages.trust.symmetry import turns_in_words
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
@@ -18,8 +18,6 @@ from data_tools.rotations import rotation_angle_deg
 MAX_NAMES = 8
 #: Poses within this angle are the same, where a block is looked for again in the final poses.
 SAME_BLOCK_DEG = 30.0
-#: Collections in which this share of the shapes is tied are called symmetric.
-SYMMETRIC_SHARE = 0.5
 #: Collections whose pairs agree this little, on average, say too little.
 FEWEST_VOTES = 0.5
 #: A pose set by hand that fewer of its pairs than this agree with is contradicted.
@@ -85,7 +83,7 @@ def _symmetric(trust: Trust, rotations: FloatArray) -> list[str]:
     """Return the sentence about collections whose shapes look the same in several poses."""
     tied = tied_rivals(trust)
     num = sum(own.any() for own in tied)
-    if not tied or num < max(2, SYMMETRIC_SHARE * len(tied)):
+    if not is_symmetric(np.array([own.any() for own in tied])):
         return []
     turns = [
         rivals[own] @ pose.T for rivals, own, pose in zip(trust.rivals, tied, rotations, strict=True) if len(own)

@@ -189,6 +189,21 @@ def test_dense_points_speak_beside_energies() -> None:
     assert np.argmin(replace(pair, gaps=np.array([0.03, 0.09, 0.2])).costs) == 0
 
 
+def test_chances_of_candidates_leave_room_for_none_and_do_not_depend_on_units() -> None:
+    pair = a_pair([0.10, 0.11, 0.3])
+    chances = pair.chances
+    assert np.argmax(chances) == 0
+    assert 0.85 < chances.sum() < 0.95
+    assert chances[0] / chances[1] == pytest.approx(1.1**24)
+    np.testing.assert_allclose(replace(pair, energies=7.0 * pair.energies).chances, chances)
+    alone = a_pair([0.1]).chances[0]
+    assert alone == pytest.approx(1.0 / (1.0 + np.exp(-2.35)))
+    assert a_pair([0.0, 0.0]).chances == pytest.approx([1.0 / (2.0 + np.exp(-2.35))] * 2)
+    weighed = replace(pair, log_odds=np.array([-np.inf, -3.0, -4.0])).chances
+    assert weighed[0] == 0.0
+    assert weighed[1] / weighed[2] == pytest.approx(np.exp(1.4))
+
+
 @pytest.mark.parametrize("gaps", [np.zeros(0), np.array([0.1, np.nan, 0.2]), np.array([0.1])])
 def test_where_a_gap_is_unknown_the_energies_decide(gaps: np.ndarray) -> None:
     pair = replace(a_pair([0.2, 0.1, 0.3]), gaps=gaps)

@@ -167,6 +167,23 @@ def test_rivals_that_fit_as_well_share_the_confidence() -> None:
     assert pose_confidence(trust_of(sure, [0.0, 0.0], [2.0, 0.5])) == 1 / 2  # pairs tell the first apart
 
 
+def test_what_ties_most_shapes_ties_all() -> None:
+    sure, turns = np.array([1.0, 0.8, 1.0, 4.0]), np.tile(np.eye(3), (2, 1, 1))
+
+    def chances(excess: list[float], leads: list[float]) -> list[float]:
+        trust = Trust(
+            evidence=np.tile(sure, (4, 1)),
+            rivals=(turns,) * 4,
+            excess=tuple(np.array([one, 0.5]) for one in excess),
+            leads=tuple(np.array([one, 5.0]) for one in leads),
+        )
+        return pose_confidence(trust).tolist()
+
+    assert chances([0.0, 0.0, 0.0, 0.5], [0.0] * 4) == [0.5] * 4
+    assert chances([0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 3.0, 3.0]) == [0.5] * 4
+    assert chances([0.0, 0.5, 0.5, 0.5], [0.0] * 4) == [0.5, *[MOST_CONFIDENT] * 3]
+
+
 def test_cheaper_rivals_are_likelier_and_come_first() -> None:
     trust = trust_of([0.7, 0.1, 0.7, 0.5], [0.5, 0.1, 0.3, 0.9])
     first = solved(pairs_at(np.stack([np.eye(3)] * 2)))
