@@ -12,7 +12,7 @@ SEEN = {
     ),
     "shrec07": (
         "the classes of SHREC07 (weights of the invariants, dense stage, when maps are asked for, how they judge "
-        "poses and where they start, confidence)"
+        "poses and where they start, averages of bent poses, confidence)"
     ),
     "scape": "SCAPE (maps, when maps are asked for)",
 }

@@ -29,7 +29,7 @@ COLLECTIONS: tuple[Mutant, ...] = (
         ("first_samples", "samples.positions[:num].mean(axis=0)", "0.0"),
         ("first_samples", "samples.invariants[:num] * weight", "samples.invariants[:num] / weight"),
         ("bent_poses", "present * trust", "present * 1.0"),
-        ("_nearest_map", "np.where(near, pair.log_odds, -np.inf)", "pair.log_odds"),
+        ("_nearest_map", "np.where(near, odds, -np.inf)", "odds"),
         ("_trust", "[:, 0], np.inf)", "[:, 0], 0.0)"),
         ("_trust", "** -SCATTER_POWER", "** SCATTER_POWER"),
     ),

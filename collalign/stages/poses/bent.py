@@ -133,10 +133,11 @@ def bent_poses(
 def _nearest_map(pair: Pair, asked: FloatArray) -> FloatArray:
     """Return the likeliest candidate near the common pose, or zeros where none is near."""
     angles = rotation_angle_deg(pair.rotations[:, :3, :3], np.broadcast_to(asked, (len(pair.rotations), 3, 3)))
-    near = np.isfinite(pair.log_odds) & (np.nan_to_num(angles, nan=np.inf) <= SAME_BASIN_DEG)
+    odds = pair.log_odds if len(pair.log_odds) else -pair.costs
+    near = np.isfinite(odds) & (np.nan_to_num(angles, nan=np.inf) <= SAME_BASIN_DEG)
     if not near.any():
         return np.zeros((3, 3))
-    return np.asarray(pair.rotations[int(np.argmax(np.where(near, pair.log_odds, -np.inf))), :3, :3])
+    return np.asarray(pair.rotations[int(np.argmax(np.where(near, odds, -np.inf))), :3, :3])
 
 
 def _trust(frames: FloatArray, edges: IntArray, measured: FloatArray, present: BoolArray, free: BoolArray) -> float:

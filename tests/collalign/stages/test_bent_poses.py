@@ -137,6 +137,8 @@ def test_the_likeliest_candidate_near_the_pose_is_the_maps(rng: np.random.Genera
     )
     assert np.array_equal(_nearest_map(pair, asked), poses[2])
     assert not _nearest_map(pair, np.diag([-1.0, 1, -1]) @ asked).any()
+    unweighed = replace(pair, log_odds=np.zeros(0), energies=np.array([0.1, 0.3, 0.2, 0.4]))
+    assert np.array_equal(_nearest_map(unweighed, asked), poses[2])
 
 
 def test_least_deviations_forgive_one_wrong_measurement(rng: np.random.Generator) -> None:
