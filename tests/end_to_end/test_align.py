@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -161,6 +162,24 @@ def test_two_workers_give_the_bytes_of_one(folder: Path, tmp_path: Path) -> None
         assert main(["align", str(folder), "--out", str(out), *FLAGS[:-1], jobs]) == 0
         bytes_of.append((out / "alignment.json").read_bytes())
     assert bytes_of[0] == bytes_of[1]
+
+
+def test_two_workers_write_the_bytes_of_one(folder: Path, tmp_path: Path) -> None:
+    shapes = tmp_path / "shapes"
+    shutil.copytree(folder, shapes)
+    aligned = align_collection(shapes, options=OPTIONS, run=RunOptions(jobs=1))
+    for jobs in (1, 2):
+        aligned.save(tmp_path / str(jobs), run=RunOptions(jobs=jobs))
+    names = sorted(p.relative_to(tmp_path / "1") for p in (tmp_path / "1").rglob("*") if p.is_file())
+    assert {"report.html", "contact_sheet.png", "evidence.npz"} <= {name.name for name in names}
+    for name in names:
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes(), name
+    gone = next(path for path in sorted(shapes.iterdir()) if path.suffix == ".ply")
+    gone.unlink()
+    for jobs in (1, 2):
+        with pytest.raises(InputError, match=gone.name):
+            aligned.save(tmp_path / "again", run=RunOptions(jobs=jobs))
+        assert not (tmp_path / "again" / "alignment.json").exists()
 
 
 def test_one_bad_file_is_left_out_and_named(
