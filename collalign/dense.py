@@ -9,6 +9,7 @@ import numpy as np
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.output.evidence.file import load_view
+from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.output.write import recorded_options
 from collalign.products.dense import DenseCorrespondence
 from collalign.products.evidence import CollectionView
@@ -86,8 +87,9 @@ def dense_correspondence(
     clouds = [moved_by(view.transforms[at], view.vertices[at]) for at in whole]
     closed = [place for place, at in enumerate(whole) if _is_closed(view.faces[at])]
     reference = members.index(whole[medoid(clouds, closed)])
+    maps = load_vertex_maps(result) if (Path(result) / VERTEX_MAPS_FILE).is_file() else None
     with Session.open(options or RegistrationOptions(), run or RunOptions(), progress_display(progress)) as session:
-        return correspond(session, files, reference)
+        return correspond(session, files, reference, maps)
 
 
 def _is_closed(faces: IntArray) -> bool:

@@ -33,6 +33,25 @@ SURFACES: tuple[Mutant, ...] = (
         ("beyond_range", "max(calibration.most_residual, _LEAST_RANGE)", "_LEAST_RANGE"),
     ),
     *faults(
+        "collalign/registration/start.py",
+        ("tests/collalign/registration/test_start.py",),
+        ("bent_by_map", "is_small or is_turned", "is_small"),
+        ("bent_by_map", "< _LEAST_EXTENT", "< 0"),
+        ("bent_by_map", "np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2", "trust"),
+        ("bent_by_map", "math.sqrt(target.area / source.area)", "1.0"),
+    ),
+    *faults(
+        "collalign/registration/pieces.py",
+        ("tests/collalign/registration/test_start.py",),
+        ("RigidPieces.turned_back", "eji,ej->ei", "eij,ej->ei"),
+        ("RigidPieces.turned_edges", "eij,ej->ei", "eji,ej->ei"),
+    ),
+    *faults(
+        "collalign/stages/map_starts.py",
+        ("tests/end_to_end/test_transfer_bent.py",),
+        ("map_starts", "return {}", "raise InputError(reference.name)"),
+    ),
+    *faults(
         "collalign/registration/mean.py",
         ("tests/collalign/registration/test_register.py",),
         ("medoid", "one_way + one_way.T", "-one_way"),

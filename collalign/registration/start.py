@@ -1,0 +1,93 @@
+"""Where maps of vertices take a surface before closest points pull, and back: locally as rigid as they allow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from collalign.registration.pieces import MapGoals, RigidPieces
+from collalign.registration.pose import fitting_similarity
+from data_tools.arrays import FloatArray
+from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
+from data_tools.surface.shape import Shape
+from data_tools.threads import one_blas_thread
+
+#: Over so many root mean square radii what a map says of neighbours is averaged.
+_LENGTH = 0.1
+#: Times that the map is asked where it can be trusted, and for each that places and rotations are found in turn.
+_NUM_TRUSTS, _NUM_ROUNDS = 3, 5
+#: So loosely, in radii, unbent copies stay where the source is: an unbent surface may lie anywhere.
+_LOOSE = 1e3
+#: Goals beyond so many times the median distance from where their neighbours go do not count.
+_CUTOFF = 3.0
+#: A map with goals for less than this share of the surface starts nothing.
+_LEAST_SHARE = 0.5
+#: Nor does one that leaves less than this of the surface's extent: one without order takes all to the middle.
+_LEAST_EXTENT = 0.5
+#: Nor one that turns the whole surface by more than this against its pose: of six ants, armadillos, humans and
+#: centaurs, maps are right that turn it by up to 16 degrees; those by 176 and more take the head for the tail.
+_MOST_TURN_DEG = 60.0
+
+
+@one_blas_thread()
+def bent_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray | None:
+    """Return the vertices of a source where a map takes them, shape (v, 3), smoothed; None where it is not believed.
+
+    Least is ``sum_ij w_ij |x_i - x_j - R_i (p_i - p_j)|^2 + sum_i m_i t_i |x_i - g_i|^2 / l^2`` over places ``x`` and
+    rotations ``R`` of the source's vertices ``p``, enlarged to the target's area: cotangent weights ``w``, areas
+    ``m``, goals ``g`` in which the map is trusted by ``t``, Tukey's biweight of their distance from ``x``. Limbs
+    turn, and what a map scatters is smoothed over the length ``l``, without the shrinking of a plain average.
+
+    Not believed are maps of less than half of the surface, those that have no order, and those that turn all of it
+    against the common poses: a symmetric body has a second map, which is as smooth.
+
+    Parameters
+    ----------
+    target, source : Shape
+        Meshes, posed.
+    goals : MapGoals
+
+    References
+    ----------
+    Sorkine and Alexa, As-rigid-as-possible surface modeling, SGP 2007.
+    """
+    size = math.sqrt(target.area / source.area)
+    rest = Shape.from_arrays(size * source.vertices, source.faces, name=source.name)
+    solver = RigidPieces(rest)
+    if solver.mass[np.unique(goals.vertices)].sum() < _LEAST_SHARE * solver.mass.sum():
+        return None
+    trust, edges = np.ones(len(goals.vertices)), np.zeros_like(rest.vertices)
+    for _ in range(_NUM_TRUSTS):
+        pull = solver.pull(goals, trust, _LENGTH * solver.radius)
+        for _ in range(_NUM_ROUNDS):
+            moved = pull.places(edges)
+            edges = solver.turned_edges(moved)
+        distances = np.linalg.norm(moved[goals.vertices] - goals.places, axis=1)
+        scale = _CUTOFF * float(np.median(distances)) or 1.0
+        trust = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2
+    fit = fitting_similarity(moved, rest.vertices, solver.mass)[:3, :3]
+    is_small = np.cbrt(np.linalg.det(fit)) < _LEAST_EXTENT
+    is_turned = rotation_angle_deg(nearest_orthogonal(fit), np.eye(3)) > _MOST_TURN_DEG
+    return None if is_small or is_turned else moved
+
+
+@one_blas_thread()
+def unbent(source: Shape, copies: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return copies of a source that are bent in other ways in its own posture, each (v, 3).
+
+    The edges of a copy are turned back as each vertex's edges are turned, and a surface is laid through them by least
+    squares: it has the copy's local lengths and the source's posture. The plain mean of bodies in several postures
+    has limbs that are thin where they differ; that of unbent ones has not.
+
+    Parameters
+    ----------
+    source : Shape
+        A mesh.
+    copies : sequence of ndarray, shape (v, 3)
+    """
+    solver = RigidPieces(source)
+    every = MapGoals(vertices=np.arange(len(source.vertices)), places=source.vertices)
+    pull = solver.pull(every, np.ones(len(source.vertices)), _LOOSE * solver.radius)
+    return [pull.places(solver.turned_back(copy)) for copy in copies]

@@ -1,0 +1,111 @@
+"""Landmarks of bodies that bend: maps of all vertices bring them to limbs that moved, poses alone do not."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import collalign
+from collalign.output.vertex_maps import VERTEX_MAPS_FILE, save_vertex_maps
+from collalign.products.deformation import VertexMaps
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.datasets.synthetic import PlantedCollection, bent, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import figure
+from data_tools.embedding.sampling import farthest_points
+from data_tools.errors import CollalignError
+from data_tools.io.landmarks import Landmarks
+from data_tools.options import SamplingOptions
+
+BODY = figure(resolution=1)
+NUM_SHAPES = 4
+MARKS = farthest_points(BODY, 8, metric="euclidean")
+LABELS = tuple(f"tip {i}" for i in range(8))
+NAMES = tuple(f"body{i}" for i in range(NUM_SHAPES))
+
+
+@pytest.fixture(scope="module")
+def planted() -> PlantedCollection:
+    rng = np.random.default_rng(12)
+    return planted_collection([replace(bent(BODY, rng, angle=0.8), name=name) for name in NAMES], rng)
+
+
+@pytest.fixture(scope="module")
+def result(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder, out = tmp_path_factory.mktemp("shapes"), tmp_path_factory.mktemp("out") / "aligned"
+    write_collection(folder, planted)
+    options = collalign.AlignOptions(sampling=SamplingOptions(num_points=24))
+    collalign.align_collection(folder, options=options, run=collalign.RunOptions(jobs=1)).save(out, report=False)
+    return out
+
+
+def places(planted: PlantedCollection) -> list[IntArray]:
+    """Return where each file has the vertices of the body at rest."""
+    return [np.argsort(origin) for origin in planted.origins]
+
+
+def exact_maps(planted: PlantedCollection, *, names: tuple[str, ...] = NAMES) -> VertexMaps:
+    """Return the true maps of some shapes, through the first, of which a twentieth is wrong."""
+    rng, at = np.random.default_rng(3), places(planted)
+    onto, back = [], []
+    for name in names:
+        shape = NAMES.index(name)
+        pair = [at[0][planted.origins[shape]], at[shape][planted.origins[0]]]
+        for way in pair:
+            wrong = rng.random(len(way)) < 0.05
+            way[wrong] = rng.permutation(way)[wrong]
+        onto.append(pair[0])
+        back.append(pair[1])
+    return VertexMaps(
+        names=names,
+        reference=NAMES[0],
+        to_reference=tuple(onto),
+        from_reference=tuple(back),
+        residuals=np.zeros(len(names)),
+    )
+
+
+def with_maps(result: Path, maps: VertexMaps, to: Path) -> Path:
+    shutil.copytree(result, to)
+    save_vertex_maps(maps, to / VERTEX_MAPS_FILE)
+    return to
+
+
+def carried(out: Path, planted: PlantedCollection) -> FloatArray:
+    """Carry landmarks of the first shape to all and return the errors of the others, in radii, by shape."""
+    true = np.stack([shape.vertices[at[MARKS]] for shape, at in zip(planted.shapes, places(planted), strict=True)])
+    given = {NAMES[0]: Landmarks(labels=LABELS, points=true[0])}
+    found = collalign.transfer_landmarks(out, given, run=collalign.RunOptions(jobs=1), progress=False)
+    assert found.names == NAMES
+    units = [np.sqrt(((s.vertices - s.vertices.mean(axis=0)) ** 2).sum(axis=1).mean()) for s in planted.shapes]
+    errors = np.linalg.norm(found.points - true, axis=2) / np.array(units)[:, None]
+    return np.asarray(errors[1:].mean(axis=1))
+
+
+def test_maps_bring_landmarks_to_limbs_that_moved(result: Path, planted: PlantedCollection, tmp_path: Path) -> None:
+    alone = carried(result, planted)
+    mapped = carried(with_maps(result, exact_maps(planted), tmp_path / "mapped"), planted)
+    assert mapped.max() < 0.06
+    assert mapped.mean() < 0.5 * alone.mean()
+
+
+def test_shapes_without_maps_are_registered_from_their_poses(
+    result: Path, planted: PlantedCollection, tmp_path: Path
+) -> None:
+    maps = exact_maps(planted, names=NAMES[:3])
+    some = collalign.dense_correspondence(with_maps(result, maps, tmp_path / "some"), progress=False)
+    assert some.names == NAMES
+    elsewhere = replace(exact_maps(planted, names=NAMES[:1]), names=("elsewhere",), reference="elsewhere")
+    of_none = with_maps(result, elsewhere, tmp_path / "none")
+    bare, own = (collalign.dense_correspondence(out, progress=False) for out in (result, of_none))
+    np.testing.assert_array_equal(own.vertices, bare.vertices)
+
+
+def test_maps_of_other_files_are_refused(result: Path, planted: PlantedCollection, tmp_path: Path) -> None:
+    maps = exact_maps(planted)
+    fewer = replace(maps, to_reference=tuple(own[:-1] for own in maps.to_reference))
+    with pytest.raises(CollalignError, match=r"its maps are of \d+ vertices"):
+        collalign.dense_correspondence(with_maps(result, fewer, tmp_path / "fewer"), progress=False)
