@@ -164,7 +164,8 @@ def measure(bench: Bench) -> Outcome:
     cells = {kind: {"kind": kind, "seed": SEED, "runs": runs["real"]} for kind in real}
     cells |= {kind: {"kind": kind, "seed": SEED, "runs": runs["generated"]} for kind in generated}
     records = bench.measure(measure_collection, cells, version=VERSION)
-    figures, left_out = pooled(records), pooled(judged_by_the_others(records))
+    judged = judged_by_the_others(records)
+    figures, left_out = pooled(records), pooled(judged)
     goals: tuple[Row, ...] = tuple(
         {
             "figure": words,
@@ -188,7 +189,21 @@ def measure(bench: Bench) -> Outcome:
             Table(name="goals", columns=columns, rows=goals, caption="Figures to reach."),
         ),
         plots=(Plot(draw=lambda figure: draw(figure, records), title="Stated confidence and share that is right"),),
+        text=less_right_than_wanted(judged),
     )
+
+
+def less_right_than_wanted(judged: dict[str, dict[str, Any]]) -> str:
+    """Return the sentence that names the collections of which too few of the sure shapes are right."""
+    wanted = next(goal for key, _, _, goal in GOALS if key == "sure_worst")
+    rows = {kind: facts(record, kind) for kind, record in judged.items()}
+    listed = [
+        f"{kind} ({row['sure']:.0f} % of {row['num_sure']})"
+        for kind, row in rows.items()
+        if float(row.get("sure", np.nan)) < wanted  # type: ignore[arg-type]
+    ]
+    words = ", ".join(listed) if listed else "none"
+    return f"Collections left out of whose shapes at {SURE} or more fewer than {wanted:.0f} % are right: {words}."
 
 
 def _met(value: float, sign: str, goal: float) -> str:
