@@ -9,7 +9,7 @@ each way is averaged alone to see its scatter, and then all are averaged togethe
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.stages.pairs.match import pair_problem
+from collalign.stages.poses.agreement import ResolveTask
 from collalign.stages.stored_types import samples_from_record, samples_to_record
 from collalign.synchronization import SynchronizationResult
 from collalign.synchronization.problem.geometry import transposed
@@ -41,17 +42,7 @@ SCATTER_POWER = 3.0
 LEAST_SCATTER_DEG = 0.1
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MeasureTask:
-    """What a worker needs to measure one pair; the samples come from the shared table, by position."""
-
-    target: int
-    source: int
-    group: str
-    start: FloatArray
-
-
-def measure_pair(task: MeasureTask, shared: SharedTable) -> Record:
+def measure_pair(task: ResolveTask, shared: SharedTable) -> Record:
     """Minimise the energy of a pair's first samples next to a rotation, for all shares; runs inside a worker.
 
     Returns
@@ -111,7 +102,7 @@ def bent_poses(
     edges = np.array([(pair.target, pair.source) for pair in pairs])
     asked = np.swapaxes(solution.rotations[edges[:, 0]], 1, 2) @ solution.rotations[edges[:, 1]]
     tasks = {
-        f"{i} {j}": MeasureTask(target=i, source=j, group=session.options.group, start=start)
+        f"{i} {j}": ResolveTask(target=i, source=j, group=session.options.group, start=start)
         for (i, j), start in zip(edges.tolist(), asked, strict=True)
     }
     with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(samples)) as table:
