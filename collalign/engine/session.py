@@ -23,6 +23,9 @@ OptionsT = TypeVar("OptionsT")
 
 #: Messages that each worker gets of a stage whose tasks are short and many, and tasks in one of them at most.
 _BATCHES_PER_WORKER, _MAX_BATCH = 16, 64
+#: Messages to all workers of a cluster, some of whom may come later, and tasks in one of them at least: each message
+#: costs the scheduler 4 ms.
+_BATCHES_OF_CLUSTER, _LEAST_CLUSTER_BATCH = 512, 8
 
 
 def progress_display(progress: ProgressFactory | bool) -> ProgressFactory | None:
@@ -204,7 +207,7 @@ class Session(Generic[OptionsT]):
                 num_jobs=self.run.num_workers,
                 scheduler=self.run.scheduler,
                 shared=shared,
-                batch_size=None if self.run.scheduler else self._batch_size(len(tasks)),
+                batch_size=self._batch_size(len(tasks)),
                 progress=report,
             )
             for job in jobs:
@@ -215,7 +218,9 @@ class Session(Generic[OptionsT]):
         return results
 
     def _batch_size(self, num_tasks: int) -> int:
-        """Return how many short tasks go to a worker of this machine in one message."""
+        """Return how many short tasks go to a worker in one message."""
+        if self.run.scheduler is not None:
+            return min(max(num_tasks // _BATCHES_OF_CLUSTER, _LEAST_CLUSTER_BATCH), _MAX_BATCH)
         return min(max(num_tasks // (_BATCHES_PER_WORKER * self.run.num_workers), 1), _MAX_BATCH)
 
     def _display(

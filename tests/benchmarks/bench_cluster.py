@@ -37,6 +37,8 @@ WORKERS = (2, 16, 64, 256)
 NUM_FIRST = 8
 #: Work that does not grow with the collection: the pilot looks at so many shapes, sheet and overview show so many.
 CONSTANT = ("compare_kinds", "write_document")
+#: Tasks of a message: of jobs whose results are kept, and of many short ones.
+KEPT, BATCH, LARGE_BATCH = ("prepare_shape", "match_pair"), 8, 64
 #: Tasks that do nothing, and the records of a table of 40 MB.
 NUM_EMPTY, NUM_RECORDS = 2000, 1000
 
@@ -106,19 +108,20 @@ def cluster() -> Iterator[Any]:
 
 
 def dask_costs() -> tuple[float, float]:
-    """Return the seconds of scheduler and parent for each empty task, and for each byte of a table to each worker."""
+    """Return the seconds of scheduler and parent for each message, and for each byte of a table to each worker."""
     rng = np.random.default_rng(0)
     table = ((str(i), {"positions": rng.standard_normal(5000)}) for i in range(NUM_RECORDS))
     with cluster() as running, SharedTable.create(table) as shared:
         address = running.scheduler_address
         list(run_jobs(nothing, [("first", 0)], scheduler=address))
         start_s = time.process_time()
-        list(run_jobs(nothing, [(str(i), i) for i in range(NUM_EMPTY)], scheduler=address))
-        task_s = (time.process_time() - start_s) / NUM_EMPTY
+        tasks = [(str(i), i) for i in range(NUM_EMPTY)]
+        list(run_jobs(nothing, tasks, scheduler=address, batch_size=BATCH))
+        message_s = (time.process_time() - start_s) / NUM_EMPTY * BATCH
         start_s = time.process_time()
         list(run_jobs(nothing, [("one", 0)], scheduler=address, shared=shared))
         byte_s = (time.process_time() - start_s) / (2 * shared.path.stat().st_size)
-    return task_s, byte_s
+    return message_s, byte_s
 
 
 def main() -> None:
@@ -127,9 +130,9 @@ def main() -> None:
     parser.add_argument("--plan", type=int, default=10_000)
     parser.add_argument("--bytes-per-s", type=float, default=1.25e9)
     arguments = parser.parse_args()
-    task_s, byte_s = dask_costs()
+    message_s, byte_s = dask_costs()
     measure(NUM_FIRST)  # imports everything
-    print(f"Dask: {1e3 * task_s:.2f} ms for each task, {1e-6 / byte_s:.0f} MB/s of tables in the scheduler's process")
+    print(f"The scheduler: {1e3 * message_s:.1f} ms for each message, {1e-6 / byte_s:.0f} MB/s of tables")
     kinds, alone_s = measure(arguments.num)
     factor = arguments.plan / arguments.num
     print(
@@ -144,7 +147,8 @@ def main() -> None:
             flush=True,
         )
     for num_workers in (1, *WORKERS):
-        tasks_s = sum(max(kind.seconds / num_workers, kind.num * task_s) for kind in kinds.values())
+        messages = {name: kind.num / (BATCH if name in KEPT else LARGE_BATCH) for name, kind in kinds.items()}
+        tasks_s = sum(max(kind.seconds / num_workers, messages[name] * message_s) for name, kind in kinds.items())
         tables = factor * num_workers * sum(kind.table_bytes for kind in kinds.values())
         tables_s = tables * max(1.0 / arguments.bytes_per_s, byte_s)
         parts = f"tasks {tasks_s:.0f} s, parent alone {factor * alone_s:.0f} s, tables {tables_s:.0f} s"
