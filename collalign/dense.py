@@ -17,7 +17,7 @@ from collalign.registration.mean import medoid
 from collalign.registration.options import RegistrationOptions
 from collalign.registration.pose import moved_by
 from collalign.stages.dense import PosedFile, correspond
-from data_tools.arrays import IntArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.source import hash_source
 from data_tools.surface.topology import mesh_edges
 from data_tools.threads import one_blas_thread
@@ -84,12 +84,19 @@ def dense_correspondence(
         for at in members
     ]
     whole = [at for at in members if not view.is_incomplete[at]] or members
-    clouds = [moved_by(view.transforms[at], view.vertices[at]) for at in whole]
+    clouds = [_of_unit_size(moved_by(view.transforms[at], view.vertices[at])) for at in whole]
     closed = [place for place, at in enumerate(whole) if _is_closed(view.faces[at])]
     reference = members.index(whole[medoid(clouds, closed)])
     maps = load_vertex_maps(result) if (Path(result) / VERTEX_MAPS_FILE).is_file() else None
     with Session.open(options or RegistrationOptions(), run or RunOptions(), progress_display(progress)) as session:
         return correspond(session, files, reference, maps)
+
+
+def _of_unit_size(cloud: FloatArray) -> FloatArray:
+    """Return a posed shape centred and scaled: common sizes rest on few samples, by which the medoid would change."""
+    centred = cloud - cloud.mean(axis=0)
+    radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
+    return np.asarray(centred / radius if radius > 0 else centred)
 
 
 def _is_closed(faces: IntArray) -> bool:
