@@ -83,13 +83,17 @@ def dense_correspondence(
         )
         for at in members
     ]
+    maps = load_vertex_maps(result) if (Path(result) / VERTEX_MAPS_FILE).is_file() else None
+    with Session.open(options or RegistrationOptions(), run or RunOptions(), progress_display(progress)) as session:
+        return correspond(session, files, members.index(reference_shape(view, members)), maps)
+
+
+def reference_shape(view: CollectionView, members: list[int]) -> int:
+    """Return which of some shapes lends its triangles: in the middle of all, complete and without a rim if one is."""
     whole = [at for at in members if not view.is_incomplete[at]] or members
     clouds = [_of_unit_size(moved_by(view.transforms[at], view.vertices[at])) for at in whole]
     closed = [place for place, at in enumerate(whole) if _is_closed(view.faces[at])]
-    reference = members.index(whole[medoid(clouds, closed)])
-    maps = load_vertex_maps(result) if (Path(result) / VERTEX_MAPS_FILE).is_file() else None
-    with Session.open(options or RegistrationOptions(), run or RunOptions(), progress_display(progress)) as session:
-        return correspond(session, files, reference, maps)
+    return whole[medoid(clouds, closed)]
 
 
 def _of_unit_size(cloud: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 
 import collalign
 from collalign.cli import main
+from collalign.dense import reference_shape
 from collalign.output.evidence.file import load_view, save_view
 from collalign.products.transfer import CARRIED, DOUBTFUL_POSE, NO_COUNTERPART, PLACED
 from data_tools.arrays import FloatArray
@@ -101,6 +102,17 @@ def test_landmarks_of_one_specimen_reach_all_others(
     assert found.status[0] == (PLACED,) * 6
     assert found.status[1] == (CARRIED,) * 6
     assert np.isnan(found.radii[1:]).all()
+
+
+def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles(result: Path) -> None:
+    view = load_view(result)
+    members = list(range(NUM_SHAPES))
+    chosen = reference_shape(view, members)
+    for factor in (0.5, 2.0):
+        transforms = np.array(view.transforms)
+        transforms[chosen, :3] *= factor
+        assert reference_shape(replace(view, transforms=transforms), members) == chosen
+    assert reference_shape(view, [at for at in members if at != chosen]) != chosen
 
 
 def test_several_templates_err_less_and_know_by_how_much(

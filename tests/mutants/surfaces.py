@@ -33,6 +33,11 @@ SURFACES: tuple[Mutant, ...] = (
         ("beyond_range", "max(calibration.most_residual, _LEAST_RANGE)", "_LEAST_RANGE"),
     ),
     *faults(
+        "collalign/dense.py",
+        ("tests/end_to_end/test_transfer.py",),
+        ("_of_unit_size", "centred / radius if radius > 0 else centred", "centred"),
+    ),
+    *faults(
         "collalign/registration/start.py",
         ("tests/collalign/registration/test_start.py",),
         ("bent_by_map", "is_small or is_turned", "is_small"),
