@@ -136,20 +136,33 @@ SMALL_COLUMNS = (
 def measure(bench: Bench) -> Outcome:
     """Measure all collections, whole and in small parts; with ``--quick`` one draw of the centaur alone."""
     if bench.quick:
-        return Outcome(tables=(Table(columns=COLUMNS, rows=_rows(bench, {"centaur": SETS["centaur"]}, 1)),))
-    whole = Table(columns=COLUMNS, rows=_rows(bench, SETS, NUM_DRAWS))
-    few = _rows(bench, dict.fromkeys(SMALL_SETS, FEW), NUM_SMALL_DRAWS)
-    return Outcome(tables=(whole, Table(name="few", columns=SMALL_COLUMNS, rows=few, caption=f"{FEW} shapes each.")))
+        return Outcome(tables=(_table(bench, COLUMNS, {"centaur": SETS["centaur"]}, 1),))
+    small = dict.fromkeys(SMALL_SETS, FEW)
+    whole = _table(bench, COLUMNS, SETS, NUM_DRAWS)
+    few = _table(bench, SMALL_COLUMNS, small, NUM_SMALL_DRAWS, name="few", caption=f"{FEW} shapes each.")
+    return Outcome(tables=(whole, few))
 
 
-def _rows(bench: Bench, sets: Mapping[str, int], draws: int) -> tuple[Row, ...]:
+def _table(
+    bench: Bench,
+    columns: tuple[Column, ...],
+    sets: Mapping[str, int],
+    draws: int,
+    *,
+    name: str = "",
+    caption: str = "",
+) -> Table:
+    """Measure so many draws of some collections, and return their table."""
     seeds = range(draws)
     bench.seeds.update(seeds)
     rows = []
-    for name, num in sets.items():
-        cells = {f"{name} {num} {seed}": {"collection": name, "shapes": num, "seed": seed} for seed in seeds}
-        rows.append(row_of(name, list(bench.measure(measure_bending, cells, version=VERSION).values())))
-    return tuple(rows)
+    for collection, num in sets.items():
+        cells = {
+            f"{collection} {num} {seed}": {"collection": collection, "shapes": num, "seed": seed} for seed in seeds
+        }
+        row = row_of(collection, list(bench.measure(measure_bending, cells, version=VERSION).values()))
+        rows.append({column.key: row[column.key] for column in columns})
+    return Table(name=name, columns=columns, rows=tuple(rows), caption=caption)
 
 
 EXPERIMENT = Experiment(
