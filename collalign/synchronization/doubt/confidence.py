@@ -28,8 +28,8 @@ ENOUGH_SIGNAL = 2.0
 #: (set on simulations: tests/benchmarks/bench_synchronization.py).
 SMALLEST_PART, FEWEST_OF_PART = 0.05, 3.0
 
-#: Shapes whose turns are compared with those of all others at once.
-_SLAB = 2048
+#: Pairs of turns that are compared at once: more would only take memory.
+_MOST_COMPARED = 2048**2
 
 #: Alternatives reported per shape.
 MAX_ALTERNATIVES = 3
@@ -158,8 +158,9 @@ def agreement(frames: FloatArray, others: FloatArray) -> BoolArray:
     """Return for each shape whether two answers agree, up to the one turn that most shapes agree about."""
     turns = (np.swapaxes(frames, 1, 2) @ others).reshape(len(frames), -1)
     most = np.zeros(len(frames), dtype=bool)
-    for first in range(0, len(frames), _SLAB):
-        apart = 2.0 * frames.shape[-1] - 2.0 * turns[first : first + _SLAB] @ turns.T
+    rows = max(1, _MOST_COMPARED // max(1, len(frames)))
+    for first in range(0, len(frames), rows):
+        apart = 2.0 * frames.shape[-1] - 2.0 * turns[first : first + rows] @ turns.T
         close = apart <= SAME_TURN
         best = close[np.argmax(close.sum(axis=1))]
         if best.sum() > most.sum():

@@ -13,10 +13,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
-from scipy.sparse import csr_matrix
+from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import breadth_first_order
 
-from data_tools.arrays import FloatArray, IntArray, as_indices, as_points, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, as_indices, as_points, read_only
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
@@ -25,6 +25,9 @@ NEARNESS_SHARE = 0.5
 
 #: A sample's label counts this much more than others of equal support, relative to the strongest.
 TIE_SHARE = 1e-6
+
+#: Samples times labels whose support is held at once: of ten thousand shapes all of it would take a gibibyte.
+MOST_HELD = 2**22
 
 #: Rounds of projected power iteration, at most.
 MAX_ROUNDS = 30
@@ -98,14 +101,11 @@ def synchronize_maps(
     previous, rounds = None, 0
     while rounds < MAX_ROUNDS:
         rounds += 1
-        support = _support(matches, labels, total)
-        if clouds is not None:
-            support = support + _nearness(clouds, labels, total, support.max(initial=0.0))
-        fresh = _assigned(support, starts, labels)
+        fresh = _elected(matches, labels, starts, total, clouds)
         if np.array_equal(fresh, labels) or (previous is not None and np.array_equal(fresh, previous)):
             break
         previous, labels = labels, fresh
-    labels = _without_weak(matches, labels, total, min_support)
+    labels = _without_weak(matches, labels, min_support)
     parts = tuple(read_only(labels[starts[i] : starts[i + 1]].copy()) for i in range(len(sizes)))
     return UniverseLabels(labels=parts, universe=total, agreement=_kept_share(matches, labels), rounds=rounds)
 
@@ -170,19 +170,60 @@ def _first_labels(matches: csr_matrix, starts: IntArray, total: int, clouds: Flo
     return labels
 
 
+def _elected(
+    matches: csr_matrix, labels: IntArray, starts: IntArray, total: int, clouds: FloatArray | None
+) -> IntArray:
+    """Return the labels that the samples' matches, and their places, elect: one round, some shapes at a time."""
+    votes, slabs = _votes(labels, total), _slabs(starts, total)
+    scale, typical, centres = 0.0, 1.0, None
+    if clouds is not None:
+        scale = max(float((matches[starts[a] : starts[b]] @ votes).max()) for a, b in slabs)
+        centres = _label_means(clouds, labels, total)
+        own = [
+            _squared(clouds[starts[a] : starts[b]], centres)[
+                np.arange(starts[b] - starts[a]), labels[starts[a] : starts[b]]
+            ]
+            for a, b in slabs
+        ]
+        typical = max(float(np.nanmedian(np.concatenate(own))), 1e-300)
+    fresh = labels.copy()
+    for a, b in slabs:
+        rows = slice(starts[a], starts[b])
+        support = np.asarray((matches[rows] @ votes).todense())
+        if clouds is not None and centres is not None:
+            support = support + _nearness(_squared(clouds[rows], centres), typical, scale)
+        fresh[rows] = _assigned(support, starts[a : b + 1] - starts[a], labels[rows])
+    return fresh
+
+
+def _slabs(starts: IntArray, total: int) -> list[tuple[int, int]]:
+    """Return ranges of shapes, at least one each, of at most :data:`MOST_HELD` samples times labels."""
+    rows, slabs, first = max(1, MOST_HELD // total), [], 0
+    while first < len(starts) - 1:
+        last = max(first + 1, int(np.searchsorted(starts, starts[first] + rows, side="right")) - 1)
+        slabs.append((first, last))
+        first = last
+    return slabs
+
+
+def _votes(labels: IntArray, total: int) -> csr_matrix:
+    """Return which label each sample has, shape (samples, universe)."""
+    seen = np.flatnonzero(labels >= 0)
+    return csr_matrix((np.ones(len(seen)), (seen, labels[seen])), shape=(len(labels), total))
+
+
 def _support(matches: csr_matrix, labels: IntArray, total: int) -> FloatArray:
     """Return the weight with which each sample's matches vote for each label, shape (rows, universe)."""
-    seen = np.flatnonzero(labels >= 0)
-    votes = csr_matrix((np.ones(len(seen)), (seen, labels[seen])), shape=(len(labels), total))
-    return np.asarray((matches @ votes).todense())
+    return np.asarray((matches @ _votes(labels, total)).todense())
 
 
-def _nearness(clouds: FloatArray, labels: IntArray, total: int, scale: float) -> FloatArray:
+def _squared(clouds: FloatArray, centres: FloatArray) -> FloatArray:
+    """Return the squared distances of samples to the means of labels, shape (rows, universe)."""
+    return np.asarray((clouds**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * clouds @ centres.T)
+
+
+def _nearness(squared: FloatArray, typical: float, scale: float) -> FloatArray:
     """Return support up to ``NEARNESS_SHARE`` scale that falls with the distance to the mean of a label's members."""
-    centres = _label_means(clouds, labels, total)
-    squared = (clouds**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * clouds @ centres.T
-    own = squared[np.arange(len(labels)), labels]
-    typical = max(float(np.nanmedian(own)), 1e-300)
     return np.nan_to_num(NEARNESS_SHARE * max(scale, 1.0) * np.exp(-np.maximum(squared, 0.0) / (2.0 * typical)))
 
 
@@ -203,17 +244,23 @@ def _assigned(support: FloatArray, starts: IntArray, labels: IntArray) -> IntArr
     return fresh
 
 
-def _without_weak(matches: csr_matrix, labels: IntArray, total: int, min_support: float) -> IntArray:
+def _without_weak(matches: csr_matrix, labels: IntArray, min_support: float) -> IntArray:
     """Return the labels with -1 where too small a share of a sample's matches supports them."""
     if min_support <= 0.0:
         return labels
-    own = _support(matches, labels, total)[np.arange(len(labels)), labels]
+    pairs, same = _kept(matches, labels)
+    own = np.bincount(pairs.row[same], weights=pairs.data[same], minlength=len(labels))
     every = np.asarray(matches.sum(axis=1)).ravel()
     return np.where(own >= min_support * np.maximum(every, 1e-300), labels, -1)
 
 
 def _kept_share(matches: csr_matrix, labels: IntArray) -> float:
     """Return the share, by weight, of the matches whose two samples have one label."""
-    pairs = matches.tocoo()
-    same = (labels[pairs.row] == labels[pairs.col]) & (labels[pairs.row] >= 0)
+    pairs, same = _kept(matches, labels)
     return float(pairs.data[same].sum() / max(float(pairs.data.sum()), 1e-300))
+
+
+def _kept(matches: csr_matrix, labels: IntArray) -> tuple[coo_matrix, BoolArray]:
+    """Return all matches, and of which both samples have one label."""
+    pairs = matches.tocoo()
+    return pairs, (labels[pairs.row] == labels[pairs.col]) & (labels[pairs.row] >= 0)

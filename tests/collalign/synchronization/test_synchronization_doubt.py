@@ -168,9 +168,9 @@ def test_parts_are_turned_to_each_other() -> None:
     assert pose_errors_deg(found.rotations, truth).max() < 1e-5
 
 
-@pytest.mark.parametrize("slab", [1, 5, 2048])
-def test_agreement_sees_one_flipped_shape(slab: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("collalign.synchronization.doubt.confidence._SLAB", slab)
+@pytest.mark.parametrize("compared", [1, 45, 2048**2])
+def test_agreement_sees_one_flipped_shape(compared: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("collalign.synchronization.doubt.confidence._MOST_COMPARED", compared)
     frames = random_rotations(np.random.default_rng(10), 9)
     others = frames @ random_rotations(np.random.default_rng(11), 1)[0]
     assert agreement(frames, others).all()

@@ -50,6 +50,22 @@ def test_labels_are_recovered_and_maps_compose(wrong: float) -> None:
     assert found.agreement == pytest.approx(1.0 - wrong, abs=0.08)
 
 
+@pytest.mark.parametrize("held", [1, 16 * 40, 2**22])
+def test_how_much_is_held_at_once_does_not_matter(held: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(4)
+    sizes = rng.integers(12, 17, 25)
+    planted = _planted_labels(rng, 25, 16, sizes)
+    maps = _maps(planted, regular_edges(25, 8, 0), rng, 0.2)
+    places = rng.standard_normal((16, 3))
+    clouds = [places[labels] + 0.2 * rng.standard_normal((len(labels), 3)) for labels in planted]
+    whole = synchronize_maps(maps, sizes, positions=clouds, universe=16, min_support=0.85)
+    monkeypatch.setattr("collalign.synchronization.maps.permutations.MOST_HELD", held)
+    parts = synchronize_maps(maps, sizes, positions=clouds, universe=16, min_support=0.85)
+    assert parts.rounds == whole.rounds > 1
+    assert all(np.array_equal(a, b) for a, b in zip(parts.labels, whole.labels, strict=True))
+    assert any((labels == -1).any() for labels in whole.labels)
+
+
 def test_sparse_maps_and_different_numbers_of_samples() -> None:
     rng = np.random.default_rng(1)
     sizes = rng.integers(12, 17, 40)
