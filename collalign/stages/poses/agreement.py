@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -112,15 +112,21 @@ def resolve_pairs(
     return agreed, replace(solution, edge_choice=read_only(np.where(is_resolved, last, solution.edge_choice)))
 
 
-def solve_again(session: AlignSession, pairs: Sequence[Pair], asked: FloatArray, table: SharedTable) -> list[Record]:
-    """Return the poses of pairs that were solved again from the rotations that the collection asks for."""
+def solve_again(
+    session: AlignSession,
+    pairs: Sequence[Pair],
+    asked: FloatArray,
+    table: SharedTable,
+    solve: Callable[[ResolveTask, SharedTable], Record] = resolve_pair,
+) -> list[Record]:
+    """Return what solving pairs again gives, each from the rotation that the collection asks for."""
     tasks = {
         f"{pair.target} {pair.source}": ResolveTask(
             target=pair.target, source=pair.source, group=session.options.group, start=start
         )
         for pair, start in zip(pairs, asked, strict=True)
     }
-    found = session.spread("pairs again", resolve_pair, tasks, shared=table)
+    found = session.spread("pairs again", solve, tasks, shared=table)
     return [found[key] for key in tasks]
 
 

@@ -18,7 +18,7 @@ from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.stages.pairs.match import pair_problem
-from collalign.stages.poses.agreement import ResolveTask
+from collalign.stages.poses.agreement import ResolveTask, solve_again
 from collalign.stages.stored_types import samples_from_record, samples_to_record
 from collalign.synchronization import SynchronizationResult
 from collalign.synchronization.problem.geometry import transposed
@@ -101,13 +101,8 @@ def bent_poses(
     """
     edges = np.array([(pair.target, pair.source) for pair in pairs])
     asked = np.swapaxes(solution.rotations[edges[:, 0]], 1, 2) @ solution.rotations[edges[:, 1]]
-    tasks = {
-        f"{i} {j}": ResolveTask(target=i, source=j, group=session.options.group, start=start)
-        for (i, j), start in zip(edges.tolist(), asked, strict=True)
-    }
     with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(samples)) as table:
-        found = session.spread("pairs again", measure_pair, tasks, shared=table)
-    minima = np.stack([found[key]["rotations"] for key in tasks])
+        minima = np.stack([one["rotations"] for one in solve_again(session, pairs, asked, table, measure_pair)])
     maps = np.stack([_nearest_map(pair, pose) for pair, pose in zip(pairs, asked, strict=True)])
     measured = np.concatenate([maps[:, None], minima], axis=1)
     angles = rotation_angle_deg(measured, np.broadcast_to(asked[:, None], measured.shape))

@@ -160,7 +160,7 @@ def _first_labels(matches: csr_matrix, starts: IntArray, total: int, clouds: Flo
     reached = breadth_first_order(between, root, directed=False, return_predecessors=False)
     for shape in (*reached[1:], *np.setdiff1d(np.arange(count), reached)):
         part = slice(starts[shape], starts[shape + 1])
-        support = _support(matches[part], labels, total)
+        support = np.asarray(_support(matches[part], labels, total).todense())
         if clouds is not None:
             seen = labels >= 0
             centres = _label_means(clouds[seen], labels[seen], total)
@@ -174,25 +174,15 @@ def _elected(
     matches: csr_matrix, labels: IntArray, starts: IntArray, total: int, clouds: FloatArray | None
 ) -> IntArray:
     """Return the labels that the samples' matches, and their places, elect: one round, some shapes at a time."""
-    votes, slabs = _votes(labels, total), _slabs(starts, total)
-    scale, typical, centres = 0.0, 1.0, None
-    if clouds is not None:
-        scale = max(float((matches[starts[a] : starts[b]] @ votes).max()) for a, b in slabs)
-        centres = _label_means(clouds, labels, total)
-        own = [
-            _squared(clouds[starts[a] : starts[b]], centres)[
-                np.arange(starts[b] - starts[a]), labels[starts[a] : starts[b]]
-            ]
-            for a, b in slabs
-        ]
-        typical = max(float(np.nanmedian(np.concatenate(own))), 1e-300)
+    support = _support(matches, labels, total)
+    near = None if clouds is None else _Nearness(clouds, labels, total, scale=float(support.max()))
     fresh = labels.copy()
-    for a, b in slabs:
+    for a, b in _slabs(starts, total):
         rows = slice(starts[a], starts[b])
-        support = np.asarray((matches[rows] @ votes).todense())
-        if clouds is not None and centres is not None:
-            support = support + _nearness(_squared(clouds[rows], centres), typical, scale)
-        fresh[rows] = _assigned(support, starts[a : b + 1] - starts[a], labels[rows])
+        held = np.asarray(support[rows].todense())
+        if near is not None:
+            held += near.of(rows)
+        fresh[rows] = _assigned(held, starts[a : b + 1] - starts[a], labels[rows])
     return fresh
 
 
@@ -206,25 +196,26 @@ def _slabs(starts: IntArray, total: int) -> list[tuple[int, int]]:
     return slabs
 
 
-def _votes(labels: IntArray, total: int) -> csr_matrix:
-    """Return which label each sample has, shape (samples, universe)."""
-    seen = np.flatnonzero(labels >= 0)
-    return csr_matrix((np.ones(len(seen)), (seen, labels[seen])), shape=(len(labels), total))
-
-
-def _support(matches: csr_matrix, labels: IntArray, total: int) -> FloatArray:
+def _support(matches: csr_matrix, labels: IntArray, total: int) -> csr_matrix:
     """Return the weight with which each sample's matches vote for each label, shape (rows, universe)."""
-    return np.asarray((matches @ _votes(labels, total)).todense())
+    seen = np.flatnonzero(labels >= 0)
+    return matches @ csr_matrix((np.ones(len(seen)), (seen, labels[seen])), shape=(len(labels), total))
 
 
-def _squared(clouds: FloatArray, centres: FloatArray) -> FloatArray:
-    """Return the squared distances of samples to the means of labels, shape (rows, universe)."""
-    return np.asarray((clouds**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * clouds @ centres.T)
+class _Nearness:
+    """Support up to ``NEARNESS_SHARE`` scale that falls with the distance to the mean of a label's members."""
 
+    def __init__(self, clouds: FloatArray, labels: IntArray, total: int, *, scale: float) -> None:
+        self._clouds, self._centres = clouds, _label_means(clouds, labels, total)
+        self._most = NEARNESS_SHARE * max(scale, 1.0)
+        own = ((clouds - self._centres[labels]) ** 2).sum(axis=1)
+        self._typical = max(float(np.nanmedian(own)), 1e-300)
 
-def _nearness(squared: FloatArray, typical: float, scale: float) -> FloatArray:
-    """Return support up to ``NEARNESS_SHARE`` scale that falls with the distance to the mean of a label's members."""
-    return np.nan_to_num(NEARNESS_SHARE * max(scale, 1.0) * np.exp(-np.maximum(squared, 0.0) / (2.0 * typical)))
+    def of(self, rows: slice) -> FloatArray:
+        """Return the support of some samples for all labels, shape (rows, universe)."""
+        clouds = self._clouds[rows]
+        squared = (clouds**2).sum(axis=1)[:, None] + (self._centres**2).sum(axis=1) - 2.0 * clouds @ self._centres.T
+        return np.nan_to_num(self._most * np.exp(-np.maximum(squared, 0.0) / (2.0 * self._typical)))
 
 
 def _label_means(clouds: FloatArray, labels: IntArray, total: int) -> FloatArray:
