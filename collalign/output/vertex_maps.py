@@ -15,8 +15,6 @@ from data_tools.surface.shape import Shape
 
 VERTEX_MAPS_FILE = "vertex_maps.npz"
 VERTEX_MAPS_PICTURE = "vertex_maps.png"
-#: Vertices are kept as 32-bit integers.
-_MAX_VERTICES = 2**31
 #: Of vertices that have no counterpart on the reference.
 _GREY = np.full(3, 0.6)
 
@@ -24,17 +22,16 @@ _GREY = np.full(3, 0.6)
 def save_vertex_maps(maps: VertexMaps, path: Path) -> None:
     """Write maps into a compressed npz file.
 
-    ``to_reference`` holds the maps of all shapes one after the other, shape i from ``starts[i]`` to
-    ``starts[i + 1]``; ``from_reference`` has one row for each shape.
+    ``places`` holds the places of all shapes' vertices one after the other, shape i from ``starts[i]`` to
+    ``starts[i + 1]``, in single precision.
     """
-    starts = np.concatenate([[0], np.cumsum([len(own) for own in maps.to_reference])])
+    starts = np.concatenate([[0], np.cumsum([len(own) for own in maps.places])])
     np.savez_compressed(
         path,
         names=np.array(maps.names),
         reference=np.array(maps.reference),
         starts=starts,
-        to_reference=np.concatenate(maps.to_reference).astype(np.int32),
-        from_reference=np.stack(maps.from_reference).astype(np.int32),
+        places=np.concatenate(maps.places).astype(np.float32),
         residuals=maps.residuals,
         left_out=np.array(maps.left_out, dtype=str).reshape(-1, 2),
     )
@@ -58,13 +55,8 @@ def load_vertex_maps(folder: Path | str) -> VertexMaps:
     try:
         with np.load(path, allow_pickle=False) as data:
             names = tuple(str(name) for name in data["names"])
-            starts = as_indices(
-                data["starts"], "starts", upper=len(data["to_reference"]) + 1, shape=(len(names) + 1,)
-            )
-            onto = as_indices(
-                data["from_reference"], "from_reference", lower=-1, upper=_MAX_VERTICES, shape=(len(names), None)
-            )
-            every = as_indices(data["to_reference"], "to_reference", lower=-1, upper=onto.shape[1], shape=(None,))
+            starts = as_indices(data["starts"], "starts", upper=len(data["places"]) + 1, shape=(len(names) + 1,))
+            every = _places(data["places"])
             residuals = as_floats(data["residuals"], "residuals", shape=(len(names),))
             reference, left_out = str(data["reference"]), data["left_out"]
         if reference not in names or (np.diff(starts) < 0).any():
@@ -74,34 +66,37 @@ def load_vertex_maps(folder: Path | str) -> VertexMaps:
     return VertexMaps(
         names=names,
         reference=reference,
-        to_reference=tuple(read_only(every[a:b]) for a, b in itertools.pairwise(starts)),
-        from_reference=tuple(read_only(row) for row in onto),
+        places=tuple(read_only(every[a:b]) for a, b in itertools.pairwise(starts)),
         residuals=read_only(residuals),
         left_out=tuple((str(name), str(reason)) for name, reason in left_out),
     )
 
 
 class PlaceColours:
-    """Colours of all shapes' vertices by the place on the reference that they are mapped to.
+    """Colours of all shapes' vertices by their places on the reference.
 
     Parameters
     ----------
     maps : VertexMaps
-    reference : Shape
-        With the vertices of its file.
     """
 
-    def __init__(self, maps: VertexMaps, reference: Shape) -> None:
+    def __init__(self, maps: VertexMaps) -> None:
         self._maps = maps
-        self._colours = np.tile(_GREY, (maps.from_reference[0].shape[0] + 1, 1))
-        self._colours[_in_file(reference)] = _by_place(reference.vertices)
+        of_reference = maps.places[maps.names.index(maps.reference)]
+        known = of_reference[np.isfinite(of_reference).all(axis=1)]
+        self._axes = np.linalg.eigh(np.cov(known.T))[1]
+        placed = known @ self._axes
+        self._low, self._high = placed.min(axis=0), placed.max(axis=0)
 
     def of_file(self, name: str) -> FloatArray:
         """Return the colours of the vertices of a shape's file, then grey: that of vertices without counterpart."""
         if name not in self._maps.names:
             return _GREY[None].copy()
-        onto = self._maps.to_reference[self._maps.names.index(name)]
-        return np.asarray(self._colours[np.append(onto, -1)])
+        extent = self._high - self._low
+        shares = (self._maps.places[self._maps.names.index(name)] @ self._axes - self._low) / np.where(
+            extent > 0, extent, 1.0
+        )
+        return np.vstack([np.where(np.isfinite(shares), 0.08 + 0.84 * np.clip(shares, 0.0, 1.0), _GREY), _GREY])
 
 
 def at_vertices(colours: FloatArray, shape: Shape) -> FloatArray:
@@ -120,9 +115,8 @@ def _in_file(shape: Shape) -> IntArray:
     return np.arange(len(shape.vertices)) if shape.source_indices is None else shape.source_indices
 
 
-def _by_place(vertices: FloatArray) -> FloatArray:
-    """Return red, green and blue by place: coordinates in the principal axes, shape (v, 3)."""
-    centred = vertices - vertices.mean(axis=0)
-    places = centred @ np.linalg.eigh(centred.T @ centred)[1]
-    low, high = places.min(axis=0), places.max(axis=0)
-    return np.asarray(0.08 + 0.84 * (places - low) / np.where(high > low, high - low, 1.0))
+def _places(values: FloatArray) -> FloatArray:
+    """Check and return places of vertices: points, or NaN where there are none."""
+    missing = np.isnan(np.asarray(values)).all(axis=-1, keepdims=True)
+    places = as_floats(np.where(missing, 0.0, values), "places", shape=(None, 3))
+    return np.where(missing, np.nan, places)

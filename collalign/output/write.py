@@ -26,9 +26,7 @@ from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder, file_stems, refuse_overlap
-from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin, location
-from data_tools.options import AS_STORED
 from data_tools.threads import one_blas_thread
 
 #: The command whose files these are, in the manifest of an output folder.
@@ -106,7 +104,8 @@ def save_collection(
         _write_tables(collection, output)
         write_certificates(collection, output)
         meshes = [output.stage(MESH_FOLDER, f"{stem}.ply").absolute() for stem in file_stems(collection.names)]
-        parts = write_shapes(collection, meshes, _place_colours(collection), num_jobs=num_jobs, advance=advance)
+        colours = None if collection.maps.vertices is None else PlaceColours(collection.maps.vertices)
+        parts = write_shapes(collection, meshes, colours, num_jobs=num_jobs, advance=advance)
         view = view_collection(collection, [(part.vertices, part.faces) for part in parts], labels=labels)
         save_view(view, output.staging)
         title = f"Aligned collection {_folder_name(collection)}".rstrip() if report else None
@@ -269,16 +268,6 @@ def _documents(
     if title is not None:
         for page in report_pages(view, output.stage(REPORT_FILE).absolute(), title=title):
             yield page.title, page
-
-
-def _place_colours(collection: Collection) -> PlaceColours | None:
-    """Return what colours shapes alike where their vertices correspond; None without maps of vertices."""
-    maps = collection.maps.vertices
-    if maps is None:
-        return None
-    i = collection.names.index(maps.reference)
-    reference = read_shape(collection.files[i], AS_STORED, name=maps.reference, digest=collection.digests[i])
-    return PlaceColours(maps, reference)
 
 
 def _folder_name(collection: Collection) -> str:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
@@ -14,8 +16,8 @@ from data_tools.errors import InputError
 class VertexMaps:
     """Maps of all vertices between any two shapes, through one of them; arrays are read-only.
 
-    ``maps[a, b]`` sends the vertices of b to those of a. All maps come from one common basis of functions, so they
-    compose around cycles up to the spacing of vertices.
+    ``maps[a, b]`` sends the vertices of b to those of a: to the one whose place on the reference is nearest. All maps
+    come from these places, so they compose around cycles up to the spacing of vertices.
 
     Attributes
     ----------
@@ -23,10 +25,9 @@ class VertexMaps:
         Shapes that have maps.
     reference : str
         The shape that maps go through: the one that the others' maps agree with best.
-    to_reference : tuple of ndarray of int, each (v_i,)
-        The reference's vertex for each vertex of a shape, as their files count them; -1 where there is none.
-    from_reference : tuple of ndarray of int, each (v_reference,)
-        The shape's vertex for each vertex of the reference, -1 where there is none.
+    places : tuple of ndarray, each (v_i, 3)
+        Where each vertex of a shape belongs on the reference, as their files count vertices and in the coordinates of
+        the reference's file: a point of its surface, NaN where there is none.
     residuals : ndarray, shape (M,)
         Median disagreement of a shape's pairwise maps with the common basis: 0 agrees, about 1.4 has nothing to do
         with it.
@@ -36,16 +37,25 @@ class VertexMaps:
 
     names: tuple[str, ...]
     reference: str
-    to_reference: tuple[IntArray, ...]
-    from_reference: tuple[IntArray, ...]
+    places: tuple[FloatArray, ...]
     residuals: FloatArray
     left_out: tuple[tuple[str, str], ...] = ()
 
     def __getitem__(self, pair: tuple[str, str]) -> IntArray:
         """Return ``map_a_b``, shape (v_b,): the vertex of a for each vertex of b, -1 where there is none."""
         a, b = (self._position(name) for name in pair)
-        onto = np.append(self.from_reference[a], -1)
-        return np.asarray(onto[self.to_reference[b]])
+        tree, vertices = self._trees[a]
+        known = self._trees[b][1]
+        found = np.full(len(self.places[b]), -1)
+        if len(vertices):
+            found[known] = vertices[tree.query(self.places[b][known])[1]]
+        return found
+
+    @cached_property
+    def _trees(self) -> tuple[tuple[cKDTree, IntArray], ...]:
+        """Of each shape the tree of its places, and the vertices that have them."""
+        known = [np.flatnonzero(np.isfinite(own).all(axis=1)) for own in self.places]
+        return tuple((cKDTree(own[rows]), rows) for own, rows in zip(self.places, known, strict=True))
 
     def _position(self, name: str) -> int:
         if name not in self.names:

@@ -58,19 +58,25 @@ def bent_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray | N
     solver = RigidPieces(rest)
     if solver.mass[np.unique(goals.vertices)].sum() < _LEAST_SHARE * solver.mass.sum():
         return None
-    trust, edges = np.ones(len(goals.vertices)), np.zeros_like(rest.vertices)
+    moved = laid_by_map(solver, goals, _LENGTH)
+    fit = fitting_similarity(moved, rest.vertices, solver.mass)[:3, :3]
+    is_small = np.cbrt(np.linalg.det(fit)) < _LEAST_EXTENT
+    is_turned = rotation_angle_deg(nearest_orthogonal(fit), np.eye(3)) > _MOST_TURN_DEG
+    return None if is_small or is_turned else moved
+
+
+def laid_by_map(solver: RigidPieces, goals: MapGoals, length: float) -> FloatArray:
+    """Return the places of least energy of :func:`bent_by_map`, shape (v, 3), with ``l`` so many radii."""
+    trust, edges = np.ones(len(goals.vertices)), np.zeros((len(solver.mass), 3))
     for _ in range(_NUM_TRUSTS):
-        pull = solver.pull(goals, trust, _LENGTH * solver.radius)
+        pull = solver.pull(goals, trust, length * solver.radius)
         for _ in range(_NUM_ROUNDS):
             moved = pull.places(edges)
             edges = solver.turned_edges(moved)
         distances = np.linalg.norm(moved[goals.vertices] - goals.places, axis=1)
         scale = _CUTOFF * float(np.median(distances)) or 1.0
         trust = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2
-    fit = fitting_similarity(moved, rest.vertices, solver.mass)[:3, :3]
-    is_small = np.cbrt(np.linalg.det(fit)) < _LEAST_EXTENT
-    is_turned = rotation_angle_deg(nearest_orthogonal(fit), np.eye(3)) > _MOST_TURN_DEG
-    return None if is_small or is_turned else moved
+    return moved
 
 
 @one_blas_thread()

@@ -50,22 +50,13 @@ def places(planted: PlantedCollection) -> list[IntArray]:
 def exact_maps(planted: PlantedCollection, *, names: tuple[str, ...] = NAMES) -> VertexMaps:
     """Return the true maps of some shapes, through the first, of which a twentieth is wrong."""
     rng, at = np.random.default_rng(3), places(planted)
-    onto, back = [], []
+    on_reference = []
     for name in names:
-        shape = NAMES.index(name)
-        pair = [at[0][planted.origins[shape]], at[shape][planted.origins[0]]]
-        for way in pair:
-            wrong = rng.random(len(way)) < 0.05
-            way[wrong] = rng.permutation(way)[wrong]
-        onto.append(pair[0])
-        back.append(pair[1])
-    return VertexMaps(
-        names=names,
-        reference=NAMES[0],
-        to_reference=tuple(onto),
-        from_reference=tuple(back),
-        residuals=np.zeros(len(names)),
-    )
+        own = planted.shapes[0].vertices[at[0][planted.origins[NAMES.index(name)]]]
+        wrong = rng.random(len(own)) < 0.05
+        own[wrong] = rng.permutation(own)[wrong]
+        on_reference.append(own)
+    return VertexMaps(names=names, reference=NAMES[0], places=tuple(on_reference), residuals=np.zeros(len(names)))
 
 
 def with_maps(result: Path, maps: VertexMaps, to: Path) -> Path:
@@ -106,6 +97,6 @@ def test_shapes_without_maps_are_registered_from_their_poses(
 
 def test_maps_of_other_files_are_refused(result: Path, planted: PlantedCollection, tmp_path: Path) -> None:
     maps = exact_maps(planted)
-    fewer = replace(maps, to_reference=tuple(own[:-1] for own in maps.to_reference))
+    fewer = replace(maps, places=tuple(own[:-1] for own in maps.places))
     with pytest.raises(CollalignError, match=r"its maps are of \d+ vertices"):
         collalign.dense_correspondence(with_maps(result, fewer, tmp_path / "fewer"), progress=False)

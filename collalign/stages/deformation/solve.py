@@ -13,9 +13,7 @@ from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
 from collalign.nonrigid.collection.bases import CommonBases, common_bases
 from collalign.nonrigid.collection.choice import choose_maps
-from collalign.nonrigid.functional_map import mutual_nearest_rows
 from collalign.nonrigid.options import SurfaceOptions
-from collalign.nonrigid.refine import between_files
 from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
 from collalign.products.pair import Pair
@@ -27,6 +25,7 @@ from collalign.stages.deformation.pairs import (
     candidate_maps,
     refine_map,
 )
+from collalign.stages.deformation.places import VertexTask, places_on_reference
 from collalign.stages.deformation.surfaces import prepare_all_detailed, table_of_samples, table_of_vertices
 from collalign.stages.poses.refinement import local_pairs
 from data_tools.arrays import FloatArray, IntArray, read_only
@@ -41,15 +40,6 @@ SUSPECT = 1.5
 _SMALLEST = float(np.finfo(float).tiny)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class VertexTask:
-    """Two surfaces of the shared table and their common bases; the first is the reference."""
-
-    reference: str
-    surface: str
-    bases: FloatArray
-
-
 def map_vertices(
     session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], rotations: FloatArray
 ) -> VertexMaps | None:
@@ -58,7 +48,8 @@ def map_vertices(
     Similar shapes are mapped pair by pair, from the common poses and from other poses that the pairs offer. One
     candidate of each pair is chosen by its evidence and by agreement around cycles; a common basis of functions
     (consistent latent basis) is fitted, the pairs' maps are refined from there by ZoomOut in all functions, as in
-    Consistent ZoomOut (Huang, Ren, Wonka, Ovsjanikov 2020), and the basis that these agree with gives the maps.
+    Consistent ZoomOut (Huang, Ren, Wonka, Ovsjanikov 2020), and the basis that these agree with takes one shape, the
+    reference, to all others, on which it is fitted: every vertex belongs where it lies on the fitted reference.
 
     Parameters
     ----------
@@ -220,7 +211,7 @@ def _vertices(
         for position, shape in enumerate(members)
     }
     with table_of_vertices(session, surfaces) as table:
-        found = session.spread("maps of all vertices", map_to_reference, tasks, shared=table)
+        found = session.spread("maps of all vertices", places_on_reference, tasks, shared=table)
     left_out = {
         i: reasons.get(i, "no trusted pair connects it to the others")
         for i in range(len(shapes.names))
@@ -229,28 +220,10 @@ def _vertices(
     return VertexMaps(
         names=tuple(shapes.names[i] for i in members),
         reference=shapes.names[members[centre]],
-        to_reference=tuple(read_only(found[str(n)]["to_reference"]) for n in range(len(members))),
-        from_reference=tuple(read_only(found[str(n)]["from_reference"]) for n in range(len(members))),
+        places=tuple(read_only(found[str(n)]["places"]) for n in range(len(members))),
         residuals=read_only(residuals),
         left_out=tuple((shapes.names[i], reason) for i, reason in left_out.items()),
     )
-
-
-def map_to_reference(task: VertexTask, shared: SharedTable) -> Record:
-    """Return the maps of all vertices of a file to those of the reference's, and back; runs inside a worker."""
-    reference, shape = shared[task.reference], shared[task.surface]
-    size = task.bases.shape[-1]
-    of_reference, of_shape = (
-        np.asarray(record["basis"][:, :size], dtype=np.float64) @ basis
-        for record, basis in zip((reference, shape), task.bases, strict=True)
-    )
-    to_reference, from_reference = mutual_nearest_rows(of_reference, of_shape)
-    return {
-        "to_reference": between_files(to_reference, reference["to_original"], shape["to_working"]).astype(np.int64),
-        "from_reference": between_files(from_reference, shape["to_original"], reference["to_working"]).astype(
-            np.int64
-        ),
-    }
 
 
 def vertex_notes(found: VertexMaps | None) -> tuple[str, ...]:

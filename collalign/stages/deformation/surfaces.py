@@ -21,9 +21,9 @@ from data_tools.io.source import Origin
 from data_tools.options import AS_STORED
 
 #: Changes whenever the same file would give another surface.
-DETAILED_VERSION = "detailed-1"
+DETAILED_VERSION = "detailed-2"
 #: Fields that maps of samples do not need: per vertex, and large.
-_OF_VERTICES = ("basis", "to_working", "to_original")
+_OF_VERTICES = ("basis", "to_working", "working_vertices", "working_faces")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,8 @@ def prepare_detailed(task: DetailTask) -> Record:
     -------
     dict
         What :func:`collalign.stages.evidence.surfaces.surface_from_record` reads, at the dense samples; ``basis``
-        (w, m + 1) at all working vertices in single precision, and how these belong to the vertices of the file.
+        (w, m + 1) at all working vertices in single precision, the working surface, and its vertex for each of the
+        file's.
     """
     shape = read_shape(task.path, AS_STORED, name=task.name, digest=task.digest)
     if not shape.is_mesh:
@@ -60,7 +61,8 @@ def prepare_detailed(task: DetailTask) -> Record:
         "area": float(prepared.area),
         "basis": prepared.basis.astype(np.float32),
         "to_working": prepared.to_working.astype(np.int32),
-        "to_original": prepared.to_original.astype(np.int32),
+        "working_vertices": prepared.vertices,
+        "working_faces": prepared.faces.astype(np.int32),
     }
 
 
@@ -95,6 +97,6 @@ def table_of_samples(session: AlignSession, shapes: Shapes, keys: dict[int, str]
 
 
 def table_of_vertices(session: AlignSession, keys: dict[int, str]) -> SharedTable:
-    """Return a table of the functions at all vertices, by key of the surface."""
+    """Return a table of the surfaces and the functions at all their vertices, by key of the surface."""
     records = ((key, session.store.require("surfaces", key)) for key in keys.values())
     return SharedTable.create((key, {name: record[name] for name in _OF_VERTICES}) for key, record in records)

@@ -132,7 +132,7 @@ def test_maps_of_bent_blobs_find_every_vertex(deformed: tuple[list[Shape], Align
     assert maps.names == ("f0", "f1", "f2", "f3")
     assert not maps.left_out
     assert worst_share(maps, shapes, within=0.2) > 0.9
-    backwards = replace(maps, to_reference=tuple(own[::-1] for own in maps.to_reference))
+    backwards = replace(maps, places=tuple(own[:: (-1) ** n] for n, own in enumerate(maps.places)))
     assert worst_share(backwards, shapes, within=0.2) < 0.5
 
 
@@ -162,7 +162,7 @@ def test_a_result_without_maps_and_a_damaged_file_say_so(
     with pytest.raises(InputError, match="--deformable"):
         load_vertex_maps(tmp_path)
     data = dict(np.load(deformed[2] / VERTEX_MAPS_FILE))
-    np.savez(tmp_path / VERTEX_MAPS_FILE, **data | {"to_reference": data["to_reference"] + 10**6})
+    np.savez(tmp_path / VERTEX_MAPS_FILE, **data | {"places": data["places"][:, :2]})
     with pytest.raises(InputError, match="not maps of vertices"):
         load_vertex_maps(tmp_path)
 
@@ -175,12 +175,11 @@ def test_point_clouds_have_no_maps_of_vertices() -> None:
 
 
 def test_shapes_whose_maps_disagree_are_named() -> None:
-    none = (np.zeros(1, dtype=np.int64),) * 3
+    none = (np.zeros((1, 3)),) * 3
     maps = VertexMaps(
         names=("a", "b", "c"),
         reference="a",
-        to_reference=none,
-        from_reference=none,
+        places=none,
         residuals=np.array([0.2, 0.2, 0.2 * SUSPECT + 0.01]),
         left_out=(("d", "too small"),),
     )
