@@ -14,12 +14,12 @@ from data_tools.surface.normals import vertex_normals
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
-#: Over so many root mean square radii what a map, and then what closest points, say of neighbours is averaged. From .03
-#: to .1, twenty bodies of SCAPE on which the first was chosen err .0144 to .0147 sqrt(area) before closest points pull,
-#: and .0163 with .2; the centaur, held back, errs least between. Of the second, .03 and .08 make 1 % for teddies.
+#: Over so many root mean square radii what a map, and then what closest points, say of neighbours is averaged. Twenty
+#: bodies of SCAPE, on which both were chosen, err .0144 to .0147 sqrt(area) with the first from .03 to .1 before
+#: closest points pull, and .0163 with .2; the centaur, held back, errs least with .06.
 _MAP_LENGTH, _POINT_LENGTH = 0.05, 0.03
-#: Weight of unit normals beside positions, in radii: normals lay muscles and features onto each other. With a third of
-#: that, seven bodies of SCAPE err 2 % more.
+#: Weight of unit normals beside positions, in radii: normals lay muscles and features onto each other. With a third
+#: of that, seven bodies of SCAPE err 2 % more.
 _NORMAL_WEIGHT = 0.4
 #: Correspondences beyond so many times the median distance, or so many radii where that is more, do not count, nor do
 #: those whose normals differ by more than the cosine says.

@@ -42,8 +42,27 @@ SURFACES: tuple[Mutant, ...] = (
         ("tests/collalign/registration/test_start.py",),
         ("bent_by_map", "is_small or is_turned", "is_small"),
         ("bent_by_map", "< _LEAST_EXTENT", "< 0"),
-        ("bent_by_map", "np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2", "trust"),
+        ("laid_by_map", "np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2", "trust"),
         ("bent_by_map", "math.sqrt(target.area / source.area)", "1.0"),
+    ),
+    *faults(
+        "collalign/registration/fit.py",
+        ("tests/collalign/registration/test_fit.py",),
+        ("fitted_by_map", "Shape.from_arrays(moved, source.faces, name=source.name)", "enlarged"),
+        ("fitted_by_map", "math.sqrt(target.area / source.area)", "1.0"),
+        ("_closest_points", "places=places[to]", "places=places[at]"),
+        ("_closest_points", "cKDTree(theirs).query(ours)", "cKDTree(ours).query(theirs)"),
+    ),
+    *faults(
+        "collalign/stages/deformation/places.py",
+        ("tests/collalign/stages/test_deformation.py",),
+        ("places_on_reference", ".on(reference.vertices)", ".on(fitted)"),
+        ("_goals", "np.arange(len(from_reference)), to_reference", "to_reference, np.arange(len(from_reference))"),
+    ),
+    *faults(
+        "collalign/products/deformation.py",
+        ("tests/collalign/stages/test_deformation.py",),
+        ("VertexMaps.__getitem__", "len(self.places[b]), -1", "len(self.places[b]), 0"),
     ),
     *faults(
         "collalign/registration/pieces.py",

@@ -23,6 +23,7 @@ from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
+from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
 
 NUM, SIZE = 6, 12
@@ -143,6 +144,34 @@ def test_maps_compose_around_cycles(deformed: tuple[list[Shape], AlignedCollecti
     around = maps["f0", "f1"][maps["f1", "f2"]][maps["f2", "f0"]]
     gaps = np.linalg.norm(shapes[0].vertices[around] - shapes[0].vertices, axis=1)
     assert np.quantile(gaps, 0.9) < 0.1 * np.ptp(shapes[0].vertices, axis=0).max()
+
+
+def test_places_lie_on_the_reference_and_maps_go_to_the_nearest_of_them(
+    deformed: tuple[list[Shape], AlignedCollection, Path],
+) -> None:
+    shapes, aligned, _ = deformed
+    maps = aligned.maps.vertices
+    assert maps is not None
+    reference = shapes[maps.names.index(maps.reference)]
+    locator = SurfaceLocator(reference.vertices, reference.faces)
+    for places in maps.places:
+        np.testing.assert_allclose(locator.closest(places).on(reference.vertices), places, atol=1e-6)
+    np.testing.assert_array_equal(maps[maps.reference, maps.reference], np.arange(len(reference.vertices)))
+
+
+def test_vertices_without_a_place_have_no_map_and_get_none_to_them() -> None:
+    rng = np.random.default_rng(9)
+    first, nowhere = rng.random((5, 3)), np.full((1, 3), np.nan)
+    second = np.vstack([nowhere, first[::-1] + 1e-3])
+    maps = VertexMaps(
+        names=("a", "b", "c"),
+        reference="a",
+        places=(first, second, np.tile(nowhere, (2, 1))),
+        residuals=np.zeros(3),
+    )
+    np.testing.assert_array_equal(maps["a", "b"], [-1, 4, 3, 2, 1, 0])
+    np.testing.assert_array_equal(maps["b", "a"], [5, 4, 3, 2, 1])
+    assert (maps["c", "a"] == -1).all()
 
 
 def test_maps_survive_saving(deformed: tuple[list[Shape], AlignedCollection, Path]) -> None:
