@@ -177,23 +177,33 @@ class ZoomOut:
         forward = map_target_source
         backward = np.full(len(self._target), -1) if map_source_target is None else map_source_target
         for size in self._sizes:
-            c = self._fit(forward, backward, size)
+            c = fitted_map(self._target[:, :size], self._source[:, :size], forward, backward)
             rows_target = np.hstack([self._target[:, :size], np.sqrt(size) * self._extra_target])
             rows_source = np.hstack([self._source[:, :size] @ c, np.sqrt(size) * self._extra_source])
             forward, backward = mutual_nearest_rows(rows_target, rows_source)
-        c = self._fit(forward, backward, self._sizes[-1])
+        last = self._sizes[-1]
+        c = fitted_map(self._target[:, :last], self._source[:, :last], forward, backward)
         return FunctionalMap(
             C_source_target=c, map_target_source=forward, map_source_target=backward, iterations=len(self._sizes)
         )
 
-    def _fit(self, forward: IntArray, backward: IntArray, size: int) -> FloatArray:
-        """Return the least-squares functional map of both point maps, shape (size, size)."""
-        known, known_back = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
-        rows = np.vstack([self._source[known, :size], self._source[backward[known_back], :size]])
-        images = np.vstack([self._target[forward[known], :size], self._target[known_back, :size]])
-        gram = rows.T @ rows
-        gram[np.diag_indices(size)] += 1e-9 * np.trace(gram)
-        return np.asarray(np.linalg.solve(gram, rows.T @ images), dtype=np.float64)
+
+def fitted_map(target: FloatArray, source: FloatArray, forward: IntArray, backward: IntArray) -> FloatArray:
+    """Return the least-squares functional map ``C_source_target`` of a point map and its inverse, shape (k, k).
+
+    Parameters
+    ----------
+    target, source : ndarray, shapes (u, k) and (v, k)
+        Bases at the points of both shapes.
+    forward, backward : ndarray of int, shapes (v,) and (u,)
+        -1 where unknown.
+    """
+    known, known_back = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
+    rows = np.vstack([source[known], source[backward[known_back]]])
+    images = np.vstack([target[forward[known]], target[known_back]])
+    gram = rows.T @ rows
+    gram[np.diag_indices_from(gram)] += 1e-9 * np.trace(gram)
+    return np.asarray(np.linalg.solve(gram, rows.T @ images), dtype=np.float64)
 
 
 def zoomout_sizes(first: int, last: int, *, factor: float = 1.15) -> list[int]:

@@ -9,7 +9,7 @@ import numpy as np
 from collalign.nonrigid.evidence import MIXED_ORIENTATION
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.paper import paper_candidates
-from collalign.nonrigid.portfolio import FROM_POSES, Refined, find_candidates
+from collalign.nonrigid.portfolio import FROM_POSES, Refined, find_candidates, full_harmonic
 from collalign.nonrigid.prepare import prepare_file
 from collalign.nonrigid.refine import between_files, dense_point_maps
 from collalign.nonrigid.result import NonrigidCandidate, NonrigidMatch
@@ -98,7 +98,10 @@ def match_prepared(
         found, status = paper_candidates(target, source, options)
     searched = time.perf_counter()
     c_source_target = found[0].functional_map.C_source_target
-    forward, backward = dense_point_maps(target, source, c_source_target)
+    if options.ends_with_icp:
+        forward, backward = dense_point_maps(target, source, c_source_target)
+    else:
+        forward, backward = full_harmonic(target, source).of_all_vertices(found[0].functional_map)
     finished = time.perf_counter()
     return NonrigidMatch(
         target_name=target.name,

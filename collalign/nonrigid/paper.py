@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collalign.nonrigid.masks import candidate_mask
 from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.portfolio import Refined, finish_by_zoomout, icp_map, judged
-from collalign.nonrigid.relaxed import relaxation_starts
+from collalign.nonrigid.starts.masks import candidate_mask
+from collalign.nonrigid.starts.relaxed import relaxation_starts
 from collalign.nonrigid.surface.spectral import SpectralShape
 from pairwise.status import Status
 

@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.nonrigid.evidence import MIXED_ORIENTATION, Evidence, judge
-from collalign.nonrigid.functional_map import FunctionalMap, icp
-from collalign.nonrigid.masks import candidate_mask
+from collalign.nonrigid.functional_map import FunctionalMap, icp, mutual_nearest_rows
+from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
 from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.nonrigid.refine import Refiner
-from collalign.nonrigid.relaxed import relaxation_starts
-from collalign.nonrigid.starts import descriptor_start, sign_starts
+from collalign.nonrigid.starts.eigenfunctions import descriptor_start, sign_starts
+from collalign.nonrigid.starts.masks import candidate_mask
+from collalign.nonrigid.starts.relaxed import relaxation_starts
+from collalign.nonrigid.starts.smooth import SmoothMapper
 from collalign.nonrigid.surface.posed import NUM_FUNCTIONS, NUM_POINTS, first_samples, sampled_surface
 from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import FloatArray
@@ -23,11 +25,12 @@ from pairwise.status import Status
 
 #: Distinct starts that are refined on few samples, and how few.
 NUM_SCREENED, NUM_SCREEN_SAMPLES = 12, 400
-#: Origin of maps that only poses lead to, and how much better their score must be than that of maps from within:
-#: chosen on the 60 pairs of SHREC07's ants, teddy bears and glasses on which maps are published.
-FROM_POSES, POSED_HANDICAP = "poses", 0.7
-#: Candidates from poses that are refined with all samples.
+#: Origin of maps that only poses, or tips of limbs, lead to.
+FROM_POSES = "poses"
+#: Candidates from poses, and of those that are smooth from the start, that are refined with all samples.
 NUM_POSED = 6
+#: Weights of the Dirichlet energy in the last iterations, on all samples.
+SETTLING = (SMOOTHNESS,) * 3
 #: Screened candidates of each orientation that are composed with the target's self-maps.
 NUM_TURNED = 2
 #: Refinement on few samples ends with this number of functions.
@@ -54,8 +57,8 @@ class Refined:
 
     @property
     def score(self) -> float:
-        """The lower the better; maps that only poses lead to have a handicap."""
-        return self.evidence.score + (POSED_HANDICAP if self.origin == FROM_POSES else 0.0)
+        """The lower the better."""
+        return self.evidence.score
 
 
 def find_candidates(
@@ -71,6 +74,8 @@ def find_candidates(
         return own, status
     mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
     others = _finished(target, source, posed_candidates(mapper, options), options)
+    if options.is_portfolio and not options.ends_with_icp:
+        others += finish_smoothly(target, source, smooth_candidates(mapper, options))
     fresh = [candidate for candidate in others if not _is_among(candidate, own)]
     return distinct_maps([with_pose_evidence(mapper, candidate, options) for candidate in [*own, *fresh]]), status
 
@@ -112,11 +117,27 @@ def posed_candidates(mapper: PoseMapper, options: NonrigidOptions) -> list[Refin
     options : NonrigidOptions
         Whether maps that swap left and right are asked for.
     """
-    few = PoseMapper(*(first_samples(one, NUM_POINTS, NUM_FUNCTIONS) for one in (mapper.target, mapper.source)))
+    few = _at_few_samples(mapper)
     maps = few.maps_from_signs()
     for start in axis_poses(few.target, few.source, mirrored=options.orientation == "any"):
         plain = few.map_from(start)
         maps += [plain, few.oriented(plain, preserving=bool(np.linalg.det(start) > 0))]
+    return _best_posed(few, maps, options)
+
+
+def smooth_candidates(mapper: PoseMapper, options: NonrigidOptions) -> list[Refined]:
+    """Return maps at few samples that are smooth from the start, by the axes' poses and tips, best evidence first."""
+    few = _at_few_samples(mapper)
+    smooth = SmoothMapper(few)
+    poses = axis_poses(few.target, few.source, mirrored=options.orientation == "any")
+    return _best_posed(few, [*map(smooth.map_from, poses), *smooth.maps_from_tips()], options)
+
+
+def _at_few_samples(mapper: PoseMapper) -> PoseMapper:
+    return PoseMapper(*(first_samples(one, NUM_POINTS, NUM_FUNCTIONS) for one in (mapper.target, mapper.source)))
+
+
+def _best_posed(few: PoseMapper, maps: list[FunctionalMap], options: NonrigidOptions) -> list[Refined]:
     target, source = few.target.spectral, few.source.spectral
     found = [with_pose_evidence(few, judged(target, source, one, FROM_POSES), options) for one in maps]
     if options.orientation == "preserving":
@@ -157,15 +178,35 @@ def screening_refiner(target: SpectralShape, source: SpectralShape) -> Refiner:
 
 
 def finish_by_zoomout(target: SpectralShape, source: SpectralShape, screened: list[Refined]) -> list[Refined]:
-    """Refine with all dense samples and functions."""
+    """Refine with all dense samples and functions, and then settle to what is smooth both ways."""
     last = len(target.eigenvalues) + 1
     num_dense = max(len(target.dense), len(source.dense))
     full = Refiner(target, source, num_dense=num_dense, first=NUM_COMPOSED, last=last, factor=1.2)
+    harmonic = full_harmonic(target, source)
     refined = []
     for candidate in screened:
-        coarse = candidate.functional_map.C_source_target[:NUM_COMPOSED, :NUM_COMPOSED]
-        refined.append(judged(target, source, full.from_functional_map(coarse), candidate.origin))
+        coarse = full.from_functional_map(candidate.functional_map.C_source_target[:NUM_COMPOSED, :NUM_COMPOSED])
+        settled = harmonic.refine(coarse.map_target_source, coarse.map_source_target, SETTLING)
+        refined.append(judged(target, source, settled, candidate.origin))
     return refined
+
+
+def finish_smoothly(target: SpectralShape, source: SpectralShape, coarse: list[Refined]) -> list[Refined]:
+    """Refine with all dense samples and functions, by maps that are smooth both ways alone."""
+    harmonic = full_harmonic(target, source)
+    on_target, on_source = target.basis[target.dense], source.basis[source.dense]
+    refined = []
+    for candidate in coarse:
+        c = candidate.functional_map.C_source_target
+        starts = mutual_nearest_rows(on_target[:, : len(c)], on_source[:, : len(c)] @ c)
+        refined.append(judged(target, source, harmonic.refine(*starts, SETTLING), candidate.origin))
+    return refined
+
+
+def full_harmonic(target: SpectralShape, source: SpectralShape) -> HarmonicRefiner:
+    """Return the refiner that works with all dense samples and functions."""
+    num_dense = max(len(target.dense), len(source.dense))
+    return HarmonicRefiner(target, source, num_dense=num_dense, num_functions=len(target.eigenvalues) + 1)
 
 
 def finish_by_icp(target: SpectralShape, source: SpectralShape, screened: list[Refined]) -> list[Refined]:

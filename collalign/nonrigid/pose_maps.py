@@ -72,11 +72,11 @@ class PoseMapper:
             last=min(len(target.spectral.eigenvalues), len(source.spectral.eigenvalues)) + 1,
             factor=GROWTH,
         )
-        self._features = _start_features(target, np.eye(3))
+        self._features = start_features(target, np.eye(3))
 
     def map_from(self, R_target_source: FloatArray) -> FunctionalMap:
         """Return the map that closest points at a pose, either determinant, lead to."""
-        moved = _start_features(self.source, R_target_source)
+        moved = start_features(self.source, R_target_source)
         return self._refiner.from_point_maps(*mutual_nearest_rows(self._features, moved))
 
     def maps_from_signs(self) -> list[FunctionalMap]:
@@ -112,26 +112,25 @@ class PoseMapper:
         gaps = np.concatenate([fixed[there] - moved, fixed - moved[back]])
         return float((gaps**2).sum(axis=1).mean())
 
-    def normal_gap(self, found: FunctionalMap, R_target_source: FloatArray) -> float:
-        """Return the mean of 1 - cosine of the normals that a map and its inverse match, at a pose."""
-        first, second = self.matched(found, self.target.normals, self.source.normals @ R_target_source.T)
-        return float(1.0 - (first * second).sum(axis=1).mean())
-
     def rotation_of(self, found: FunctionalMap, *, chirality: float) -> FloatArray:
         """Return the orthogonal matrix of determinant ``chirality`` that fits a map and its inverse best."""
-        to, of = self.matched(found, self.target.points, self.source.points)
+        return self.rotation_between(found.map_target_source, found.map_source_target, chirality=chirality)
+
+    def rotation_between(self, forward: IntArray, backward: IntArray, *, chirality: float) -> FloatArray:
+        """Return the orthogonal matrix that fits point maps of the samples, there and back, best."""
+        to = np.vstack([self.target.points[forward], self.target.points])
+        of = np.vstack([self.source.points, self.source.points[backward]])
         return nearest_orthogonal((to - to.mean(axis=0)).T @ (of - of.mean(axis=0)), determinant=chirality)
 
-    def matched(
-        self, found: FunctionalMap, of_target: FloatArray, of_source: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return values at the points of both shapes, matched by a map and by its inverse."""
-        forward: IntArray = found.map_target_source
-        backward: IntArray = found.map_source_target
-        return np.vstack([of_target[forward], of_target]), np.vstack([of_source, of_source[backward]])
+    def normal_gap(self, found: FunctionalMap, R_target_source: FloatArray) -> float:
+        """Return the mean of 1 - cosine of the normals that a map and its inverse match, at a pose."""
+        forward, backward = found.map_target_source, found.map_source_target
+        target, source = self.target.normals, self.source.normals @ R_target_source.T
+        cosines = np.concatenate([target[forward] * source, target * source[backward]]).sum(axis=1)
+        return float(1.0 - cosines.mean())
 
 
-def _start_features(surface: PosedSurface, rotation: FloatArray) -> FloatArray:
+def start_features(surface: PosedSurface, rotation: FloatArray) -> FloatArray:
     """Return what closest points compare at the start, shape (n, 6 + m)."""
     normals = START_NORMAL_WEIGHT * surface.normals @ rotation.T
     return np.hstack([surface.points @ rotation.T, normals, START_DESCRIPTOR_WEIGHT * surface.descriptors])

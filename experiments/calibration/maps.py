@@ -11,8 +11,8 @@ import numpy as np
 
 from collalign.nonrigid import match
 from collalign.nonrigid.options import NonrigidOptions
-from collalign.nonrigid.portfolio import Refined, find_candidates
-from collalign.nonrigid.refine import between_files, dense_point_maps
+from collalign.nonrigid.portfolio import Refined, find_candidates, full_harmonic
+from collalign.nonrigid.refine import between_files
 from data_tools.arrays import IntArray
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
 from experiments.maps.map_cells import NUM_EVALUATED, evaluate, map_set, prepared
@@ -49,7 +49,7 @@ def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
         found, _ = find_candidates(to.spectral, of.spectral, options)
 
         def images(candidate: Refined) -> IntArray:
-            forward, _ = dense_point_maps(to.spectral, of.spectral, candidate.functional_map.C_source_target)  # noqa: B023
+            forward, _ = full_harmonic(to.spectral, of.spectral).of_all_vertices(candidate.functional_map)  # noqa: B023
             return between_files(forward, to.spectral.to_original, of.spectral.to_working)  # noqa: B023
 
         errors = [evaluate(maps, settings, images(one), (to.copy, of.copy), None).direct for one in found]

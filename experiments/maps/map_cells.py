@@ -21,7 +21,7 @@ from data_tools.arrays import IntArray
 from data_tools.embedding.sampling import farthest_points
 from experiments.experiment import Cell
 from experiments.maps.evaluation import MapErrors, MapEvaluator
-from experiments.maps.map_sets import SHREC07_CLASSES, Copy, MapSet, read_map_set, vary
+from experiments.maps.map_sets import LANDMARKED, Copy, MapSet, read_map_set, vary
 
 #: Points at which maps between registered meshes are evaluated.
 NUM_EVALUATED = 200
@@ -113,7 +113,7 @@ def evaluate(
 
 def evaluated_points(maps: MapSet, source: str, num: int) -> IntArray:
     """Return the vertices of the source at which its maps are evaluated: landmarks, or farthest points."""
-    if maps.name in SHREC07_CLASSES:
+    if maps.name in LANDMARKED:
         return maps.landmarks(source)
     return farthest_points(maps.data.shape(source), num, metric="euclidean")
 
@@ -122,7 +122,7 @@ def true_places(
     maps: MapSet, target: str, points: IntArray, mirror: Mirror | None
 ) -> tuple[IntArray, IntArray | None]:
     """Return the vertices of the target at which the evaluated points belong, and those of their mirror images."""
-    if maps.name in SHREC07_CLASSES:
+    if maps.name in LANDMARKED:
         marks = maps.landmarks(target)
         return marks, None if maps.data.mirror is None else marks[maps.data.mirror]
     return points, None if mirror is None else mirror.image[points]

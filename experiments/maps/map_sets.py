@@ -29,8 +29,19 @@ from data_tools.surface.topology import face_areas
 
 #: Classes of SHREC07 on which the paper shows maps.
 SHREC07_CLASSES = ("ant", "teddy", "glasses")
+#: Bodies of two kinds, and the landmarks of SHREC07's humans and armadillos that are the same place on both, chosen
+#: by hand: hands, elbows, shoulders, knees, two on each foot, nose and crotch. Pairs stand for the two sides.
+BODIES = "human and armadillo"
+SAME_PLACES = {
+    "human": (11, 12, 13, 14, 17, 18, 4, 5, 0, 1, 2, 3, 29, 10),
+    "armadillo": (26, 27, 6, 7, 4, 5, 12, 13, 22, 24, 23, 25, 16, 18),
+}
+MIRRORED_PLACES = (1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 12, 13)
+#: Sets that are evaluated at landmarks.
+LANDMARKED = (*SHREC07_CLASSES, BODIES)
 #: Folder of each set.
 FOLDERS = {
+    BODIES: "shrec07_dev",
     "scape": "scape71",
     "tosca": "tosca_centaur6",
     "faust": "faust",
@@ -112,7 +123,7 @@ def read_map_set(root: Path, name: str) -> MapSet:
         Folder of the public collections.
     name : str
         One of ``FOLDERS``. SCAPE has the pairs of its query file, the classes of SHREC07 those of the published
-        errors; of TOSCA and FAUST all pairs are taken.
+        errors; of bodies of two kinds each is matched once; of TOSCA and FAUST all pairs are taken.
     """
     folder = root / FOLDERS[name]
     if name == "scape":
@@ -123,10 +134,32 @@ def read_map_set(root: Path, name: str) -> MapSet:
         data = read_shrec07_class(folder)
         published = read_published(folder.parent / "bim2011_published_errors.csv", data.names)
         pairs = tuple(next(iter(published.values()), {}))
+    elif name == BODIES:
+        data = _bodies(folder)
+        published, pairs = {}, _pairs_of_kinds(data)
     else:
         data = read_registered_folder(folder) if name == "tosca" else read_faust(folder)
         published, pairs = {}, tuple(combinations(data.names, 2))
     return MapSet(name=name, folder=folder, data=data, pairs=pairs, published=published)
+
+
+def _bodies(folder: Path) -> Dataset:
+    """Return the humans and the armadillos as one collection, with the landmarks that both have."""
+    kinds = {kind: read_shrec07_class(folder / kind) for kind in SAME_PLACES}
+    marks = [np.asarray(kinds[kind].landmark_vertices)[:, list(places)] for kind, places in SAME_PLACES.items()]
+    return Dataset(
+        names=tuple(name for kind in kinds.values() for name in kind.names),
+        loaders=tuple(load for kind in kinds.values() for load in kind.loaders),
+        landmark_vertices=np.concatenate(marks),
+        mirror=np.array(MIRRORED_PLACES),
+    )
+
+
+def _pairs_of_kinds(data: Dataset) -> tuple[Pair, ...]:
+    """Return a pair for each shape of the first half and one of the second, in either direction by turns."""
+    half = len(data) // 2
+    both = zip(data.names[:half], data.names[half:], strict=True)
+    return tuple((a, b) if i % 2 else (b, a) for i, (a, b) in enumerate(both))
 
 
 def read_query(path: Path) -> list[Pair]:

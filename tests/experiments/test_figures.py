@@ -48,7 +48,7 @@ def collections(tmp_path_factory: pytest.TempPathFactory, bodies: list[Shape]) -
         write_mesh(root / "faust" / "training" / "registrations" / f"tr_reg_{name}.ply", body)
         write_mesh(root / "faust" / "training" / "scans" / f"tr_scan_{name}.ply", scan_of(body, seed=i))
     lines = ["set,method,source,target,average_geodesic_error,fraction_guessed"]
-    for number, name in enumerate(map_sets.SHREC07_CLASSES):
+    for number, name in enumerate((*map_sets.SHREC07_CLASSES, *map_sets.SAME_PLACES)):
         names = [str(10 * number + i) for i in range(3)]
         write_shrec_class(root / "shrec07_dev" / name, dict(zip(names, bodies, strict=True)))
         lines.append(f"SHREC,BlendedMap,{names[0]},{names[1]},0.9,0.5")
@@ -73,7 +73,7 @@ def write_shrec_class(folder: Path, shapes: dict[str, Shape]) -> None:
     (folder / "landmarks").mkdir(parents=True)
     for name, shape in shapes.items():
         write_mesh(folder / "meshes" / f"{name}.off", shape)
-        rows = [f"{v} {x} {y} {z}" for v, (x, y, z) in list(enumerate(shape.vertices))[:1200:100]]
+        rows = [f"{v} {x} {y} {z}" for v, (x, y, z) in list(enumerate(shape.vertices))[:1200:30]]
         (folder / "landmarks" / f"{name}.vts").write_text("\n".join(rows))
 
 

@@ -191,6 +191,21 @@ NONRIGID: tuple[Mutant, ...] = (
         ),
         ("_curvature_gap", "1.0 - correlations.mean()", "correlations.mean()"),
         ("paired_forms", "sign * pulled", "pulled"),
+        ("_stretch", "images[neighbours[:, 1:]] - images[:, None]", "images[neighbours[:, :1]] - images[:, None]"),
+    ),
+    *faults(
+        "collalign/nonrigid/harmonic.py",
+        ("tests/collalign/nonrigid/test_harmonic.py",),
+        ("_Side.carried", "self.basis[from_other]", "self.basis[to_other]"),
+        ("_Side.carried", "smoothness * self.frequencies", "0.0 * self.frequencies"),
+        ("HarmonicRefiner._nearest", "self._target, forward, backward", "self._target, backward, forward"),
+    ),
+    *faults(
+        "collalign/nonrigid/starts/tips.py",
+        ("tests/collalign/nonrigid/test_harmonic.py",),
+        ("tip_matchings", "LEFT_OUT * (s - 1)", "LEFT_OUT"),
+        ("tip_matchings", "added[known, at[known]] = np.inf", "pass"),
+        ("tip_matchings", "pairs[:, at[known], tip, other].T", "pairs[:, at[known], other, tip].T"),
     ),
     *faults(
         "collalign/nonrigid/surface/graph_operator.py",
@@ -200,7 +215,7 @@ NONRIGID: tuple[Mutant, ...] = (
         ("_weights", "/ GAUSSIAN_WIDTH**2", "/ GAUSSIAN_WIDTH"),
     ),
     *faults(
-        "collalign/nonrigid/masks.py",
+        "collalign/nonrigid/starts/masks.py",
         ("tests/collalign/nonrigid/test_nonrigid_evidence.py",),
         ("candidate_mask", "min(1.0, 1.5 * share)", "min(1.0, 4.5 * share)"),
         ("candidate_mask", "gaps <= options.mask_threshold", "gaps < 0.5 * options.mask_threshold"),

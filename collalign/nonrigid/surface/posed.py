@@ -8,6 +8,7 @@ import numpy as np
 
 from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature, vertex_normals
 from collalign.nonrigid.surface.spectral import CURVATURE_TIMES, NUM_ORIENTATION, SpectralShape
+from collalign.nonrigid.surface.tips import Tips
 from data_tools.arrays import FloatArray, read_only
 from data_tools.embedding.invariants import heat_kernel_signature, standardised
 from data_tools.embedding.working_surface import WorkingSurface
@@ -85,6 +86,7 @@ def spectral_samples(
     agd: FloatArray,
     curvature: FloatArray,
     orientation: FloatArray,
+    tips: Tips | None = None,
 ) -> SpectralShape:
     """Return a prepared shape that is known at its dense samples only; arrays have one row for each of them."""
     num = len(vertices)
@@ -104,6 +106,7 @@ def spectral_samples(
         curvature=read_only(curvature),
         samples=none,
         dense=read_only(np.arange(num)),
+        tips=tips or Tips.none(num),
         orientation=read_only(orientation),
         self_maps=read_only(np.empty((0, 0, 0))),
         notes=(),
@@ -139,6 +142,7 @@ def first_samples(surface: PosedSurface, num_points: int, num_functions: int) ->
         agd=whole.agd[:num_points],
         curvature=whole.curvature[:num_points],
         orientation=whole.orientation[:num_points],
+        tips=whole.tips.at_first(num_points),
     )
     return posed_surface(few, surface.normals[:num_points])
 
@@ -156,5 +160,6 @@ def sampled_surface(shape: SpectralShape) -> PosedSurface:
         agd=shape.agd[dense],
         curvature=shape.curvature[dense],
         orientation=shape.orientation,
+        tips=shape.tips,
     )
     return posed_surface(spectral, vertex_normals(shape.working_shape)[dense])

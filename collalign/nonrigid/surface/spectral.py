@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from collalign.nonrigid.options import SurfaceOptions
 from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature
 from collalign.nonrigid.surface.graph_operator import graph_spectrum
+from collalign.nonrigid.surface.tips import NUM_TIPS, Tips
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.invariants import NUM_SPECTRUM, wave_kernel_signature
 from data_tools.embedding.sampling import farthest_points
@@ -20,8 +21,6 @@ from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import face_areas, mesh_edges, vertex_components
 
-#: Extrema of the average geodesic distance that start the sampling.
-NUM_SEEDS = 10
 #: Energies of the wave kernel signature.
 NUM_WAVES = 40
 #: Low functions whose orientation form is kept.
@@ -60,6 +59,8 @@ class SpectralShape:
         Smoothed mean curvatures; NaN for a point cloud.
     samples, dense : ndarray of int
         Working vertices: geodesic farthest points in order, and Euclidean farthest points.
+    tips : Tips
+        The tips of its limbs, which also start the samples.
     orientation : ndarray, shape (len(dense), q, q)
         Orientation form of the lowest functions; NaN for a point cloud.
     self_maps : ndarray, shape (s, q, q)
@@ -83,6 +84,7 @@ class SpectralShape:
     curvature: FloatArray
     samples: IntArray
     dense: IntArray
+    tips: Tips
     orientation: FloatArray
     self_maps: FloatArray
     notes: tuple[str, ...]
@@ -125,7 +127,7 @@ def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> Spec
         )
     dense = farthest_points(working, min(options.num_dense, num), metric="euclidean")
     eigen = _eigen(surface, dense, options)
-    samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_SEEDS), solver=surface.geodesics)
+    samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_TIPS), solver=surface.geodesics)
     in_file = np.arange(len(shape.vertices)) if shape.source_indices is None else shape.source_indices
     to_working = np.full(int(in_file.max()) + 1, -1, dtype=np.int64)
     to_working[in_file[kept]] = cKDTree(working.vertices).query(part.vertices)[1]
@@ -145,6 +147,7 @@ def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> Spec
         curvature=read_only(curvature),
         samples=samples,
         dense=dense,
+        tips=Tips.of(surface, dense),
         orientation=read_only(orientation),
         self_maps=read_only(np.empty((0, 0, 0))),
         notes=(*notes, *surface.notes),

@@ -7,9 +7,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from collalign.nonrigid.evidence import FLOOR, Evidence, _commutativity_gap, _curvature_gap, paired_forms
-from collalign.nonrigid.masks import candidate_mask, descriptor_gaps
+from collalign.nonrigid.evidence import (
+    FLOOR,
+    STRETCH_WEIGHT,
+    Evidence,
+    _commutativity_gap,
+    _curvature_gap,
+    paired_forms,
+)
 from collalign.nonrigid.options import NonrigidOptions
+from collalign.nonrigid.starts.masks import candidate_mask, descriptor_gaps
 from collalign.nonrigid.surface.graph_operator import GAUSSIAN_WIDTH, NUM_NEIGHBOURS, _weights, graph_spectrum
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.embedding.sampling import farthest_points
@@ -31,6 +38,7 @@ def test_the_score_adds_logarithms_and_counts_curvature_twice() -> None:
     assert evidence(orientation=-1.0).score == base  # swapped is as clear as kept
     assert evidence(orientation=0.25).score - base == pytest.approx(0.75)
     assert evidence(curvature=0.0).score - base == pytest.approx(2.0 * np.log(FLOOR / 0.1))
+    assert evidence(stretch=4.0).score - base == pytest.approx(STRETCH_WEIGHT * np.log(4.0))
     assert evidence(curvature=np.nan, orientation=np.nan).score == pytest.approx(2.0 * np.log(0.1))
 
 

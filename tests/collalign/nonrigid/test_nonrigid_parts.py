@@ -10,10 +10,10 @@ import pytest
 
 from collalign.nonrigid.evidence import judge, paired_forms
 from collalign.nonrigid.functional_map import FunctionalMap
-from collalign.nonrigid.masks import candidate_mask, descriptor_gaps
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import of_both_orientations
 from collalign.nonrigid.refine import Refiner
+from collalign.nonrigid.starts.masks import candidate_mask, descriptor_gaps
 from collalign.nonrigid.surface.geometry import (
     orientation_form,
     outward,

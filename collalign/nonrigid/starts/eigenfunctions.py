@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from collalign.nonrigid.masks import descriptor_gaps
+from collalign.nonrigid.starts.masks import descriptor_gaps
 from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import BoolArray, IntArray
 from pairwise.local.local_search import LocalMinima, MatchingCosts, minimise, procrustes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from collalign.nonrigid.options import NonrigidOptions
-from collalign.nonrigid.starts import descend_maps, embedded_problem
+from collalign.nonrigid.starts.eigenfunctions import descend_maps, embedded_problem
 from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import BoolArray, IntArray
 from pairwise.local.local_search import LocalMinima, MatchingCosts

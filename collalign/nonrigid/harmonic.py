@@ -1,0 +1,109 @@
+"""Maps that are smooth both ways: what makes a coarse map of a surface exact without tearing it.
+
+ZoomOut compares points in ever more eigenfunctions, which says much where shapes are nearly isometric and little
+where they are not: there the high ones have nothing to do with each other. Here each surface is embedded by its
+eigenfunctions over the root of their frequency, which counts what is coarse; the embedding of either surface is
+carried to the other one as a function of little Dirichlet energy, and points correspond that are near in both
+embeddings at once. That is the reversible harmonic map of Ezuz, Solomon and Ben-Chen (2019), in the basis of
+eigenfunctions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from collalign.nonrigid.functional_map import FunctionalMap, fitted_map, mutual_nearest_rows
+from collalign.nonrigid.surface.spectral import SpectralShape
+from data_tools.arrays import FloatArray, IntArray
+
+#: Weight of the Dirichlet energy, of surfaces of unit area, beside the mean squared residual. From matched landmarks
+#: of eight pairs of ants 1e-3 leads to errors of .028 sqrt(area), ZoomOut to .040; after ZoomOut 1e-3 costs 7 % on
+#: SCAPE, 3e-4 and less nothing.
+SMOOTHNESS = 3e-4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Side:
+    """One surface: rows of its basis, its own embedding of them, and the cost of each function."""
+
+    basis: FloatArray
+    own: FloatArray
+    frequencies: FloatArray
+
+    @classmethod
+    def of(cls, shape: SpectralShape, rows: IntArray | slice, num_functions: int) -> _Side:
+        values = np.concatenate([[0.0], shape.eigenvalues[: num_functions - 1]])
+        scale = np.concatenate([[0.0], shape.eigenvalues[: num_functions - 1] ** -0.5])
+        basis = shape.basis[rows, :num_functions]
+        return cls(basis=basis, own=basis * scale, frequencies=values)
+
+    def carried(self, other: _Side, to_other: IntArray, from_other: IntArray, smoothness: float) -> FloatArray:
+        """Return coefficients of the other surface's embedding as a smooth function on this one, shape (k, k)."""
+        rows = np.vstack([self.basis, self.basis[from_other]])
+        goals = np.vstack([other.own[to_other], other.own])
+        gram = rows.T @ rows / len(rows)
+        gram[np.diag_indices_from(gram)] += smoothness * self.frequencies + 1e-9
+        return np.asarray(np.linalg.solve(gram, rows.T @ goals / len(rows)))
+
+
+class HarmonicRefiner:
+    """Smooths maps between the dense samples of two shapes, prepared once for all candidates of the pair.
+
+    Parameters
+    ----------
+    target, source : SpectralShape
+    num_dense : int
+        How many of the dense samples are used.
+    num_functions : int
+        At most, the constant one included.
+    """
+
+    def __init__(self, target: SpectralShape, source: SpectralShape, *, num_dense: int, num_functions: int) -> None:
+        size = min(num_functions, len(target.eigenvalues) + 1, len(source.eigenvalues) + 1)
+        self._shapes, self._size = (target, source), size
+        self._target, self._source = (_Side.of(one, one.dense[:num_dense], size) for one in (target, source))
+
+    def refine(
+        self, map_target_source: IntArray, map_source_target: IntArray, smoothness: Sequence[float]
+    ) -> FunctionalMap:
+        """Return the map that a map and its inverse lead to.
+
+        Parameters
+        ----------
+        map_target_source, map_source_target : ndarray of int, shapes (v,) and (u,)
+        smoothness : sequence of float
+            Weight of the Dirichlet energy in each iteration.
+        """
+        forward, backward = map_target_source, map_source_target
+        for weight in smoothness:
+            forward, backward = self._nearest(self._target, self._source, forward, backward, weight)
+        return FunctionalMap(
+            C_source_target=fitted_map(self._target.basis, self._source.basis, forward, backward),
+            map_target_source=forward,
+            map_source_target=backward,
+            iterations=len(smoothness),
+        )
+
+    def of_all_vertices(self, found: FunctionalMap) -> tuple[IntArray, IntArray]:
+        """Return the point maps of all working vertices that belong to a map of the dense samples, both ways.
+
+        Returns
+        -------
+        map_target_source : ndarray of int, shape (w_source,)
+        map_source_target : ndarray of int, shape (w_target,)
+        """
+        target, source = (_Side.of(one, slice(None), self._size) for one in self._shapes)
+        return self._nearest(target, source, found.map_target_source, found.map_source_target, SMOOTHNESS)
+
+    def _nearest(
+        self, target: _Side, source: _Side, forward: IntArray, backward: IntArray, smoothness: float
+    ) -> tuple[IntArray, IntArray]:
+        """Return the nearest rows of two sides in both embeddings, fitted to point maps of the dense samples."""
+        to_source = self._source.carried(self._target, forward, backward, smoothness)
+        to_target = self._target.carried(self._source, backward, forward, smoothness)
+        return mutual_nearest_rows(
+            np.hstack([target.own, target.basis @ to_target]), np.hstack([source.basis @ to_source, source.own])
+        )
