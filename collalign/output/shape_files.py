@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from collalign.engine.jobs.run import run_jobs
 from collalign.output.contact_sheet import Tile, tile_of
@@ -68,12 +70,15 @@ class ShapeParts:
         Of the display mesh, in the file's coordinates.
     faces : ndarray of int, shape (f, 3)
     tile, coloured : Tile or None
+    places : ndarray of uint8, shape (v, 3)
+        Colours of the display mesh by place, (0, 3) where there are none.
     """
 
     vertices: FloatArray
     faces: IntArray
     tile: Tile | None
     coloured: Tile | None
+    places: NDArray[np.uint8]
 
 
 def write_shape(task: ShapeFileTask) -> ShapeParts:
@@ -82,10 +87,12 @@ def write_shape(task: ShapeFileTask) -> ShapeParts:
     write_mesh(task.mesh, shape.transformed(task.transform))
     vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=task.max_faces)
     tile = tile_of(shape, task.transform, task.confidence) if task.drawn else None
-    coloured = None
-    if task.drawn and task.colours is not None:
-        coloured = tile_of(shape, task.transform, task.confidence, at_vertices(task.colours, shape))
-    return ShapeParts(vertices=vertices, faces=faces, tile=tile, coloured=coloured)
+    coloured, places = None, np.empty((0, 3), dtype=np.uint8)
+    if task.colours is not None:
+        colours = at_vertices(task.colours, shape)
+        places = np.round(255.0 * colours[cKDTree(shape.vertices).query(vertices)[1]]).astype(np.uint8)
+        coloured = tile_of(shape, task.transform, task.confidence, colours) if task.drawn else None
+    return ShapeParts(vertices=vertices, faces=faces, tile=tile, coloured=coloured, places=places)
 
 
 def write_shapes(

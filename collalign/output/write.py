@@ -106,7 +106,10 @@ def save_collection(
         meshes = [output.stage(MESH_FOLDER, f"{stem}.ply").absolute() for stem in file_stems(collection.names)]
         colours = None if collection.maps.vertices is None else PlaceColours(collection.maps.vertices)
         parts = write_shapes(collection, meshes, colours, num_jobs=num_jobs, advance=advance)
-        view = view_collection(collection, [(part.vertices, part.faces) for part in parts], labels=labels)
+        places = [part.places for part in parts] if any(len(part.places) for part in parts) else ()
+        view = view_collection(
+            collection, [(part.vertices, part.faces) for part in parts], labels=labels, places=places
+        )
         save_view(view, output.staging)
         title = f"Aligned collection {_folder_name(collection)}".rstrip() if report else None
         share_out(write_document, _documents(parts, view, output, title), num_jobs=num_jobs)

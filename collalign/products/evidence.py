@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair
@@ -62,6 +63,9 @@ class CollectionView:
         What the rows of ``samples`` are called; ``L1``, ``L2``, ... where nothing is given.
     incomplete : tuple of Incomplete
         The shapes of which parts are missing.
+    places : tuple of ndarray of uint8
+        Where all vertices have maps, a colour (v, 3) of each vertex of the display meshes by its place on the
+        reference, alike where vertices correspond; empty (0, 3) for a shape without maps.
     """
 
     names: tuple[str, ...]
@@ -83,6 +87,7 @@ class CollectionView:
     notes: tuple[str, ...] = ()
     landmark_names: tuple[str, ...] = ()
     incomplete: tuple[Incomplete, ...] = ()
+    places: tuple[NDArray[np.uint8], ...] = ()
 
     def __post_init__(self) -> None:
         """Fill what may be left out and check that everything speaks of the same N shapes."""

@@ -14,6 +14,7 @@ from collalign.products.evidence import CollectionView, json_types
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair
 from data_tools.arrays import (
+    FloatArray,
     as_faces,
     as_floats,
     as_indices,
@@ -72,6 +73,8 @@ def save_view(view: CollectionView, folder: Path | str) -> Path:
     }
     arrays |= _join("vertices", view.vertices, 3, np.float64) | _join("faces", view.faces, 3, np.int64)
     arrays |= _pair_arrays(view.pairs, view.samples.shape[1]) | _alternative_arrays(view) | _incomplete_arrays(view)
+    if view.places:
+        arrays |= _join("places", view.places, 3, np.uint8)
     np.savez_compressed(path, **arrays)  # type: ignore[arg-type]  # the stubs see only the flag
     return path
 
@@ -152,7 +155,18 @@ def _from_arrays(data: dict[str, NDArray[Any]]) -> CollectionView:
         pairs=_pairs(data),
         alternatives=_alternatives(data),
         incomplete=_incomplete(data),
+        places=_places(data, vertices),
     )
+
+
+def _places(data: dict[str, NDArray[Any]], vertices: tuple[FloatArray, ...]) -> tuple[NDArray[np.uint8], ...]:
+    if "places" not in data:
+        return ()
+    places = _split("places", data)
+    for colours, points in zip(places, vertices, strict=True):
+        if colours.dtype != np.uint8 or len(colours) not in (0, len(points)):
+            raise InputError(f"places: {colours.dtype} colours of {len(colours)} vertices, not of {len(points)}")
+    return tuple(read_only(colours) for colours in places)
 
 
 def _join(name: str, parts: tuple[NDArray[Any], ...], width: int, dtype: type) -> dict[str, NDArray[Any]]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from collalign.products.collection import Collection
 from collalign.products.evidence import CollectionView
@@ -29,6 +30,7 @@ def view_collection(
     meshes: Sequence[tuple[FloatArray, IntArray]],
     *,
     labels: Mapping[str, tuple[str, ...]] | None = None,
+    places: Sequence[NDArray[np.uint8]] = (),
 ) -> CollectionView:
     """Gather what is shown and exported.
 
@@ -39,6 +41,8 @@ def view_collection(
         The display mesh of each shape, in file coordinates; see :mod:`collalign.output.evidence.display_mesh`.
     labels : mapping of str to tuple of str, optional
         Column name to one value per shape; see :meth:`collalign.analysis.label_table.Labels.columns_for`.
+    places : sequence of ndarray of uint8, each (v, 3), optional
+        Colours of the display meshes' vertices by their places on the reference of the maps of all vertices.
 
     Returns
     -------
@@ -66,6 +70,7 @@ def view_collection(
         cycle_errors_deg=cycle_errors_deg(collection.pairs, len(collection.names)),
         notes=collection.notes,
         incomplete=collection.incomplete,
+        places=tuple(places),
     )
 
 

@@ -46,7 +46,8 @@ def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]
         str(at): pack_mesh(*parts)
         for at, parts in enumerate(zip(view.vertices, view.faces, view.samples, strict=True))
     }
-    for name, (info, text) in (packed | extra | parts).items():
+    places = place_meshes(view)
+    for name, (info, text) in (packed | extra | parts | places).items():
         meshes[name], blobs[f"mesh-{name}"] = info, text
     pair_fields, blobs["pairs"], statuses = _pairs(view)
     shape_statistics = shape_map(view)
@@ -67,6 +68,9 @@ def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]
         "map": shape_statistics,
         "variation": varied,
         "incomplete": incomplete,
+        "places": [f"place-{at}" if f"place-{at}" in places else None for at in range(view.num_shapes)]
+        if places
+        else [],
         "cycles": cycle_histogram(view),
         "excluded": view.excluded,
         "options": view.options,
@@ -74,6 +78,16 @@ def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]
         "timings": view.timings_s,
     }
     return json_types(document), blobs
+
+
+def place_meshes(view: CollectionView) -> dict[str, tuple[dict[str, Any], str]]:
+    """Return the display meshes of the shapes whose vertices have maps, coloured by place, packed, by name."""
+    none = np.empty((0, 3))
+    return {
+        f"place-{at}": pack_mesh(view.vertices[at], view.faces[at], none, colours / 255.0)
+        for at, colours in enumerate(view.places)
+        if len(colours)
+    }
 
 
 def _run_key(view: CollectionView) -> str:

@@ -54,8 +54,8 @@ def pack_mesh(
     faces : ndarray of int, shape (f, 3)
     samples : ndarray, shape (k, 3)
         In the same coordinates; NaN where missing.
-    scalars : array_like, shape (v,), optional
-        Values in [0, 1] to colour the vertices by.
+    scalars : array_like, shape (v,) or (v, 3), optional
+        Values in [0, 1] to colour the vertices by, or red, green and blue.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def pack_mesh(
             "vertices": _quantise(vertices, centre, step),
             "faces": faces.astype(index),
             "samples": _quantise(samples, centre, step),
-            "scalars": np.round(255 * np.asarray(scalars, dtype=np.float64)).astype(np.uint8),
+            "scalars": np.round(255 * np.asarray(scalars, dtype=np.float64)).astype(np.uint8).ravel(),
         }
     )
     return {"fields": fields, "centre": centre.tolist(), "step": step}, text

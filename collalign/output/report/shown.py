@@ -72,6 +72,7 @@ def some_shapes(view: CollectionView, chosen: IntArray) -> CollectionView:
             if pair.target in position and pair.source in position
         ),
         incomplete=_chosen_incomplete(view, position),
+        places=tuple(view.places[i] for i in chosen) if view.places else (),
     )
 
 

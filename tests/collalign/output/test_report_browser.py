@@ -16,6 +16,7 @@ from collalign.output.corrections import read_corrections
 from collalign.output.report import write_report
 from collalign.products.evidence import CollectionView
 from tests.collalign.output.test_report_incomplete import broken_view
+from tests.collalign.output.test_report_places import mapped_view
 from tests.view_problems import view_of
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -497,3 +498,18 @@ def test_incomplete_shapes_have_a_section_of_their_own(browser: Any, tmp_path: P
     assert "70 % has a counterpart on" in page.page.locator("dialog[open]").inner_text()
     page.context.close()
     assert page.problems == []
+
+
+def test_maps_of_vertices_have_a_section_where_there_are_any(browser: Any, tmp_path: Path) -> None:
+    page = Page(browser, write_report(mapped_view(), tmp_path / "mapped"))
+    section = page.page.locator("#places")
+    assert section.locator("canvas").count() == 3
+    assert page.pixels("#places canvas", 0)["share"] > 0.05
+    assert "No maps: " in section.inner_text()
+    section.locator("button").first.click()
+    assert page.page.locator("dialog[open]").count() == 1
+    page.context.close()
+    assert page.problems == []
+    plain = Page(browser, write_report(view_of(4), tmp_path / "plain"))
+    assert plain.page.locator("#places").count() == 0
+    plain.context.close()

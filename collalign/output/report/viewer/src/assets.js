@@ -4,7 +4,7 @@ import {
   BufferAttribute, BufferGeometry, Color, DoubleSide, Group, InstancedMesh, Matrix4, Mesh, MeshLambertMaterial, Points, PointsMaterial,
   SphereGeometry, Vector3,
 } from "three";
-import { viridis } from "./colors.js";
+import { linear, viridis } from "./colors.js";
 
 export class Assets {
   constructor(collection) {
@@ -43,7 +43,9 @@ export class Assets {
       const geometry = new BufferGeometry();
       geometry.setAttribute("position", new BufferAttribute(mesh.vertices, 3));
       if (mesh.scalars.length) {
-        const colors = [...mesh.scalars].flatMap((value) => viridis(value / 255).toArray());
+        const shares = [...mesh.scalars].map((value) => value / 255);
+        // As many as coordinates are red, green and blue; else there is one share for each vertex.
+        const colors = shares.length === mesh.vertices.length ? shares.flatMap(linear) : shares.flatMap((value) => viridis(value).toArray());
         geometry.setAttribute("color", new BufferAttribute(new Float32Array(colors), 3));
       }
       if (mesh.faces.length) {

@@ -9,6 +9,9 @@ export const BONE = "#d9c8a5";
 export const GREY = "#a9b0b8";
 export const MISSING_PART = "#3f8fca";
 
+// A component of a screen's colour as three.js adds light, in [0, 1].
+export const linear = (value) => value ** 2.2;
+
 // A fixed set first, then hues spaced by the golden angle.
 export function categorical(at) {
   if (at < OKABE_ITO.length) return OKABE_ITO[at];

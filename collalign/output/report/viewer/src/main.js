@@ -13,6 +13,7 @@ import { incompleteSection } from "./incomplete.js";
 import { mapSection } from "./shape_map.js";
 import { pairDialog, shapeDialog } from "./dialogs.js";
 import { pairsSection } from "./matrix.js";
+import { placesSection } from "./places.js";
 import { VARIATION_SECTIONS } from "./variation.js";
 import { loadVariation } from "./variation_data.js";
 
@@ -21,6 +22,7 @@ const SECTIONS = [
   ["overlay", "Overlay", overlaySection],
   ["confidence", "Confidence", doubtSection],
   ["incomplete", "Incomplete shapes", incompleteSection],
+  ["places", "Maps of vertices", placesSection],
   ["pairs", "Pairs", pairsSection],
   ["map", "Shape map", mapSection],
   ["components", "Variation", componentsSection],
@@ -85,7 +87,8 @@ async function startReport(collection, main, nav) {
   const app = { collection, stage, corrections: new Corrections(collection), overlay: new Overlay(collection), galleryTiles: [], showPoints: false };
   app.openPair = pairDialog(app);
   app.openShape = shapeDialog(app);
-  const sections = collection.incomplete.shapes ? SECTIONS : SECTIONS.filter(([id]) => id !== "incomplete");
+  const absent = { incomplete: !collection.incomplete.shapes, places: !collection.places.length };
+  const sections = SECTIONS.filter(([id]) => !absent[id]);
   furnish(sections, app, main, nav);
   main.append(correctionBar(app.corrections, collection));
   app.overlay.set(app.overlay.presets()[0][2]);

@@ -1,7 +1,7 @@
 // Surfaces in correspondence: the mean, its components and every shape as offsets from it, and what can be drawn of them.
 
 import { BufferAttribute, BufferGeometry, ConeGeometry, DoubleSide, InstancedMesh, Matrix4, Mesh, MeshLambertMaterial, Quaternion, Vector3 } from "three";
-import { categorical, diverging } from "./colors.js";
+import { categorical, diverging, linear } from "./colors.js";
 import { unpack } from "./data.js";
 
 const MOST_ARROWS = 350;
@@ -19,7 +19,7 @@ class Variation {
     const radius = mean.reduce((most, value) => Math.max(most, Math.abs(value)), 1) * content.steps.mean;
     this.unit = 1 / radius;
     this.mean = Float32Array.from(mean, (value) => value * content.steps.mean);
-    this.colors = Float32Array.from(colors, (value) => (value / 255) ** 2.2);
+    this.colors = Float32Array.from(colors, (value) => linear(value / 255));
     this.normals = this.geometry(this.mean).getAttribute("normal").array;
     if (symmetricMean) {
       this.symmetricMean = Float32Array.from(symmetricMean, (value) => value * content.steps.symmetricMean);

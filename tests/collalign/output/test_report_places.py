@@ -1,0 +1,59 @@
+"""What files, report and its pages know of the maps of all vertices: a colour by place for every vertex."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign.output.evidence.file import load_view, save_view
+from collalign.output.report.content import build_content, place_meshes
+from collalign.output.report.shown import some_shapes
+from collalign.products.evidence import CollectionView
+from data_tools.errors import InputError
+from tests.collalign.output.test_report_content import unpack
+from tests.view_problems import view_of
+
+#: The shape without maps.
+WITHOUT = 2
+
+
+def mapped_view() -> CollectionView:
+    """A collection of which all shapes but one have maps of all vertices."""
+    view = view_of(4)
+    rng = np.random.default_rng(0)
+    places = [rng.integers(0, 256, (len(vertices), 3), dtype=np.uint8) for vertices in view.vertices]
+    places[WITHOUT] = np.empty((0, 3), dtype=np.uint8)
+    return dataclasses.replace(view, places=tuple(places))
+
+
+def test_every_shape_with_maps_is_drawn_in_its_colours() -> None:
+    view = mapped_view()
+    document, blobs = build_content(view)
+    assert document["places"] == ["place-0", "place-1", None, "place-3"]
+    for at, (info, text) in ((at, place_meshes(view)[f"place-{at}"]) for at in (0, 1, 3)):
+        assert np.array_equal(unpack(info["fields"], text)["scalars"].reshape(-1, 3), view.places[at])
+        assert f"mesh-place-{at}" in blobs
+    assert build_content(view_of(4))[0]["places"] == []
+
+
+def test_pages_show_the_colours_of_their_shapes() -> None:
+    view = mapped_view()
+    shown = some_shapes(view, np.array([1, WITHOUT]))
+    assert np.array_equal(shown.places[0], view.places[1])
+    assert len(shown.places[1]) == 0
+    assert some_shapes(view_of(4), np.array([1])).places == ()
+
+
+def test_colours_come_back_from_the_file_and_impossible_ones_do_not(tmp_path: Path) -> None:
+    view = mapped_view()
+    save_view(view, tmp_path / "right")
+    back = load_view(tmp_path / "right")
+    assert all(np.array_equal(a, b) for a, b in zip(back.places, view.places, strict=True))
+    save_view(view_of(4), tmp_path / "none")
+    assert load_view(tmp_path / "none").places == ()
+    save_view(dataclasses.replace(view, places=(view.places[0][:-1], *view.places[1:])), tmp_path / "wrong")
+    with pytest.raises(InputError, match="places"):
+        load_view(tmp_path / "wrong")
