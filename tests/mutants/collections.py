@@ -191,6 +191,10 @@ NONRIGID: tuple[Mutant, ...] = (
         ),
         ("_curvature_gap", "1.0 - correlations.mean()", "correlations.mean()"),
         ("paired_forms", "sign * pulled", "pulled"),
+    ),
+    *faults(
+        "collalign/nonrigid/evidence.py",
+        ("tests/collalign/nonrigid/test_harmonic.py",),
         ("_stretch", "images[neighbours[:, 1:]] - images[:, None]", "images[neighbours[:, :1]] - images[:, None]"),
     ),
     *faults(
@@ -205,7 +209,7 @@ NONRIGID: tuple[Mutant, ...] = (
         ("tests/collalign/nonrigid/test_harmonic.py",),
         ("tip_matchings", "LEFT_OUT * (s - 1)", "LEFT_OUT"),
         ("tip_matchings", "added[known, at[known]] = np.inf", "pass"),
-        ("tip_matchings", "pairs[:, at[known], tip, other].T", "pairs[:, at[known], other, tip].T"),
+        ("tip_matchings", "- source.remoteness) ** 2", "- source.remoteness)"),
     ),
     *faults(
         "collalign/nonrigid/surface/graph_operator.py",

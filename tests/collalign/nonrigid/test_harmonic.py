@@ -17,7 +17,7 @@ from collalign.nonrigid.starts.tips import LEFT_OUT, MIN_TIPS, REMOTENESS_WEIGHT
 from collalign.nonrigid.surface.posed import sampled_surface
 from collalign.nonrigid.surface.spectral import SpectralShape, prepare_surface
 from collalign.nonrigid.surface.tips import UNREACHABLE, Tips
-from data_tools.arrays import IntArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.rotations import random_rotation
@@ -93,10 +93,10 @@ def test_without_smoothness_torn_maps_stay_rougher(bodies: tuple[SpectralShape, 
     assert smooth < rough
 
 
-def some_tips(num: int, rng: np.random.Generator) -> Tips:
-    points = rng.random((num, 3))
+def some_tips(num: int, rng: np.random.Generator, points: FloatArray | None = None) -> Tips:
+    points = rng.random((num, 3)) if points is None else points
     between = np.linalg.norm(points[:, None] - points, axis=2)
-    return Tips(between=between, remoteness=rng.normal(size=num), distances=rng.random((5, num)))
+    return Tips(between=between, remoteness=rng.normal(scale=0.2, size=num), distances=rng.random((5, num)))
 
 
 def cost(target: Tips, source: Tips, matched: tuple[int, ...]) -> float:
@@ -114,8 +114,9 @@ def cost(target: Tips, source: Tips, matched: tuple[int, ...]) -> float:
 
 
 def test_the_best_matching_of_tips_is_the_best_of_all(rng: np.random.Generator) -> None:
-    for _ in range(5):
-        target, source = some_tips(5, rng), some_tips(4, rng)
+    for noise in (0.05, 0.1, 0.1, 0.2, 1.0):
+        points = rng.random((5, 3))
+        target, source = some_tips(5, rng, points), some_tips(4, rng, points[:4] + noise * rng.normal(size=(4, 3)))
         every = {
             one: cost(target, source, one)
             for one in set(permutations([*range(5), -1, -1, -1, -1], 4))
