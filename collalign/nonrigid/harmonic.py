@@ -23,6 +23,8 @@ from data_tools.arrays import FloatArray, IntArray
 #: of eight pairs of ants 1e-3 leads to errors of .028 sqrt(area), ZoomOut to .040; after ZoomOut 1e-3 costs 7 % on
 #: SCAPE, 3e-4 and less nothing.
 SMOOTHNESS = 3e-4
+#: Eigenvalues of unit area below this count as that: a surface of two parts has one that is nearly 0.
+LOWEST = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,7 +38,7 @@ class _Side:
     @classmethod
     def of(cls, shape: SpectralShape, rows: IntArray | slice, num_functions: int) -> _Side:
         values = np.concatenate([[0.0], shape.eigenvalues[: num_functions - 1]])
-        scale = np.concatenate([[0.0], shape.eigenvalues[: num_functions - 1] ** -0.5])
+        scale = np.concatenate([[0.0], np.maximum(values[1:], LOWEST) ** -0.5])
         basis = shape.basis[rows, :num_functions]
         return cls(basis=basis, own=basis * scale, frequencies=values)
 

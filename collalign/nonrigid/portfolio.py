@@ -66,15 +66,15 @@ def find_candidates(
 ) -> tuple[list[Refined], Status]:
     """Return distinct refined candidates, best evidence first, and how the search ended.
 
-    Those of :func:`candidates_from_within` and, where there are normals, maps that start from poses: shapes of a
-    class may look alike where their insides differ.
+    Those of :func:`candidates_from_within` and, where there are normals, maps that start from poses and from tips of
+    limbs: shapes of a class may look alike where their insides differ.
     """
     own, status = candidates_from_within(target, source, options)
     if not has_normals(target, source):
         return own, status
     mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
     others = _finished(target, source, posed_candidates(mapper, options), options)
-    if options.is_portfolio and not options.ends_with_icp:
+    if not options.ends_with_icp:
         others += finish_smoothly(target, source, smooth_candidates(mapper, options))
     fresh = [candidate for candidate in others if not _is_among(candidate, own)]
     return distinct_maps([with_pose_evidence(mapper, candidate, options) for candidate in [*own, *fresh]]), status
