@@ -109,5 +109,6 @@ def test_what_a_pose_leaves_tells_a_torn_map_from_the_right_one() -> None:
     blind = replace(right, normals=float("nan"), surface=float("nan"))
     assert right.score < blind.score, "small gaps speak for a map"
     own = replace(found[0], origin="signs")
+    assert own.score < found[0].score, "a map that only poses lead to must be better"
     assert confidence(found[:1], NonrigidOptions()) <= 0.5
     assert confidence([own], NonrigidOptions()) >= confidence(found[:1], NonrigidOptions())
