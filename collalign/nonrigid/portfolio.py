@@ -25,8 +25,8 @@ from pairwise.status import Status
 
 #: Distinct starts that are refined on few samples, and how few.
 NUM_SCREENED, NUM_SCREEN_SAMPLES = 12, 400
-#: Origin of maps that only poses, or tips of limbs, lead to, and how much better their score must be than that of maps
-#: from within: chosen on the 60 pairs of SHREC07's ants, teddy bears and glasses on which maps are published.
+#: Origin of maps that only poses, or tips of limbs, lead to, and how much better their score must be than that of
+#: maps from within: chosen on the 60 pairs of SHREC07's ants, teddy bears and glasses on which maps are published.
 FROM_POSES, POSED_HANDICAP = "poses", 0.7
 #: Candidates from poses, and of those that are smooth from the start, that are refined with all samples.
 NUM_POSED = 6
