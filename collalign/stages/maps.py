@@ -11,13 +11,14 @@ from collalign.engine.session import Session
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
 from collalign.nonrigid import NonrigidOptions, SpectralShape, SurfaceOptions, match_prepared, prepare_file
+from collalign.nonrigid.surface.tips import Tips
 from collalign.products.shapes import Excluded
 from data_tools.errors import InputError, StoreError
 from data_tools.io.files import existing_file
 from data_tools.io.source import hash_source
 
 #: Changes whenever the same files and options would give other prepared shapes, or other maps.
-MAP_VERSION = "map-2"
+MAP_VERSION = "map-3"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +111,9 @@ def _shape_key(file: Path, digest: str | None, options: SurfaceOptions) -> str:
 def _prepare(task: tuple[Path, SurfaceOptions, str | None]) -> Record:
     file, options, digest = task
     prepared = prepare_file(file, options, digest=digest)
-    return {field.name: getattr(prepared, field.name) for field in fields(prepared)} | {"notes": list(prepared.notes)}
+    record = {field.name: getattr(prepared, field.name) for field in fields(prepared) if field.name != "tips"}
+    tips = {f"tips_{field.name}": getattr(prepared.tips, field.name) for field in fields(Tips)}
+    return record | tips | {"notes": list(prepared.notes)}
 
 
 def _match(task: tuple[str, str, NonrigidOptions], shared: SharedTable) -> Record:
@@ -122,7 +125,8 @@ def _match(task: tuple[str, str, NonrigidOptions], shared: SharedTable) -> Recor
 def _prepared(record: Record, key: str) -> SpectralShape:
     """Return a prepared shape; the pair functions check that two of them fit."""
     try:
-        arrays = {field.name: record[field.name] for field in fields(SpectralShape)}
-        return SpectralShape(**arrays | {"notes": tuple(arrays["notes"])})
+        arrays = {field.name: record[field.name] for field in fields(SpectralShape) if field.name != "tips"}
+        tips = Tips(**{field.name: record[f"tips_{field.name}"] for field in fields(Tips)})
+        return SpectralShape(**arrays | {"tips": tips, "notes": tuple(arrays["notes"])})
     except (KeyError, TypeError) as error:
         raise StoreError(f"stored shape {key}: {error}") from None
