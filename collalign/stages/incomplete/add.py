@@ -62,7 +62,7 @@ def with_incomplete(
     at = np.array([i for i in range(len(shapes.names)) if i not in reasons])
     partners = _partners(shapes, complete, at)
     found = place_on(session, shapes, sorted(reasons), at[partners], complete.transforms[partners], constraints)
-    merged = _merged(shapes, complete, at, found, reasons, at[partners])
+    merged = _merged(shapes, complete, at, found, reasons, at[partners], constraints.fixed_transforms)
     times_s = complete.run.times_s | {"incomplete shapes": time.perf_counter() - start_s}
     return replace(merged, run=replace(complete.run, times_s=times_s))
 
@@ -108,8 +108,9 @@ def _merged(
     found: Mapping[int, Record],
     reasons: Mapping[int, str],
     partners: IntArray,
+    fixed: Mapping[int, FloatArray],
 ) -> CollectionT:
-    """Return all shapes as one collection, in the order of the folder."""
+    """Return all shapes as one collection, in the order of the folder; fixed transforms stay to the bit."""
     num, samples = len(shapes.names), shapes.samples
     transforms, rotations = np.tile(np.eye(4), (num, 1, 1)), np.tile(np.eye(3), (num, 1, 1))
     confidence = np.full(num, np.nan)
@@ -121,6 +122,7 @@ def _merged(
         rotations[i] = record["turns"][0]
         transforms[i, :3, :3] = record["scales"][0] * record["turns"][0]
         transforms[i, :3, 3] = record["shifts"][0]
+        transforms[i] = fixed.get(i, transforms[i])
         confidence[i] = pose_certainty(record)
         alternatives[i] = alternatives_of(record)
     positions = common_positions(samples, transforms)
