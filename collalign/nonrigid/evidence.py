@@ -22,8 +22,8 @@ NUM_SMOOTH = 30
 MIXED_ORIENTATION = 0.4
 #: Neighbours of a sample whose images should be near each other.
 NUM_NEIGHBOURS = 6
-#: Weight of the logarithm of the stretch: of the 40 pairs of SHREC07's ants and glasses on which maps are published,
-#: weights from .25 to 1 choose the same candidates, 0 another one twice.
+#: Weight of the logarithm of the stretch, chosen on the 40 pairs of SHREC07's ants and glasses on which maps are
+#: published: .5 to 1 choose the same candidates, of mean error .139 and .091; .25 .162 and .122, 0 .167 and .092.
 STRETCH_WEIGHT = 0.5
 #: Floor of a disagreement inside its logarithm.
 FLOOR = 1e-3

@@ -39,7 +39,8 @@ class _Side:
     def of(cls, shape: SpectralShape, rows: IntArray | slice, num_functions: int) -> _Side:
         values = np.concatenate([[0.0], shape.eigenvalues[: num_functions - 1]])
         scale = np.concatenate([[0.0], np.maximum(values[1:], LOWEST) ** -0.5])
-        basis = shape.basis[rows, :num_functions]
+        functions = shape.functions[rows, : num_functions - 1]
+        basis = np.column_stack([np.ones(len(functions)), functions])
         return cls(basis=basis, own=basis * scale, frequencies=values)
 
     def carried(self, other: _Side, to_other: IntArray, from_other: IntArray, smoothness: float) -> FloatArray:

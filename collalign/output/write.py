@@ -106,7 +106,7 @@ def save_collection(
         meshes = [output.stage(MESH_FOLDER, f"{stem}.ply").absolute() for stem in file_stems(collection.names)]
         colours = None if collection.maps.vertices is None else PlaceColours(collection.maps.vertices)
         parts = write_shapes(collection, meshes, colours, num_jobs=num_jobs, advance=advance)
-        places = [part.places for part in parts] if any(len(part.places) for part in parts) else ()
+        places = () if colours is None else [part.places for part in parts]
         view = view_collection(
             collection, [(part.vertices, part.faces) for part in parts], labels=labels, places=places
         )
