@@ -74,9 +74,10 @@ def find_candidates(
     if not has_normals(target, source):
         return own, status
     mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
-    others = _finished(target, source, posed_candidates(mapper, options), options)
+    few = at_few_samples(mapper)
+    others = _finished(target, source, posed_candidates(few, options), options)
     if not options.ends_with_icp:
-        others += finish_smoothly(target, source, smooth_candidates(mapper, options))
+        others += finish_smoothly(target, source, smooth_candidates(few, options))
     fresh = [candidate for candidate in others if not _is_among(candidate, own)]
     return distinct_maps([with_pose_evidence(mapper, candidate, options) for candidate in [*own, *fresh]]), status
 
@@ -108,17 +109,16 @@ def _finished(
     return finish(target, source, coarse)
 
 
-def posed_candidates(mapper: PoseMapper, options: NonrigidOptions) -> list[Refined]:
+def posed_candidates(few: PoseMapper, options: NonrigidOptions) -> list[Refined]:
     """Return maps at few samples that start from the axes' poses and from signs, best evidence first.
 
     Parameters
     ----------
-    mapper : PoseMapper
-        Of both surfaces at all dense samples.
+    few : PoseMapper
+        Of both surfaces at few samples.
     options : NonrigidOptions
         Whether maps that swap left and right are asked for.
     """
-    few = _at_few_samples(mapper)
     maps = few.maps_from_signs()
     for start in axis_poses(few.target, few.source, mirrored=options.orientation == "any"):
         plain = few.map_from(start)
@@ -126,15 +126,15 @@ def posed_candidates(mapper: PoseMapper, options: NonrigidOptions) -> list[Refin
     return _best_posed(few, maps, options)
 
 
-def smooth_candidates(mapper: PoseMapper, options: NonrigidOptions) -> list[Refined]:
+def smooth_candidates(few: PoseMapper, options: NonrigidOptions) -> list[Refined]:
     """Return maps at few samples that are smooth from the start, by the axes' poses and tips, best evidence first."""
-    few = _at_few_samples(mapper)
     smooth = SmoothMapper(few)
     poses = axis_poses(few.target, few.source, mirrored=options.orientation == "any")
     return _best_posed(few, [*map(smooth.map_from, poses), *smooth.maps_from_tips()], options)
 
 
-def _at_few_samples(mapper: PoseMapper) -> PoseMapper:
+def at_few_samples(mapper: PoseMapper) -> PoseMapper:
+    """Return the mapper of the surfaces' first samples and lowest functions."""
     return PoseMapper(*(first_samples(one, NUM_POINTS, NUM_FUNCTIONS) for one in (mapper.target, mapper.source)))
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from collalign.nonrigid.match import confidence
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.portfolio import judged, posed_candidates, with_pose_evidence
+from collalign.nonrigid.portfolio import at_few_samples, judged, posed_candidates, with_pose_evidence
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.nonrigid.surface.posed import PosedSurface, prepare_posed, sampled_surface
 from collalign.nonrigid.surface.spectral import prepare_surface
@@ -96,7 +96,7 @@ def test_what_a_pose_leaves_tells_a_torn_map_from_the_right_one() -> None:
     target = prepare_surface(shape, options)
     source = prepare_surface(Shape.from_arrays(other.vertices @ turn.T, other.faces), options)
     mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
-    found = posed_candidates(mapper, NonrigidOptions())
+    found = posed_candidates(at_few_samples(mapper), NonrigidOptions())
     assert [one.score for one in found] == sorted(one.score for one in found)
     assert all(one.evidence.orientation > 0 for one in found)
     best = mapper.rotation_of(found[0].functional_map, chirality=1.0)
