@@ -25,6 +25,7 @@ from collalign.transfer import template_table
 from data_tools.arrays import FloatArray
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.landmarks import Landmarks, landmark_partners, read_landmark_pairs
+from data_tools.io.output_folder import refuse_overlap
 from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
@@ -89,6 +90,8 @@ def write_surface_variation(
     (3, 2)
     """
     view = load_view(result)
+    inputs = () if isinstance(landmarks, Mapping) else map(Path, landmarks)
+    refuse_overlap(Path(to), {*view.inputs, *inputs})
     every = dense_correspondence(result, run=run, progress=progress)
     dense = _whole_shapes(every)
     rows = [view.index(name) for name in dense.names]
@@ -114,13 +117,11 @@ def write_surface_variation(
             mirrored=view.reflected[rows],
             individuals=None if individuals is None else [individuals[at] for at in rows],
         )
-    inputs = [] if isinstance(landmarks, Mapping) else [Path(path) for path in landmarks]
     version = str(view.versions.get("collalign", ""))
     left_out = tuple(name for name in every.names if name not in dense.names)
     write_variation(
         found,
         Path(to),
-        inputs,
         columns=columns,
         landmarks=marked,
         symmetry=components,

@@ -22,7 +22,7 @@ from collalign.products.collection import DOUBT
 from collalign.rigid import RigidMatch, match_rigid
 from data_tools.errors import OptionsError
 from data_tools.io.files import write_atomic
-from data_tools.io.output_folder import OutputFolder
+from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import read_shape
 from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.percent import percent
@@ -61,7 +61,8 @@ def match(
         Two mesh or point cloud files; the result takes the source to the target.
     out
         Folder for the result: match.json and match.png, or map.npz, map.txt, map.png and map.html. In match.json the
-        first "transform" is the answer, those of the candidates are about the samples alone.
+        first "transform" is the answer, those of the candidates are about the samples alone. Maps go to the folder
+        ``map`` by default.
     json
         Print match.json instead of a summary.
     nonrigid
@@ -74,8 +75,11 @@ def match(
     unmatched_penalty
         Partial shapes: what leaving a sample out costs, in squares of the centroid size of the samples.
     """
-    if nonrigid:
-        return _match_nonrigid(target, source, out or Path("."), deformation, surface)
+    out = out or (Path("map") if nonrigid else None)
+    if out is not None:
+        refuse_overlap(out, (target, source))
+        if nonrigid:
+            return _match_nonrigid(target, source, out, deformation, surface)
     if partial:
         if num_matches is not None or unmatched_penalty is not None or options.certify:
             raise OptionsError(
@@ -88,11 +92,7 @@ def match(
     text = json_text.dumps(found.record(), indent=1)
     print(text if json else _summary(found))
     if out is not None:
-        with OutputFolder.open(out, writer=WRITER) as output:
-            output.stage("match.json").write_text(text, encoding="utf-8")
-            _draw_rigid(found, target, source, output, options.cleaning)
-            for path in output.publish():
-                print(path)
+        _write_rigid(found, target, source, out, options.cleaning)
     return 0
 
 
@@ -123,21 +123,21 @@ def _match_partial(target: Path, source: Path, out: Path | None, options: TwoSha
     rows = ("".join(f"{value:14.6g}" for value in row) for row in found.transform)
     print(text if json else "\n".join([words, *rows]))
     if out is not None:
-        with OutputFolder.open(out, writer=WRITER) as output:
-            output.stage("match.json").write_text(text, encoding="utf-8")
-            _draw_rigid(found, target, source, output, options.cleaning)
-            for path in output.publish():
-                print(path)
+        _write_rigid(found, target, source, out, options.cleaning)
     return 0
 
 
-def _draw_rigid(
-    found: RigidMatch | PartialMatch, target: Path, source: Path, output: OutputFolder, cleaning: CleaningOptions
+def _write_rigid(
+    found: RigidMatch | PartialMatch, target: Path, source: Path, out: Path, cleaning: CleaningOptions
 ) -> None:
-    """Stage a picture of both shapes in one pose, equal colours where they come to lie on each other."""
-    left, right = (read_shape(file, cleaning) for file in (target, source))
-    nearest = cKDTree(left.vertices).query(right.transformed(found.transform).vertices)[1]
-    draw_match(output.stage("match.png"), left, right, nearest)
+    """Write the record and a picture of both shapes in one pose, equal colours where they lie on each other."""
+    with OutputFolder.open(out, writer=WRITER) as output:
+        output.stage("match.json").write_text(json_text.dumps(found.record(), indent=1), encoding="utf-8")
+        left, right = (read_shape(file, cleaning) for file in (target, source))
+        nearest = cKDTree(left.vertices).query(right.transformed(found.transform).vertices)[1]
+        draw_match(output.stage("match.png"), left, right, nearest)
+        for path in output.publish():
+            print(path)
 
 
 def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOptions, surface: SurfaceOptions) -> int:

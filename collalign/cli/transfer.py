@@ -21,6 +21,7 @@ from collalign.products.transfer import TransferredLandmarks
 from collalign.transfer import transfer_landmarks
 from data_tools.errors import InputError
 from data_tools.io.landmarks import specimen_of
+from data_tools.io.output_folder import refuse_overlap
 
 
 def transfer(
@@ -64,6 +65,8 @@ def transfer(
     files = [*(landmarks or ()), *(curves or ()), *(patches or ())]
     if leave_one_out and len({specimen_of(path) for path in files}) < 2:
         raise InputError("--leave-one-out: one landmark file cannot be predicted from others; give at least two")
+    view = load_view(result)
+    refuse_overlap(to, {*view.inputs, *files})
     store = run.store or result / STORE_FILE
     with resumable(store):
         found = transfer_landmarks(
@@ -75,9 +78,9 @@ def transfer(
             surface_points=surface_points,
             run=with_changes(run, store=store),
         )
-    view = with_changes(load_view(result), samples=found.points, landmark_names=found.labels, pairs=())
+    view = with_changes(view, samples=found.points, landmark_names=found.labels, pairs=())
     paths = write_export(view, format, to, space=space, semilandmarks=found.semilandmarks)
-    for path in (*paths, *write_transfer(found, to, files, leave_one_out=leave_one_out)):
+    for path in (*paths, *write_transfer(found, to, leave_one_out=leave_one_out)):
         print(path)
     return _summarise(found, leave_one_out=leave_one_out)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -22,17 +21,13 @@ SLIDERS_FILE, SURFACES_FILE = "curveslide.csv", "surfaces.csv"
 _WRITER = "transfer"
 
 
-def write_transfer(
-    transferred: TransferredLandmarks, to: Path, inputs: Iterable[Path], *, leave_one_out: bool
-) -> tuple[Path, ...]:
+def write_transfer(transferred: TransferredLandmarks, to: Path, *, leave_one_out: bool) -> tuple[Path, ...]:
     """Write ``transfer.csv``, tables of semilandmarks where there are any, and what leaving out templates showed.
 
     Parameters
     ----------
     transferred : TransferredLandmarks
     to : Path
-    inputs : iterable of Path
-        Files that were read, which must not lie in the folder.
     leave_one_out : bool
 
     Raises
@@ -40,7 +35,7 @@ def write_transfer(
     InputError
         If the folder cannot be written or files of somebody else's are in the way.
     """
-    with OutputFolder.open(to, writer=_WRITER, inputs=inputs) as output:
+    with OutputFolder.open(to, writer=_WRITER) as output:
         staged = [_write(output.stage(TRANSFER_FILE), transfer_rows(transferred))]
         if transferred.semilandmarks:
             staged.append(_write(output.stage(SLIDERS_FILE), slider_table(transferred)))

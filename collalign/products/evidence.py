@@ -198,6 +198,11 @@ class CollectionView:
             )
         return Path(self.files[at])
 
+    @property
+    def inputs(self) -> set[Path]:
+        """Files and their folders, in none of which results may lie, nor they in the results' folder."""
+        return {place for file in self.files if file for place in (Path(file), Path(file).parent)}
+
     def index(self, name: str) -> int:
         """Position of a shape.
 

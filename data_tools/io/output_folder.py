@@ -1,7 +1,8 @@
 """Folders into which results are written and in which nothing of anybody else's is overwritten or deleted.
 
 A manifest inside the folder says which files were written here, by which command and with which content. Only these
-are ever replaced or removed; whatever else lies there, or was changed since, is somebody else's.
+are ever replaced or removed, and only by their own command; whatever else lies there, or was changed since, is
+somebody else's.
 """
 
 from __future__ import annotations
@@ -82,22 +83,35 @@ def file_stems(names: Iterable[str]) -> list[str]:
 
 
 def refuse_overlap(folder: Path, inputs: Iterable[Path]) -> None:
-    """Refuse an output folder that holds an input or lies inside of one.
+    """Refuse an output folder that holds an input or lies inside of one, through links and bind mounts as well.
 
     Raises
     ------
     InputError
         Naming both.
     """
-    out = folder.resolve()
+    out, around_out = _places(folder)
     for given in inputs:
-        source = given.resolve()
-        place = "is" if source == out else "contains" if source.is_relative_to(out) else "lies inside of"
-        if source.is_relative_to(out) or out.is_relative_to(source):
+        source, around_source = _places(given)
+        contains, inside = bool(out & around_source), bool(source & around_out)
+        if contains or inside:
+            place = "is" if contains and inside else "contains" if contains else "lies inside of"
             raise InputError(
                 f"{folder}: {place} {given}, the input; name a folder apart from it for the results, or results "
                 "and originals get mixed up"
             )
+
+
+def _places(path: Path) -> tuple[set[object], set[object]]:
+    """Return what tells a path, by its name and by device and inode, and what tells it and the folders around it."""
+    resolved = path.resolve()
+    marks: list[set[object]] = []
+    for place in (resolved, *resolved.parents):
+        marks.append({place})
+        with suppress(OSError):
+            found = place.stat()
+            marks[-1].add((found.st_dev, found.st_ino))
+    return marks[0], set().union(*marks)
 
 
 class OutputFolder:
@@ -125,7 +139,8 @@ class OutputFolder:
         ----------
         folder : path
         writer : str
-            The command that writes, for instance ``align``.
+            The command that writes, for instance ``align``, and behind a blank what it writes where there are several
+            kinds.
         inputs : iterable of Path
             Files and folders that are read: none may lie in the folder or around it.
 
@@ -157,7 +172,7 @@ class OutputFolder:
         return self.folder / staged.relative_to(self.staging)
 
     def refuse_foreign(self, names: Iterable[str]) -> None:
-        """Refuse to go on where a name of an output, relative to the folder, is taken by somebody else's file.
+        """Refuse to go on where a name of an output, relative to the folder, belongs to others or to another command.
 
         Raises
         ------
@@ -167,11 +182,16 @@ class OutputFolder:
         entries = self._entries()
         for name in names:
             path = output_path(self.folder, *PurePosixPath(name).parts)
-            if os.path.lexists(path) and not self._is_ours(name, entries):
+            if not os.path.lexists(path):
+                continue
+            if not self._is_ours(name, entries):
                 raise InputError(
                     f"{path}: lies where a result belongs, and was not written by this program or was changed "
-                    "since; move it away, or name another folder for the results"
+                    f"since; move it away, or {_ADVICE}"
                 )
+            writer = entries[name]["writer"]
+            if writer.split(" ")[0] != self._writer.split(" ")[0]:
+                raise InputError(f"{path}: lies where a result belongs, and is one of `{writer}`; {_ADVICE}")
 
     def publish(self, *, last: str | None = None, complete: bool = False) -> tuple[Path, ...]:
         """Move everything staged into place.

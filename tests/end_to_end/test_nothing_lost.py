@@ -116,11 +116,13 @@ def test_other_files_stay_and_former_results_go(project: Path, tmp_path: Path) -
 def test_exports_do_not_overwrite_originals(finished: tuple[Path, AlignedCollection], tmp_path: Path) -> None:
     folder, _ = finished
     before = snapshot(folder)
-    with pytest.raises(InputError, match="move it away"):
-        export(folder / "out", "ply", folder / "shapes")
-    assert {name: data for name, data in snapshot(folder).items() if ".collalign/" not in name} == {
-        name: data for name, data in before.items() if ".collalign/" not in name
-    }
+    for to in ("shapes", "shapes/to", "."):
+        with pytest.raises(InputError, match="name a folder apart"):
+            export(folder / "out", "ply", folder / to)
+    for format, name in (("csv", "pairs.csv"), ("shapeworks", "meshes/chair1.ply")):
+        with pytest.raises(InputError, match=f"{name}: .*`align`"):
+            export(folder / "out", format, folder / "out")
+    assert {name: data for name, data in snapshot(folder).items() if "staging" not in name} == before
     export(folder / "out", "ply", tmp_path)
     export(folder / "out", "tps", tmp_path)
     assert len(export(folder / "out", "ply", tmp_path)) == 3
@@ -136,12 +138,45 @@ def test_demo_does_not_overwrite_shapes_of_the_same_names(tmp_path: Path) -> Non
 
 
 def test_a_match_does_not_overwrite_a_file_of_its_name(project: Path, tmp_path: Path) -> None:
-    (tmp_path / "match.json").write_text("mine")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "match.json").write_text("mine")
     pair = [str(project / "meshes" / f"chair{i}.ply") for i in (1, 2)]
-    assert main(["match", *pair, "--out", str(tmp_path), "--no-refine", *FLAGS[:4]]) == 2
-    assert (tmp_path / "match.json").read_text() == "mine"
+    assert main(["match", *pair, "--out", str(out), "--no-refine", *FLAGS[:4]]) == 2
+    assert (out / "match.json").read_text() == "mine"
     assert main(["match", *pair, "--out", str(tmp_path / "new"), "--no-refine", *FLAGS[:4]]) == 0
     assert (tmp_path / "new" / "match.json").exists()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "match meshes/chair1.ply meshes/chair2.ply --out meshes",
+        "match meshes/chair1.ply meshes/chair2.ply --out meshes --nonrigid",
+        "match meshes/chair1.ply meshes/chair2.ply --out . --partial",
+        "export out --format csv --to meshes",
+        "transfer out --landmarks chair1.csv --to meshes",
+        "transfer out --landmarks chair1.csv --to .",
+        "variation out --to meshes",
+        "variation out --to meshes/to",
+    ],
+)
+def test_every_command_refuses_the_folder_of_its_shapes_before_the_work(
+    project: Path,
+    finished: tuple[Path, AlignedCollection],
+    command: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    shutil.copytree(finished[0] / "out", project / "out")
+    files = tuple(str(project / "meshes" / f"chair{at}.ply") for at in (1, 2, 3))
+    save_view(dataclasses.replace(load_view(project / "out"), files=files), project / "out")
+    (project / "chair1.csv").write_text("tip,0,0,0\n")
+    monkeypatch.chdir(project)
+    before = snapshot(project)
+    assert main(command.split()) == 2
+    assert "name a folder apart" in capsys.readouterr().err
+    assert snapshot(project) == before
 
 
 def test_names_in_forged_evidence_lead_nowhere(finished: tuple[Path, AlignedCollection], tmp_path: Path) -> None:

@@ -306,7 +306,9 @@ SHAPES: tuple[Mutant, ...] = (
     *faults(
         "data_tools/io/output_folder.py",
         ("tests/data_tools/io/test_output_folder.py",),
-        ("refuse_overlap", " or out.is_relative_to(source)", ""),
+        ("refuse_overlap", "contains or inside:", "contains:"),
+        ("_places", "marks[-1].add((found.st_dev, found.st_ino))", "pass"),
+        ("OutputFolder.refuse_foreign", 'writer.split(" ")[0] != self._writer.split(" ")[0]', "False"),
         ("output_path", "if not path.parent.resolve().is_relative_to(folder.resolve()):", "if False:"),
         ("OutputFolder.publish", "if complete and", "if"),
         ("OutputFolder._is_ours", "path.is_symlink() or ", ""),

@@ -73,14 +73,15 @@ def export(
     OptionsError
         If the format or the space is unknown, or the format cannot have the space.
     InputError
-        If the folder holds no result, an original file is missing, or ``to`` cannot be written or holds a file of
-        somebody else's under a name that is to be written.
+        If the folder holds no result, an original file is missing, or ``to`` cannot be written, holds a shape, lies
+        inside of a folder of theirs, or holds a file of others or another command under a name that is to be written.
     """
     check_choice("format", format, FORMATS)
     view = collection if isinstance(collection, CollectionView) else load_view(collection)
     folder = Path(to)
+    read = {*view.inputs, *([Path(sources)] if sources else [])}
     try:
-        with OutputFolder.open(folder, writer=f"export {format}") as output:
+        with OutputFolder.open(folder, writer=f"export {format}", inputs=read) as output:
             request = ExportRequest(
                 view=view,
                 folder=output.staging,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,6 @@ _WRITER = "variation"
 def write_variation(
     variation: SurfaceVariation,
     to: Path,
-    inputs: Iterable[Path],
     *,
     columns: dict[str, tuple[str, ...]],
     landmarks: tuple[tuple[str, ...], FloatArray],
@@ -45,8 +44,6 @@ def write_variation(
     ----------
     variation : SurfaceVariation
     to : Path
-    inputs : iterable of Path
-        Files and folders that were read, which must not lie in the folder.
     columns : dict of str to tuple of str
         Labels of the shapes.
     landmarks : (names, points)
@@ -63,7 +60,7 @@ def write_variation(
     InputError
         If the folder cannot be written or files of somebody else's are in the way.
     """
-    with OutputFolder.open(to, writer=_WRITER, inputs=inputs) as output:
+    with OutputFolder.open(to, writer=_WRITER) as output:
         document, blobs = build_variation(variation, columns, landmarks, symmetry)
         page = render_page("Shape variation", _summary(variation, left_out), document, blobs, version=version)
         write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))

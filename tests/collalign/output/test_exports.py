@@ -33,13 +33,13 @@ TABLES = (
 
 
 @pytest.fixture
-def view(tmp_path: Path) -> CollectionView:
+def view(tmp_path_factory: pytest.TempPathFactory) -> CollectionView:
     """Six shapes whose files exist, four samples missing."""
     plain = view_of(6, num_missing=4)
+    folder = tmp_path_factory.mktemp("in")
     files = []
     for name, vertices, faces in zip(plain.names, plain.vertices, plain.faces, strict=True):
-        file = tmp_path / "in" / f"{name}.ply"
-        file.parent.mkdir(exist_ok=True)
+        file = folder / f"{name}.ply"
         trimesh.Trimesh(vertices, faces, process=False).export(file)
         files.append(str(file))
     return dataclasses.replace(plain, files=tuple(files))
@@ -214,7 +214,7 @@ def test_moved_files_are_found_in_the_folder_named(view: CollectionView, tmp_pat
     moved = dataclasses.replace(view, files=tuple(f"elsewhere/{Path(file).name}" for file in view.files))
     with pytest.raises(InputError, match=r"elsewhere.*no longer there.*name the folder"):
         export(moved, "ply", tmp_path / "out")
-    assert len(export(moved, "ply", tmp_path / "out", sources=tmp_path / "in")) == 6
+    assert len(export(moved, "ply", tmp_path / "out", sources=Path(view.files[0]).parent)) == 6
 
 
 def test_csv_tables(view: CollectionView, tmp_path: Path) -> None:

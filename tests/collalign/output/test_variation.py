@@ -87,7 +87,7 @@ def written(variation: SurfaceVariation, tmp_path_factory: pytest.TempPathFactor
     other_side = SurfaceLocator(mean, faces).closest(mean * [-1, 1, 1])
     symmetry = surface_symmetry(stretched()[0], faces, other_side)
     paths = write_variation(
-        variation, to, [], columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), symmetry=symmetry
+        variation, to, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), symmetry=symmetry
     )
     assert paths[0].name == "variation.html"
     return to
@@ -108,7 +108,7 @@ def test_tables_meshes_and_figures_are_written(written: Path, variation: Surface
 
 def test_a_second_write_gives_the_same_bytes(written: Path, variation: SurfaceVariation, tmp_path: Path) -> None:
     points = np.vstack([variation.mean[[0, 10]], [[np.nan] * 3]])
-    write_variation(variation, tmp_path, [], columns={"form": LABELS}, landmarks=(("a", "b", "c"), points))
+    write_variation(variation, tmp_path, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points))
     assert not (tmp_path / "symmetry").exists()
     for name in ("scores.csv", "points.tps", "morphospace.svg", "components/PC1-low.ply"):
         assert (tmp_path / name).read_bytes() == (written / name).read_bytes(), name
@@ -148,7 +148,7 @@ def test_the_page_works_in_a_browser(written: Path, variation: SurfaceVariation,
             page.get_by_role("button", name="Save chart (SVG)").click()
         assert "<polygon" in Path(started.value.path()).read_text()
         assert page.evaluate("document.documentElement.scrollWidth") <= 400
-        write_variation(variation, tmp_path, [], columns={}, landmarks=((), np.empty((0, 3))))
+        write_variation(variation, tmp_path, columns={}, landmarks=((), np.empty((0, 3))))
         page.goto((tmp_path / "variation.html").as_uri())
         page.wait_for_selector("html[data-ready]", state="attached")
         assert page.locator("#specimens p.muted").text_content()[-1].isdigit()  # no labels, and nothing before them

@@ -9,7 +9,15 @@ from pathlib import Path
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.io.output_folder import BOOKS, MANIFEST_FILE, OutputFolder, file_stem, file_stems, output_path
+from data_tools.io.output_folder import (
+    BOOKS,
+    MANIFEST_FILE,
+    OutputFolder,
+    file_stem,
+    file_stems,
+    output_path,
+    refuse_overlap,
+)
 
 
 def write(folder: Path, files: dict[str, str], *, writer: str = "test") -> tuple[Path, ...]:
@@ -32,6 +40,16 @@ def test_a_second_run_replaces_what_the_first_wrote_and_nothing_else(tmp_path: P
     assert contents(tmp_path) == {"summary": "2", "meshes/a": "2", "meshes/mine.txt": "mine", "other": "1"}
     write(tmp_path, {"summary": "3"})
     assert contents(tmp_path) == {"summary": "3", "meshes/mine.txt": "mine", "other": "1"}
+
+
+def test_only_the_command_that_wrote_a_file_replaces_it(tmp_path: Path) -> None:
+    write(tmp_path, {"pairs": "1"}, writer="align")
+    with pytest.raises(InputError, match=r"pairs: .*`align`"):
+        write(tmp_path, {"pairs": "2", "other": "2"}, writer="export csv")
+    assert contents(tmp_path) == {"pairs": "1"}
+    write(tmp_path, {"table": "1"}, writer="export tps")
+    write(tmp_path, {"table": "2"}, writer="export nts")
+    assert contents(tmp_path) == {"pairs": "1", "table": "2"}
 
 
 @pytest.mark.parametrize("kind", ["file", "changed", "link", "folder"])
@@ -71,6 +89,26 @@ def test_inputs_in_the_folder_or_around_it_are_refused_before_anything_is_made(t
     ):
         pytest.fail("was opened")
     assert sorted(p.name for p in tmp_path.rglob("*")) == ["in", "link"]
+
+
+@pytest.mark.parametrize(
+    ("out", "source"),
+    [("mount", "in"), ("mount/out", "in"), ("whole", "in"), ("mount", "in/a"), ("in", "mount"), ("in/out", "mount")],
+)
+def test_a_folder_that_is_mounted_elsewhere_is_told_by_device_and_inode(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, out: str, source: str
+) -> None:
+    """A link that is not followed stands for a bind mount: other path, same device and inode."""
+    folder = tmp_path / "deep"
+    (folder / "in").mkdir(parents=True)
+    (folder / "in" / "a").touch()
+    (tmp_path / "mount").symlink_to(folder / "in")
+    (tmp_path / "whole").symlink_to(folder)
+    monkeypatch.setattr(Path, "resolve", Path.absolute)
+    paths = [tmp_path / path if path[0] in "mw" else folder / path for path in (out, source)]
+    with pytest.raises(InputError, match="name a folder apart"):
+        refuse_overlap(paths[0], [paths[1]])
+    refuse_overlap(tmp_path / "mounted", [paths[1]])
 
 
 def test_folders_side_by_side_are_fine(tmp_path: Path) -> None:
