@@ -49,7 +49,7 @@ def write_transfer(transferred: TransferredLandmarks, to: Path, *, leave_one_out
 
 def transfer_rows(transferred: TransferredLandmarks) -> list[list[str]]:
     """One row per specimen and landmark: place, radius, and what became of it."""
-    rows = [["specimen", "landmark", "x", "y", "z", "radius", "status"]]
+    rows = [["name", "landmark", "x", "y", "z", "radius", "status"]]
     for at, name in enumerate(transferred.names):
         for number, label in enumerate(transferred.labels):
             place = [*transferred.points[at, number], transferred.radii[at, number]]
@@ -75,7 +75,7 @@ def surface_table(transferred: TransferredLandmarks) -> list[list[str]]:
 
 def left_out_rows(transferred: TransferredLandmarks) -> list[list[str]]:
     """One row per template and landmark: how far the other templates' answer is from the expert's, and the radius."""
-    rows = [["specimen", "landmark", "error", "radius"]]
+    rows = [["name", "landmark", "error", "radius"]]
     for at, name in enumerate(transferred.templates):
         for number, label in enumerate(transferred.labels):
             pair = transferred.left_out_errors[at, number], transferred.left_out_radii[at, number]

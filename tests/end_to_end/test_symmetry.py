@@ -69,7 +69,7 @@ def test_the_planted_asymmetry_is_found(result: Path, tmp_path: Path) -> None:
     to = tmp_path / "variation"
     words = ["variation", str(result), "--to", str(to), "--symmetry", "auto", "--jobs", "1", "--labels", str(labels)]
     assert main([*words, "--individuals", "owner"]) == 0
-    found = {row["specimen"]: float(row["asymmetry"]) for row in rows(to / "symmetry/asymmetric.csv")}
+    found = {row["name"]: float(row["asymmetry"]) for row in rows(to / "symmetry/asymmetric.csv")}
     planted = np.array([PLANTED[int(name[1:])] for name in names])
     asymmetry = np.array([found[name] for name in names])
     assert np.corrcoef(asymmetry, planted)[0, 1] > 0.95

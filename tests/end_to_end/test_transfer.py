@@ -267,7 +267,7 @@ def test_the_variation_of_the_surfaces_is_shown(
     words = ["variation", str(result), "--labels", str(table), "--landmarks", str(templates[0])]
     assert main([*words, "--jobs", "1", "--store", str(run.store)]) == 0
     rows = list(csv.DictReader((to / "scores.csv").open()))
-    assert [row["specimen"] for row in rows] == list(names)
+    assert [row["name"] for row in rows] == list(names)
     assert {row["kind"] for row in rows} == {"a", "b"}
     assert (to / "variation.html").stat().st_size < 2_000_000
     assert "tip 3" in (to / "variation.html").read_text()

@@ -79,6 +79,34 @@ def test_doubts_groups_and_notes_come_along(out: Path) -> None:
     assert "note: Look at c." in done.stdout
 
 
+def test_points_that_incomplete_shapes_lack_are_missing(out: Path) -> None:
+    with np.load(out / "correspondences.npz") as archive:
+        arrays = dict(archive)
+    arrays["labels"][1, [0, 3]] = -1
+    np.savez_compressed(out / "correspondences.npz", **arrays)
+    record = json.loads((out / "alignment.json").read_text("utf-8"))
+    (out / "alignment.json").write_text(json.dumps(record | {"incomplete": [{"name": "zahn-ä"}]}), encoding="utf-8")
+    done = run_r(
+        f'x <- read_collalign("{out}"); stopifnot(identical(x$shapes$incomplete, c(FALSE, TRUE, FALSE))); '
+        f'write.csv(data.frame(as.vector(x$coords)), "{out}/coords.csv", row.names = FALSE, na = "nan")'
+    )
+    assert done.returncode == 0, done.stderr
+    expected = np.full((5, 3, 3), np.nan)
+    for at, (order, points) in enumerate(zip(arrays["labels"], arrays["positions"], strict=True)):
+        expected[order[order >= 0], :, at] = points[order >= 0]
+    np.testing.assert_allclose(column(out / "coords.csv"), expected.ravel(order="F"))
+
+
+@pytest.mark.parametrize("heading", ["name", "Specimen", "id", "file", "my own"])
+def test_the_column_of_names_is_found_as_the_command_finds_it(out: Path, heading: str) -> None:
+    (out / "labels.csv").write_text(f"{heading},taxon\nc,Lemur\na,Indri\n", encoding="utf-8")
+    done = run_r(
+        f'x <- read_collalign("{out}", labels = "{out}/labels.csv"); '
+        'stopifnot(identical(x$shapes$taxon, c("Indri", NA, "Lemur")), anyDuplicated(names(x$shapes)) == 0)'
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_rows_are_found_by_names_or_files(out: Path) -> None:
     (out / "labels.csv").write_text("name,file,taxon\nC1,x/c.PLY,Lemur\na.ply,,Indri\nd,d.off,X\n", encoding="utf-8")
     done = run_r(

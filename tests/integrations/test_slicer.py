@@ -65,6 +65,15 @@ def test_points_are_in_the_order_of_their_labels(out: Path) -> None:
     assert read.notes == ("Look.",)
 
 
+def test_samples_of_incomplete_shapes_without_a_label_are_no_points(out: Path) -> None:
+    with np.load(out / "correspondences.npz") as archive:
+        arrays = dict(archive)
+    labels, before = arrays["labels"], results.read_results(out).shapes[0].points
+    arrays["labels"] = np.where((np.arange(2) == 0)[:, None] & np.isin(labels, (1, 3)), -1, labels)
+    np.savez(out / "correspondences.npz", **arrays)
+    np.testing.assert_array_equal(results.read_results(out).shapes[0].points, before[[0, 2]])
+
+
 def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="not the output"):
         results.read_results(tmp_path)

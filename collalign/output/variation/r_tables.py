@@ -50,7 +50,7 @@ def score_rows(
 ) -> list[list[object]]:
     """Return a row per specimen: labels, numbers, scores on the components (lengths in radii of the mean)."""
     count = min(NUM_COMPONENTS, len(components.shares))
-    rows: list[list[object]] = [["specimen", *columns, *numbers, *(f"PC{at}" for at in range(1, count + 1))]]
+    rows: list[list[object]] = [["name", *columns, *numbers, *(f"PC{at}" for at in range(1, count + 1))]]
     for at, name in enumerate(names):
         values = [*(one[at] for one in numbers.values()), *components.scores[at, :count]]
         rows.append([name, *(labels[at] for labels in columns.values()), *map(float, values)])

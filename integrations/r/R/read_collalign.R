@@ -1,16 +1,19 @@
 #' Confidence below which a pose is in doubt, as in collalign's own report.
 DOUBT <- 0.95
 
+# Columns that may hold the shapes' names, the first found counts, as for `collalign align --labels`.
+NAME_COLUMNS <- c("name", "shape", "specimen", "id", "file")
+
 #' Read an aligned collection
 #'
 #' @param folder Output folder of \code{collalign align}.
-#' @param labels Optional path of a CSV file with a column \code{name} (the shapes' names, or their
-#'   files') or, beside it, \code{file}, and further columns.
+#' @param labels Optional path of a CSV file with a column of the shapes' names, or their files', and further columns.
+#'   It is called \code{name}, \code{shape}, \code{specimen}, \code{id} or \code{file}, or is the first.
 #' @return A list of class \code{collalign}:
 #'   \item{coords}{p x 3 x n array of corresponding points in the common frame, as geomorph and Morpho take it;
-#'     points are named by their label, specimens by name.}
+#'     points are named by their label, specimens by name; NA where an incomplete shape has no such point.}
 #'   \item{shapes}{data frame: \code{name}, \code{file}, \code{confidence}, \code{doubt}, \code{reflected}, \code{group}
-#'     (poses are comparable within a group), and the columns of \code{labels}.}
+#'     (poses are comparable within a group), \code{incomplete}, and the columns of \code{labels}.}
 #'   \item{transforms}{4 x 4 x n array: file coordinates to the common frame.}
 #'   \item{consensus}{p x 3 mean points.}
 #'   \item{notes}{What must be known before the poses are trusted.}
@@ -18,7 +21,7 @@ DOUBT <- 0.95
 #' @examples
 #' \dontrun{
 #' aligned <- read_collalign("OUT", labels = "labels.csv")
-#' fit <- geomorph::gm.prcomp(aligned$coords[, , !aligned$shapes$doubt])
+#' fit <- geomorph::gm.prcomp(aligned$coords[, , !aligned$shapes$doubt & !aligned$shapes$incomplete])
 #' }
 read_collalign <- function(folder, labels = NULL) {
   record <- read_record(folder)
@@ -70,19 +73,22 @@ shape_table <- function(record) {
   for (number in seq_along(record$groups)) group[name %in% unlist(record$groups[[number]])] <- number
   data.frame(
     name = name, file = field("file", ""), confidence = confidence,
-    doubt = is.na(confidence) | confidence < DOUBT, reflected = field("reflected", NA), group = group
+    doubt = is.na(confidence) | confidence < DOUBT, reflected = field("reflected", NA), group = group,
+    incomplete = name %in% vapply(record$incomplete, function(one) one$name, "")
   )
 }
 
 with_labels <- function(shapes, file) {
   table <- utils::read.csv(file, check.names = FALSE, colClasses = "character")
-  if (!"name" %in% names(table)) stop(file, ": no column 'name'", call. = FALSE)
-  row <- match(shapes$name, shape_name(table$name))
-  if ("file" %in% names(table)) row <- ifelse(is.na(row), match(shapes$name, shape_name(table$file)), row)
-  unknown <- table$name[setdiff(seq_len(nrow(table)), row)]
+  columns <- tolower(trimws(names(table)))
+  key <- c(match(NAME_COLUMNS, columns), 1L)
+  key <- c(key[!is.na(key)][1], which(columns == "file"))
+  row <- rep(NA_integer_, nrow(shapes))
+  for (column in key) row <- ifelse(is.na(row), match(shapes$name, shape_name(table[[column]])), row)
+  unknown <- table[[key[1]]][setdiff(seq_len(nrow(table)), row)]
   if (length(unknown)) warning(file, ": no aligned shape is called ", some(unknown), call. = FALSE)
   if (anyNA(row)) warning(file, ": there is no row for ", some(shapes$name[is.na(row)]), call. = FALSE)
-  cbind(shapes, table[row, !names(table) %in% c("name", "file"), drop = FALSE], row.names = NULL)
+  cbind(shapes, table[row, -key, drop = FALSE], row.names = NULL)
 }
 
 # As `collalign align --labels` reads names: without folder, without the ending of a mesh or point file.
@@ -101,10 +107,14 @@ transforms_of <- function(record) {
   array(unlist(matrices), c(4, 4, length(matrices)))
 }
 
-# positions: n x k x 3 by sample; labels: n x k, from 0. Returned: k x 3 x n by label.
+# positions: n x k x 3 by sample; labels: n x k, from 0, -1 where an incomplete shape's sample has none.
+# Returned: k x 3 x n by label.
 label_order <- function(positions, labels, names) {
   size <- dim(positions)
   coords <- array(NA_real_, c(size[2], 3L, size[1]), list(seq_len(size[2]) - 1L, c("X", "Y", "Z"), names))
-  for (i in seq_len(size[1])) coords[labels[i, ] + 1, , i] <- positions[i, , ]
+  for (i in seq_len(size[1])) {
+    known <- labels[i, ] >= 0
+    coords[labels[i, known] + 1, , i] <- positions[i, known, ]
+  }
   coords
 }

@@ -29,7 +29,7 @@ class AlignedShape:
     confidence : float
         NaN where it is not known.
     points : ndarray, shape (k, 3)
-        Corresponding points in the common frame (RAS), in the order of their labels.
+        Corresponding points in the common frame (RAS), in the order of their labels; an incomplete shape has fewer.
     """
 
     name: str
@@ -87,7 +87,7 @@ def read_results(folder: Path) -> Results:
             mesh=meshes.get(shape["name"]),
             transform=to_ras(np.array(shape["transform"], dtype=float)),
             confidence=float("nan") if shape["confidence"] is None else float(shape["confidence"]),
-            points=points[np.argsort(order)] * np.diag(LPS_TO_RAS)[:3],
+            points=points[np.argsort(order)][(order < 0).sum() :] * np.diag(LPS_TO_RAS)[:3],
         )
         for shape, order, points in zip(record["shapes"], labels, positions, strict=True)
     )
