@@ -14,6 +14,9 @@ _PLY_SIZES = {
     **dict.fromkeys(("double", "float64", "int64", "uint64"), 8),
 }
 
+#: Of a PLY file: name, count, least size in bytes, and whether each property is a list.
+_Element = tuple[str, int, int, tuple[bool, ...]]
+
 
 def check_ply(path: Path, content: bytes) -> dict[str, int]:
     """Compare a PLY file's length with the counts of its header, and return them by element.
@@ -21,7 +24,7 @@ def check_ply(path: Path, content: bytes) -> dict[str, int]:
     Raises
     ------
     InputError
-        If there is no PLY header, or the body is too short for it.
+        If there is no PLY header, the body is too short for it, or a list in text has another length than its count.
     """
     end = re.search(rb"end_header[ \t]*\r?\n?", content[:100_000])
     if not content.startswith(b"ply") or end is None:
@@ -31,18 +34,20 @@ def check_ply(path: Path, content: bytes) -> dict[str, int]:
     elements = _ply_elements(path, header)
     body = content[end.end() :]
     if is_text:
-        found = sum(1 for line in body.splitlines() if line.strip())
-        needed, unit = sum(count for _, count, _ in elements), "lines"
+        lines = [line for line in body.splitlines() if line.strip()]
+        found, unit, needed = len(lines), "lines", sum(count for _, count, _, _ in elements)
     else:
         found, unit = len(body), "bytes"
-        needed = sum(count * size for _, count, size in elements)
+        needed = sum(count * size for _, count, size, _ in elements)
     if found < needed:
         raise InputError(
             f"{path}: truncated, its header promises at least {needed} {unit} of data and {found} follow"
         )
-    if not any(name == "vertex" and count > 0 for name, count, _ in elements):
+    if not any(name == "vertex" and count > 0 for name, count, _, _ in elements):
         raise InputError(f"{path}: its header lists no vertices")
-    return {name: count for name, count, _ in elements}
+    if is_text:
+        _check_lists(path, lines, elements)
+    return {name: count for name, count, _, _ in elements}
 
 
 def check_stl(path: Path, content: bytes) -> None:
@@ -67,17 +72,34 @@ def check_stl(path: Path, content: bytes) -> None:
         raise InputError(f"{path}: truncated STL text, {num_vertices} vertices in {num_ends} complete triangles")
 
 
-def _ply_elements(path: Path, header: str) -> list[tuple[str, int, int]]:
-    """Return the name, count and least size in bytes of each element."""
-    elements: list[tuple[str, int, int]] = []
+def _check_lists(path: Path, lines: list[bytes], elements: list[_Element]) -> None:
+    """Refuse lines of text whose lists have other lengths than they say."""
+    start = 0
+    for name, count, _, lists in elements:
+        for number, line in enumerate(lines[start : start + count] if any(lists) else ()):
+            words, length = line.split(), 0
+            for is_list in lists:
+                told = words[length] if is_list and length < len(words) else b"0"
+                length += 1 + (int(told) if told.isdigit() else 0)
+            if length != len(words):
+                raise InputError(
+                    f"{path}: {name} {number} has {len(words)} numbers, its own counts ask for {length}: "
+                    f"{line[:60].decode('ascii', 'replace')!r}"
+                )
+        start += count
+
+
+def _ply_elements(path: Path, header: str) -> list[_Element]:
+    """Return the elements that the header lists."""
+    elements: list[_Element] = []
     for line in header.splitlines():
         words = line.split()
         if words[:1] == ["element"]:
             if len(words) != 3 or not words[2].isdecimal():
                 raise InputError(f"{path}: malformed PLY header line {line.strip()!r}")
-            elements.append((words[1], int(words[2]), 0))
+            elements.append((words[1], int(words[2]), 0, ()))
         elif words[:1] == ["property"] and len(words) > 2 and elements:
             kind = words[2] if words[1] == "list" else words[1]
-            name, count, total = elements[-1]
-            elements[-1] = (name, count, total + _PLY_SIZES.get(kind, 1))
+            name, count, total, lists = elements[-1]
+            elements[-1] = (name, count, total + _PLY_SIZES.get(kind, 1), (*lists, words[1] == "list"))
     return elements

@@ -43,6 +43,21 @@ def test_text_ply_lines_are_counted() -> None:
         check_ply(FILE, ply(b"ascii", 2, 1, b"1 2 3\n4 5 6\n"))
 
 
+def test_text_ply_lists_have_the_lengths_that_they_say() -> None:
+    lists = FACES + b"property uchar red\nproperty list uchar float texture\n"
+    good = ply(b"ascii", 1, None, b"1 2 3\n3 0 0 0 9 2 .5 .5\n0 9 0\n").replace(b"end_h", lists % 2 + b"end_h")
+    assert check_ply(FILE, good) == {"vertex": 1, "face": 2}
+    changes = [
+        (0, b"\n3 0 0 0", b"\n2 0 0 0"),
+        (0, b"9 2 .5", b"9 1 .5"),
+        (1, b"0 9 0", b"0 9 0 1"),
+        (1, b"0 9 0", b"0 9"),
+    ]
+    for face, right, wrong in changes:
+        with pytest.raises(InputError, match=f"face {face} has . numbers, its own counts ask for"):
+            check_ply(FILE, good.replace(right, wrong))
+
+
 def test_ply_headers_must_list_vertices() -> None:
     with pytest.raises(InputError, match="no vertices"):
         check_ply(FILE, ply(b"ascii", 0, None, b""))
