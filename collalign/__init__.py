@@ -13,19 +13,20 @@ if TYPE_CHECKING:
     from collalign.align import align_collection
     from collalign.certify import certify_collection
     from collalign.collection import AlignedCollection, LoadedCollection, load
-    from collalign.dense import dense_correspondence
     from collalign.engine.options import RunOptions
     from collalign.extend import add_to_collection
-    from collalign.nonrigid import match_shapes
+    from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
     from collalign.options import AlignOptions, TwoShapeOptions
-    from collalign.partial import PartialMatch, match_in_part
     from collalign.products.joint_bound import CertifiedCollection
-    from collalign.rigid import RigidMatch, match_rigid
-    from collalign.stability import StabilityOptions, check_stability
     from collalign.stages.joint_bound import CertifyOptions
     from collalign.synchronization import synchronize
-    from collalign.transfer import transfer_landmarks
-    from collalign.variation import write_surface_variation
+    from collalign.tools.correspond.run import dense_correspondence
+    from collalign.tools.match.in_part import PartialMatch, match_in_part
+    from collalign.tools.match.nonrigid import match_shapes
+    from collalign.tools.match.rigid import RigidMatch, match_rigid
+    from collalign.tools.stability.run import StabilityOptions, check_stability
+    from collalign.tools.transfer.run import transfer_landmarks
+    from collalign.tools.variation.run import write_surface_variation
 
 __version__ = version("collalign")
 
@@ -35,10 +36,12 @@ __all__ = [
     "CertifiedCollection",
     "CertifyOptions",
     "LoadedCollection",
+    "NonrigidOptions",
     "PartialMatch",
     "RigidMatch",
     "RunOptions",
     "StabilityOptions",
+    "SurfaceOptions",
     "TwoShapeOptions",
     "add_to_collection",
     "align_collection",
@@ -61,23 +64,25 @@ _HOMES = {
     "CertifiedCollection": "collalign.products.joint_bound",
     "CertifyOptions": "collalign.stages.joint_bound",
     "LoadedCollection": "collalign.collection",
-    "PartialMatch": "collalign.partial",
-    "RigidMatch": "collalign.rigid",
+    "NonrigidOptions": "collalign.nonrigid.options",
+    "PartialMatch": "collalign.tools.match.in_part",
+    "RigidMatch": "collalign.tools.match.rigid",
     "RunOptions": "collalign.engine.options",
+    "SurfaceOptions": "collalign.nonrigid.options",
     "TwoShapeOptions": "collalign.options",
-    "StabilityOptions": "collalign.stability",
+    "StabilityOptions": "collalign.tools.stability.run",
     "add_to_collection": "collalign.extend",
     "align_collection": "collalign.align",
     "certify_collection": "collalign.certify",
-    "check_stability": "collalign.stability",
-    "dense_correspondence": "collalign.dense",
+    "check_stability": "collalign.tools.stability.run",
+    "dense_correspondence": "collalign.tools.correspond.run",
     "load": "collalign.collection",
-    "match_in_part": "collalign.partial",
-    "match_rigid": "collalign.rigid",
-    "match_shapes": "collalign.nonrigid",
+    "match_in_part": "collalign.tools.match.in_part",
+    "match_rigid": "collalign.tools.match.rigid",
+    "match_shapes": "collalign.tools.match.nonrigid",
     "synchronize": "collalign.synchronization",
-    "transfer_landmarks": "collalign.transfer",
-    "write_surface_variation": "collalign.variation",
+    "transfer_landmarks": "collalign.tools.transfer.run",
+    "write_surface_variation": "collalign.tools.variation.run",
 }
 
 

@@ -9,7 +9,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from collalign.analysis.stability import pose_changes
+from collalign.analysis.pose_changes import pose_changes
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.output.evidence.file import load_view, source_files

@@ -66,7 +66,7 @@ def test_the_way_of_a_pair_goes_through_steps_that_align_takes() -> None:
 
 def test_the_checks_can_fail() -> None:
     assert not exists("collalign/nowhere.py")
-    assert exists("exports/")
+    assert exists("tools/export/")
     assert not defined("no_such_function")
     assert defined("pair_from_record")
     with pytest.raises(AssertionError):

@@ -14,7 +14,7 @@ import pytest
 import collalign
 import pairwise
 from collalign.engine.options import RunOptions
-from collalign.output.exports import export
+from collalign.tools.export.run import export
 from data_tools.errors import CollalignError
 
 #: Nothing of these is needed to align shapes and to match pairs.

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from collalign.tools import SHARED
+
 ROOT = Path(__file__).resolve().parents[1]
 #: Modules of ``data_tools`` about arrays, numbers and errors, which know no shapes.
 LEAVES = ("arrays", "checks", "errors", "rotations", "threads")
@@ -91,13 +93,11 @@ ROOMS = {
     "align": {"collection", "engine", "options", "products", "stages"},
     "extend": {"align", "collection", "engine", "options", "output", "products"},
     "certify": {"analysis", "engine", "output", "products", "stages"},
-    "stability": {"align", "analysis", "collection", "engine", "options", "output", "products"},
     "batch": {"engine", "options", "stages"},
-    "rigid": {"options", "stages"},
-    "partial": {"options", "stages"},
-    "dense": {"engine", "options", "output", "products", "registration", "stages"},
-    "transfer": {"dense", "engine", "landmarks", "output", "products", "registration"},
-    "variation": {"analysis", "dense", "engine", "landmarks", "output", "products", "registration", "transfer"},
+    "tools": {
+        *("align", "analysis", "collection", "engine", "landmarks", "nonrigid", "options", "output", "products"),
+        "registration",
+    },
 }
 #: Rooms that stand alone, with the few modules of their siblings that each may import.
 ALONE = {
@@ -109,6 +109,8 @@ ALONE = {
     "synchronization": {"collalign.products.pair"},
     "products": {"collalign.options"},
 }
+#: Commands of tools import what all commands share, other modules of tools do not.
+BESIDE = {"tools": ("cli",)}
 #: Modules a folder may hold, its own ``__init__`` not counted.
 MOST_MODULES = 16
 #: Folders of ``data_tools``, from the ground up: what lies on a surface comes after the surface.
@@ -120,9 +122,21 @@ def room_of(module: str) -> str:
     return [*module.split("."), "__init__"][1]
 
 
+def tool_of(module: str) -> str:
+    """Return the tool that a module of :mod:`collalign.tools` belongs to."""
+    return [*module.split("."), ""][2]
+
+
+def wrong_tools(tool: str, modules: set[str]) -> set[str]:
+    """Return the modules of other tools that a tool must not import: all but those that several build on."""
+    others = {m for m in modules if m.startswith("collalign.tools.") and tool_of(m) != tool}
+    return {m for m in others if tool_of(m) not in SHARED}
+
+
 def wrong_rooms(room: str, modules: set[str]) -> set[str]:
     """Return the modules of other rooms that a room must not import."""
-    siblings = {m for m in modules if m.startswith("collalign.") and room_of(m) not in (room, "__init__")}
+    free = {room, "__init__", *BESIDE.get(room, ())}
+    siblings = {m for m in modules if m.startswith("collalign.") and room_of(m) not in free}
     wrong = {m for m in siblings if room in ROOMS and room_of(m) not in ROOMS[room]}
     return wrong | {m for m in siblings if room in ALONE and m not in ALONE[room]}
 
@@ -138,6 +152,23 @@ def test_rooms_import_only_downwards(file: Path) -> None:
     room = room_of(".".join(file.relative_to(ROOT).with_suffix("").parts))
     assert room in {*ROOMS, "cli", "__init__", "__main__"}, "a new room needs its place in the list"
     assert not wrong_rooms(room, imported_modules(ast.parse(file.read_text("utf-8"))))
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "collalign" / "tools").rglob("*.py")), ids=lambda file: file.stem)
+def test_tools_import_no_tool_but_the_shared_ones_and_only_commands_the_command_line(file: Path) -> None:
+    module, imported = (
+        ".".join(file.relative_to(ROOT).with_suffix("").parts),
+        imported_modules(ast.parse(file.read_text("utf-8"))),
+    )
+    assert not wrong_tools(tool_of(module), imported)
+    assert file.stem.endswith("command") or not any(m.startswith("collalign.cli") for m in imported)
+
+
+def test_the_check_sees_a_tool_that_imports_another() -> None:
+    assert wrong_tools("match", {"collalign.tools.transfer.run", "collalign.tools.match.rigid"}) == {
+        "collalign.tools.transfer.run"
+    }
+    assert not wrong_tools("transfer", {"collalign.tools.export.run", "collalign.output.write", "numpy"})
 
 
 def test_the_check_sees_a_step_up_and_a_sibling() -> None:

@@ -22,6 +22,7 @@ from collalign.cli.config import ALIGNING, ConfigFile, refuse_rounding
 from collalign.cli.help import HELP_ALL, GroupedHelp
 from collalign.cli.interruption import GO_ON, INTERRUPTED, orderly_interrupts, was_interrupted
 from collalign.former_options import refuse_former
+from collalign.tools import TOOLS
 from data_tools.errors import CollalignError
 
 #: Exit code after the reader of the output has gone: 128 and the number of SIGPIPE.
@@ -38,21 +39,15 @@ app.meta.suppress_keyboard_interrupt = False
 #: Each command's function and its line in the help; a function is imported when its command is called.
 _COMMANDS = {
     "align": ("collalign.cli.align:align", "Align all shapes of a folder."),
-    "match": ("collalign.cli.match:match", "Match two shapes: the best pose and its alternatives, or a map."),
-    "maps": ("collalign.cli.maps:maps", "Map the vertices of deformable shapes, for every pair of a list."),
     "demo": ("collalign.cli.align:demo", "Generate a small collection, align it, and compare with the truth."),
     "add": ("collalign.cli.align:add", "Align new shapes to a finished result without moving the old ones."),
     "batch": ("collalign.cli.batch:batch", "Align many folders; a folder that fails does not stop the others."),
     "status": ("collalign.cli.status:status", "Say how much of a run is done, failed and left."),
     "repair": ("collalign.cli.status:repair", "Discard the damaged records of a store."),
-    "export": ("collalign.cli.results:export", "Write a result in a format of the field."),
     "verify": ("collalign.cli.results:verify", "Check the certificates of a result made with --certify."),
-    "classify": ("collalign.cli.results:classify", "Classify every shape by its nearest neighbour."),
-    "stability": ("collalign.cli.stability:stability", "Repeat an alignment otherwise and say which poses stay."),
     "certify": ("collalign.cli.certify:certify", "Prove how much cheaper any other arrangement could be at most."),
-    "transfer": ("collalign.cli.transfer:transfer", "Carry landmarks of a few specimens to all others."),
-    "variation": ("collalign.cli.variation:variation", "Show how the surfaces vary: components, groups, specimens."),
     "view": ("collalign.cli.results:view", "Open a window with the aligned shapes."),
+    **{name: (f"collalign.tools.{function}", line) for name, (function, line) in TOOLS.items()},
 }
 for _name, (_function, _help) in _COMMANDS.items():
     app.command(_function, name=_name, help=_help)

@@ -16,7 +16,7 @@ from cyclopts import Parameter
 
 import collalign
 from collalign.analysis.label_table import Labels, read_labels
-from collalign.cli.interruption import resumable
+from collalign.cli.interruption import INCOMPLETE, resumable
 from collalign.collection import AlignedCollection
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.options import RunOptions
@@ -34,9 +34,6 @@ from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import read_folder
 from data_tools.percent import percent
 from data_tools.rotations import rotation_angle_deg
-
-#: Exit code of a run that left shapes or pairs out.
-INCOMPLETE = 3
 
 
 def align(

@@ -14,8 +14,8 @@ from types import FrameType
 
 from data_tools.errors import RunLost
 
-#: Exit code of a run that was interrupted.
-INTERRUPTED = 130
+#: Exit codes of a run that left something out, and of one that was interrupted.
+INCOMPLETE, INTERRUPTED = 3, 130
 #: What every interruption says in the end.
 GO_ON = "run the same command to go on"
 

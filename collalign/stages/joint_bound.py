@@ -23,9 +23,9 @@ from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.joint_bound import JointBound
+from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.pairs.match import pair_problem
 from collalign.stages.stored_types import samples_from_record, tilted_from_record, tilted_to_record
 from collalign.synchronization.bound.arrangement import Arrangement, PairEnergies
 from collalign.synchronization.bound.master import JointMaster

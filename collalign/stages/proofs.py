@@ -19,9 +19,10 @@ from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
 from collalign.options import AlignOptions, AlignSession
+from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.pairs.match import pair_key, pair_problem
+from collalign.stages.pairs.match import pair_key
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.stages.stored_types import proof_from_record, proof_to_record, samples_from_record
 from collalign.stages.surface_gap import surface_gaps

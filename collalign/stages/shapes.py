@@ -10,16 +10,14 @@ import numpy as np
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.layout import NUM_FILES
 from collalign.engine.store.records import Record
-from collalign.options import AlignOptions, AlignSession, TwoShapeOptions
+from collalign.options import AlignOptions, AlignSession
 from collalign.products.shapes import Excluded, Shapes
 from collalign.stages.stored_types import samples_from_record, samples_to_record
-from data_tools.arrays import read_only
-from data_tools.embedding.embedding import Samples, sample_shape
-from data_tools.embedding.working_surface import WorkingSurface
+from data_tools.embedding.sampled_file import sample_file
 from data_tools.errors import CollectionError, InputError
-from data_tools.io.shapes import FolderListing, read_shape
+from data_tools.io.shapes import FolderListing
 from data_tools.io.source import Origin, Source, hash_source
-from data_tools.options import MIN_POINTS, CleaningOptions, EmbeddingOptions, SamplingOptions
+from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 
 #: Changes whenever the same file and options would give other samples.
 SHAPE_VERSION = "shape-7"
@@ -62,23 +60,8 @@ def prepare_shape(task: ShapeTask) -> Record:
     dict
         The fields of :class:`data_tools.embedding.embedding.Samples` as a record, without the name.
     """
-    return samples_to_record(sample_file(task))
-
-
-def sample_file(task: ShapeTask) -> Samples:
-    """Read, clean, sample and embed one shape; ``vertex_indices`` count the vertices of the file.
-
-    A shape of fewer points than ``sampling.num_points`` is sampled at all that it has.
-    """
-    shape = read_shape(task.path, task.cleaning, name=task.name, digest=task.digest)
-    surface = WorkingSurface(shape, task.sampling)
-    num = len(surface.shape.vertices)
-    fewer = MIN_POINTS <= num < task.sampling.num_points
-    sampling = replace(task.sampling, num_points=num) if fewer else task.sampling
-    samples = sample_shape(shape, sampling, task.embedding, surface=surface)
-    if shape.source_indices is None:
-        return samples
-    return replace(samples, vertex_indices=read_only(shape.source_indices[samples.vertex_indices]))
+    samples = sample_file(task.path, task.cleaning, task.sampling, task.embedding, name=task.name, digest=task.digest)
+    return samples_to_record(samples)
 
 
 def prepare_shapes(session: AlignSession, listing: FolderListing) -> Shapes:
@@ -149,7 +132,17 @@ def _prepare(session: AlignSession, listing: FolderListing, options: AlignOption
     keyed, excluded = shape_keys(listing, options)
     session.store.set_note(NUM_FILES, str(len(keyed)))
     tasks = {
-        item.key: (item.file.name, shape_task(item.file, name, options, digest=item.digest))
+        item.key: (
+            item.file.name,
+            ShapeTask(
+                path=item.file.absolute(),
+                name=name,
+                digest=item.digest,
+                cleaning=options.cleaning,
+                sampling=options.sampling,
+                embedding=options.embedding,
+            ),
+        )
         for name, item in keyed.items()
     }
     failures = session.compute(
@@ -178,20 +171,6 @@ def _excluded(file: Origin, reason: str) -> Excluded:
     for path in (file.path,) if isinstance(file, Source) else (file.absolute(), file):
         reason = reason.removeprefix(f"{path}: ")
     return Excluded(file=file.name, reason=reason)
-
-
-def shape_task(
-    file: Origin, name: str, options: AlignOptions | TwoShapeOptions, *, digest: str | None = None
-) -> ShapeTask:
-    """Return what has to be done for one file."""
-    return ShapeTask(
-        path=file.absolute(),
-        name=name,
-        digest=digest,
-        cleaning=options.cleaning,
-        sampling=options.sampling,
-        embedding=options.embedding,
-    )
 
 
 def shape_keys(listing: FolderListing, options: AlignOptions) -> tuple[dict[str, KeyedFile], list[Excluded]]:

@@ -13,6 +13,7 @@ from collalign.engine.options import RunOptions
 from collalign.engine.session import Session
 from collalign.engine.store.layout import Costs
 from collalign.options import AUTO, AlignOptions, AlignSession
+from collalign.products.matching_input import dense_points
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.chirality.pilot import MOST_SHAPES
@@ -21,7 +22,7 @@ from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.incomplete.detect import MIN_SHAPES
 from collalign.stages.pairs.graph import all_pairs
 from collalign.stages.pairs.match import match_pairs
-from collalign.stages.poses.refinement import NUM_NEIGHBOURS, NUM_ROUNDS, dense_points
+from collalign.stages.poses.refinement import NUM_NEIGHBOURS, NUM_ROUNDS
 from collalign.stages.shapes import prepare_shapes
 from data_tools.io.shapes import FolderListing, read_shape
 from pairwise.dense.refine import refine_pose

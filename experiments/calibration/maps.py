@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from collalign.nonrigid import match
 from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.portfolio import Refined, find_candidates, full_harmonic
 from collalign.nonrigid.refine import between_files
+from collalign.tools.match import nonrigid as match
 from data_tools.arrays import IntArray
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
 from experiments.maps.map_cells import NUM_EVALUATED, evaluate, map_set, prepared

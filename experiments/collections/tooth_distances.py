@@ -10,14 +10,14 @@ from scipy.optimize import linear_sum_assignment
 
 from collalign.align import align_collection
 from collalign.analysis.procrustes import best_rotations, procrustes_distances
-from collalign.analysis.surface_distance import (
+from collalign.engine.options import RunOptions
+from collalign.engine.store.records import Record
+from collalign.tools.classify.surface_distance import (
     distances_at_poses,
     near_pairs,
     refined_distance,
     surface_distances,
 )
-from collalign.engine.options import RunOptions
-from collalign.engine.store.records import Record
 from data_tools.arrays import FloatArray
 from data_tools.datasets.public import Dataset, read_teeth
 from data_tools.embedding.embedding import Samples, sample_shape

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.store.records import Record
-from collalign.nonrigid.match import match_prepared
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import screening_refiner
-from collalign.nonrigid.prepare import prepare_shape
 from collalign.nonrigid.refine import dense_point_maps
 from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.tools.match.nonrigid import match_prepared
+from collalign.tools.match.prepare import prepare_shape
 from data_tools.arrays import IntArray
 from data_tools.embedding.sampling import farthest_points
 from experiments.experiment import Cell

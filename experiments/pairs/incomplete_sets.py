@@ -18,7 +18,6 @@ from collalign.engine.options import RunOptions
 from collalign.engine.store.records import Record
 from collalign.options import ALL, AUTO, NEVER, AlignOptions
 from collalign.products.collection import DOUBT
-from collalign.stages.incomplete.surfaces import NUM_POINTS
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.datasets.public import Dataset, read_range_scans
 from data_tools.embedding.embedding import sample_shape
@@ -37,7 +36,7 @@ from experiments.pairs.partial_scans import MIN_OVERLAP, overlap_share
 from experiments.tables import Column, Row
 from pairwise.partial.certainty import certainty, rival_margin
 from pairwise.partial.match import PartialPose, match_partial
-from pairwise.partial.surface import PartialSurface
+from pairwise.partial.surface import MOST_POINTS, PartialSurface
 
 #: What is cut off: beyond a plane of random direction, or the front of a skull.
 RANDOM, ROSTRUM = "random", "rostrum"
@@ -142,7 +141,7 @@ def measure_scan_pairs(cell: Cell) -> Record:
 
 def surface_of(shape: Shape) -> PartialSurface:
     """Return what is matched of a shape."""
-    points = surface_points(shape, NUM_POINTS)
+    points = surface_points(shape, MOST_POINTS)
     return PartialSurface.from_user(points.points, points.normals, points.on_rim, oriented=points.oriented)
 
 

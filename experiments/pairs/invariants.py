@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from collalign.engine.store.records import Record
-from collalign.stages.pairs.match import pair_problem
+from collalign.products.matching_input import pair_problem
 from data_tools.arrays import FloatArray
 from data_tools.datasets.public import read_registered_archive
 from data_tools.datasets.synthetic import deformed_family, point_cloud

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.stages.pairs.match import pair_problem
-from collalign.stages.poses.refinement import dense_points
+from collalign.products.matching_input import dense_points, pair_problem
 from data_tools.arrays import FloatArray, read_only
 from data_tools.datasets.public import Dataset
 from data_tools.embedding.embedding import Samples, sample_shape

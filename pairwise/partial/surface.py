@@ -16,6 +16,9 @@ GRID_CELLS = 40
 #: The box reaches so many radii beyond the points; places beyond it have no nearest point.
 GRID_MARGIN = 0.35
 
+#: Points that a whole surface is read at.
+MOST_POINTS = 1000
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PartialSurface:

@@ -14,10 +14,10 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits  # type: ignore[import-untyped]
 
 import collalign
-import collalign.output.exports
 import collalign.output.report.page
 import collalign.output.write
 import collalign.synchronization
+import collalign.tools.export.run
 import pairwise
 from collalign.engine.jobs.run import run_jobs
 from data_tools import threads
@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Beside whatever the packages export.
 DOORS = {
     "save": collalign.output.write.save_collection,
-    "export": collalign.output.exports.export,
+    "export": collalign.tools.export.run.export,
     "report": collalign.output.report.page.write_report,
     "sample_shape": sample_shape,
 }

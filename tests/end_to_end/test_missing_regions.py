@@ -13,10 +13,10 @@ import pytest
 import collalign
 from collalign.cli import main
 from collalign.output.evidence.file import load_view, save_view
-from collalign.output.exports import export
 from collalign.output.report.shown import shown_part
-from collalign.products.dense import DenseCorrespondence
-from collalign.products.transfer import CARRIED, MISSING_PLACE
+from collalign.tools.correspond.result import DenseCorrespondence
+from collalign.tools.export.run import export
+from collalign.tools.transfer.result import CARRIED, MISSING_PLACE
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import crown
@@ -180,7 +180,7 @@ def test_too_few_whole_shapes_have_no_variation(
     def all_lack(*args: object, **kwargs: object) -> DenseCorrespondence:
         return replace(teeth.dense, vertices=np.full_like(teeth.dense.vertices, np.nan))
 
-    monkeypatch.setattr("collalign.variation.dense_correspondence", all_lack)
+    monkeypatch.setattr("collalign.tools.variation.run.dense_correspondence", all_lack)
     with pytest.raises(CollectionError, match="0 complete"):
         collalign.write_surface_variation(teeth.result, tmp_path / "out", progress=False)
 

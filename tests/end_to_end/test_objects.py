@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from collalign import AlignedCollection, AlignOptions, RunOptions, add_to_collection, align_collection
-from collalign.output.exports import export
+from collalign.tools.export.run import export
 from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError

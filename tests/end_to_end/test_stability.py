@@ -16,8 +16,8 @@ from collalign.cli import main
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
 from collalign.output.evidence.file import load_view, save_view
-from collalign.output.stability import stability_summary, write_stability_page
-from collalign.stability import StabilityOptions, repetitions
+from collalign.tools.stability.files import stability_summary, write_stability_page
+from collalign.tools.stability.run import StabilityOptions, repetitions
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError, OptionsError

@@ -15,9 +15,9 @@ from scipy.sparse.csgraph import dijkstra
 
 import collalign
 from collalign.cli import main
-from collalign.dense import reference_shape
 from collalign.output.evidence.file import load_view, save_view
-from collalign.products.transfer import CARRIED, DOUBTFUL_POSE, NO_COUNTERPART, PLACED
+from collalign.tools.correspond.run import reference_shape
+from collalign.tools.transfer.result import CARRIED, DOUBTFUL_POSE, NO_COUNTERPART, PLACED
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair

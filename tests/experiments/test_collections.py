@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from collalign.analysis.surface_distance import near_pairs, refined_distance
 from collalign.engine.store.records import decode, encode
 from collalign.engine.store.store import Store
+from collalign.tools.classify.surface_distance import near_pairs, refined_distance
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import chair, crown

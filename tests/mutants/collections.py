@@ -140,8 +140,8 @@ ENGINE: tuple[Mutant, ...] = (
         ("describe", "if isinstance(error, CollalignError):", "if False:"),
     ),
     *faults(
-        "collalign/output/exports/tables.py",
-        ("tests/collalign/output/test_exports.py",),
+        "collalign/tools/export/tables.py",
+        ("tests/collalign/tools/test_exports.py",),
         ("_pairs", "names[pair.target] for pair", "names[pair.source] for pair"),
         ("_consensus", "np.maximum(counts, 1)", "len(known)"),
         ("_shapes", "view.centroid_sizes.tolist()", "view.scales.tolist()"),
@@ -164,8 +164,8 @@ ENGINE: tuple[Mutant, ...] = (
         ("common_labels", ".any(axis=(0, 2))", ".all(axis=(0, 2))"),
     ),
     *faults(
-        "collalign/analysis/classify.py",
-        ("tests/collalign/analysis/test_classify.py",),
+        "collalign/tools/classify/run.py",
+        ("tests/collalign/tools/test_classify.py",),
         ("_nearest", "| ~known[None, :]", ""),
         ("classify_leave_one_out", 'counts[value] > 1 or singles == "count-wrong"', "True"),
         ("classify_leave_one_out", "(counts[values[at]] - 1) / others", "counts[values[at]] / others"),

@@ -15,8 +15,8 @@ SURFACES: tuple[Mutant, ...] = (
         ("_group_means", "sums / counts[:, None, None]", "sums"),
     ),
     *faults(
-        "collalign/registration/mirror.py",
-        ("tests/collalign/registration/test_mirror.py",),
+        "collalign/tools/variation/mirror.py",
+        ("tests/collalign/tools/test_mirror.py",),
         ("mirror_map", "unlikeness > MOST_UNLIKE", "False"),
         ("mirror_map", "values.argmin()", "values.argmax()"),
     ),
@@ -33,7 +33,7 @@ SURFACES: tuple[Mutant, ...] = (
         ("beyond_range", "max(calibration.most_residual, _LEAST_RANGE)", "_LEAST_RANGE"),
     ),
     *faults(
-        "collalign/dense.py",
+        "collalign/tools/correspond/run.py",
         ("tests/end_to_end/test_transfer.py",),
         ("_of_unit_size", "centred / radius if radius > 0 else centred", "centred"),
     ),
@@ -71,7 +71,7 @@ SURFACES: tuple[Mutant, ...] = (
         ("RigidPieces.turned_edges", "eij,ej->ei", "eji,ej->ei"),
     ),
     *faults(
-        "collalign/stages/map_starts.py",
+        "collalign/tools/correspond/map_starts.py",
         ("tests/end_to_end/test_transfer_bent.py",),
         ("map_starts", "return {}", "raise InputError(reference.name)"),
     ),

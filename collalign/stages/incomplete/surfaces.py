@@ -20,12 +20,10 @@ from data_tools.errors import CollectionError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
-from pairwise.partial.surface import PartialSurface
+from pairwise.partial.surface import MOST_POINTS, PartialSurface
 
 #: Changes whenever the same file would give other points.
 POINTS_VERSION = "points-1"
-#: Points of a surface.
-NUM_POINTS = 1000
 _KIND = "surfaces"
 
 
@@ -41,7 +39,7 @@ class PointsTask:
 
 def points_of_file(task: PointsTask) -> Record:
     """Read one surface; runs inside a worker."""
-    found = surface_points(read_shape(task.path, task.cleaning, name=task.name, digest=task.digest), NUM_POINTS)
+    found = surface_points(read_shape(task.path, task.cleaning, name=task.name, digest=task.digest), MOST_POINTS)
     return {
         "points": found.points,
         "normals": found.normals,

@@ -9,16 +9,15 @@ from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.keys import fingerprint, pair_seed
 from collalign.engine.store.records import Record
 from collalign.options import AlignOptions, AlignSession
+from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
 from collalign.products.shapes import Excluded, Shapes
 from collalign.stages.stored_types import pair_from_record, poses_to_record, samples_from_record
 from collalign.stages.surface_gap import surface_gaps
 from data_tools.arrays import IntArray
-from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError
 from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
-from pairwise.problem.problem import Problem
 
 #: Failed pairs that an error names.
 _MOST_NAMED = 10
@@ -47,34 +46,6 @@ def match_pair(task: PairTask, shared: SharedTable) -> Record:
     target, source = (shared.made(key, samples_from_record) for key in (task.target_key, task.source_key))
     record = poses_to_record(match_problem(pair_problem(target, source, task.group), task.options))
     return record | {"gaps": surface_gaps(target, source, record["rotations"])}
-
-
-def pair_problem(
-    target: Samples,
-    source: Samples,
-    group: str,
-    *,
-    num_matches: int | None = None,
-    unmatched_penalty: float | None = None,
-) -> Problem:
-    """Return the Procrustes matching problem of two preprocessed shapes.
-
-    Parameters
-    ----------
-    target, source : Samples
-    group : {"SO", "O"}
-    num_matches, unmatched_penalty : optional
-        Partial matching, see :func:`pairwise.match`.
-    """
-    return Problem.from_user(
-        target.coordinates,
-        source.coordinates,
-        group=group,
-        rotation_pattern=target.block_sizes if len(target.block_sizes) > 1 else None,
-        invariants=(target.invariants, source.invariants),
-        num_matches=num_matches,
-        unmatched_penalty=unmatched_penalty,
-    )
 
 
 def match_pairs(session: AlignSession, shapes: Shapes, edges: IntArray) -> tuple[list[Pair], list[Excluded]]:

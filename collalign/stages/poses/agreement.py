@@ -12,9 +12,9 @@ from scipy.spatial.distance import cdist
 from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
+from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
-from collalign.stages.pairs.match import pair_problem
 from collalign.stages.poses.synchronize import pair_graph
 from collalign.stages.stored_types import samples_from_record, samples_to_record
 from collalign.stages.surface_gap import surface_gaps

@@ -16,8 +16,8 @@ import numpy as np
 from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
+from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
-from collalign.stages.pairs.match import pair_problem
 from collalign.stages.poses.agreement import ResolveTask, solve_again
 from collalign.stages.stored_types import samples_from_record, samples_to_record
 from collalign.synchronization import SynchronizationResult

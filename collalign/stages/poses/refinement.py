@@ -16,6 +16,7 @@ import numpy as np
 from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
+from collalign.products.matching_input import dense_points
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.agreement import match_at
@@ -187,12 +188,3 @@ def local_pairs(num_shapes: int, edges: IntArray, energies: FloatArray, *, num: 
         nearest = sorted((data["weight"], other) for other, data in graph[shape].items())[:num]
         kept |= {frozenset((shape, other)) for _, other in nearest}
     return np.array([pair for pair in edges.tolist() if frozenset(pair) in kept]).reshape(-1, 2)
-
-
-def dense_points(samples: Samples, *, invariants: bool = True) -> DensePoints:
-    """Return a shape's dense samples for refinement, with normals where it has them."""
-    return DensePoints.from_user(
-        samples.dense_positions,
-        samples.dense_normals if len(samples.dense_normals) else None,
-        samples.dense_invariants if invariants else None,
-    )

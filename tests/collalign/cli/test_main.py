@@ -95,7 +95,7 @@ def test_a_command_that_keeps_nothing_says_how_to_go_on_as_well(
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("collalign.cli.match.match_rigid", interrupted)
+    monkeypatch.setattr("collalign.tools.match.command.match_rigid", interrupted)
     first, second = sorted(folder.iterdir())[:2]
     assert main(["match", str(first), str(second)]) == 130
     assert capsys.readouterr().err == (

@@ -16,12 +16,23 @@ from collalign.engine.session import Session
 from collalign.engine.store.store import Store
 from collalign.products.shapes import Excluded, Shapes
 from collalign.stages import shapes as stage
-from collalign.stages.shapes import common_num_points, prepare_shapes
+from collalign.stages.shapes import ShapeTask, common_num_points, prepare_shapes
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import read_folder, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0))
+
+
+def shape_task(file: Path) -> ShapeTask:
+    return ShapeTask(
+        path=file,
+        name=file.stem,
+        digest=None,
+        cleaning=OPTIONS.cleaning,
+        sampling=OPTIONS.sampling,
+        embedding=OPTIONS.embedding,
+    )
 
 
 @pytest.fixture
@@ -100,7 +111,7 @@ def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_no
     call = Call(function=stage.prepare_shape, limits=Limits(), table=None)
     again = {}
     for token, file in enumerate([*sorted(folder.iterdir()), folder / "missing.ply"]):
-        task = Task(token=token, key=file.name, payload=stage.shape_task(file, file.stem, OPTIONS))
+        task = Task(token=token, key=file.name, payload=shape_task(file))
         outcome = run_in_process(call, task)
         if outcome.failure is not None:
             again[file.name] = outcome.crashed

@@ -1,1 +1,0 @@
-"""What varies in a collection of surfaces: one page to look at, meshes, tables and a figure."""

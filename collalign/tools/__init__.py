@@ -1,0 +1,29 @@
+"""What reads a finished result, or two shapes: one folder a tool, each with its command.
+
+A tool imports results and libraries, never a stage or another tool, but those of :data:`SHARED`.
+"""
+
+#: Each tool's command, as a module below this folder and a function, and its line in the help.
+TOOLS = {
+    "match": (
+        "match.command:match",
+        "Match two shapes: the best pose and its alternatives, or a map.",
+    ),
+    "maps": (
+        "match.lists_command:maps",
+        "Map the vertices of deformable shapes, for every pair of a list.",
+    ),
+    "export": ("export.command:export", "Write a result in a format of the field."),
+    "classify": ("classify.command:classify", "Classify every shape by its nearest neighbour."),
+    "stability": (
+        "stability.command:stability",
+        "Repeat an alignment otherwise and say which poses stay.",
+    ),
+    "transfer": ("transfer.command:transfer", "Carry landmarks of a few specimens to all others."),
+    "variation": (
+        "variation.command:variation",
+        "Show how the surfaces vary: components, groups, specimens.",
+    ),
+}
+#: Tools that other tools build on: surfaces in dense correspondence, and the formats of the field.
+SHARED = ("correspond", "export")

@@ -1,0 +1,1 @@
+"""Every shape by its nearest neighbour."""

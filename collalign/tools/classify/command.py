@@ -1,0 +1,57 @@
+"""``collalign classify``: every shape by its nearest neighbour."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from collalign.analysis.label_table import read_labels
+from collalign.output.evidence.file import load_view
+from collalign.tools.classify.clouds import posed_clouds
+from collalign.tools.classify.run import Singles, classify_leave_one_out
+from collalign.tools.classify.surface_distance import surface_distances
+
+#: Said below every classification.
+_DISTANCES = "By distances of surfaces: closest points at the poses, refined for near neighbours."
+
+
+def classify(
+    result: Path,
+    *,
+    labels: Path,
+    by: str,
+    singles: Singles = "leave-out",
+    as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Classify every shape by its nearest neighbour, leaving it out.
+
+    The distance of two shapes is that of their surfaces, by closest points at their poses, of all pairs of near
+    neighbours after turning, shifting and scaling to fit best. On 116 molars points in dense correspondence classify
+    no better.
+
+    Parameters
+    ----------
+    result
+        Folder that ``collalign align`` wrote.
+    labels
+        CSV file with one row per shape.
+    by
+        Column of the labels.
+    singles
+        Whether labels that only one shape carries are left out of the count or count as wrong.
+    as_json
+        Print one JSON object instead of a table.
+    """
+    view = load_view(result)
+    table = read_labels(labels)
+    values = table.column(by, view.names)
+    for sentence in table.mismatches(view.names):
+        print(f"collalign: {sentence}", file=sys.stderr)
+    distances = surface_distances(posed_clouds(view), view.part_numbers)
+    found = classify_leave_one_out(distances, values, names=view.names, singles=singles)
+    print(json.dumps(found.as_dict(), indent=1) if as_json else f"{found.table()}\n{_DISTANCES}")
+    return 0

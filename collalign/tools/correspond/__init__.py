@@ -1,0 +1,1 @@
+"""Surfaces of a result in dense correspondence with their mean."""

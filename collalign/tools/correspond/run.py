@@ -1,0 +1,114 @@
+"""Dense correspondence of an aligned collection."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from collalign.engine.options import RunOptions
+from collalign.engine.session import ProgressFactory, Session, progress_display
+from collalign.output.evidence.file import load_view
+from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
+from collalign.output.write import recorded_options
+from collalign.products.evidence import CollectionView
+from collalign.registration.mean import medoid
+from collalign.registration.options import RegistrationOptions
+from collalign.registration.pose import moved_by
+from collalign.tools.correspond.jobs import PosedFile, correspond
+from collalign.tools.correspond.result import DenseCorrespondence
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.io.source import hash_source
+from data_tools.surface.topology import mesh_edges
+from data_tools.threads import one_blas_thread
+
+
+@one_blas_thread()
+def dense_correspondence(
+    result: str | Path,
+    *,
+    options: RegistrationOptions | None = None,
+    run: RunOptions | None = None,
+    progress: ProgressFactory | bool = True,
+) -> DenseCorrespondence:
+    """Lay one triangulation onto every shape of a result, by smooth registration from the poses.
+
+    A mean surface, which belongs to no specimen, is made and registered to every shape: closest points both ways,
+    normals, a Gaussian-process field, coarse to fine. What has no counterpart pulls nothing. See
+    :func:`collalign.registration.register.register`. Where an incomplete shape has nothing, its vertices are NaN, and
+    it does not count in the mean; a complete shape lends its triangles, as long as there is one.
+
+    Parameters
+    ----------
+    result : path
+        Folder that ``collalign align`` wrote. Of several parts of shapes, which are not aligned with each
+        other, only the largest is registered.
+    options : RegistrationOptions, optional
+    run : RunOptions, optional
+        With a store, finished registrations are kept.
+    progress : bool or callable
+        As in :func:`collalign.align_collection`.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no result.
+    UnavailableError
+        If an original file is missing.
+    CollectionError
+        If fewer than two shapes can be registered.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = write_collection(folder + "/shapes", demo_collection(num=3, resolution=1))
+    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
+    ...     dense = collalign.dense_correspondence(folder + "/result", progress=False)
+    >>> dense.vertices.shape == (3, *dense.mean.shape)
+    True
+    """
+    view = load_view(result)
+    cleaning = recorded_options(result)[0].cleaning
+    members = largest_group(view)
+    files = [
+        PosedFile(
+            name=view.names[at],
+            path=view.file(at),
+            digest=hash_source(view.file(at)),
+            transform=view.transforms[at],
+            cleaning=cleaning,
+            incomplete=bool(view.is_incomplete[at]),
+        )
+        for at in members
+    ]
+    maps = load_vertex_maps(result) if (Path(result) / VERTEX_MAPS_FILE).is_file() else None
+    with Session.open(options or RegistrationOptions(), run or RunOptions(), progress_display(progress)) as session:
+        return correspond(session, files, members.index(reference_shape(view, members)), maps)
+
+
+def reference_shape(view: CollectionView, members: list[int]) -> int:
+    """Return which of some shapes lends its triangles: in the middle of all, complete and without a rim if one is."""
+    whole = [at for at in members if not view.is_incomplete[at]] or members
+    clouds = [_of_unit_size(moved_by(view.transforms[at], view.vertices[at])) for at in whole]
+    closed = [place for place, at in enumerate(whole) if _is_closed(view.faces[at])]
+    return whole[medoid(clouds, closed)]
+
+
+def _of_unit_size(cloud: FloatArray) -> FloatArray:
+    """Return a posed shape centred and scaled: common sizes rest on few samples, by which the medoid would change."""
+    centred = cloud - cloud.mean(axis=0)
+    radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
+    return np.asarray(centred / radius if radius > 0 else centred)
+
+
+def _is_closed(faces: IntArray) -> bool:
+    """Whether a mesh has no rim: one that lends its triangles should not have a hole where others have something."""
+    return bool(len(faces)) and not len(mesh_edges(faces).boundary)
+
+
+def largest_group(view: CollectionView) -> list[int]:
+    """Return the shapes of the largest part, the first of several, in order."""
+    numbers, counts = np.unique(view.part_numbers, return_counts=True)
+    return np.flatnonzero(view.part_numbers == numbers[counts.argmax()]).tolist()

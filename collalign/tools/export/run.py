@@ -1,0 +1,96 @@
+"""Exports in the formats of the field, one module per format; each writes the whole collection into a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from collalign.output.evidence.file import load_view
+from collalign.products.evidence import CollectionView
+from collalign.tools.export import fcsv, itk, meshes, morphologika, nts, shapeworks, slicer_json, tables, tps
+from collalign.tools.export.request import ExportRequest, Space
+from collalign.tools.export.specimen_names import incomplete_table
+from data_tools.checks import check_choice
+from data_tools.errors import InputError
+from data_tools.io.landmarks import SemilandmarkRows
+from data_tools.io.output_folder import OutputFolder
+from data_tools.threads import one_blas_thread
+
+__all__ = ["FORMATS", "Space", "export"]
+
+#: Writer of each format.
+FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
+    "morphologika": morphologika.write,
+    "tps": tps.write,
+    "nts": nts.write,
+    "slicer-json": slicer_json.write,
+    "fcsv": fcsv.write,
+    "shapeworks": shapeworks.write,
+    "csv": tables.write_csv,
+    "parquet": tables.write_parquet,
+    "ply": meshes.writer("ply"),
+    "obj": meshes.writer("obj"),
+    "stl": meshes.writer("stl"),
+    "itk": itk.write,
+}
+
+
+@one_blas_thread()
+def export(
+    collection: CollectionView | Path | str,
+    format: str,
+    to: Path | str,
+    *,
+    space: Space = "aligned",
+    sources: Path | str | None = None,
+    semilandmarks: tuple[SemilandmarkRows, ...] = (),
+) -> tuple[Path, ...]:
+    """Write a collection in one format.
+
+    Parameters
+    ----------
+    collection : CollectionView or path
+        A path is the folder that ``collalign align`` wrote.
+    format : str
+        A key of :data:`FORMATS`.
+    to : path
+        Folder for the files, made if it does not exist; files of an earlier export are replaced, others are not.
+    space : {"aligned", "unscaled", "raw", "procrustes"}
+        Coordinates of landmarks and meshes; see :class:`~collalign.tools.export.request.ExportRequest`. A
+        ShapeWorks project always holds raw and aligned coordinates.
+    sources : path, optional
+        Folder of the original files where they have moved; only mesh formats and ShapeWorks read them.
+    semilandmarks : tuple of SemilandmarkRows
+        Which landmarks are on curves: Slicer's markups have such a type.
+
+    Returns
+    -------
+    tuple of Path
+        The files written; ``incomplete.csv`` is among them where shapes of the collection lack parts.
+
+    Raises
+    ------
+    OptionsError
+        If the format or the space is unknown, or the format cannot have the space.
+    InputError
+        If the folder holds no result, an original file is missing, or ``to`` cannot be written, holds a shape, lies
+        inside of a folder of theirs, or holds a file of others or another command under a name that is to be written.
+    """
+    check_choice("format", format, FORMATS)
+    view = collection if isinstance(collection, CollectionView) else load_view(collection)
+    folder = Path(to)
+    read = {*view.inputs, *([Path(sources)] if sources else [])}
+    try:
+        with OutputFolder.open(folder, writer=f"export {format}", inputs=read) as output:
+            request = ExportRequest(
+                view=view,
+                folder=output.staging,
+                space=space,
+                sources=Path(sources) if sources else None,
+                semilandmarks=semilandmarks if space != "procrustes" else (),
+            )
+            staged = (*FORMATS[format](request), *incomplete_table(request))
+            output.publish()
+            return tuple(output.published(path) for path in staged)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error

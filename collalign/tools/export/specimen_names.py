@@ -1,0 +1,81 @@
+"""Specimen names as text formats can carry them, and the table that says which shape each stands for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from collalign.tools.export.request import ExportRequest, incomplete_columns, label_columns
+from data_tools.io.csv_cells import csv_text
+
+#: Section names of morphologika files. Readers search for them anywhere in a line, so no specimen may contain one.
+_SECTIONS = (
+    "individuals",
+    "landmarks",
+    "dimensions",
+    "names",
+    "labels",
+    "labelvalues",
+    "rawpoints",
+    "wireframe",
+    "groups",
+)
+
+
+def without_blanks(name: str) -> str:
+    """Replace every run of blanks, quotes and brackets by an underscore."""
+    return re.sub(r"[\s'\"\[\]]+", "_", name)
+
+
+def for_morphologika(name: str) -> str:
+    """Name without blanks in which no section's name occurs: ``names_1`` becomes ``n-ames_1``."""
+    safe = without_blanks(name)
+    for section in _SECTIONS:
+        safe = re.sub(section, lambda found: f"{found[0][0]}-{found[0][1:]}", safe, flags=re.IGNORECASE)
+    return safe
+
+
+def written_names(names: Iterable[str], rule: Callable[[str], str]) -> list[str]:
+    """Names by a rule, made distinct by a number at the end."""
+    taken: set[str] = set()
+    written = []
+    for name in names:
+        safe, number = rule(name), 2
+        while safe in taken:
+            safe, number = f"{rule(name)}-{number}", number + 1
+        taken.add(safe)
+        written.append(safe)
+    return written
+
+
+def specimen_table(request: ExportRequest, written: list[str]) -> Path:
+    """Write ``specimens.csv``: for every specimen of a landmark file its shape, size, confidence and labels."""
+    view = request.view
+    columns: dict[str, list[Any]] = {
+        "specimen": written,
+        "name": list(view.names),
+        "file": list(view.files),
+        "centroid_size": view.centroid_sizes.tolist(),
+        "confidence": view.confidence.tolist(),
+        "reflected": view.reflected.astype(int).tolist(),
+        "group": view.part_numbers.tolist(),
+        **incomplete_columns(view),
+    }
+    columns |= label_columns(view, columns)
+    return request.write("specimens.csv", csv_text([columns, *zip(*columns.values(), strict=True)]))
+
+
+def incomplete_table(request: ExportRequest) -> tuple[Path, ...]:
+    """Write ``incomplete.csv`` where shapes lack parts: which, why they count as such, and what they cover."""
+    view = request.view
+    if not view.incomplete:
+        return ()
+    lacking = np.isnan(view.samples).any(axis=2).sum(axis=1)
+    rows: list[list[Any]] = [["name", "reason", "coverage", "missing_landmarks", "landmarks"]]
+    for one in view.incomplete:
+        rows.append([view.names[one.shape], one.reason, one.coverage, int(lacking[one.shape]), view.samples.shape[1]])
+    return (request.write("incomplete.csv", csv_text(rows)),)

@@ -1,0 +1,150 @@
+"""Tables of the whole result as CSV or Parquet, for R, pandas and spreadsheets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from collalign.analysis.ordination import cophenetic_tree, newick
+from collalign.analysis.procrustes import generalized_procrustes, principal_components, procrustes_distances
+from collalign.tools.export.request import ExportRequest, complete_labels, incomplete_columns, label_columns
+from data_tools.errors import InputError, UnavailableError
+from data_tools.io.csv_cells import csv_text
+
+#: Column name to values.
+Table = Mapping[str, Sequence[Any]]
+
+
+def write_csv(request: ExportRequest) -> tuple[Path, ...]:
+    """Write every table as ``NAME.csv`` and the cophenetic tree as ``tree.nwk``."""
+    paths = [
+        request.write(f"{name}.csv", csv_text([table, *zip(*table.values(), strict=True)]))
+        for name, table in result_tables(request).items()
+    ]
+    return (*paths, *_tree(request))
+
+
+def write_parquet(request: ExportRequest) -> tuple[Path, ...]:
+    """Write every table as ``NAME.parquet``.
+
+    Raises
+    ------
+    UnavailableError
+        If pyarrow is not installed.
+    """
+    try:
+        pyarrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
+    except ImportError as error:
+        raise UnavailableError(
+            "parquet needs pyarrow; install it with: pip install 'collalign[tables]', or export csv"
+        ) from error
+    paths = []
+    for name, table in result_tables(request).items():
+        path = request.path(f"{name}.parquet")
+        parquet.write_table(pyarrow.table({column: list(values) for column, values in table.items()}), path)
+        paths.append(path)
+    return (*paths, *_tree(request))
+
+
+def result_tables(request: ExportRequest) -> dict[str, Table]:
+    """All tables of a result.
+
+    ``shapes`` (pose, size, confidence, labels), ``landmarks`` (long form) and ``consensus`` (their
+    means), both in the space asked for, ``pairs``,
+    ``procrustes_distances``, and where shapes have enough landmarks in common ``procrustes_coordinates`` (a row per
+    shape, columns L1_x, L1_y, ...: ``geomorph::arrayspecs`` makes an array of it) and ``principal_components``.
+    """
+    tables: dict[str, Table] = {
+        "shapes": _shapes(request),
+        "landmarks": _landmarks(request),
+        "consensus": _consensus(request),
+        "pairs": _pairs(request),
+        "procrustes_distances": _distances(request),
+    }
+    try:
+        common = complete_labels(request.view)
+    except InputError:
+        return tables
+    superimposed = generalized_procrustes(request.view.aligned_samples[:, common])
+    labels = [f"{request.view.landmark_names[at]}_{axis}" for at in np.flatnonzero(common) for axis in "xyz"]
+    flat = superimposed.aligned.reshape(len(superimposed.aligned), -1)
+    names = list(request.view.names)
+    tables["procrustes_coordinates"] = {"name": names} | dict(zip(labels, flat.T.tolist(), strict=True))
+    if len(names) > 1:
+        scores = principal_components(superimposed.aligned).scores
+        tables["principal_components"] = {"name": names} | {
+            f"PC{at + 1}": s.tolist() for at, s in enumerate(scores.T)
+        }
+    return tables
+
+
+def _shapes(request: ExportRequest) -> Table:
+    view = request.view
+    entries: list[list[float]] = view.transforms[:, :3].reshape(view.num_shapes, 12).T.tolist()
+    columns: dict[str, list[Any]] = {
+        "name": list(view.names),
+        "file": list(view.files),
+        "confidence": view.confidence.tolist(),
+        "reflected": view.reflected.astype(int).tolist(),
+        "group": view.part_numbers.tolist(),
+        "centroid_size": view.centroid_sizes.tolist(),
+        "scale": view.scales.tolist(),
+        **incomplete_columns(view),
+        **{f"T{at // 4 + 1}{at % 4 + 1}": column for at, column in enumerate(entries)},
+    }
+    return columns | label_columns(view, columns)
+
+
+def _landmarks(request: ExportRequest) -> Table:
+    labels, coordinates = request.landmarks()
+    names = request.view.names
+    x, y, z = coordinates.reshape(-1, 3).T.tolist()
+    return {
+        "name": [name for name in names for _ in labels],
+        "landmark": list(labels) * len(names),
+        "x": x,
+        "y": y,
+        "z": z,
+    }
+
+
+def _consensus(request: ExportRequest) -> Table:
+    """Mean of every landmark over the shapes that have it, in the space asked for."""
+    labels, coordinates = request.landmarks()
+    known = np.asarray(~np.isnan(coordinates).any(axis=2))
+    counts = known.sum(axis=0)
+    totals = np.where(known[..., None], coordinates, 0.0).sum(axis=0)
+    means = np.where(counts[:, None] > 0, totals / np.maximum(counts, 1)[:, None], np.nan)
+    x, y, z = means.T.tolist()
+    return {"landmark": list(labels), "shapes": counts.tolist(), "x": x, "y": y, "z": z}
+
+
+def _pairs(request: ExportRequest) -> Table:
+    pairs, names = request.view.pairs, request.view.names
+    return {
+        "target": [names[pair.target] for pair in pairs],
+        "source": [names[pair.source] for pair in pairs],
+        "energy": [pair.energy for pair in pairs],
+        "lower_bound": [pair.lower_bound for pair in pairs],
+        "disagreement_deg": [pair.disagreement_deg for pair in pairs],
+        "chirality_proven": [int(pair.chirality_proven) for pair in pairs],
+        "inlier": [int(pair.inlier) for pair in pairs],
+        "status": [pair.status for pair in pairs],
+    }
+
+
+def _distances(request: ExportRequest) -> Table:
+    distances = procrustes_distances(request.view.aligned_samples)
+    columns = dict(zip(request.view.names, distances.T.tolist(), strict=True))
+    return {"": list(request.view.names)} | columns
+
+
+def _tree(request: ExportRequest) -> tuple[Path, ...]:
+    distances = procrustes_distances(request.view.aligned_samples)
+    if len(distances) < 2 or np.isnan(distances).any():
+        return ()
+    return (request.write("tree.nwk", newick(cophenetic_tree(distances), request.view.names) + "\n"),)

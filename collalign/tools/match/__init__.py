@@ -1,0 +1,1 @@
+"""Two shapes: poses, poses of parts, or a map between deformable surfaces; lists of pairs."""

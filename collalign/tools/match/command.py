@@ -1,0 +1,181 @@
+"""``collalign match``: two shapes, the best pose and its alternatives."""
+
+from __future__ import annotations
+
+import json as json_text
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from scipy.spatial import cKDTree
+
+from collalign.engine.jobs.progress import ProgressBar
+from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.options import TwoShapeOptions
+from collalign.products.collection import DOUBT
+from collalign.tools.match.in_part import PartialMatch, match_in_part
+from collalign.tools.match.nonrigid import match_prepared
+from collalign.tools.match.page import vertices_map, write_match_page
+from collalign.tools.match.pictures import draw_match
+from collalign.tools.match.prepare import prepare_file
+from collalign.tools.match.result import NonrigidMatch
+from collalign.tools.match.rigid import RigidMatch, match_rigid
+from data_tools.errors import OptionsError
+from data_tools.io.files import write_atomic
+from data_tools.io.output_folder import OutputFolder, refuse_overlap
+from data_tools.io.shapes import read_shape
+from data_tools.options import AS_STORED, CleaningOptions
+from data_tools.percent import percent
+from data_tools.rotations import rotation_angle_deg
+from pairwise.options import DenseOptions
+from pairwise.status import Status
+
+#: The command whose files these are, in the manifest of an output folder.
+WRITER = "match"
+NONRIGID_FILES = ("map.npz", "map.txt", "map.png", "map.html")
+
+
+def match(
+    target: Path,
+    source: Path,
+    *,
+    out: Path | None = None,
+    json: Annotated[bool, Parameter(negative=())] = False,
+    nonrigid: Annotated[bool, Parameter(negative=())] = False,
+    partial: Annotated[bool, Parameter(negative=())] = False,
+    num_matches: int | None = None,
+    unmatched_penalty: float | None = None,
+    options: Annotated[TwoShapeOptions, Parameter(name="*")] = TwoShapeOptions(),  # noqa: B008
+    dense: DenseOptions = DenseOptions(),  # noqa: B008
+    deformation: NonrigidOptions = NonrigidOptions(),  # noqa: B008
+    surface: SurfaceOptions = SurfaceOptions(),  # noqa: B008
+) -> int:
+    """Match two shapes: the best pose and its alternatives, or (--nonrigid) a map of all vertices.
+
+    Every pose is refined on dense samples (--sampling.num-dense-points) and the poses are ranked by the energies on
+    both kinds of samples, unless --no-refine is given.
+
+    Parameters
+    ----------
+    target, source
+        Two mesh or point cloud files; the result takes the source to the target.
+    out
+        Folder for the result: match.json and match.png, or map.npz, map.txt, map.png and map.html. In match.json the
+        first "transform" is the answer, those of the candidates are about the samples alone. Maps go to the folder
+        ``map`` by default.
+    json
+        Print match.json instead of a summary.
+    nonrigid
+        Match deformable shapes; the options of deformation and surface belong to this.
+    partial
+        Match the surfaces by what has a counterpart: rotations, shifts and sizes are searched (sizes stay with
+        --sampling.normalisation none), and the overlap of both is said.
+    num_matches
+        Partial shapes: match so many samples only, and leave the others out on both sides.
+    unmatched_penalty
+        Partial shapes: what leaving a sample out costs, in squares of the centroid size of the samples.
+    """
+    out = out or (Path("map") if nonrigid else None)
+    if out is not None:
+        refuse_overlap(out, (target, source))
+        if nonrigid:
+            return _match_nonrigid(target, source, out, deformation, surface)
+    if partial:
+        if num_matches is not None or unmatched_penalty is not None or options.certify:
+            raise OptionsError(
+                "--partial works on surfaces: --num-matches, --unmatched-penalty and --certify are for samples"
+            )
+        return _match_partial(target, source, out, options, json=json)
+    found = match_rigid(
+        target, source, num_matches=num_matches, unmatched_penalty=unmatched_penalty, options=options, dense=dense
+    )
+    text = json_text.dumps(found.record(), indent=1)
+    print(text if json else _summary(found))
+    if out is not None:
+        _write_rigid(found, target, source, out, options.cleaning)
+    return 0
+
+
+def _summary(found: RigidMatch) -> str:
+    """Return five lines: the pose, what stands against it, and the transform."""
+    poses = found.result.candidates
+    words = f"{found.source.name} -> {found.target.name}: energy {poses[0].energy:.4g}"
+    words += ", mirrored" if poses[0].reflected else ""
+    words += ", proven to be the best pose" if found.result.status is Status.PROVEN_OPTIMAL else ""
+    if len(poses) > 1:
+        first, other = (pose.R_target_source[:3, :3] for pose in poses[:2])
+        turned = (
+            "mirrored"
+            if poses[0].reflected != poses[1].reflected
+            else f"{rotation_angle_deg(first.T @ other):.0f} deg away"
+        )
+        words += f"; the next best of {len(poses)} poses: {poses[1].energy:.4g}, {turned}"
+    return "\n".join([words, *("".join(f"{value:14.6g}" for value in row) for row in found.transform)])
+
+
+def _match_partial(target: Path, source: Path, out: Path | None, options: TwoShapeOptions, *, json: bool) -> int:
+    """Print and write the pose of two surfaces that overlap in part."""
+    found = match_in_part(target, source, options=options)
+    best, text = found.poses[0], json_text.dumps(found.record(), indent=1)
+    doubt = " (in doubt)" if found.confidence < DOUBT else ""
+    words = f"{found.source} -> {found.target}: confidence {percent(found.confidence)}{doubt}; "
+    words += f"{best.overlap_source:.0%} of it lies on {best.overlap_target:.0%} of the other"
+    rows = ("".join(f"{value:14.6g}" for value in row) for row in found.transform)
+    print(text if json else "\n".join([words, *rows]))
+    if out is not None:
+        _write_rigid(found, target, source, out, options.cleaning)
+    return 0
+
+
+def _write_rigid(
+    found: RigidMatch | PartialMatch, target: Path, source: Path, out: Path, cleaning: CleaningOptions
+) -> None:
+    """Write the record and a picture of both shapes in one pose, equal colours where they lie on each other."""
+    with OutputFolder.open(out, writer=WRITER) as output:
+        output.stage("match.json").write_text(json_text.dumps(found.record(), indent=1), encoding="utf-8")
+        left, right = (read_shape(file, cleaning) for file in (target, source))
+        nearest = cKDTree(left.vertices).query(right.transformed(found.transform).vertices)[1]
+        draw_match(output.stage("match.png"), left, right, nearest)
+        for path in output.publish():
+            print(path)
+
+
+def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOptions, surface: SurfaceOptions) -> int:
+    """Write the map of all vertices and its picture; say what is known about it."""
+    with (
+        OutputFolder.open(out, writer=WRITER) as output,
+        ProgressBar("steps", 4, disable=not sys.stderr.isatty()) as bar,
+    ):
+        output.refuse_foreign(NONRIGID_FILES)
+        started = time.perf_counter()
+        to = prepare_file(target, surface)
+        bar.advance()
+        of = prepare_file(source, surface)
+        bar.advance()
+        result = match_prepared(to, of, options, prepared_s=time.perf_counter() - started)
+        bar.advance()
+        write_atomic(output.stage("map.npz"), result.npz_bytes())
+        write_atomic(output.stage("map.txt"), result.text_bytes())
+        _draw_nonrigid(result, target, source, output)
+        written = output.publish()
+        bar.advance()
+    best = result.candidates[0]
+    print(
+        f"{result.source_name} -> {result.target_name}: confidence {percent(result.confidence)}, {best.orientation}"
+    )
+    print(f"{result.bijectivity:.0%} of the samples come back near themselves; {len(result.candidates)} candidates")
+    for note in result.notes:
+        print(f"Note: {note}")
+    for path in written:
+        print(path)
+    return 0
+
+
+def _draw_nonrigid(result: NonrigidMatch, target: Path, source: Path, output: OutputFolder) -> None:
+    """Stage the picture and the page of a map."""
+    left, right = (read_shape(file, AS_STORED) for file in (target, source))
+    point_map = vertices_map(result.point_map_target_source, left, right)
+    draw_match(output.stage("map.png"), left, right, point_map)
+    write_match_page(output.stage("map.html"), result, left, right)

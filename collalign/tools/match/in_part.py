@@ -1,0 +1,128 @@
+"""Two shapes that overlap in part, by themselves: the best pose of one on the other, its rivals, and the overlap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from collalign.options import TwoShapeOptions
+from data_tools.arrays import FloatArray
+from data_tools.embedding.surface_points import surface_points
+from data_tools.io.objects import ShapeLike, as_origin
+from data_tools.io.shapes import read_shape
+from data_tools.io.source import Origin, location
+from data_tools.threads import one_blas_thread
+from pairwise.partial.certainty import certainty, rival_margin
+from pairwise.partial.match import PartialPose, match_partial
+from pairwise.partial.surface import MOST_POINTS, PartialSurface
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PartialMatch:
+    """The pose of a source on a target that it overlaps in part.
+
+    Attributes
+    ----------
+    target_file, source_file : str
+        Empty for shapes that came from memory.
+    target, source : str
+        Their names.
+    poses : tuple of PartialPose
+        The best one first, in the shapes' own coordinates.
+    """
+
+    target_file: str
+    source_file: str
+    target: str
+    source: str
+    poses: tuple[PartialPose, ...]
+
+    @property
+    def transforms(self) -> FloatArray:
+        """The answer and its rivals, shape (m, 4, 4): coordinates of the source to those of the target."""
+        found = np.tile(np.eye(4), (len(self.poses), 1, 1))
+        found[:, :3, :3] = [pose.scale * pose.R_target_source for pose in self.poses]
+        found[:, :3, 3] = [pose.translation for pose in self.poses]
+        return found
+
+    @property
+    def transform(self) -> FloatArray:
+        """The answer, shape (4, 4)."""
+        return np.asarray(self.transforms[0])
+
+    @property
+    def confidence(self) -> float:
+        """The chance that the answer is right, by how much worse its best rival fits."""
+        turns = np.stack([pose.R_target_source for pose in self.poses])
+        return certainty(rival_margin(turns, np.array([[pose.energy] for pose in self.poses])))
+
+    def __repr__(self) -> str:
+        best = self.poses[0]
+        overlaps = f"{best.overlap_source:.0%} of it on {best.overlap_target:.0%} of the other"
+        return f"<PartialMatch: {self.source} on {self.target}, {overlaps}, confidence {self.confidence:.2f}>"
+
+    def record(self) -> dict[str, Any]:
+        """Return what ``match.json`` holds."""
+        return {
+            "target": self.target_file,
+            "source": self.source_file,
+            "partial": True,
+            "confidence": self.confidence,
+            "transform": self.transform.tolist(),
+            "candidates": [
+                {
+                    "transform": transform.tolist(),
+                    "energy": pose.energy,
+                    "reflected": bool(np.linalg.det(pose.R_target_source) < 0),
+                    "overlap": {"target": pose.overlap_target, "source": pose.overlap_source},
+                }
+                for transform, pose in zip(self.transforms, self.poses, strict=True)
+            ],
+        }
+
+
+@one_blas_thread()
+def match_in_part(target: ShapeLike, source: ShapeLike, *, options: TwoShapeOptions | None = None) -> PartialMatch:
+    """Match two shapes of which each may lack what the other has, by what has a counterpart.
+
+    Rotations, shifts and sizes are searched, since centroids and sizes of different parts say nothing. Sizes stay
+    where ``options.sampling.normalisation`` is "none", as for scans of one object.
+
+    Parameters
+    ----------
+    target, source : file, array (n, 3), pair (V, F), or trimesh or Open3D object
+    options : TwoShapeOptions, optional
+        Its group, cleaning and ``sampling.normalisation`` count.
+
+    Raises
+    ------
+    InputError
+        If a shape cannot be read or is too small.
+
+    Examples
+    --------
+    >>> from data_tools.datasets.synthetic_shapes import blob
+    >>> whole = blob(np.random.default_rng(0), num_vertices=400).vertices
+    >>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> found = collalign.match_in_part(whole, whole[whole[:, 0] < 0.3] @ quarter)
+    >>> bool(np.allclose(found.transform[:3, :3], quarter, atol=0.1))
+    True
+    """
+    options = options or TwoShapeOptions()
+    origins = as_origin(target, "target"), as_origin(source, "source")
+    to, of = (_surface(origin, options) for origin in origins)
+    poses = match_partial(
+        to, of, group=options.group, estimate_scale=options.sampling.normalisation != "none", num_candidates=8
+    )
+    target_file, source_file = (location(origin) for origin in origins)
+    names = [origin.name.removesuffix(origin.suffix) for origin in origins]
+    return PartialMatch(
+        target_file=target_file, source_file=source_file, target=names[0], source=names[1], poses=poses
+    )
+
+
+def _surface(origin: Origin, options: TwoShapeOptions) -> PartialSurface:
+    found = surface_points(read_shape(origin, options.cleaning), MOST_POINTS)
+    return PartialSurface.from_user(found.points, found.normals, found.on_rim, oriented=found.oriented)

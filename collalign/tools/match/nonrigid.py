@@ -1,0 +1,182 @@
+"""Non-rigid matching of two shapes, from files to a map of all vertices; reads like section 6.1 of the paper."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from collalign.nonrigid.evidence import MIXED_ORIENTATION
+from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.paper import paper_candidates
+from collalign.nonrigid.portfolio import FROM_POSES, Refined, find_candidates, full_harmonic
+from collalign.nonrigid.refine import between_files, dense_point_maps
+from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.tools.match.prepare import prepare_file
+from collalign.tools.match.result import NonrigidCandidate, NonrigidMatch
+from data_tools.arrays import read_only
+from data_tools.errors import InputError
+from data_tools.io.objects import ShapeLike, as_origin
+from data_tools.rotations import nearest_orthogonal
+from data_tools.threads import one_blas_thread
+
+# ``python -m experiments calibrate maps`` tries other values of these on SCAPE and the ants of SHREC07.
+#: Difference of scores at which the better candidate is taken to be right e times as often as the other.
+SCORE_SCALE = 0.2
+#: Score at which a candidate without rivals is as likely wrong as right, and how fast that changes.
+DOUBTFUL_SCORE, DOUBT_SCALE = -9.5, 0.4
+#: A map that keeps left and right may be this much behind the best one.
+ORIENTATION_MARGIN = 1.0
+#: Eigenfunctions in which the energies of candidates are compared.
+ENERGY_DIM = 30
+
+
+@one_blas_thread()
+def match_shapes(
+    target: ShapeLike,
+    source: ShapeLike,
+    *,
+    options: NonrigidOptions | None = None,
+    surface_options: SurfaceOptions | None = None,
+) -> NonrigidMatch:
+    """Match two deformable shapes: one target vertex for each source vertex.
+
+    Parameters
+    ----------
+    target, source : file, array (n, 3), pair (V, F), or trimesh or Open3D object
+        Vertex indices are those of the shapes as given. Rigid poses: :func:`collalign.match_rigid`.
+    options : NonrigidOptions, optional
+    surface_options : SurfaceOptions, optional
+
+    Returns
+    -------
+    NonrigidMatch
+
+    Raises
+    ------
+    InputError
+        If a shape cannot be read or is too small for the functions asked for.
+
+    Examples
+    --------
+    >>> from data_tools.datasets.synthetic_shapes import figure
+    >>> body = figure(resolution=1)
+    >>> small = collalign.nonrigid.SurfaceOptions(num_functions=30, num_dense=100)
+    >>> found = collalign.match_shapes(body, body, surface_options=small)
+    >>> len(found.point_map_target_source) == len(body.vertices)
+    True
+    >>> figure = found.plot(body, body)
+    """
+    started = time.perf_counter()
+    to = prepare_file(as_origin(target, "target"), surface_options)
+    of = prepare_file(as_origin(source, "source"), surface_options)
+    prepared = time.perf_counter() - started
+    return match_prepared(to, of, options, prepared_s=prepared)
+
+
+@one_blas_thread()
+def match_prepared(
+    target: SpectralShape, source: SpectralShape, options: NonrigidOptions | None = None, *, prepared_s: float = 0.0
+) -> NonrigidMatch:
+    """Match two prepared shapes; see :func:`match_shapes`.
+
+    Parameters
+    ----------
+    target, source : SpectralShape
+        Of the same number of functions and samples.
+    options : NonrigidOptions, optional
+    prepared_s : float
+        Seconds that preparation took, for the record.
+    """
+    options = options or NonrigidOptions()
+    _check_fit(target, source, options)
+    started = time.perf_counter()
+    if options.is_portfolio:
+        found, status = find_candidates(target, source, options)
+        found = chosen_first(found, options)
+    else:
+        found, status = paper_candidates(target, source, options)
+    searched = time.perf_counter()
+    c_source_target = found[0].functional_map.C_source_target
+    if options.ends_with_icp:
+        forward, backward = dense_point_maps(target, source, c_source_target)
+    else:
+        forward, backward = full_harmonic(target, source).of_all_vertices(found[0].functional_map)
+    finished = time.perf_counter()
+    return NonrigidMatch(
+        target_name=target.name,
+        source_name=source.name,
+        point_map_target_source=read_only(between_files(forward, target.to_original, source.to_working)),
+        point_map_source_target=read_only(between_files(backward, source.to_original, target.to_working)),
+        functional_map=read_only(c_source_target),
+        candidates=tuple(_public(target, source, candidate) for candidate in found[: options.num_candidates]),
+        dense_source=read_only(source.to_original[source.dense]),
+        confidence=confidence(found, options),
+        status=status,
+        times_s={"prepare": prepared_s, "candidates": searched - started, "vertices": finished - searched},
+        notes=tuple(f"{s.name}: {note}" for s in (target, source) for note in s.notes),
+    )
+
+
+def chosen_first(found: list[Refined], options: NonrigidOptions) -> list[Refined]:
+    """Return candidates with the chosen one first, then by score.
+
+    It is the best one that keeps left and right, where normals tell, unless its evidence is far behind: a mirror
+    image scores like the true map, so the difference means that no true map was found.
+    """
+    ordered = sorted(found, key=lambda c: c.score)
+    if options.orientation == "any":
+        return ordered
+    near = [c for c in ordered if c.score <= ordered[0].score + ORIENTATION_MARGIN]
+    chosen = next((c for c in near if not c.evidence.orientation < MIXED_ORIENTATION), ordered[0])
+    return [chosen, *(c for c in ordered if c is not chosen)]
+
+
+def confidence(found: list[Refined], options: NonrigidOptions) -> float:
+    """Return how far the chosen candidate can be trusted: its odds against its rivals, times how good it is at all.
+
+    Rivals are candidates of its orientation; its mirror image is none where normals tell the two apart. Without
+    normals, and for a map that only poses lead to, it is at most one half. The scales were set on poses of one body
+    and on ants, many of which it gets wrong.
+    """
+    chosen = found[0]
+    rivals = [c.score for c in found[1:] if options.orientation == "any" or _same_orientation(c, chosen)]
+    odds = np.exp(-(np.array([chosen.score, *rivals]) - chosen.score) / SCORE_SCALE)
+    quality = 0.5
+    if np.isfinite(chosen.evidence.orientation):
+        quality = 1.0 / (1.0 + np.exp((chosen.evidence.map_score - DOUBTFUL_SCORE) / DOUBT_SCALE))
+    if chosen.origin == FROM_POSES:
+        quality = min(quality, 0.5)
+    return float(min(1.0, 1.0 / odds.sum()) * quality)
+
+
+def _same_orientation(candidate: Refined, chosen: Refined) -> bool:
+    first, second = candidate.evidence.orientation, chosen.evidence.orientation
+    return not (np.isfinite(first) and np.isfinite(second)) or first * second > 0
+
+
+def _public(target: SpectralShape, source: SpectralShape, candidate: Refined) -> NonrigidCandidate:
+    forward = candidate.functional_map.map_target_source
+    images = target.functions[target.dense[forward], :ENERGY_DIM]
+    own = source.functions[source.dense[: len(forward)], :ENERGY_DIM]
+    residuals = own @ nearest_orthogonal(images.T @ own).T - images
+    return NonrigidCandidate(
+        functional_map=read_only(candidate.functional_map.C_source_target),
+        map_target_source=read_only(target.to_original[target.dense[forward]]),
+        energy=float((residuals**2).mean()),
+        evidence=candidate.evidence,
+        origin=candidate.origin,
+    )
+
+
+def _check_fit(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> None:
+    if len(target.eigenvalues) != len(source.eigenvalues):
+        raise InputError(
+            f"{target.name} has {len(target.eigenvalues)} eigenfunctions, {source.name} {len(source.eigenvalues)}: "
+            "prepare both with the same options"
+        )
+    if options.num_source > min(len(target.samples), len(source.samples)):
+        raise InputError(
+            f"num_source is {options.num_source}, but the shapes have {len(target.samples)} and "
+            f"{len(source.samples)} samples"
+        )

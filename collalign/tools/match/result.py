@@ -1,0 +1,173 @@
+"""What non-rigid matching returns: a map of all vertices, its alternatives, and how far it can be trusted."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from collalign.nonrigid.evidence import MIXED_ORIENTATION, Evidence
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.io.files import write_atomic
+from data_tools.io.objects import ShapeLike, as_origin
+from data_tools.io.output_folder import OutputFolder
+from data_tools.io.shapes import read_shape
+from data_tools.options import AS_STORED
+from data_tools.percent import percent
+from pairwise.status import Status
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NonrigidCandidate:
+    """One way to match two shapes.
+
+    Attributes
+    ----------
+    functional_map : ndarray, shape (m, m)
+        C_source_target, the constant function first.
+    map_target_source : ndarray of int, shape (s,)
+        Vertex of the target file for each of ``NonrigidMatch.dense_source``.
+    energy : float
+        Procrustes energy of this map in the lowest 30 eigenfunctions, per sample and function: comparable between
+        candidates of a pair, and not what they are selected by.
+    evidence : Evidence
+    origin : str
+        "signs", "descriptors", "relaxation", "paper" or "fast"; with "symmetry" if it was composed with a self-map
+        of the target.
+    """
+
+    functional_map: FloatArray
+    map_target_source: IntArray
+    energy: float
+    evidence: Evidence
+    origin: str
+
+    @property
+    def orientation(self) -> str:
+        """One of "preserving", "reversing", "mixed" (part of it each), or "unknown" without normals."""
+        value = self.evidence.orientation
+        if not np.isfinite(value):
+            return "unknown"
+        if abs(value) < MIXED_ORIENTATION:
+            return "mixed"
+        return "preserving" if value > 0 else "reversing"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NonrigidMatch:
+    """The map between two shapes and what is known about it.
+
+    Attributes
+    ----------
+    target_name, source_name : str
+    point_map_target_source : ndarray of int, shape (number of source vertices,)
+        One vertex of the target file for each vertex of the source file; -1 outside the largest component.
+    point_map_source_target : ndarray of int, shape (number of target vertices,)
+        The inverse direction, found in the same way; not necessarily the inverse permutation.
+    functional_map : ndarray, shape (m, m)
+        C_source_target: coefficients on the target to coefficients on the source.
+    candidates : tuple of NonrigidCandidate
+        Distinct maps, the chosen one first, then by score.
+    dense_source : ndarray of int, shape (s,)
+        Vertices of the source file at which the candidates are given.
+    confidence : float
+        In [0, 1]: near 1 where the evidence is good and no other candidate of the same orientation comes near it.
+    status : Status
+    times_s : dict of str to float
+    notes : tuple of str
+    """
+
+    target_name: str
+    source_name: str
+    point_map_target_source: IntArray
+    point_map_source_target: IntArray
+    functional_map: FloatArray
+    candidates: tuple[NonrigidCandidate, ...]
+    dense_source: IntArray
+    confidence: float
+    status: Status
+    times_s: dict[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        num = len(self.point_map_target_source)
+        return (
+            f"<NonrigidMatch: {self.source_name} on {self.target_name}, {num} vertices, "
+            f"confidence {percent(self.confidence)}, {self.orientation}, {len(self.candidates)} candidates>"
+        )
+
+    @property
+    def orientation(self) -> str:
+        """Orientation of the chosen map, see :attr:`NonrigidCandidate.orientation`."""
+        return self.candidates[0].orientation
+
+    @property
+    def bijectivity(self) -> float:
+        """Share of the source's samples that come back near themselves by map and inverse."""
+        return self.candidates[0].evidence.bijectivity
+
+    def plot(self, target: ShapeLike, source: ShapeLike) -> Figure:
+        """Draw both shapes coloured by the map, from the front and from behind; notebooks show the figure.
+
+        Parameters
+        ----------
+        target, source : as in :func:`collalign.match_shapes`
+            The shapes that were matched.
+        """
+        from collalign.tools.match.page import vertices_map
+        from collalign.tools.match.pictures import match_figure
+
+        left = read_shape(as_origin(target, self.target_name), AS_STORED, name=self.target_name)
+        right = read_shape(as_origin(source, self.source_name), AS_STORED, name=self.source_name)
+        return match_figure(left, right, vertices_map(self.point_map_target_source, left, right))
+
+    def save(self, folder: Path | str) -> tuple[Path, Path]:
+        """Write ``map.npz`` and ``map.txt``, each complete or not at all; other files of these names stay.
+
+        ``map.npz`` holds the arrays under the names of the attributes, and of the candidates ``candidate_maps``,
+        ``candidate_energies``, ``candidate_scores``, ``candidate_orientations`` and ``candidate_origins``.
+        ``map.txt`` has one line for each vertex of the source: the vertex of the target, counted from 0, or -1.
+
+        Raises
+        ------
+        InputError
+            If the folder cannot be written, or holds somebody else's file under one of the names.
+        """
+        with OutputFolder.open(folder, writer="match") as output:
+            write_atomic(output.stage("map.npz"), self.npz_bytes())
+            write_atomic(output.stage("map.txt"), self.text_bytes())
+            npz, text = output.publish()
+        return npz, text
+
+    def npz_bytes(self) -> bytes:
+        """Return the content of ``map.npz``."""
+        buffer = io.BytesIO()
+        np.savez_compressed(
+            buffer,
+            target_name=self.target_name,
+            source_name=self.source_name,
+            point_map_target_source=self.point_map_target_source,
+            point_map_source_target=self.point_map_source_target,
+            functional_map=self.functional_map,
+            dense_source=self.dense_source,
+            candidate_maps=np.stack([c.map_target_source for c in self.candidates]),
+            candidate_energies=np.array([c.energy for c in self.candidates]),
+            candidate_scores=np.array([c.evidence.score for c in self.candidates]),
+            candidate_orientations=np.array([c.evidence.orientation for c in self.candidates]),
+            candidate_origins=np.array([c.origin for c in self.candidates]),
+            confidence=self.confidence,
+            status=self.status.name,
+            notes=np.array(self.notes, dtype=np.str_),
+        )
+        return buffer.getvalue()
+
+    def text_bytes(self) -> bytes:
+        """Return the content of ``map.txt``."""
+        lines = "\n".join(str(index) for index in self.point_map_target_source.tolist())
+        return f"{lines}\n".encode("ascii")

@@ -1,0 +1,163 @@
+"""Two shapes by themselves: the best pose of one on the other, its alternatives, and what is proven about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from collalign.options import TwoShapeOptions
+from collalign.products.matching_input import dense_points, pair_problem
+from data_tools.arrays import FloatArray
+from data_tools.embedding.embedding import Samples
+from data_tools.embedding.sampled_file import sample_file
+from data_tools.io.objects import ShapeLike, as_origin
+from data_tools.io.source import location
+from data_tools.threads import one_blas_thread
+from pairwise.dense.refine import RefinedPose
+from pairwise.matching import match_problem
+from pairwise.options import DenseOptions
+from pairwise.results import Candidate, MatchResult
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RigidMatch:
+    """The pose of a source on a target.
+
+    Attributes
+    ----------
+    target_file, source_file : str
+        Empty for shapes that came from memory.
+    target, source : Samples
+        What was matched; ``vertex_indices`` count the vertices of the shapes as given.
+    result : MatchResult
+        Poses and maps of the samples, best first.
+    """
+
+    target_file: str
+    source_file: str
+    target: Samples
+    source: Samples
+    result: MatchResult
+
+    @property
+    def transform(self) -> FloatArray:
+        """The answer, shape (4, 4): coordinates of the source to those of the target, scale included."""
+        return self.transform_of(self.result.refined or self.result.candidates[0])
+
+    @property
+    def transforms(self) -> FloatArray:
+        """The answer and its alternatives, shape (m, 4, 4), refined where they were."""
+        poses = [candidate.refined or candidate for candidate in self.result.candidates]
+        return np.array([self.transform_of(pose) for pose in poses])
+
+    def __repr__(self) -> str:
+        best = self.result.candidates[0]
+        mirrored = ", mirrored" if best.reflected else ""
+        return (
+            f"<RigidMatch: {self.source.name} on {self.target.name}, energy {best.energy:.3g}{mirrored}, "
+            f"{len(self.result.candidates)} poses>"
+        )
+
+    def transform_of(self, pose: Candidate | RefinedPose) -> FloatArray:
+        """Return x -> scale_to * (scale * R (x - offset_of) / scale_of + shift) + offset_to as a 4 x 4 matrix."""
+        to, of = self.target, self.source
+        linear = pose.R_target_source[:3, :3] * (pose.scale * to.scale / of.scale)
+        shift = np.zeros(3) if pose.translation is None else to.scale * pose.translation[:3]
+        transform = np.eye(4)
+        transform[:3, :3] = linear
+        transform[:3, 3] = to.offset + shift - linear @ of.offset
+        return transform
+
+    def record(self) -> dict[str, Any]:
+        """Return what ``match.json`` holds: all poses as transforms, and their maps as vertices of the shapes."""
+        result = self.result
+        return {
+            "target": self.target_file,
+            "source": self.source_file,
+            "status": result.status.name,
+            "advice": result.status.value,
+            "energy": result.energy,
+            "lower_bound": None if np.isnan(result.lower_bound) else result.lower_bound,
+            "transform": self.transform.tolist(),
+            "candidates": [self._candidate_record(candidate) for candidate in result.candidates],
+            "source_vertices": self.source.vertex_indices.tolist(),
+        }
+
+    def _candidate_record(self, candidate: Candidate) -> dict[str, Any]:
+        vertices = self.target.vertex_indices
+        return {
+            "transform": self.transform_of(candidate).tolist(),
+            "energy": candidate.energy,
+            "refined": None if candidate.refined is None else self._refined_record(candidate.refined),
+            "reflected": candidate.reflected,
+            "map_target_source": [int(vertices[i]) if i >= 0 else -1 for i in candidate.map_target_source],
+        }
+
+    def _refined_record(self, pose: RefinedPose) -> dict[str, Any]:
+        """Return what the dense samples say of a candidate: mean costs per point before and after refinement."""
+        return {
+            "transform": self.transform_of(pose).tolist(),
+            "initial_energy": pose.initial_energy,
+            "energy": pose.energy,
+            "iterations": pose.iterations,
+            "status": pose.status.name,
+        }
+
+
+@one_blas_thread()
+def match_rigid(
+    target: ShapeLike,
+    source: ShapeLike,
+    *,
+    num_matches: int | None = None,
+    unmatched_penalty: float | None = None,
+    options: TwoShapeOptions | None = None,
+    dense: DenseOptions | None = None,
+) -> RigidMatch:
+    """Match two shapes rigidly, up to scale: the best pose of the source on the target, and its alternatives.
+
+    Parameters
+    ----------
+    target, source : file, array (n, 3), pair (V, F), or trimesh or Open3D object
+    num_matches : int, optional
+        Partial shapes: match so many samples only.
+    unmatched_penalty : float, optional
+        Partial shapes: what leaving a sample out costs, in squares of the centroid size of the samples.
+    options : TwoShapeOptions, optional
+    dense : DenseOptions, optional
+        How poses are refined on dense samples.
+
+    Raises
+    ------
+    InputError
+        If a shape cannot be read or is too small.
+
+    Examples
+    --------
+    >>> points = np.random.default_rng(0).random((70, 3))
+    >>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> found = collalign.match_rigid(points, points @ quarter)
+    >>> bool(np.allclose(found.transform[:3, :3], quarter))
+    True
+    """
+    options = options or TwoShapeOptions()
+    origins = as_origin(target, "target"), as_origin(source, "source")
+    to, of = (
+        sample_file(
+            origin.absolute(),
+            options.cleaning,
+            options.sampling,
+            options.embedding,
+            name=origin.name.removesuffix(origin.suffix),
+        )
+        for origin in origins
+    )
+    problem = pair_problem(to, of, options.group, num_matches=num_matches, unmatched_penalty=unmatched_penalty)
+    clouds = None
+    if options.refine and options.sampling.num_dense_points:
+        clouds = dense_points(to), dense_points(of)
+    result = match_problem(problem, options.seeded(), dense=clouds, dense_options=dense)
+    target_file, source_file = (location(origin) for origin in origins)
+    return RigidMatch(target_file=target_file, source_file=source_file, target=to, source=of, result=result)

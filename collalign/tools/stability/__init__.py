@@ -1,0 +1,1 @@
+"""What stays when an alignment is repeated otherwise."""

@@ -1,0 +1,42 @@
+"""``collalign stability``: what stays when the alignment is repeated otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from collalign.cli.interruption import resumable
+from collalign.engine.options import RunOptions
+from collalign.engine.store.layout import STORE_FILE
+from collalign.output.evidence.file import load_view, source_files
+from collalign.output.write import inputs_of
+from collalign.tools.stability.files import FILES, WRITER, stability_summary, write_stability
+from collalign.tools.stability.run import StabilityOptions, check_stability
+from data_tools.io.output_folder import OutputFolder
+
+
+def stability(
+    result: Path,
+    *,
+    options: Annotated[StabilityOptions, Parameter(name="*")] = StabilityOptions(),  # noqa: B008
+    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+) -> int:
+    """Repeat an alignment with other points, seeds and fewer shapes, and say which poses stay.
+
+    Parameters
+    ----------
+    result
+        Folder that ``collalign align`` wrote; stability.html, .csv, .json and .png are written into it.
+    """
+    files = source_files(load_view(result))
+    store = run.store or result / STORE_FILE
+    with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=inputs_of(files)) as output:
+        output.refuse_foreign(FILES)
+        found = check_stability(result, options=options, run=replace(run, store=store))
+        written = write_stability(found, output)
+    for line in (*stability_summary(found), *written):
+        print(line)
+    return 0

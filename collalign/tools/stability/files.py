@@ -1,0 +1,187 @@
+"""Page, table, record and picture of how stable a result is, beside the result."""
+
+from __future__ import annotations
+
+import html
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+
+from collalign.products.collection import DOUBT
+from collalign.products.evidence import json_types
+from collalign.tools.stability.result import Stability
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.html_pages import html_figure, html_table, write_html_page
+from data_tools.io.csv_cells import csv_text
+from data_tools.io.files import write_atomic
+from data_tools.io.output_folder import OutputFolder
+from data_tools.percent import percent
+
+#: The command whose files these are, in the manifest of an output folder.
+WRITER = "stability"
+CSV_FILE, JSON_FILE, PLOT_FILE, PAGE_FILE = FILES = (
+    "stability.csv",
+    "stability.json",
+    "stability.png",
+    "stability.html",
+)
+_COLUMNS = ("shape", "confidence", "repetitions", "pose_stays", "chirality_stays", "neighbours_stay", "largest_deg")
+_TITLES = {
+    "shape": "shape",
+    "confidence": "confidence",
+    "repetitions": "repetitions",
+    "pose_stays": "pose stays",
+    "chirality_stays": "mirror image stays",
+    "neighbours_stay": "neighbours stay",
+    "largest_deg": "largest change, deg",
+}
+#: Shapes drawn, the least stable ones.
+_MAX_DRAWN = 60
+#: Shapes named in a line.
+_MAX_NAMES = 8
+
+
+def write_stability(stability: Stability, output: OutputFolder) -> tuple[Path, ...]:
+    """Write ``stability.csv``, ``.json``, ``.png`` and ``.html`` and return the paths.
+
+    Parameters
+    ----------
+    stability : Stability
+    output : OutputFolder
+        Usually that of the result.
+
+    Raises
+    ------
+    InputError
+        If somebody else's file is in the way; nothing has been written then.
+    """
+    write_atomic(output.stage(CSV_FILE), csv_text(_rows(stability)).encode())
+    write_atomic(output.stage(JSON_FILE), json.dumps(stability_record(stability), indent=1).encode())
+    plot = draw_stability(stability, output.stage(PLOT_FILE))
+    write_stability_page(stability, plot.read_bytes(), output.stage(PAGE_FILE))
+    return output.publish(complete=True)
+
+
+def stability_record(stability: Stability) -> dict[str, object]:
+    """Return the contents of ``stability.json``: every repetition of every shape."""
+    repeated = [
+        {
+            "repetition": words,
+            "shapes": [
+                {
+                    "name": stability.names[i],
+                    "change_deg": stability.changes_deg[v, i],
+                    "same_chirality": stability.same_chirality[v, i],
+                    "neighbours_kept": stability.neighbours[v, i],
+                }
+                for i in np.flatnonzero(stability.present[v])
+            ],
+        }
+        for v, words in enumerate(stability.repetitions)
+    ]
+    shapes = [dict(zip(_COLUMNS, row, strict=True)) for row in _rows(stability)[1:]]
+    record = json_types({"stay_deg": stability.stay_deg, "shapes": shapes, "repetitions": repeated})
+    return dict(record)
+
+
+def stability_summary(stability: Stability) -> tuple[str, ...]:
+    """Return what came out, in five lines."""
+    names, poses = stability.names, stability.pose_stays
+    doubted = ~(stability.confidence >= DOUBT)
+    moved = [i for i in least_stable(stability) if poses[i] < 1.0]
+    worst = ", ".join(f"{names[i]} ({100 * poses[i]:.0f} %)" for i in moved[:_MAX_NAMES])
+    more = f" and {len(moved) - _MAX_NAMES} more" if len(moved) > _MAX_NAMES else ""
+    sure = sum(not doubted[i] for i in moved)
+    return (
+        f"{len(names)} shapes aligned again {len(stability.repetitions)} times: {'; '.join(stability.repetitions)}.",
+        f"Poses stay within {stability.stay_deg:.0f} deg of the others' in {_percent(poses)}, mirror images stay in "
+        f"{_percent(stability.chirality_stays)}.",
+        f"Nearest neighbours stay in {_percent(stability.neighbours_stay)}.",
+        f"Least stable, look at them first: {worst}{more}." if moved else "Every pose stayed in every repetition.",
+        f"Of the {len(moved)} shapes that moved, {sure} had not been called doubtful; of the {int(doubted.sum())} "
+        f"doubtful ones {sum(poses[i] == 1.0 for i in np.flatnonzero(doubted))} never moved.",
+    )
+
+
+def write_stability_page(stability: Stability, plot: bytes, path: Path) -> Path:
+    """Write the page with the summary, the table of all shapes, those that stay least first, and the plot.
+
+    Parameters
+    ----------
+    stability : Stability
+    plot : bytes
+        The picture of :func:`draw_stability`, as PNG.
+    path : Path
+    """
+    order = least_stable(stability).tolist()
+    never = sorted(set(range(len(stability.names))) - set(order))
+    cells = [dict(zip(_COLUMNS, row, strict=True)) for row in _rows(stability)[1:]]
+    rows = [[_cell(column, cells[i][column]) for column in _COLUMNS] for i in (*order, *never)]
+    lines = "".join(f"<li>{html.escape(line)}</li>" for line in stability_summary(stability))
+    table = html_table("Stability of every shape", [_TITLES[column] for column in _COLUMNS], rows)
+    drawn = "Change of every pose in every repetition, the least stable shapes first"
+    return write_html_page(path, "How stable the poses are", f"<ul>{lines}</ul>\n{table}\n{html_figure(plot, drawn)}")
+
+
+def _cell(column: str, value: object) -> str:
+    """Return a number of a table as it is read: shares as percentages, angles as whole degrees."""
+    if not isinstance(value, float | np.floating):
+        return str(value)
+    if np.isnan(value):
+        return "–"
+    return f"{value:.0f}" if column == "largest_deg" else percent(float(value))
+
+
+def least_stable(stability: Stability) -> IntArray:
+    """Return the shapes whose pose was compared, those that stay least first."""
+    poses = stability.pose_stays
+    order = np.lexsort((np.arange(len(poses)), stability.neighbours_stay, poses))
+    return np.asarray(order[~np.isnan(poses[order])])
+
+
+def draw_stability(stability: Stability, path: Path) -> Path:
+    """Draw the change of every shape's pose in every repetition, the least stable shapes first."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    chosen, num = least_stable(stability)[:_MAX_DRAWN], len(stability.repetitions)
+    figure = Figure(figsize=(3.5 + 0.55 * num, max(3.6, 2.0 + 0.2 * len(chosen))), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.set_facecolor("lightgrey")
+    image = axes.imshow(stability.changes_deg[:, chosen].T, cmap="viridis", vmin=0, vmax=180, aspect="auto")
+    for column, row in zip(*np.nonzero(~stability.same_chirality[:, chosen]), strict=True):
+        axes.text(column, row, "mirrored", ha="center", va="center", fontsize=6, color="tab:red")
+    words = [f"{stability.names[i]}  {100 * stability.pose_stays[i]:.0f} %" for i in chosen]
+    for label in axes.set_yticks(range(len(chosen)), words, fontsize=7):
+        label.label1.set_parse_math(False)
+    axes.set_xticks(range(num), stability.repetitions, rotation=60, ha="right", fontsize=7)
+    axes.set_title(f"Poses that stay within {stability.stay_deg:.0f} deg, of all repetitions", fontsize=9)
+    bar = figure.colorbar(image, ax=axes)
+    bar.set_label("change of pose, deg (grey: took no part)", fontsize=8)
+    content = io.BytesIO()
+    figure.savefig(content, format="png", metadata={"Software": None})
+    return write_atomic(path, content.getvalue())
+
+
+def _rows(stability: Stability) -> list[tuple[object, ...]]:
+    """Return heading and one row per shape."""
+    counts = stability.known.sum(axis=0).tolist()
+    changes = np.where(np.isnan(stability.changes_deg), -1.0, stability.changes_deg).max(axis=0)
+    columns = (
+        stability.names,
+        stability.confidence.tolist(),
+        counts,
+        stability.pose_stays.tolist(),
+        stability.chirality_stays.tolist(),
+        stability.neighbours_stay.tolist(),
+        np.where(changes < 0, np.nan, changes).tolist(),
+    )
+    return [_COLUMNS, *zip(*columns, strict=True)]
+
+
+def _percent(shares: FloatArray) -> str:
+    """Return the mean of the known shares in words."""
+    return f"{100 * float(np.nanmean(shares)):.0f} %" if np.isfinite(shares).any() else "no comparison"

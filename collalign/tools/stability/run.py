@@ -1,0 +1,205 @@
+"""Repeats an alignment with other numbers of points, other seeds and fewer shapes, and compares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from itertools import count, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from collalign.align import align_listing
+from collalign.analysis.pose_changes import STAY_DEG, kept_neighbours, pose_changes
+from collalign.analysis.procrustes import procrustes_distances
+from collalign.collection import AlignedCollection
+from collalign.engine.options import RunOptions
+from collalign.engine.session import ProgressFactory, Session, progress_display
+from collalign.options import AlignOptions
+from collalign.output.evidence.file import load_view, source_files
+from collalign.output.evidence.gather import by_label
+from collalign.output.write import recorded_options
+from collalign.products.evidence import CollectionView
+from collalign.tools.stability.result import Stability
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.errors import OptionsError
+from data_tools.io.shapes import FolderListing
+from data_tools.options import MIN_POINTS
+from data_tools.threads import one_blas_thread
+
+
+@dataclass(frozen=True, kw_only=True)
+class StabilityOptions:
+    """Which repetitions are made.
+
+    Raises
+    ------
+    OptionsError
+        If a value is impossible.
+    """
+
+    num_points: tuple[int, ...] = (32, 64, 128)
+    """Points per shape, one repetition each; the number that the result was made with is left out."""
+
+    num_seeds: int = 2
+    """Repetitions with other seeds."""
+
+    num_subsets: int = 3
+    """Repetitions with some of the shapes, chosen at random."""
+
+    subset_share: float = 0.8
+    """Share of the shapes that take part in each of these."""
+
+    def __post_init__(self) -> None:
+        for num in self.num_points:
+            if isinstance(num, bool) or not isinstance(num, int) or num < MIN_POINTS:
+                raise OptionsError(f"num_points: expected integers of at least {MIN_POINTS}, got {num!r}")
+        for name in ("num_seeds", "num_subsets"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+                raise OptionsError(f"{name}: expected an integer of at least 0, got {value!r}")
+        if not 0 < self.subset_share < 1:
+            raise OptionsError(f"subset_share: expected a number between 0 and 1, got {self.subset_share!r}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Repetition:
+    """One repetition: in words, with which options, of which shapes."""
+
+    words: str
+    options: AlignOptions
+    members: IntArray
+
+
+@one_blas_thread()
+def check_stability(
+    result: str | Path,
+    *,
+    options: StabilityOptions | None = None,
+    run: RunOptions | None = None,
+    progress: ProgressFactory | bool = True,
+) -> Stability:
+    """Repeat the alignment of a result's shapes otherwise, and say what stays of every shape's pose.
+
+    Parameters
+    ----------
+    result : path
+        Folder that ``collalign align`` wrote.
+    options : StabilityOptions, optional
+    run : RunOptions, optional
+        With the store of the result, shapes and pairs are used again, and an interrupted check goes on.
+    progress : bool or callable
+        As in :func:`collalign.align_collection`.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no result, or an original file has vanished.
+    OptionsError
+        If no repetition is asked for.
+
+    Notes
+    -----
+    The sensitivity analysis that Vitek, Manz, Gao, Bloch, Strait and Boyer (Semi-supervised determination of
+    pseudocryptic morphotypes using observer-free characterizations of anatomical alignment and shape, Ecology and
+    Evolution 7, 2017, PMC5528226) ask of everybody who aligns automatically. Neighbours are those by Procrustes
+    distances of the samples. Poses set by hand are not kept in the repetitions: what speaks for them is asked as
+    well.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
+    >>> once = collalign.StabilityOptions(num_points=(), num_seeds=1, num_subsets=0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = write_collection(folder + "/shapes", demo_collection(num=3, resolution=1))
+    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
+    ...     found = collalign.check_stability(folder + "/result", options=once, progress=False)
+    >>> bool((found.changes_deg < found.stay_deg).all())
+    True
+    """
+    view, files = load_view(result), source_files(load_view(result))
+    asked, _ = recorded_options(result)
+    plan = list(repetitions(replace(asked, reference="", certify=False), view.num_shapes, options))
+    if not plan:
+        raise OptionsError("num_points, num_seeds, num_subsets: no repetition is left that differs from the result")
+    before = procrustes_distances(view.aligned_samples)
+    rows = []
+    with Session.open(asked, run or RunOptions(), progress_display(progress)) as session:
+        for number, one in enumerate(plan, 1):
+            listing = FolderListing(
+                files=tuple(files[i] for i in one.members),
+                names=tuple(view.names[i] for i in one.members),
+                skipped=(),
+            )
+            shown = _titled(session.progress, f"{one.words} ({number} of {len(plan)})")
+            again = align_listing(replace(session, options=one.options, progress=shown), listing, fixed={})
+            rows.append(_compared(view, before, again))
+    present, changes, same, neighbours = (read_only(np.stack(column)) for column in zip(*rows, strict=True))
+    return Stability(
+        names=view.names,
+        confidence=view.confidence,
+        repetitions=tuple(one.words for one in plan),
+        present=present,
+        changes_deg=changes,
+        same_chirality=same,
+        neighbours=neighbours,
+        stay_deg=STAY_DEG,
+    )
+
+
+def repetitions(
+    asked: AlignOptions, num_shapes: int, options: StabilityOptions | None = None
+) -> Iterator[Repetition]:
+    """Yield what is repeated, those first that have the most in common with the result.
+
+    Parameters
+    ----------
+    asked : AlignOptions
+        Of the result.
+    num_shapes : int
+    options : StabilityOptions, optional
+
+    Yields
+    ------
+    Repetition
+    """
+    wanted, every = options or StabilityOptions(), np.arange(num_shapes)
+    size = max(2, round(wanted.subset_share * num_shapes))
+    rng = np.random.default_rng(asked.seed)
+    for number in range(1, wanted.num_subsets + 1 if size < num_shapes else 1):
+        members = np.sort(rng.permutation(num_shapes)[:size])
+        yield Repetition(words=f"{size} shapes, choice {number}", options=asked, members=members)
+    for seed in islice((seed for seed in count() if seed != asked.seed), wanted.num_seeds):
+        yield Repetition(words=f"seed {seed}", options=replace(asked, seed=seed), members=every)
+    for num in sorted({*wanted.num_points} - {asked.sampling.num_points}):
+        sampling = replace(asked.sampling, num_points=num)
+        yield Repetition(words=f"{num} points", options=replace(asked, sampling=sampling), members=every)
+
+
+def _compared(view: CollectionView, before: FloatArray, again: AlignedCollection) -> tuple[Any, Any, Any, Any]:
+    """Return a repetition's row of ``present``, ``changes_deg``, ``same_chirality`` and ``neighbours``."""
+    members = np.array([view.names.index(name) for name in again.names])
+    num = view.num_shapes
+    present, same = np.zeros(num, dtype=bool), np.ones(num, dtype=bool)
+    changes, neighbours = np.full(num, np.nan), np.full(num, np.nan)
+    present[members] = True
+    changes[members], same[members] = pose_changes(
+        view.rotations[members], again.rotations, view.part_numbers[members]
+    )
+    now = procrustes_distances(by_label(again.positions, again.maps.labels))
+    neighbours[members] = kept_neighbours(before[np.ix_(members, members)], now)
+    return present, changes, same, neighbours
+
+
+def _titled(progress: ProgressFactory | None, title: str) -> ProgressFactory | None:
+    """Return a progress display that says which repetition it is."""
+    if progress is None:
+        return None
+
+    def titled(description: str, total: int, **more: Any) -> AbstractContextManager[Any]:
+        return progress(f"{title}: {description}", total, **more)
+
+    return titled

@@ -1,0 +1,1 @@
+"""Landmarks of a few specimens carried to all others, with error radii."""

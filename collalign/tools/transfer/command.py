@@ -1,0 +1,96 @@
+"""``collalign transfer``: landmarks of a few specimens carried to all others."""
+
+from __future__ import annotations
+
+from dataclasses import replace as with_changes
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+from collalign.cli.interruption import INCOMPLETE, resumable
+from collalign.engine.options import RunOptions
+from collalign.engine.store.layout import STORE_FILE
+from collalign.output.evidence.file import load_view
+from collalign.tools.export.run import FORMATS, Space
+from collalign.tools.export.run import export as write_export
+from collalign.tools.transfer.files import left_out_summary, write_transfer
+from collalign.tools.transfer.result import TransferredLandmarks
+from collalign.tools.transfer.run import transfer_landmarks
+from data_tools.errors import InputError
+from data_tools.io.landmarks import specimen_of
+from data_tools.io.output_folder import refuse_overlap
+
+
+def transfer(
+    result: Path,
+    *,
+    landmarks: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
+    to: Path,
+    curves: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
+    patches: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
+    curve_points: int | None = None,
+    surface_points: int = 0,
+    format: Annotated[str, Parameter(help=f"One of {', '.join(FORMATS)}.")] = "slicer-json",
+    space: Space = "raw",
+    leave_one_out: Annotated[bool, Parameter(negative=())] = False,
+    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+) -> int:
+    """Carry landmarks from the specimens that have them to all others.
+
+    Parameters
+    ----------
+    result
+        Folder that ``collalign align`` wrote.
+    landmarks
+        Landmark files (.mrk.json, .fcsv, .csv), each called like the shape it belongs to; curves of 3D Slicer become
+        semilandmarks.
+    curves
+        Files whose points, in their order, are a curve: RIM/A.fcsv is the curve RIM of the shape called A.
+    patches
+        Files whose points are semilandmarks of a patch of the surface, called likewise.
+    curve_points
+        Evenly spaced semilandmarks on every curve; by default so many as the first curve has points.
+    surface_points
+        Semilandmarks spread evenly over the whole surface of every shape.
+    to
+        Folder for the landmarks of all shapes and transfer.csv with an error radius for each.
+    space
+        Coordinates: those of the files, the common frame, that in the units of the files, or Procrustes superimposed.
+    leave_one_out
+        Predict every specimen that has landmarks from the others, and write and print how far off that is.
+    """
+    files = [*(landmarks or ()), *(curves or ()), *(patches or ())]
+    if leave_one_out and len({specimen_of(path) for path in files}) < 2:
+        raise InputError("--leave-one-out: one landmark file cannot be predicted from others; give at least two")
+    view = load_view(result)
+    refuse_overlap(to, {*view.inputs, *files})
+    store = run.store or result / STORE_FILE
+    with resumable(store):
+        found = transfer_landmarks(
+            result,
+            landmarks or (),
+            curves=curves or (),
+            patches=patches or (),
+            curve_points=curve_points,
+            surface_points=surface_points,
+            run=with_changes(run, store=store),
+        )
+    view = with_changes(view, samples=found.points, landmark_names=found.labels, pairs=())
+    paths = write_export(view, format, to, space=space, semilandmarks=found.semilandmarks)
+    for path in (*paths, *write_transfer(found, to, leave_one_out=leave_one_out)):
+        print(path)
+    return _summarise(found, leave_one_out=leave_one_out)
+
+
+def _summarise(found: TransferredLandmarks, *, leave_one_out: bool) -> int:
+    """Print what came out and return the exit code."""
+    if leave_one_out:
+        print(left_out_summary(found))
+    missing = np.isnan(found.points).any(axis=2).sum(axis=1)
+    for name, count, status in zip(found.names, missing.tolist(), found.status, strict=True):
+        if count:
+            reasons = sorted({reason for reason in status if reason.startswith(("abstained", "missing"))})
+            print(f"{name}: {count} of {len(found.labels)} landmarks left out; {', '.join(reasons)}")
+    return INCOMPLETE if missing.any() else 0

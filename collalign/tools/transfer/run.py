@@ -1,0 +1,281 @@
+"""Landmarks of a few specimens carried to all others of an aligned collection, with calibrated error radii."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from collalign.engine.options import RunOptions
+from collalign.engine.session import ProgressFactory
+from collalign.landmarks.carry import Template, at_places, off_surface, on_surface, template
+from collalign.landmarks.curves import evenly_spaced
+from collalign.landmarks.files import read_templates, with_semilandmarks
+from collalign.landmarks.fusion import fuse, template_distance
+from collalign.landmarks.radii import Calibration, Evidence, beyond_range, calibrate, radii
+from collalign.landmarks.table import LandmarkTable, landmark_table
+from collalign.output.evidence.file import load_view
+from collalign.products.collection import DOUBT
+from collalign.products.evidence import CollectionView
+from collalign.registration.missing import missing_vertices, with_cloud_rim
+from collalign.registration.options import RegistrationOptions
+from collalign.registration.surface import RegistrationSurface
+from collalign.tools.correspond.result import DenseCorrespondence
+from collalign.tools.correspond.run import dense_correspondence
+from collalign.tools.transfer.result import (
+    CARRIED,
+    DOUBTFUL_POSE,
+    MISSING_PLACE,
+    NO_COUNTERPART,
+    NOT_REGISTERED,
+    OUT_OF_RANGE,
+    PLACED,
+    UNKNOWN,
+    TransferredLandmarks,
+)
+from data_tools.arrays import BoolArray, FloatArray, read_only
+from data_tools.checks import check_count
+from data_tools.embedding.sampling import farthest_points
+from data_tools.errors import InputError
+from data_tools.io.landmarks import (
+    Landmarks,
+    SemilandmarkRows,
+)
+from data_tools.io.shapes import read_shape
+from data_tools.surface.shape import Shape
+from data_tools.threads import one_blas_thread
+
+#: What semilandmarks of the whole surface are called.
+SURFACE = "surface"
+#: Farthest points by which the size of a specimen is measured, which says how far from its rim it has nothing.
+_NUM_RIM_POINTS = 300
+
+
+@one_blas_thread()
+def transfer_landmarks(
+    result: str | Path,
+    landmarks: Mapping[str, Landmarks] | Sequence[str | Path],
+    *,
+    curves: Sequence[str | Path] = (),
+    patches: Sequence[str | Path] = (),
+    curve_points: int | None = None,
+    surface_points: int = 0,
+    options: RegistrationOptions | None = None,
+    run: RunOptions | None = None,
+    progress: ProgressFactory | bool = True,
+) -> TransferredLandmarks:
+    """Carry landmarks from the specimens that have them to all others.
+
+    Parameters
+    ----------
+    result : path
+        Folder that ``collalign align`` wrote.
+    landmarks : mapping of name to Landmarks, or sequence of path
+        In file coordinates. A file ``A.mrk.json``, ``A.fcsv`` or ``A.csv`` belongs to the shape called A. Markups of
+        the type Curve and ClosedCurve are curves of semilandmarks.
+    curves, patches : sequence of path
+        Files whose points are a curve in their order, or semilandmarks of a patch: ``RIM/A.fcsv`` is the curve RIM of
+        the shape called A.
+    curve_points : int, optional
+        Evenly spaced semilandmarks on every curve; by default so many as the first template's curve has points.
+    surface_points : int
+        Semilandmarks spread evenly over the mean surface and carried to all, templates too.
+    options : RegistrationOptions, optional
+    run : RunOptions, optional
+    progress : bool or callable
+        As in :func:`collalign.align_collection`.
+
+    Raises
+    ------
+    InputError
+        If a file belongs to no shape, or two templates have no landmark in common.
+    CollectionError
+        If the shapes cannot be registered.
+
+    Notes
+    -----
+    Shapes of confidence below the result's threshold get no landmarks, incomplete ones none where they have nothing.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
+    >>> from data_tools.io.landmarks import Landmarks
+    >>> planted = demo_collection(num=3, resolution=1)
+    >>> marks = {"chair1": Landmarks(labels=("tip",), points=planted.shapes[0].vertices[:1])}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = write_collection(folder + "/shapes", planted)
+    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
+    ...     collalign.transfer_landmarks(folder + "/result", marks, progress=False).status[1]
+    ('carried over',)
+    """
+    view = load_view(result)
+    check_count("surface_points", surface_points, lower=0)
+    if curve_points is not None:
+        check_count("curve_points", curve_points, lower=2)
+    given = dict(landmarks) if isinstance(landmarks, Mapping) else read_templates(landmarks)
+    given = with_semilandmarks(given, curves, patches)
+    transforms = {name: view.transforms[view.index(name)] for name in given}
+    table = landmark_table(given, transforms, curve_points=curve_points)
+    dense = dense_correspondence(result, options=options, run=run, progress=progress)
+    return _Transfer(view, dense, table).run(surface_points)
+
+
+class _Transfer:
+    """One transfer: the collection, its dense correspondence, and the templates on it."""
+
+    def __init__(self, view: CollectionView, dense: DenseCorrespondence, table: LandmarkTable) -> None:
+        self._view, self._dense, self._labels, self._known = view, dense, table.labels, table.points
+        self._semilandmarks = table.semilandmarks
+        self._rows = {name: row for row, name in enumerate(dense.names)}
+        centred = dense.mean - dense.mean.mean(axis=0)
+        self._radius = radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
+        self._templates = [
+            template(
+                self._rows[name], self._posed(name, points), dense.completed[self._rows[name]], dense.faces, radius
+            )
+            for name, points in table.points.items()
+            if name in self._rows
+        ]
+        if not self._templates:
+            raise InputError("landmarks: none of the specimens with landmarks could be registered")
+        self._scale = {name: float(scale) for name, scale in zip(view.names, view.scales, strict=True)}
+
+    def run(self, surface_points: int) -> TransferredLandmarks:
+        """Predict every specimen, and every template from the others; and spread points over all surfaces."""
+        errors, evidence = self._leave_one_out()
+        calibration = calibrate(errors, evidence)
+        found = [self._specimen(name, calibration) for name in self._view.names]
+        names = tuple(self._dense.names[item.shape] for item in self._templates)
+        unit = np.array([self._scale[name] for name in names])[:, None]
+        rest = [evidence[:at] + evidence[at + 1 :] for at in range(len(evidence))]
+        without = [calibrate(np.delete(errors, at, 0), others) for at, others in enumerate(rest)]
+        radius = np.array([radii(one, own) for one, own in zip(without, evidence, strict=True)])
+        carried = TransferredLandmarks(
+            names=self._view.names,
+            labels=self._labels,
+            points=read_only(np.stack([points for points, _, _ in found])),
+            radii=read_only(np.stack([radius for _, radius, _ in found])),
+            status=tuple(status for _, _, status in found),
+            templates=names,
+            left_out_errors=read_only(errors / unit),
+            left_out_radii=read_only(radius / unit),
+            semilandmarks=self._semilandmarks,
+        )
+        return self._with_surface_points(carried, surface_points) if surface_points else carried
+
+    def _leave_one_out(self) -> tuple[FloatArray, list[Evidence]]:
+        """Errors (t, l), in the common frame, of every template predicted from the others, and their evidence."""
+        shape = (len(self._templates), len(self._labels))
+        if len(self._templates) < 2:
+            nothing = np.full(shape[1], np.nan)
+            return np.full(shape, np.nan), [Evidence(spread=nothing, distance=0.0, residual=nothing, unit=1.0)]
+        errors, evidence = [], []
+        for at, item in enumerate(self._templates):
+            name = self._dense.names[item.shape]
+            points, shown, _ = self._predict(name, self._templates[:at] + self._templates[at + 1 :])
+            errors.append(np.linalg.norm(points - self._posed(name, self._known[name]), axis=1))
+            evidence.append(shown)
+        return np.array(errors), evidence
+
+    def _specimen(self, name: str, calibration: Calibration) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+        """Points and radii in the file's unit and what became of each landmark."""
+        own = self._known.get(name, np.full((len(self._labels), 3), np.nan))
+        placed = np.isfinite(own).all(axis=1)
+        points, radius = np.array(own), np.where(placed, 0.0, np.nan)
+        reason = self._abstention(name)
+        known = np.isfinite(np.stack([item.offsets for item in self._templates])).all(axis=2).any(axis=0)
+        reasons = np.where(known, MISSING_PLACE, UNKNOWN)
+        if reason is None and not placed.all():
+            predicted, evidence, nothing = self._predict(name, self._templates)
+            vague = beyond_range(calibration, evidence)
+            predicted[nothing | vague] = np.nan
+            reasons = np.where(nothing, NO_COUNTERPART, np.where(vague, OUT_OF_RANGE, reasons))
+            inverse = np.linalg.inv(self._view.transforms[self._view.index(name)])
+            points[~placed] = _moved(inverse, predicted)[~placed]
+            radius[~placed] = radii(calibration, evidence)[~placed] / self._scale[name]
+            radius[np.isnan(points).any(axis=1)] = np.nan
+        there = np.isfinite(points).all(axis=1)
+        words = np.where(placed, PLACED, np.where(there, CARRIED, reason or reasons))
+        return points, radius, tuple(words.tolist())
+
+    def _abstention(self, name: str) -> str | None:
+        if name not in self._rows:
+            return NOT_REGISTERED
+        doubtful = self._view.confidence[self._view.index(name)] < DOUBT
+        return DOUBTFUL_POSE if doubtful else None
+
+    def _predict(self, name: str, templates: list[Template]) -> tuple[FloatArray, Evidence, BoolArray]:
+        """Landmarks of a specimen, in the common frame, what shows their error, and where the surface has nothing."""
+        row, dense = self._rows[name], self._dense
+        points, spreads = fuse(templates, row, dense.vertices, dense.quality)
+        evidence = Evidence(
+            spread=spreads,
+            distance=template_distance(templates, row, dense.vertices),
+            residual=at_places(templates, dense.residual[row]).mean(axis=0),
+            unit=self._radius,
+        )
+        surface = self._surface(name)
+        nothing = _without_counterpart(surface, points) & ~off_surface(templates)
+        placed = on_surface(points, templates, surface.locator)
+        for curve in self._semilandmarks:
+            rows = list(curve.rows)
+            if curve.kind != "patch" and np.isfinite(placed[rows]).all():
+                spaced = evenly_spaced(placed[rows], len(rows), closed=curve.kind == "closed curve")
+                placed[rows] = on_surface(spaced, [item.only(rows) for item in templates], surface.locator)
+        return placed, evidence, nothing
+
+    def _with_surface_points(self, carried: TransferredLandmarks, num: int) -> TransferredLandmarks:
+        """Add evenly spread vertices of the mean, on the surface of every shape."""
+        mean = Shape.from_arrays(self._dense.mean, self._dense.faces, name="the mean")
+        if num > len(mean.vertices):
+            raise InputError(f"surface_points: the mean has {len(mean.vertices)} vertices, {num} are asked for")
+        chosen = farthest_points(mean, num, metric="euclidean")
+        places, words = [], []
+        for at, name in enumerate(self._view.names):
+            reason = self._abstention(name)
+            points = np.full((num, 3), np.nan)
+            if reason is None:
+                copies = self._dense.vertices[self._rows[name]][chosen]
+                surface = self._surface(name)
+                there = np.isfinite(copies).all(axis=1) & ~_without_counterpart(surface, copies)
+                points[there] = surface.locator.closest(copies[there]).on(surface.vertices)
+                points = _moved(np.linalg.inv(self._view.transforms[at]), points)
+            places.append(points)
+            words.append(np.where(np.isfinite(points).all(axis=1), CARRIED, reason or NO_COUNTERPART).tolist())
+        rows = SemilandmarkRows(SURFACE, "patch", tuple(range(len(self._labels), len(self._labels) + num)))
+        nothing = np.full((len(self._view.names), num), np.nan)
+        left_out = np.full((len(carried.templates), num), np.nan)
+        return replace(
+            carried,
+            labels=(*self._labels, *(f"{SURFACE}-{number}" for number in range(1, num + 1))),
+            points=read_only(np.concatenate([carried.points, np.stack(places)], axis=1)),
+            radii=read_only(np.concatenate([carried.radii, nothing], axis=1)),
+            status=tuple((*own, *more) for own, more in zip(carried.status, words, strict=True)),
+            left_out_errors=read_only(np.concatenate([carried.left_out_errors, left_out], axis=1)),
+            left_out_radii=read_only(np.concatenate([carried.left_out_radii, left_out], axis=1)),
+            semilandmarks=(*self._semilandmarks, rows),
+        )
+
+    def _surface(self, name: str) -> RegistrationSurface:
+        """Read a specimen's surface, as its file has it, in the common frame."""
+        at = self._view.index(name)
+        shape = read_shape(self._view.file(at), name=name).transformed(self._view.transforms[at])
+        return with_cloud_rim(RegistrationSurface.from_shape(shape, _NUM_RIM_POINTS))
+
+    def _posed(self, name: str, points: FloatArray) -> FloatArray:
+        return _moved(self._view.transforms[self._view.index(name)], points)
+
+
+def _moved(transform: FloatArray, points: FloatArray) -> FloatArray:
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
+
+
+def _without_counterpart(surface: RegistrationSurface, points: FloatArray) -> BoolArray:
+    """Return which of the points that are known lie where the surface has nothing, shape (l,)."""
+    known = np.asarray(np.isfinite(points).all(axis=1))
+    nothing = np.zeros(len(points), dtype=bool)
+    nothing[known] = missing_vertices(surface, points[known])
+    return nothing

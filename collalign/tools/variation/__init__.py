@@ -1,0 +1,1 @@
+"""How the surfaces of a result vary: one page, meshes, tables and a figure."""

@@ -1,0 +1,114 @@
+"""What the page of shape change holds: a decimated mean, and every shape and component as offsets from it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from collalign.output.evidence.display_mesh import display_mesh
+from collalign.output.report.payload import pack, sample_colors
+from collalign.products.evidence import json_types
+from collalign.tools.variation.surface_symmetry import SurfaceSymmetry
+from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
+from data_tools.arrays import FloatArray
+from data_tools.surface.closest import SurfaceLocator
+from data_tools.surface.normals import vertex_normals
+
+#: Triangles of the mean that is drawn, and what all shapes together may have.
+_MOST_FACES, _FEWEST_FACES, _FACES_IN_ALL = 8_000, 1_500, 700_000
+_LARGEST = 32767
+
+
+def build_variation(
+    variation: SurfaceVariation,
+    columns: dict[str, tuple[str, ...]],
+    landmarks: tuple[tuple[str, ...], FloatArray],
+    symmetry: SurfaceSymmetry | None = None,
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Collect the page's content.
+
+    Parameters
+    ----------
+    variation : SurfaceVariation
+    columns : dict of str to tuple of str
+        Labels of the shapes, "" where unknown.
+    landmarks : (names, points)
+        Points (l, 3) on the mean, in its coordinates; NaN where a landmark is on no template.
+    symmetry : SurfaceSymmetry, optional
+
+    Returns
+    -------
+    document : dict
+        JSON types only.
+    blobs : dict of str to str
+        Base64 text by the element's id.
+    """
+    num = len(variation.names)
+    most = int(np.clip(_FACES_IN_ALL // num, _FEWEST_FACES, _MOST_FACES))
+    vertices, faces = display_mesh(variation.mean, variation.faces, max_faces=most)
+    places = SurfaceLocator(variation.mean, variation.faces).closest(vertices)
+    mean = places.on(variation.mean)
+    count = min(NUM_COMPONENTS, len(variation.components.shares))
+    deviations = np.sqrt(variation.components.variances[:count])
+    axes = [d * places.on(axis) for d, axis in zip(deviations, variation.components.axes[:count], strict=True)]
+    arrays: dict[str, NDArray[Any]] = {}
+    steps: dict[str, Any] = {}
+    surfaces = {
+        "mean": mean,
+        "axes": np.array(axes),
+        "shapes": np.stack([places.on(shape) - mean for shape in variation.shapes]),
+    }
+    if symmetry is not None:
+        parts = [symmetry.directional, *symmetry.asymmetric]
+        surfaces |= {
+            "symmetricMean": places.on(symmetry.mean),
+            "asymmetric": np.stack([places.on(part) for part in parts]),
+        }
+    for name, values in surfaces.items():
+        steps[name] = float(np.abs(values).max()) / _LARGEST or 1.0
+        arrays[name] = np.round(values / steps[name]).astype(np.int16)
+    arrays["faces"] = faces.astype(np.uint16 if len(mean) <= np.iinfo(np.uint16).max else np.uint32)
+    arrays["colors"] = np.round(255 * sample_colors(mean[None])).astype(np.uint8)
+    fields, text = pack(arrays)
+    names, points = landmarks
+    known = np.asarray(np.isfinite(points).all(axis=1))
+    document = {
+        "kind": "variation",
+        "names": variation.names,
+        "columns": columns,
+        "centroidSizes": variation.centroid_sizes,
+        "fields": fields,
+        "steps": steps,
+        "numVertices": len(mean),
+        "shares": variation.components.shares[:count],
+        "deviations": deviations,
+        "scores": variation.components.scores[:, :count],
+        "landmarks": {
+            "names": [name for name, there in zip(names, known, strict=True) if there],
+            "points": points[known],
+            "normals": _normals(variation, points[known]),
+        },
+        "symmetry": None if symmetry is None else _asymmetries(symmetry),
+    }
+    return dict(json_types(document)), {"variation": text}
+
+
+def _asymmetries(symmetry: SurfaceSymmetry) -> dict[str, Any]:
+    return {
+        "asymmetry": symmetry.asymmetry,
+        "fluctuating": symmetry.fluctuating,
+        "anova": [
+            {"effect": row.effect, "df": row.df, "sum": row.sum_of_squares, "f": row.f, "p": row.p}
+            for row in symmetry.anova
+        ],
+    }
+
+
+def _normals(variation: SurfaceVariation, points: FloatArray) -> FloatArray:
+    """Outward directions at points on the mean, by which the page hides those behind; zero on a cloud."""
+    if not len(points) or not len(variation.faces):
+        return np.zeros_like(points)
+    places = SurfaceLocator(variation.mean, variation.faces).closest(points)
+    return places.on(vertex_normals(variation.mean, variation.faces))

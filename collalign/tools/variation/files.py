@@ -1,0 +1,158 @@
+"""Writes the page, the meshes, the tables and the figure of a collection's shape variation."""
+
+from __future__ import annotations
+
+import html
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from collalign.output.report.page import render_page
+from collalign.tools.variation.content import build_variation
+from collalign.tools.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_tables, write_tables
+from collalign.tools.variation.scalar_ply import write_scalar_ply
+from collalign.tools.variation.surface_symmetry import SurfaceSymmetry
+from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation, group_means, signed_offsets
+from data_tools.arrays import FloatArray
+from data_tools.io.files import write_atomic
+from data_tools.io.output_folder import OutputFolder, file_stems
+
+PAGE_FILE = "variation.html"
+#: Where in a result's folder the page is, which its report names.
+DEFAULT_FOLDER = "variation"
+FIGURE_STEM = "morphospace"
+#: Of the surfaces drawn along a component.
+DEVIATIONS = 2.0
+_WRITER = "variation"
+
+
+def write_variation(
+    variation: SurfaceVariation,
+    to: Path,
+    *,
+    columns: dict[str, tuple[str, ...]],
+    landmarks: tuple[tuple[str, ...], FloatArray],
+    symmetry: SurfaceSymmetry | None = None,
+    version: str = "",
+    left_out: Sequence[str] = (),
+) -> tuple[Path, ...]:
+    """Write everything into a folder and return the paths, the page first.
+
+    Parameters
+    ----------
+    variation : SurfaceVariation
+    to : Path
+    columns : dict of str to tuple of str
+        Labels of the shapes.
+    landmarks : (names, points)
+        On the mean, see :func:`collalign.tools.variation.content.build_variation`.
+    symmetry : SurfaceSymmetry, optional
+        Of bilateral shapes.
+    version : str
+        Of the toolkit, for the page's last line.
+    left_out : sequence of str
+        Incomplete shapes, which the page names.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written or files of somebody else's are in the way.
+    """
+    with OutputFolder.open(to, writer=_WRITER) as output:
+        document, blobs = build_variation(variation, columns, landmarks, symmetry)
+        page = render_page("Shape variation", _summary(variation, left_out), document, blobs, version=version)
+        write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
+        write_tables(variation, columns, output)
+        _write_meshes(variation, columns, output)
+        if symmetry is not None:
+            write_symmetry_tables(variation.names, symmetry, columns, output)
+            _write_asymmetry(variation, symmetry, output)
+        for ending in ("svg", "png"):
+            first = next(iter(columns.values()), ("",) * len(variation.names))
+            write_atomic(output.stage(f"{FIGURE_STEM}.{ending}"), morphospace(variation, first, ending))
+        return output.publish(last=PAGE_FILE, complete=True)
+
+
+def _summary(variation: SurfaceVariation, left_out: Sequence[str]) -> str:
+    shares = variation.components.shares
+    facts = [
+        (str(len(variation.names)), "surfaces in correspondence"),
+        (str(len(variation.mean)), "points on each"),
+        *((f"{100 * share:.0f} %", f"of the variance on component {at}") for at, share in enumerate(shares[:3], 1)),
+    ]
+    items = "".join(f"<li><strong>{value}</strong>{html.escape(words)}</li>" for value, words in facts)
+    note = html.escape(f"Left out, because parts of them are missing: {', '.join(left_out)}.")
+    return f'<ul class="facts">{items}</ul>' + (f'<ul class="notes"><li>{note}</li></ul>' if left_out else "")
+
+
+def _write_meshes(variation: SurfaceVariation, columns: dict[str, tuple[str, ...]], output: OutputFolder) -> None:
+    """Write the mean, both ends of each component, group means and specimens, with offsets from the mean."""
+
+    def write(folder: str, stem: str, vertices: FloatArray) -> None:
+        offset = signed_offsets(variation.mean, variation.faces, vertices)
+        write_scalar_ply(output.stage(folder, f"{stem}.ply"), vertices, variation.faces, {"offset": offset})
+
+    write("components", "mean", variation.mean)
+    for at in range(min(NUM_COMPONENTS, len(variation.components.shares))):
+        for side, sign in (("low", -1), ("high", 1)):
+            write("components", f"PC{at + 1}-{side}", variation.components.shape_at(at, sign * DEVIATIONS))
+    means = {
+        f"{column}-{kind}": mean
+        for column, values in columns.items()
+        for kind, mean in group_means(variation.shapes, values).items()
+    }
+    for stem, mean in zip(file_stems(means), means.values(), strict=True):
+        write("groups", stem, mean)
+    for stem, shape in zip(file_stems(variation.names), variation.shapes, strict=True):
+        write("specimens", stem, shape)
+
+
+def _write_asymmetry(variation: SurfaceVariation, symmetry: SurfaceSymmetry, output: OutputFolder) -> None:
+    """Write the symmetric mean and, on it, the asymmetric component of all together and of every specimen."""
+    stems = ["mean", *(f"specimens/{stem}" for stem in file_stems(variation.names))]
+    for stem, parts in zip(stems, [symmetry.directional, *symmetry.asymmetric], strict=True):
+        vertices = symmetry.mean + parts
+        offset = signed_offsets(symmetry.mean, variation.faces, vertices)
+        path = output.stage(SYMMETRY_FOLDER, *f"{stem}.ply".split("/"))
+        write_scalar_ply(path, vertices, variation.faces, {"asymmetry": offset})
+
+
+def morphospace(variation: SurfaceVariation, labels: tuple[str, ...], ending: str) -> bytes:
+    """Draw the scores on the first two components, with a convex hull for every label."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    scores, shares = variation.components.scores, variation.components.shares
+    second = scores[:, 1] if scores.shape[1] > 1 else np.zeros(len(scores))
+    places = np.column_stack([scores[:, 0], second])
+    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    for number, kind in enumerate(sorted(set(labels))):
+        members = places[[label == kind for label in labels]]
+        color = "0.55" if not kind else f"C{number % 10}"
+        axes.plot(*members.T, "o", ms=4, color=color, label=kind or None)
+        if kind and len(members) > 2:
+            axes.fill(*members[_hull(members)].T, alpha=0.12, color=color)
+    if any(labels):
+        axes.legend(fontsize=7)
+    axes.set_aspect("equal")
+    axes.set_xlabel(f"PC1 ({100 * shares[0]:.0f} %)")
+    axes.set_ylabel(f"PC2 ({100 * shares[1]:.0f} %)" if len(shares) > 1 else "")
+    image = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "collalign"}):
+        figure.savefig(image, format=ending, metadata={"Date": None} if ending == "svg" else {"Software": None})
+    return image.getvalue()
+
+
+def _hull(points: FloatArray) -> list[int]:
+    """Corners of the convex hull in order; all points where they lie on a line."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return list(ConvexHull(points).vertices)
+    except QhullError:
+        return list(range(len(points)))

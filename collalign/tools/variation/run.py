@@ -1,0 +1,187 @@
+"""How the surfaces of an aligned collection vary, and the files that show it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from collalign.analysis.symmetry import mirror_normal
+from collalign.engine.options import RunOptions
+from collalign.engine.session import ProgressFactory
+from collalign.landmarks.carry import template
+from collalign.landmarks.files import read_templates
+from collalign.landmarks.table import landmark_table
+from collalign.output.evidence.file import load_view
+from collalign.tools.correspond.result import DenseCorrespondence
+from collalign.tools.correspond.run import dense_correspondence
+from collalign.tools.variation.files import write_variation
+from collalign.tools.variation.mirror import mirror_map
+from collalign.tools.variation.surface_symmetry import surface_symmetry
+from collalign.tools.variation.surface_variation import SurfaceVariation, surface_variation
+from data_tools.arrays import FloatArray
+from data_tools.errors import CollectionError, InputError
+from data_tools.io.landmarks import Landmarks, landmark_partners, read_landmark_pairs
+from data_tools.io.output_folder import refuse_overlap
+from data_tools.surface.closest import SurfacePoints
+from data_tools.surface.shape import Shape
+from data_tools.threads import one_blas_thread
+
+
+@one_blas_thread()
+def write_surface_variation(
+    result: str | Path,
+    to: str | Path,
+    *,
+    labels: Mapping[str, Sequence[str]] | None = None,
+    landmarks: Mapping[str, Landmarks] | Sequence[str | Path] = (),
+    symmetry: Literal["auto"] | str | Path | Sequence[tuple[str, str]] | None = None,
+    individuals: Sequence[str] | None = None,
+    run: RunOptions | None = None,
+    progress: ProgressFactory | bool = True,
+) -> SurfaceVariation:
+    """Show how the surfaces of a result vary: one page, meshes, tables and a figure.
+
+    Parameters
+    ----------
+    result : path
+        Folder that ``collalign align`` wrote.
+    to : path
+        Folder for ``variation.html`` and the rest.
+    labels : mapping of str to sequence of str, optional
+        Columns of labels, one per shape of the result and "" where unknown; by default those the result came with.
+    landmarks : mapping of name to Landmarks, or sequence of path
+        Of some specimens, to be numbered on the mean.
+    symmetry : "auto", path or sequence of pairs, optional
+        For bilateral shapes: symmetric and asymmetric components. The mirror plane is that of the pairs of landmarks
+        (a CSV file with a row per pair, or the pairs), or with "auto" the one whose mirror image fits best.
+    individuals : sequence of str, optional
+        Whom each shape of the result belongs to, where some are replicates, which tell asymmetry from errors.
+    run : RunOptions, optional
+        With a store, finished registrations are kept.
+    progress : bool or callable
+        As in :func:`collalign.align_collection`.
+
+    Returns
+    -------
+    SurfaceVariation
+        Principal components of the surfaces in dense correspondence, see :func:`collalign.dense_correspondence`.
+        Incomplete shapes, of which it knows not all places, are left out; the page names them.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no result, files of somebody else's are in the way, or shapes are not bilateral.
+    CollectionError
+        If fewer than two complete shapes can be registered.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = write_collection(folder + "/shapes", demo_collection(num=3, resolution=1))
+    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
+    ...     found = collalign.write_surface_variation(folder + "/result", folder + "/variation", progress=False)
+    >>> found.components.scores.shape
+    (3, 2)
+    """
+    view = load_view(result)
+    inputs = () if isinstance(landmarks, Mapping) else map(Path, landmarks)
+    refuse_overlap(Path(to), {*view.inputs, *inputs})
+    every = dense_correspondence(result, run=run, progress=progress)
+    dense = _whole_shapes(every)
+    rows = [view.index(name) for name in dense.names]
+    vertices = dense.vertices / view.scales[rows][:, None, None]
+    found = surface_variation(dense.names, dense.faces, vertices)
+    columns = {
+        column: tuple(values[at] for at in rows)
+        for column, values in (view.labels if labels is None else labels).items()
+    }
+    marked: tuple[tuple[str, ...], FloatArray] = ((), np.empty((0, 3)))
+    if landmarks:
+        given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks)
+        table = landmark_table(given, {name: view.transforms[view.index(name)] for name in given})
+        alone = table.landmark_rows
+        posed = {name: _posed(view.transforms[view.index(name)], one[alone]) for name, one in table.points.items()}
+        marked = tuple(table.labels[row] for row in alone), _on_mean(dense, found.mean, posed)
+    components = None
+    if symmetry is not None:
+        components = surface_symmetry(
+            vertices,
+            dense.faces,
+            _counterparts(found, symmetry, marked),
+            mirrored=view.reflected[rows],
+            individuals=None if individuals is None else [individuals[at] for at in rows],
+        )
+    version = str(view.versions.get("collalign", ""))
+    left_out = tuple(name for name in every.names if name not in dense.names)
+    write_variation(
+        found,
+        Path(to),
+        columns=columns,
+        landmarks=marked,
+        symmetry=components,
+        version=version,
+        left_out=left_out,
+    )
+    return found
+
+
+def _whole_shapes(dense: DenseCorrespondence) -> DenseCorrespondence:
+    """Return the correspondence of the shapes that lack nothing."""
+    whole = np.flatnonzero((~dense.missing).all(axis=1))
+    if len(whole) == len(dense.names):
+        return dense
+    if len(whole) < 2:
+        raise CollectionError(f"{len(whole)} complete shapes: at least two are needed to say how they vary")
+    return replace(
+        dense,
+        names=tuple(dense.names[i] for i in whole),
+        vertices=dense.vertices[whole],
+        completed=dense.completed[whole],
+        residual=dense.residual[whole],
+        quality=dense.quality[whole],
+    )
+
+
+def _counterparts(
+    found: SurfaceVariation,
+    symmetry: str | Path | Sequence[tuple[str, str]],
+    marked: tuple[tuple[str, ...], FloatArray],
+) -> SurfacePoints:
+    """Find the other side of every vertex of the mean."""
+    mean = Shape.from_arrays(found.mean, found.faces, name="the mean")
+    if symmetry == "auto":
+        return mirror_map(mean).places
+    names, points = marked
+    if not names:
+        raise InputError("symmetry: pairs are of landmarks; name files that have them (landmarks)")
+    pairs = read_landmark_pairs(symmetry, names) if isinstance(symmetry, str | Path) else symmetry
+    partner = landmark_partners(names, pairs)
+    there = np.asarray(np.isfinite(points).all(axis=1))
+    known = there & there[partner]
+    numbers = np.cumsum(known) - 1
+    centred = points[known] - points[known].mean(axis=0)
+    return mirror_map(mean, normal=mirror_normal(centred, numbers[partner[known]])).places
+
+
+def _posed(transform: FloatArray, points: FloatArray) -> FloatArray:
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
+
+
+def _on_mean(dense: DenseCorrespondence, mean: FloatArray, known: Mapping[str, FloatArray]) -> FloatArray:
+    """Return the mean place of every landmark on the mean surface, over the specimens that have it, shape (l, 3)."""
+    places = []
+    for name, points in known.items():
+        if name in dense.names:
+            row = dense.names.index(name)
+            found = template(row, points, dense.completed[row], dense.faces, np.inf)
+            places.append(np.where(np.isfinite(found.offsets), found.places.on(mean), np.nan))
+    stacked = np.array(places).reshape(len(places), -1, 3)
+    there = np.isfinite(stacked)
+    total = np.where(there, stacked, 0.0).sum(axis=0)
+    return np.asarray(np.where(there.any(axis=0), total / np.maximum(there.sum(axis=0), 1), np.nan))

@@ -1,0 +1,299 @@
+"""Every format is read back by an independent reader; where none can be installed, by the rules of the main one."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from collalign.output.evidence.file import save_view
+from collalign.products.evidence import CollectionView
+from collalign.tools.export.run import FORMATS, export
+from data_tools.errors import InputError, OptionsError
+from data_tools.io.landmarks import read_landmarks
+from tests.export_readers import read_morphologika
+from tests.view_problems import NUM_SAMPLES, view_of
+
+TABLES = (
+    "shapes",
+    "landmarks",
+    "consensus",
+    "pairs",
+    "procrustes_distances",
+    "procrustes_coordinates",
+    "principal_components",
+)
+
+
+@pytest.fixture
+def view(tmp_path_factory: pytest.TempPathFactory) -> CollectionView:
+    """Six shapes whose files exist, four samples missing."""
+    plain = view_of(6, num_missing=4)
+    folder = tmp_path_factory.mktemp("in")
+    files = []
+    for name, vertices, faces in zip(plain.names, plain.vertices, plain.faces, strict=True):
+        file = folder / f"{name}.ply"
+        trimesh.Trimesh(vertices, faces, process=False).export(file)
+        files.append(str(file))
+    return dataclasses.replace(plain, files=tuple(files))
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"))))
+
+
+def test_every_format_of_the_contract_exists() -> None:
+    contract = {"morphologika", "tps", "nts", "slicer-json", "fcsv", "shapeworks", "csv", "ply", "itk"}
+    assert contract <= set(FORMATS)
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_files_are_where_they_are_said_to_be_and_the_same_each_time(
+    view: CollectionView, tmp_path: Path, format: str
+) -> None:
+    first = export(view, format, tmp_path / "one")
+    second = export(view, format, tmp_path / "two")
+    assert first
+    assert len(set(first)) == len(first)
+    for a, b in zip(first, second, strict=True):
+        assert a.is_relative_to(tmp_path / "one")
+        assert a.read_bytes() == b.read_bytes()
+
+
+def test_export_reads_the_saved_folder(view: CollectionView, tmp_path: Path) -> None:
+    save_view(view, tmp_path / "out")
+    saved = export(tmp_path / "out", "tps", tmp_path / "a")[0].read_text()
+    assert saved == export(view, "tps", tmp_path / "b")[0].read_text()
+
+
+def test_morphologika(view: CollectionView, tmp_path: Path) -> None:
+    found = read_morphologika(export(view, "morphologika", tmp_path)[0])
+    assert found.names == view.names
+    np.testing.assert_array_equal(found.points, view.aligned_samples)
+    assert found.labels == ("taxon", "side")
+    assert found.label_values[1] == ("taxon_B", "left")
+
+
+def test_morphologika_survives_specimens_called_like_its_sections(view: CollectionView, tmp_path: Path) -> None:
+    names = ("names_1", "Landmarks2", "my rawpoints", "a 'b'", "a _b_", "groups")
+    paths = export(dataclasses.replace(view, names=names), "morphologika", tmp_path)
+    found = read_morphologika(paths[0])
+    assert len(set(found.names)) == 6
+    assert [row["name"] for row in rows(paths[1])] == list(names)
+    assert [row["specimen"] for row in rows(paths[1])] == list(found.names)
+
+
+def test_tps_by_ktch(view: CollectionView, tmp_path: Path) -> None:
+    ktch_io = pytest.importorskip("ktch.io", reason="ktch is not installed")
+    found = ktch_io.read_tps(export(view, "tps", tmp_path)[0])
+    assert [specimen.specimen_name for specimen in found] == list(view.names)
+    np.testing.assert_array_equal([specimen.to_numpy() for specimen in found], view.aligned_samples)
+
+
+def test_nts_by_morphops(view: CollectionView, tmp_path: Path) -> None:
+    morphops_io = pytest.importorskip("morphops.io", reason="morphops is not installed")
+    points, names = morphops_io.read_dta(export(view, "nts", tmp_path)[0])
+    assert names == list(view.names)
+    np.testing.assert_array_equal(np.where(points == -9999, np.nan, points), view.aligned_samples)
+
+
+def test_nts_code_for_missing_is_no_coordinate(view: CollectionView, tmp_path: Path) -> None:
+    far = dataclasses.replace(view, samples=view.samples * 1e6)
+    header = export(far, "nts", tmp_path, space="raw")[0].read_text().splitlines()[0].split()
+    assert abs(int(header[4])) > np.nanmax(np.abs(far.samples))
+    assert header[:4] == ["1", "6L", str(3 * NUM_SAMPLES), "1"]
+
+
+def test_slicer_json(view: CollectionView, tmp_path: Path) -> None:
+    for path, points in zip(export(view, "slicer-json", tmp_path), view.aligned_samples, strict=True):
+        markup = json.loads(path.read_text())["markups"][0]
+        assert markup["coordinateSystem"] == "LPS"
+        status = [control["positionStatus"] for control in markup["controlPoints"]]
+        assert status.count("undefined") == np.isnan(points).any(axis=1).sum()
+        np.testing.assert_array_equal(read_landmarks(path).points, points)
+
+
+def test_fcsv_by_slicerio(view: CollectionView, tmp_path: Path) -> None:
+    slicerio = pytest.importorskip("slicerio", reason="slicerio is not installed")
+    for path, points in zip(export(view, "fcsv", tmp_path), view.aligned_samples, strict=True):
+        markup = slicerio.read_markups_fcsv(str(path))["markups"][0]
+        controls = markup["controlPoints"]
+        known = np.flatnonzero(~np.isnan(points).any(axis=1))
+        assert markup["coordinateSystem"] == "LPS"
+        assert [control["label"] for control in controls] == [f"L{at + 1}" for at in known]
+        np.testing.assert_array_equal([control["position"] for control in controls], points[known])
+        np.testing.assert_array_equal(read_landmarks(path).points, points[known])
+
+
+def test_itk_by_simpleitk_is_the_inverse_pose(view: CollectionView, tmp_path: Path) -> None:
+    sitk = pytest.importorskip("SimpleITK", reason="SimpleITK is not installed")
+    for at, path in enumerate(export(view, "itk", tmp_path)):
+        transform = sitk.ReadTransform(str(path))
+        raw, aligned = view.vertices[at][7], np.append(view.vertices[at][7], 1) @ view.transforms[at].T
+        np.testing.assert_allclose(transform.TransformPoint(aligned[:3].tolist()), raw, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            transform.GetInverse().TransformPoint(raw.tolist()), aligned[:3], rtol=1e-9, atol=1e-9
+        )
+
+
+def test_shapeworks_project_holds_together(view: CollectionView, tmp_path: Path) -> None:
+    project_file, *files = export(view, "shapeworks", tmp_path)
+    project = json.loads(project_file.read_text())
+    complete = ~np.isnan(view.samples).any(axis=(0, 2))
+    assert len(files) == 3 * view.num_shapes
+    for at, entry in enumerate(project["data"]):
+        assert all(isinstance(value, str) for value in entry.values())
+        T = np.array(entry["alignment_1"].split(), dtype=float).reshape(4, 4)
+        mesh = trimesh.load_mesh(tmp_path / entry["shape_1"], process=False)
+        np.testing.assert_allclose(mesh.vertices, view.vertices[at], rtol=1e-6, atol=1e-6)
+        text = (tmp_path / entry["local_particles_1"]).read_text()
+        assert text.endswith("\n")
+        local, world = np.array(text.split(), dtype=float), np.loadtxt(tmp_path / entry["world_particles_1"])
+        np.testing.assert_array_equal(local.reshape(-1, 3), view.samples[at][complete])
+        np.testing.assert_allclose(local.reshape(-1, 3) @ T[:3, :3].T + T[:3, 3], world, rtol=1e-9, atol=1e-9)
+
+
+#: Columns that ShapeWorks knows (``Libs/Project/ProjectReader.cpp`` and ``ProjectUtils.cpp`` of its sources, commits
+#: 13b61921 and 087cc66e): those it needs to show poses and particles, and those that may stand beside them.
+SHAPEWORKS_KEYS = {"name", "shape_1", "groomed_1", "alignment_1", "local_particles_1", "world_particles_1"}
+SHAPEWORKS_PREFIXES = ("group_", "procrustes_", "landmarks_file_", "constraints_", "image_", "feature_")
+SHAPEWORKS_SECTIONS = {"data", "groom", "optimize", "studio", "project", "analysis", "deepssm", "landmarks"}
+
+
+def shapeworks_problems(project: dict[str, Any]) -> list[str]:
+    """What the reader of ShapeWorks would refuse or silently ignore: it reads every section as maps of strings."""
+    found = [f"section {name}" for name in project.keys() - SHAPEWORKS_SECTIONS]
+    found += [f"optimize {key}" for key, value in project["optimize"].items() if not isinstance(value, str)]
+    for entry in project["data"]:
+        found += [f"missing {key}" for key in SHAPEWORKS_KEYS - entry.keys()]
+        found += [
+            f"unknown {key}" for key in entry.keys() - SHAPEWORKS_KEYS if not key.startswith(SHAPEWORKS_PREFIXES)
+        ]
+        found += [f"no text {key}" for key, value in entry.items() if not isinstance(value, str)]
+        found += ["alignment"] * (len(entry.get("alignment_1", "").split()) != 16)
+    return found
+
+
+def test_shapeworks_project_follows_its_schema(view: CollectionView, tmp_path: Path) -> None:
+    project = json.loads(export(view, "shapeworks", tmp_path)[0].read_text())
+    assert shapeworks_problems(project) == []
+    wrong = json.loads(json.dumps(project))
+    wrong["data"][0]["alignment_1"] = "1 0 0"
+    wrong["data"][1]["extra"] = 3
+    del wrong["data"][2]["groomed_1"]
+    assert shapeworks_problems(wrong) == ["alignment", "unknown extra", "no text extra", "missing groomed_1"]
+
+
+@pytest.mark.parametrize("format", ["ply", "obj", "stl"])
+@pytest.mark.parametrize("space", ["aligned", "unscaled", "raw"])
+def test_meshes_by_trimesh(view: CollectionView, tmp_path: Path, format: str, space: Any) -> None:
+    for at, path in enumerate(export(view, format, tmp_path, space=space)):
+        mesh = trimesh.load_mesh(path)
+        T = {"raw": np.eye(4), "aligned": view.transforms[at]}.get(space, view.transforms[at] / view.scales[at])
+        expected = view.vertices[at] @ T[:3, :3].T + T[:3, 3]
+        np.testing.assert_allclose(mesh.bounds, [expected.min(axis=0), expected.max(axis=0)], rtol=1e-4, atol=1e-5)
+        raw_volume = trimesh.Trimesh(view.vertices[at], view.faces[at], process=False).volume
+        turned = np.sign(np.linalg.det(T[:3, :3]))
+        assert np.sign(mesh.volume) == np.sign(raw_volume) * (turned if space == "raw" else 1)
+
+
+def test_meshes_are_whole_even_if_the_view_is_decimated(view: CollectionView, tmp_path: Path) -> None:
+    few = dataclasses.replace(view, faces=tuple(faces[:10] for faces in view.faces))
+    mesh = trimesh.load_mesh(export(few, "ply", tmp_path)[0])
+    assert len(mesh.faces) == len(view.faces[0])
+
+
+def test_moved_files_are_found_in_the_folder_named(view: CollectionView, tmp_path: Path) -> None:
+    moved = dataclasses.replace(view, files=tuple(f"elsewhere/{Path(file).name}" for file in view.files))
+    with pytest.raises(InputError, match=r"elsewhere.*no longer there.*name the folder"):
+        export(moved, "ply", tmp_path / "out")
+    assert len(export(moved, "ply", tmp_path / "out", sources=Path(view.files[0]).parent)) == 6
+
+
+def test_csv_tables(view: CollectionView, tmp_path: Path) -> None:
+    files = {path.name: path for path in export(view, "csv", tmp_path)}
+    assert set(files) == {f"{name}.csv" for name in TABLES} | {"tree.nwk"}
+    shapes = rows(files["shapes.csv"])
+    T = [[float(row[f"T{a}{b}"]) for a in (1, 2, 3) for b in (1, 2, 3, 4)] for row in shapes]
+    np.testing.assert_array_equal(np.array(T).reshape(-1, 3, 4), view.transforms[:, :3])
+    landmarks = rows(files["landmarks.csv"])
+    assert len(landmarks) == 6 * NUM_SAMPLES
+    assert sum(row["x"] == "" for row in landmarks) == 4
+    consensus = rows(files["consensus.csv"])
+    assert [int(row["shapes"]) for row in consensus] == (~np.isnan(view.samples[:, :, 0])).sum(axis=0).tolist()
+    mean = np.nanmean(view.aligned_samples[:, 2], axis=0)
+    np.testing.assert_allclose([float(consensus[2][axis]) for axis in "xyz"], mean, rtol=1e-12)
+    coordinates = rows(files["procrustes_coordinates.csv"])
+    assert len(coordinates[0]) == 1 + 3 * (NUM_SAMPLES - 4)
+    flat = np.array([list(row.values())[1:] for row in coordinates], dtype=float).reshape(6, -1, 3)
+    np.testing.assert_allclose(flat.mean(axis=1), 0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(flat, axis=(1, 2)), 1, rtol=1e-12)
+    assert files["tree.nwk"].read_text().count("shape_") == 6
+
+
+def test_the_table_of_pairs_names_target_and_source_and_shapes_have_their_sizes(
+    view: CollectionView, tmp_path: Path
+) -> None:
+    files = {path.name: path for path in export(view, "csv", tmp_path)}
+    found = [(row["target"], row["source"], row["status"]) for row in rows(files["pairs.csv"])]
+    assert found == [(view.names[pair.target], view.names[pair.source], pair.status) for pair in view.pairs]
+    assert any(target != source for target, source, _ in found)
+    shapes = rows(files["shapes.csv"])
+    assert [float(row["centroid_size"]) for row in shapes] == view.centroid_sizes.tolist()
+    assert [float(row["scale"]) for row in shapes] == view.scales.tolist()
+    assert not np.allclose(view.centroid_sizes, view.scales)
+
+
+def test_parquet_says_the_same_as_csv(view: CollectionView, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    files = {path.stem: path for path in export(view, "parquet", tmp_path)}
+    table = parquet.read_table(files["shapes"]).to_pydict()
+    assert table["name"] == list(view.names)
+    np.testing.assert_array_equal(table["T23"], view.transforms[:, 1, 2])
+
+
+def test_label_columns_never_hide_the_table_s_own(view: CollectionView, tmp_path: Path) -> None:
+    labelled = dataclasses.replace(view, labels={"confidence": ("x",) * 6})
+    table = rows(tmp_path / "shapes.csv") if export(labelled, "csv", tmp_path) else []
+    assert table[0]["label_confidence"] == "x"
+    assert float(table[0]["confidence"]) == view.confidence[0]
+
+
+def test_procrustes_space_is_for_landmarks_only(view: CollectionView, tmp_path: Path) -> None:
+    text = export(view, "tps", tmp_path, space="procrustes")[0].read_text()
+    assert f"LM3={NUM_SAMPLES - 4}" in text
+    with pytest.raises(OptionsError, match="landmarks only"):
+        export(view, "ply", tmp_path, space="procrustes")
+
+
+def test_too_few_common_landmarks_are_refused_with_advice(view: CollectionView, tmp_path: Path) -> None:
+    samples = view.samples.copy()
+    samples[0, : NUM_SAMPLES - 2] = np.nan
+    partial = dataclasses.replace(view, samples=samples)
+    with pytest.raises(InputError, match="exist on every shape"):
+        export(partial, "shapeworks", tmp_path)
+    assert "procrustes_coordinates" not in {path.stem for path in export(partial, "csv", tmp_path)}
+
+
+def test_unknown_formats_and_spaces_are_refused(view: CollectionView, tmp_path: Path) -> None:
+    with pytest.raises(OptionsError, match="expected one of morphologika"):
+        export(view, "vtk", tmp_path)
+    with pytest.raises(OptionsError, match="expected one of aligned"):
+        export(view, "tps", tmp_path, space="ras")  # type: ignore[arg-type]
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        export(view, "tps", tmp_path / "file" / "under")
+
+
+def test_names_cannot_leave_the_folder(view: CollectionView, tmp_path: Path) -> None:
+    names = ("../up", "/etc/passwd", "..", "a\\b", "A", "a")
+    paths = export(dataclasses.replace(view, names=names), "itk", tmp_path / "out")
+    assert all(path.parent == tmp_path / "out" for path in paths)
+    assert len({path.name.casefold() for path in paths}) == 6

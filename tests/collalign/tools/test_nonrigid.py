@@ -1,0 +1,235 @@
+"""Non-rigid matching end to end on a generated near-isometric pair with a known dense map, and its parts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.tools.match.nonrigid import match_prepared, match_shapes
+from collalign.tools.match.pictures import draw_match, transferred_colours
+from collalign.tools.match.prepare import prepare_file, prepare_shape
+from data_tools.datasets.public import read_registered_archive
+from data_tools.datasets.synthetic import bent, mirrored, point_cloud, shuffled
+from data_tools.datasets.synthetic_shapes import figure
+from data_tools.errors import InputError, OptionsError
+from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.rotations import random_rotation
+from data_tools.surface.shape import Shape
+from experiments.maps.evaluation import MapEvaluator
+from pairwise.status import Status
+
+SMALL = SurfaceOptions(num_functions=45, num_samples=60, num_dense=300)
+QUICK = NonrigidOptions(num_source=30)
+
+
+@pytest.fixture(scope="module")
+def pair() -> tuple[Shape, Shape, np.ndarray]:
+    """A figure, a bent, rotated, shuffled copy of it, and the target vertex of each of its vertices."""
+    rng = np.random.default_rng(3)
+    target = figure()
+    posed = bent(target, rng, angle=0.6)
+    source, truth = shuffled(Shape.from_arrays(posed.vertices @ random_rotation(rng).T, posed.faces), rng)
+    return target, source, truth
+
+
+@pytest.fixture(scope="module")
+def prepared(pair: tuple[Shape, Shape, np.ndarray]) -> tuple[SpectralShape, SpectralShape]:
+    return prepare_shape(pair[0], SMALL), prepare_shape(pair[1], SMALL)
+
+
+@pytest.fixture(scope="module")
+def files(pair: tuple[Shape, Shape, np.ndarray], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The pair as files."""
+    folder = tmp_path_factory.mktemp("nonrigid")
+    target, source = (write_mesh(folder / f"{name}.ply", shape) for name, shape in zip("ab", pair[:2], strict=True))
+    return target, source
+
+
+def mean_error(target: Shape, images: np.ndarray, truth: np.ndarray, *, num: int = 100) -> float:
+    chosen = np.linspace(0, len(truth) - 1, num).astype(int)
+    return float(MapEvaluator(target, truth[chosen]).errors(images[chosen]).direct.mean())
+
+
+def test_portfolio_finds_the_dense_map(
+    pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
+) -> None:
+    target, source, truth = pair
+    match = match_prepared(*prepared, QUICK)
+    assert match.point_map_target_source.shape == (len(source.vertices),)
+    assert match.point_map_source_target.shape == (len(target.vertices),)
+    assert mean_error(target, match.point_map_target_source, truth) < 0.03
+    back = np.argsort(truth)
+    assert mean_error(source, match.point_map_source_target, back) < 0.03
+    assert match.orientation == "preserving"
+    assert match.bijectivity > 0.95
+    assert 0.0 < match.confidence <= 1.0
+    assert match.status is not Status.FAILED
+    scores = [c.evidence.score for c in match.candidates if c.orientation == "preserving"]
+    assert scores == sorted(scores)
+
+
+def test_a_mirror_image_is_detected_as_such(
+    pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
+) -> None:
+    target, source, truth = pair
+    reflection = prepare_shape(mirrored(source), SMALL)
+    match = match_prepared(prepared[0], reflection, replace(QUICK, orientation="any"))
+    assert match.orientation == "reversing"
+    assert mean_error(target, match.point_map_target_source, truth) < 0.03
+
+
+def test_same_input_gives_the_same_map(prepared: tuple[SpectralShape, SpectralShape]) -> None:
+    first, second = (match_prepared(*prepared, QUICK) for _ in range(2))
+    assert np.array_equal(first.point_map_target_source, second.point_map_target_source)
+    assert first.confidence == second.confidence
+
+
+@pytest.mark.parametrize("strategy", ["paper", "fast"])
+def test_strategies_of_the_paper_run_to_the_end(
+    strategy: str, pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
+) -> None:
+    options = NonrigidOptions(strategy=strategy, num_source=20, bandwidth=1, time_limit_s=4.0, num_candidates=2)
+    match = match_prepared(*prepared, options)
+    assert match.candidates[0].origin == strategy
+    assert match.functional_map.shape == (31, 31)
+    rotation = match.functional_map[1:, 1:]
+    assert rotation @ rotation.T == pytest.approx(np.eye(30), abs=1e-9)
+    assert mean_error(pair[0], match.point_map_target_source, pair[2]) < 0.25
+
+
+def test_files_in_files_out(tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray], files: tuple[Path, Path]) -> None:
+    match = match_shapes(*files, options=QUICK, surface_options=SMALL)
+    assert mean_error(pair[0], match.point_map_target_source, pair[2]) < 0.03
+    npz, text = match.save(tmp_path / "out")
+    with np.load(npz, allow_pickle=False) as stored:
+        assert np.array_equal(stored["point_map_target_source"], match.point_map_target_source)
+        assert len(stored["candidate_maps"]) == len(match.candidates)
+    assert np.array_equal(np.loadtxt(text, dtype=np.int64), match.point_map_target_source)
+    target, source = (read_shape(file) for file in files)
+    again = match_shapes(target, (source.vertices, source.faces), options=QUICK, surface_options=SMALL)
+    assert np.array_equal(again.point_map_target_source, match.point_map_target_source)
+
+
+def test_loose_parts_have_no_counterpart(pair: tuple[Shape, Shape, np.ndarray]) -> None:
+    target = pair[0]
+    num = len(target.vertices)
+    speck = np.array([[90.0, 0, 0], [91, 0, 0], [90, 1, 0], [95, 5, 5]])
+    faces = np.vstack([target.faces, [[num, num + 1, num + 2]]])
+    littered = prepare_shape(Shape.from_arrays(np.vstack([target.vertices, speck]), faces), SMALL)
+    assert "have no counterpart" in littered.notes[0]
+    match = match_prepared(littered, littered, QUICK)
+    assert (match.point_map_target_source[num:] == -1).all()
+    assert (match.point_map_target_source[:num] == np.arange(num)).mean() > 0.99
+
+
+def test_vertex_indices_are_those_of_the_file(
+    tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
+) -> None:
+    target = pair[0]
+    loose = Shape.from_arrays(np.vstack([np.full((3, 3), 99.0), target.vertices]), target.faces + 3)
+    stored = prepare_file(write_mesh(tmp_path / "loose.ply", loose), SMALL)
+    assert (stored.to_working[:3] == -1).all()
+    assert stored.to_original.min() == 3
+    match = match_prepared(prepared[0], stored, QUICK)
+    assert (match.point_map_target_source[:3] == -1).all()
+    assert (match.point_map_target_source[3:] == np.arange(len(target.vertices))).mean() > 0.99
+
+
+def test_large_meshes_are_decimated_and_small_ones_work(
+    pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
+) -> None:
+    target = pair[0]
+    coarse = prepare_shape(target, replace(SMALL, max_faces=1200))
+    assert "decimated" in " ".join(coarse.notes)
+    match = match_prepared(prepared[0], coarse, QUICK)
+    own = np.arange(len(target.vertices))
+    assert mean_error(target, match.point_map_target_source, own) < 0.05
+    vertices, faces = coarse.vertices, coarse.faces
+    tiny = prepare_shape(Shape.from_arrays(vertices, faces), SurfaceOptions(num_functions=60, num_dense=5000))
+    assert len(tiny.dense) == len(vertices)
+    assert match_prepared(tiny, tiny).confidence > 0.5
+
+
+def test_poor_meshes_work_or_say_what_to_do(
+    pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
+) -> None:
+    target = pair[0]
+    holed = Shape.from_arrays(target.vertices, target.faces[40:], name="holed")
+    fin = np.vstack([target.faces, [[target.faces[0, 0], target.faces[0, 1], len(target.vertices)]]])
+    top = target.vertices[target.faces[0]].mean(axis=0) * 1.05
+    finned = Shape.from_arrays(np.vstack([target.vertices, top]), fin, name="finned")
+    for shape in (holed, finned):
+        match = match_prepared(prepare_shape(shape, SMALL), prepare_shape(target, SMALL), QUICK)
+        assert (
+            mean_error(target, match.point_map_source_target[: len(target.vertices)], np.arange(len(target.vertices)))
+            < 0.05
+        )
+    few = Shape.from_arrays(target.vertices[target.faces[:40]].reshape(-1, 3), np.arange(120).reshape(-1, 3))
+    with pytest.raises(InputError, match="num_functions"):
+        prepare_shape(few, SMALL)
+
+
+@pytest.mark.parametrize("operator", ["auto", "graph"])
+def test_point_clouds_match_without_normals(
+    operator: str, pair: tuple[Shape, Shape, np.ndarray], rng: np.random.Generator
+) -> None:
+    options = replace(SMALL, operator=operator, num_functions=40)
+    clouds = [prepare_shape(point_cloud(shape, rng), options) for shape in pair[:2]]
+    match = match_prepared(*clouds, QUICK)
+    assert match.orientation == "unknown"
+    assert match.confidence <= 0.5
+    assert mean_error(pair[0], match.point_map_target_source, pair[2]) < 0.3
+
+
+def test_mismatched_shapes_are_refused(prepared: tuple[SpectralShape, SpectralShape]) -> None:
+    small = prepared[0]
+    other = replace(small, eigenvalues=small.eigenvalues[:40], functions=small.functions[:, :40])
+    with pytest.raises(InputError, match="eigenfunctions"):
+        match_prepared(small, other, QUICK)
+    with pytest.raises(InputError, match="num_source"):
+        match_prepared(small, small, NonrigidOptions(num_source=90))
+
+
+def test_options_check_themselves() -> None:
+    for wrong in (
+        {"strategy": "best"},
+        {"mask": "hks"},
+        {"mask_share": 0.0},
+        {"mask_share": 0.3, "mask_threshold": 0.1},
+        {"num_source": 2},
+        {"time_limit_s": 0.0},
+        {"refinement": "none"},
+    ):
+        with pytest.raises(OptionsError, match=next(iter(wrong))):
+            NonrigidOptions(**wrong)
+    with pytest.raises(OptionsError, match="num_dense"):
+        SurfaceOptions(num_functions=100, num_dense=150)
+
+
+def test_pictures_colour_both_shapes_alike(tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray]) -> None:
+    target, source, truth = pair
+    images = np.where(np.arange(len(truth)) < 5, -1, truth)
+    of_target, of_source = transferred_colours(target, images)
+    assert np.array_equal(of_source[5:], of_target[truth[5:]])
+    assert np.ptp(of_source[:5]) == 0.0
+    assert of_target.min() >= 0.0
+    assert of_target.max() <= 1.0
+    assert draw_match(tmp_path / "map.png", target, source, images).read_bytes()[:4] == b"\x89PNG"
+    with pytest.raises(InputError, match="names vertex"):
+        transferred_colours(target, truth + 1)
+
+
+@pytest.mark.data
+def test_two_poses_of_a_body(shared_data: Path) -> None:
+    data = read_registered_archive(shared_data / "scape71")
+    options = SurfaceOptions(num_functions=60, num_samples=100, num_dense=400, max_faces=6000)
+    shapes = [prepare_shape(data.shape(name), options) for name in ("mesh000", "mesh037")]
+    match = match_prepared(*shapes)
+    num = len(match.point_map_target_source)
+    assert match.orientation == "preserving"
+    assert mean_error(data.shape("mesh000"), match.point_map_target_source, np.arange(num)) < 0.04

@@ -1,0 +1,161 @@
+"""The variation of surfaces: what is computed, what the files say, and the page in a headless browser."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from collalign.tools.variation.files import write_variation
+from collalign.tools.variation.scalar_ply import write_scalar_ply
+from collalign.tools.variation.surface_symmetry import surface_symmetry
+from collalign.tools.variation.surface_variation import (
+    SurfaceVariation,
+    group_means,
+    signed_offsets,
+    surface_variation,
+)
+from data_tools.arrays import FloatArray
+from data_tools.datasets.synthetic_shapes import sphere_mesh
+from data_tools.errors import InputError
+from data_tools.rotations import random_rotation
+from data_tools.surface.closest import SurfaceLocator
+
+LABELS = ("long", "long", "long", "flat", "flat", "flat", "", "")
+
+
+def stretched(num: int = 8) -> tuple[FloatArray, FloatArray]:
+    """Return ellipsoids that differ along one axis only, turned, shifted and scaled at random, and their faces."""
+    rng = np.random.default_rng(0)
+    mean, faces = sphere_mesh(300)
+    lengths = np.linspace(1.3, 0.8, num)
+    shapes = [
+        mean * [1, 1, length] * rng.uniform(1, 5) @ random_rotation(rng).T + rng.random(3) for length in lengths
+    ]
+    return np.array(shapes), faces
+
+
+@pytest.fixture(scope="module")
+def variation() -> SurfaceVariation:
+    shapes, faces = stretched()
+    return surface_variation([f"s{at}" for at in range(len(shapes))], faces, shapes)
+
+
+def test_one_way_to_differ_is_one_component(variation: SurfaceVariation) -> None:
+    assert variation.components.shares[0] > 0.99
+    assert abs(np.corrcoef(variation.components.scores[:, 0], np.arange(8))[0, 1]) > 0.99
+    assert np.isclose(np.sqrt((variation.mean**2).sum(axis=1).mean()), 1, atol=0.01)
+    plus = variation.components.shape_at(0, 1.0)
+    assert np.isclose(np.linalg.norm(plus - variation.mean), np.sqrt(variation.components.variances[0]))
+
+
+def test_offsets_are_positive_outside_and_negative_inside() -> None:
+    mean, faces = sphere_mesh(300)
+    np.testing.assert_allclose(signed_offsets(mean, faces, 1.1 * mean), 0.1, atol=5e-3)
+    np.testing.assert_allclose(signed_offsets(mean, faces, 0.8 * mean), -0.2, atol=5e-3)
+    np.testing.assert_allclose(signed_offsets(mean, faces[:0], 0.8 * mean), 0.2)
+
+
+def test_group_means_leave_out_the_unlabelled() -> None:
+    shapes = np.arange(8.0)[:, None, None] * np.ones((1, 4, 3))
+    means = group_means(shapes, LABELS)
+    assert list(means) == ["flat", "long"]
+    assert means["flat"][0, 0] == 4
+    assert means["long"][0, 0] == 1
+
+
+def test_a_single_surface_is_refused() -> None:
+    shapes, faces = stretched()
+    with pytest.raises(InputError, match="at least two"):
+        surface_variation(["a"], faces, shapes[:1])
+
+
+def test_values_come_back_from_ply(tmp_path: Path) -> None:
+    mean, faces = sphere_mesh(50)
+    path = write_scalar_ply(tmp_path / "a.ply", mean, faces, {"offset": mean[:, 0]})
+    back = trimesh.load(path, process=False)
+    np.testing.assert_allclose(back.vertices, mean, atol=1e-6)
+    np.testing.assert_array_equal(back.faces, faces)
+    values = back.metadata["_ply_raw"]["vertex"]["data"]["offset"]
+    np.testing.assert_allclose(np.ravel(values), mean[:, 0], atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def written(variation: SurfaceVariation, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    to = tmp_path_factory.mktemp("variation")
+    points = np.vstack([variation.mean[[0, 10]], [[np.nan] * 3]])
+    mean, faces = sphere_mesh(300)
+    other_side = SurfaceLocator(mean, faces).closest(mean * [-1, 1, 1])
+    symmetry = surface_symmetry(stretched()[0], faces, other_side)
+    paths = write_variation(
+        variation, to, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), symmetry=symmetry
+    )
+    assert paths[0].name == "variation.html"
+    return to
+
+
+def test_tables_meshes_and_figures_are_written(written: Path, variation: SurfaceVariation) -> None:
+    scores = list(csv.DictReader((written / "scores.csv").open()))
+    np.testing.assert_allclose([float(row["PC1"]) for row in scores], variation.components.scores[:, 0])
+    assert [row["form"] for row in scores] == list(LABELS)
+    distances = list(csv.reader((written / "distances.csv").open()))
+    table = np.array([row[1:] for row in distances[1:]], dtype=float)
+    gap = np.sqrt(((variation.shapes[1] - variation.shapes[6]) ** 2).sum(axis=1).mean())
+    assert np.isclose(table[1, 6], gap, atol=1e-6)
+    assert {path.name for path in (written / "groups").iterdir()} == {"form-flat.ply", "form-long.ply"}
+    assert len(list((written / "specimens").iterdir())) == 8
+    assert (written / "morphospace.svg").read_text().count("<svg") == 1
+
+
+def test_a_second_write_gives_the_same_bytes(written: Path, variation: SurfaceVariation, tmp_path: Path) -> None:
+    points = np.vstack([variation.mean[[0, 10]], [[np.nan] * 3]])
+    write_variation(variation, tmp_path, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points))
+    assert not (tmp_path / "symmetry").exists()
+    for name in ("scores.csv", "points.tps", "morphospace.svg", "components/PC1-low.ply"):
+        assert (tmp_path / name).read_bytes() == (written / name).read_bytes(), name
+
+
+def test_the_page_works_in_a_browser(written: Path, variation: SurfaceVariation, tmp_path: Path) -> None:
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no Chromium is installed")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        page = browser.new_context(offline=True, viewport={"width": 400, "height": 800}).new_page()
+        page.set_default_timeout(20_000)
+        problems: list[str] = []
+        page.on("pageerror", lambda error: problems.append(str(error)))
+        page.on("console", lambda message: message.type == "error" and problems.append(message.text))
+        page.goto((written / "variation.html").as_uri())
+        page.wait_for_selector("html[data-ready]", state="attached")
+        canvas = page.locator("#components canvas")
+        canvas.and_(page.locator("[data-drawn]")).wait_for()
+        before = canvas.evaluate("canvas => canvas.toDataURL()")
+        page.locator("#components input[type=range]").first.fill("2.5")
+        page.wait_for_function(
+            "before => document.querySelector('#components canvas').toDataURL() !== before", arg=before
+        )
+        assert page.locator("#morphospace polygon").count() == 2
+        page.locator("#morphospace select").nth(0).select_option("1")
+        assert "component 2" in page.locator("#morphospace text.axis").first.text_content()
+        page.locator("#morphospace .dot").nth(5).dispatch_event("click")
+        assert "s5" in page.locator("#specimens p.muted").text_content()
+        assert page.locator("#landmarks tbody tr").count() == 2
+        assert page.locator("#symmetry tbody tr").count() == 4 + 8
+        page.locator("#symmetry select").select_option("3")
+        assert "s2: asymmetry" in page.locator("#symmetry p[aria-live]").text_content()
+        with page.expect_download() as started:
+            page.get_by_role("button", name="Save chart (SVG)").click()
+        assert "<polygon" in Path(started.value.path()).read_text()
+        assert page.evaluate("document.documentElement.scrollWidth") <= 400
+        write_variation(variation, tmp_path, columns={}, landmarks=((), np.empty((0, 3))))
+        page.goto((tmp_path / "variation.html").as_uri())
+        page.wait_for_selector("html[data-ready]", state="attached")
+        assert page.locator("#specimens p.muted").text_content()[-1].isdigit()  # no labels, and nothing before them
+        browser.close()
+    assert not problems
