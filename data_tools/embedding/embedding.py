@@ -120,7 +120,7 @@ def sample_shape(
     dense_chosen = _choose_dense(surface, sampling)
     dense = surface.to_original[dense_chosen]
     dense_positions = (shape.vertices[dense] - offset) / scale
-    normals = outward_normals(shape)
+    normals = outward_normals(shape, at=dense)
     return Samples(
         name=shape.name,
         vertex_indices=read_only(indices),
@@ -132,7 +132,7 @@ def sample_shape(
         scale=scale,
         dense_indices=read_only(dense),
         dense_positions=read_only(dense_positions),
-        dense_normals=read_only(normals[dense] if len(normals) else normals),
+        dense_normals=read_only(normals),
         dense_invariants=read_only(_invariants(descriptors, dense_chosen, dense_positions)),
         notes=shape.notes + surface.notes,
     )

@@ -128,11 +128,18 @@ def _reduce(shape: Shape, options: SamplingOptions) -> tuple[Shape, IntArray, st
         kept = np.sort(rng.choice(len(shape.vertices), MOST_CLOUD_POINTS, replace=False))
         note = f"preprocessed on {len(kept)} of {len(shape.vertices)} points"
         return Shape.from_arrays(shape.vertices[kept], name=shape.name, file=shape.file), kept, note
-    used = np.unique(shape.faces)
+    used = _used(shape)
     if shape.is_mesh and len(used) < len(shape.vertices):
         faces = np.searchsorted(used, shape.faces)
         return Shape.from_arrays(shape.vertices[used], faces, name=shape.name, file=shape.file), used, ""
     return shape, np.arange(len(shape.vertices)), ""
+
+
+def _used(shape: Shape) -> IntArray:
+    """Return the vertices of triangles, ascending."""
+    in_triangle = np.zeros(len(shape.vertices), dtype=np.bool_)
+    in_triangle[shape.faces] = True
+    return np.flatnonzero(in_triangle)
 
 
 def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, str]:
@@ -141,7 +148,7 @@ def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, str]:
         shape.vertices.copy(), shape.faces.astype(np.int32), target_count=max_faces
     )
     small = clean(Shape.from_arrays(vertices, faces, name=shape.name, file=shape.file))
-    used = np.unique(shape.faces)
-    _, nearest = cKDTree(shape.vertices[used]).query(small.vertices)
+    used = _used(shape)
+    _, nearest = cKDTree(shape.vertices[used], compact_nodes=False, balanced_tree=False).query(small.vertices)
     note = f"preprocessed on a copy decimated from {len(shape.faces)} to {len(small.faces)} triangles"
     return small, used[nearest], note

@@ -70,6 +70,8 @@ def _part(path: Path, geometry: Any, transform: FloatArray) -> tuple[FloatArray,
 
 
 def _concatenate(parts: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntArray]:
+    if len(parts) == 1:
+        return parts[0]
     starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
     vertices = np.concatenate([v for v, _ in parts])
     faces = np.concatenate([f + start for (_, f), start in zip(parts, starts[:-1], strict=True)])

@@ -43,7 +43,7 @@ def read_obj(source: Source) -> tuple[FloatArray, IntArray]:
 
 
 def _vertices(path: Path, lines: list[str]) -> FloatArray:
-    table = parse_table(lines)
+    table = parse_table("\n".join(lines), num_rows=len(lines))
     if table is not None and table.shape[1] >= 3:
         return np.ascontiguousarray(table[:, :3])
     vertices = []
@@ -57,7 +57,7 @@ def _vertices(path: Path, lines: list[str]) -> FloatArray:
 
 
 def _triangles(path: Path, lines: list[str], num_before: list[int]) -> IntArray:
-    table = parse_table(lines)
+    table = parse_table("\n".join(lines), num_rows=len(lines))
     if table is not None and table.shape[1] == 3 and (table >= 1).all() and (table == np.floor(table)).all():
         return table.astype(np.int64) - 1
     triangles: list[list[int]] = []

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
-from data_tools.arrays import FloatArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 
 #: Rows from which the columns of a table without a heading are tried for being numbered.
@@ -21,6 +21,8 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 #: A comma in this place may as well separate thousands.
 _WORD = re.compile(r"[^\d\s.,eE+-]")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+")
+_COMMENT = re.compile(r"(?:#|//).*")
+_BETWEEN_WORDS = re.compile(r"[^\s,][ ]+[^\s,]")
 _UNIT = re.compile(r"[(\[{].*?[)\]}]|(?:(?<=[xyz])[ _]?(?:mm|cm|m|um|µm|nm|in|inch|px))$")
 _AXIS = re.compile(r"(?:(?:pos|position|points?|coords?|coordinates?|vertex|v|p)[ _.:]*)?([xyz012])")
 #: Places of missing numbers.
@@ -44,16 +46,34 @@ class TextTable:
     rows: list[list[str]]
 
 
-def parse_table(lines: Sequence[str]) -> FloatArray | None:
-    """Return lines that hold equally many numbers each, separated by blanks, as an array (lines, columns).
+def filled_lines(text: str) -> tuple[IntArray, IntArray]:
+    """Return where each line that is not blank begins in a text, and how many words it has.
+
+    Found on the characters of the whole text at once: a scan has millions of lines.
+    """
+    characters = np.frombuffer(text.encode("ascii", "replace"), dtype=np.uint8)
+    is_blank = characters <= ord(" ")
+    words = np.flatnonzero(~is_blank & np.concatenate([[True], is_blank[:-1]]))
+    starts = np.concatenate([[0], np.flatnonzero(characters == ord("\n")) + 1])
+    counts = np.diff(np.searchsorted(words, starts), append=len(words))
+    return starts[counts > 0], counts[counts > 0]
+
+
+def parse_table(text: str, *, num_rows: int) -> FloatArray | None:
+    """Return lines that hold equally many numbers each, separated by blanks, as an array (num_rows, columns).
 
     None where they do not: the caller then goes through them one by one, to name the line that is wrong.
     """
-    try:
-        values = np.loadtxt(lines, comments=None, ndmin=2) if lines and lines[0].split() else None
-    except ValueError:
+    _, counts = filled_lines(text)
+    if not num_rows or len(counts) != num_rows or (counts != counts[0]).any():
         return None
-    return values if values is not None and len(values) == len(lines) else None  # it passes over empty lines
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # of words that are no numbers
+            values = np.fromstring(text.encode("ascii", "replace"), sep=" ")
+    except (ValueError, DeprecationWarning):
+        return None
+    return values.reshape(num_rows, -1) if len(values) == counts.sum() else None
 
 
 def read_points_table(text: str, name: str) -> FloatArray:
@@ -73,8 +93,7 @@ def read_points_table(text: str, name: str) -> FloatArray:
     InputError
         If there are no points, a row is malformed, or the table can be read in more than one way.
     """
-    stripped = (re.split(r"#|//", line, maxsplit=1)[0].strip(" \r\n") for line in text.splitlines())
-    lines = [line for line in stripped if line.strip()]
+    lines = [line.strip(" \r\n") for line in _COMMENT.sub("", text).splitlines() if not line.isspace() and line]
     if not lines:
         raise InputError(f"{name}: holds no points")
     delimiter = _delimiter(lines, name)
@@ -103,13 +122,16 @@ def _delimiter(lines: list[str], name: str) -> str | None:
     InputError
         If commas and blanks both could.
     """
+    text = "\n".join(lines)
     for sign in (";", "\t"):
-        if sum(sign in line for line in lines) * 2 > len(lines):
+        if sign in text and sum(sign in line for line in lines) * 2 > len(lines):
             return sign
-    if not any("," in line for line in lines):
+    if "," not in text:
         return None
+    if not _BETWEEN_WORDS.search(text):
+        return ","
     body = [line for line in lines if re.search(r"\d", line)]
-    between_words = [line for line in body if re.search(r"[^\s,][ ]+[^\s,]", line) and not _has_words(line)]
+    between_words = [line for line in body if _BETWEEN_WORDS.search(line) and not _has_words(line)]
     if not between_words:
         return ","
     if all(re.fullmatch(r"\S+", cell) and cell.count(",") <= 1 for line in body for cell in line.split()) and not any(
@@ -179,7 +201,7 @@ def _plain_numbers(lines: list[str], delimiter: str | None) -> FloatArray | None
         return None
     if delimiter is not None:
         text = _EMPTY_CELL[delimiter].sub("nan", text).replace(delimiter, " ")
-    return parse_table(text.split("\n"))
+    return parse_table(text, num_rows=len(lines))
 
 
 def _row_by_row(table: TextTable, width: int, columns: list[int], name: str) -> FloatArray:

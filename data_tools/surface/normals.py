@@ -6,10 +6,11 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.surface.shape import Shape
+from data_tools.surface.topology import face_crosses
 
 
-def outward_normals(shape: Shape, *, max_defects: float = 0.0) -> FloatArray:
-    """Return unit vertex normals, area-weighted over the triangles, shape (v, 3).
+def outward_normals(shape: Shape, *, at: IntArray | None = None, max_defects: float = 0.0) -> FloatArray:
+    """Return unit vertex normals, area-weighted over the triangles, shape (v, 3) or (k, 3).
 
     They point away from the inside: all are turned round where the signed volume over the centroid is negative, as in
     meshes that are inside out. Empty, shape (0, 3), where the shape has no surface or where its triangles disagree on
@@ -18,15 +19,21 @@ def outward_normals(shape: Shape, *, max_defects: float = 0.0) -> FloatArray:
     Parameters
     ----------
     shape : Shape
+    at : ndarray of int, shape (k,), optional
+        The vertices that matter, by default all.
     max_defects : float
         Share of edges that may be run through twice in the same direction; decimation leaves a few such.
     """
     if not shape.is_mesh or orientation_defects(shape) > max_defects:
         return np.empty((0, 3))
-    corners = shape.vertices[shape.faces] - shape.vertices.mean(axis=0)
-    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inside_out = bool((doubled * corners[:, 0]).sum() < 0)
-    return vertex_normals(shape.vertices, shape.faces[:, ::-1] if inside_out else shape.faces)
+    arms = shape.vertices - shape.vertices.mean(axis=0)
+    inside_out = np.einsum("fd,fd->", face_crosses(arms, shape.faces), arms[shape.faces[:, 0]]) < 0
+    faces = shape.faces[:, ::-1] if inside_out else shape.faces
+    if at is None:
+        return vertex_normals(shape.vertices, faces)
+    matters = np.zeros(len(shape.vertices), dtype=np.bool_)
+    matters[at] = True
+    return vertex_normals(shape.vertices, faces[matters[faces].any(axis=1)])[at]
 
 
 def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
@@ -34,9 +41,7 @@ def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
     Triangles count by their area.
     """
-    corners = vertices[faces]
-    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    at, each = faces.T.ravel(), np.tile(doubled, (3, 1))
+    at, each = faces.T.ravel(), np.tile(face_crosses(vertices, faces), (3, 1))
     normals = np.stack([np.bincount(at, weights=column, minlength=len(vertices)) for column in each.T], axis=1)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(normals / np.where(lengths > 0, lengths, 1.0))
@@ -44,6 +49,5 @@ def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 def orientation_defects(shape: Shape) -> float:
     """Return the share of directed edges that more than one triangle runs through: 0 where all agree on a side."""
-    directed = np.concatenate([shape.faces[:, [0, 1]], shape.faces[:, [1, 2]], shape.faces[:, [2, 0]]])
-    keys = directed[:, 0] * len(shape.vertices) + directed[:, 1]
-    return 1.0 - len(np.unique(keys)) / len(keys)
+    keys = np.sort((shape.faces * len(shape.vertices) + np.roll(shape.faces, -1, axis=1)).ravel())
+    return float((keys[1:] == keys[:-1]).sum() / len(keys))

@@ -10,6 +10,8 @@ from scipy.sparse.csgraph import connected_components
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 
+#: Triangles whose corners are in memory at a time.
+_BLOCK = 2**16
 #: A boundary shorter than this times the square root of the area is a hole in a closed surface, not its rim.
 OPEN_BOUNDARY = 0.5
 
@@ -52,10 +54,18 @@ def mesh_edges(faces: IntArray) -> Edges:
     return Edges(np.stack(np.divmod(keys[starts], num_vertices), axis=1), counts, num_forward * 2 == counts)
 
 
+def face_crosses(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return (b - a) x (c - a) of the triangles' corners, shape (f, 3): the normal, twice as long as the area."""
+    crosses = np.empty((len(faces), 3))
+    for start in range(0, len(faces), _BLOCK):
+        a, b, c = vertices[faces[start : start + _BLOCK].T]
+        crosses[start : start + _BLOCK] = np.cross(b - a, c - a)
+    return crosses
+
+
 def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Return the triangles' areas, shape (f,)."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return 0.5 * np.linalg.norm(face_crosses(vertices, faces), axis=1)
 
 
 def vertex_components(num_vertices: int, edges: IntArray) -> tuple[int, IntArray]:

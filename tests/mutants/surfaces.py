@@ -15,6 +15,23 @@ SURFACES: tuple[Mutant, ...] = (
         ("_group_means", "sums / counts[:, None, None]", "sums"),
     ),
     *faults(
+        "data_tools/surface/cleaning.py",
+        ("tests/data_tools/surface/test_cleaning.py",),
+        ("_places", "(vertices == vertices[first[place]]).all()", "True"),
+        ("_drop_degenerate", "good[doubtful] =", "_ ="),
+    ),
+    *faults(
+        "data_tools/surface/normals.py",
+        ("tests/data_tools/surface/test_normals.py",),
+        ("outward_normals", "any(axis=1)", "all(axis=1)"),
+    ),
+    *faults(
+        "data_tools/io/text_tables.py",
+        ("tests/data_tools/io/test_text_tables.py",),
+        ("parse_table", "len(values) == counts.sum()", "True"),
+        ("filled_lines", "starts[counts > 0]", "starts"),
+    ),
+    *faults(
         "collalign/tools/variation/mirror.py",
         ("tests/collalign/tools/test_mirror.py",),
         ("mirror_map", "unlikeness > MOST_UNLIKE", "False"),

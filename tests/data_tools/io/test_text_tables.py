@@ -4,20 +4,39 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.io.text_tables import parse_table, read_points_table
+from data_tools.io.text_tables import filled_lines, parse_table, read_points_table
 
 
 def test_regular_tables() -> None:
-    table = parse_table(["1 2.5 -3e-2", "\t4  nan inf", "7 8 9"])
+    table = parse_table("1 2.5 -3e-2\n\t4  nan inf\n7 8 9", num_rows=3)
     np.testing.assert_array_equal(table, [[1, 2.5, -0.03], [4, np.nan, np.inf], [7, 8, 9]])
 
 
 @pytest.mark.parametrize(
-    "lines",
-    [[], [""], ["1 2", "3"], ["1 2 3", "4 5", "6 7 8 9"], ["1 2", "3 four"], ["1 2", "3 4x"], ["1/2 3"], ["1, 2"]],
+    "text",
+    [
+        "",
+        " ",
+        "1 2\n3",
+        "1 2 3\n4 5\n6 7 8 9",
+        "1 2 3 4\n5 6",
+        "1 2\n3 four",
+        "1 2\n3 4x",
+        "1x 2\n3 4",
+        "1.2.3\n4 5",
+        "1/2 3",
+        "1, 2",
+        "1 ٢",
+    ],
 )
-def test_others_are_left_to_the_caller(lines: list[str]) -> None:
-    assert parse_table(lines) is None
+def test_others_are_left_to_the_caller(text: str) -> None:
+    assert parse_table(text, num_rows=text.count("\n") + 1) is None
+
+
+def test_blank_lines_hold_no_words() -> None:
+    starts, counts = filled_lines("\n a b\n\n\tç\n")
+    assert (starts.tolist(), counts.tolist()) == ([1, 7], [2, 1])
+    assert parse_table("1 2\n\n3 4", num_rows=3) is None
 
 
 @pytest.mark.parametrize(

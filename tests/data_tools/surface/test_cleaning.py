@@ -4,6 +4,7 @@ import pytest
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.errors import InputError, OptionsError
 from data_tools.options import CleaningOptions
+from data_tools.surface import cleaning
 from data_tools.surface.cleaning import clean
 from data_tools.surface.shape import Shape
 
@@ -27,6 +28,19 @@ def test_everything_is_repaired_and_reported(rng: np.random.Generator) -> None:
     assert len(cleaned.notes) == 4
     for note, word in zip(cleaned.notes, ("merged 1", "2 degenerate", "largest of 2", "21 vertices"), strict=True):
         assert word in note
+
+
+@pytest.mark.parametrize("factors", [None, [0, 0, 0], [1, 0, 0]])
+def test_merging_does_not_depend_on_hashes(
+    factors: list[int] | None, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if factors is not None:  # hashes that collide
+        monkeypatch.setattr(cleaning, "_HASH_FACTORS", np.array(factors, dtype=np.uint64))
+    places = np.array([[0.0, 1.0, 2.0], [-0.0, 1.0, 2.0], [0.0, 2.0, 1.0], [1.0, 0.0, 2.0]])
+    which = rng.integers(0, 4, 50)
+    cleaned = clean(Shape.from_arrays(places[which]))
+    first = np.sort([np.flatnonzero(np.maximum(which, 1) == place)[0] for place in (1, 2, 3)])
+    np.testing.assert_array_equal(cleaned.source_indices, first)
 
 
 def test_components_and_duplicates_are_kept_on_request() -> None:
