@@ -79,6 +79,11 @@ COLLECTIONS: tuple[Mutant, ...] = (
         ("spectral_clusters", "np.argsort(np.argsort(first))", "np.argsort(first)[::-1]"),
     ),
     *faults(
+        _SYNC + "problem/graph.py",
+        _SOLVED,
+        ("PairGraph.with_constraints", "np.where(present[edge], 0.0, -np.inf)", "0.0"),
+    ),
+    *faults(
         _SYNC + "solvers/blockwise.py",
         _SOLVED,
         ("refinement_weights", "share / variance**2", "share"),

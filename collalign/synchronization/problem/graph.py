@@ -233,6 +233,7 @@ class PairGraph:
         grown = self._with_empty_edges(np.array(fresh, dtype=np.int64).reshape(-1, 2))
         candidates, present, is_fixed = grown.candidates.copy(), grown.present.copy(), grown.fixed.copy()
         energies = None if grown.energies is None else grown.energies.copy()
+        log_odds = None if grown.log_odds is None else grown.log_odds.copy()
         for other in shapes[1:]:
             pair = frozenset((first, other))
             edge = row[pair] if pair in row else self.num_edges + fresh.index((first, other))
@@ -242,7 +243,11 @@ class PairGraph:
             is_fixed[edge] = True
             if energies is not None:
                 energies[edge] = np.where(present[edge], 0.0, np.inf)
-        return replace(grown, candidates=candidates, present=present, energies=energies, fixed=is_fixed)
+            if log_odds is not None:
+                log_odds[edge] = np.where(present[edge], 0.0, -np.inf)
+        return replace(
+            grown, candidates=candidates, present=present, energies=energies, log_odds=log_odds, fixed=is_fixed
+        )
 
     def _with_empty_edges(self, pairs: IntArray) -> PairGraph:
         """Return the graph with edges appended whose candidates are not set yet."""

@@ -8,10 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
+from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize, synchronize_graph
 from collalign.synchronization.problem.geometry import angles_rad
+from collalign.synchronization.problem.model import EdgeModel
 from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
 from data_tools.errors import InputError, OptionsError
+from pairwise.problem.pattern import RotationPattern
 from tests.synchronization_problems import (
     D2_FLIPS,
     complete_edges,
@@ -201,6 +203,25 @@ def test_fixed_shapes_come_out_exactly_and_turn_the_others_with_them() -> None:
     assert np.rad2deg(angles_rad(moved)).max() < 20.0
     assert found.confidence[2] == found.confidence[5] == 1.0
     assert len(found.edge_choice) == len(edges)
+
+
+def test_fixed_pairs_are_certain_of_what_they_state_whatever_their_log_odds_said() -> None:
+    edges = complete_edges(5)
+    problem = flipped_pairs(np.random.default_rng(14), edges, 5, wrong=0.2, num_candidates=4)
+    odds = [np.array([-np.inf, 1.0, 0.0, -2.0]) for _ in edges]  # maps may exclude a pose altogether
+    graph = PairGraph.of_candidates(
+        edges,
+        list(zip(problem.rotations, problem.energies, strict=True)),
+        num_shapes=5,
+        pattern=RotationPattern.from_user(None, 3, "SO"),
+        log_odds=odds,
+    )
+    wanted = dict(enumerate(random_rotations(np.random.default_rng(2), 3)))
+    full = graph.with_constraints(wanted)
+    assert np.array_equal(full.best_choice[full.fixed], np.zeros(2))
+    assert np.array_equal(np.exp(EdgeModel(graph=full).log_prior[full.fixed]), np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)))
+    found = synchronize_graph(graph, fixed=wanted)
+    assert all(np.array_equal(found.rotations[i], pose) for i, pose in wanted.items())
 
 
 def test_fixed_shapes_join_groups() -> None:
