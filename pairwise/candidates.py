@@ -12,6 +12,7 @@ from pairwise.local.local_search import LocalMinima
 from pairwise.local.search import distinct
 from pairwise.options import MatchOptions
 from pairwise.problem.pattern import RotationPattern
+from pairwise.problem.problem import Problem
 from pairwise.results import Candidate
 
 
@@ -59,16 +60,21 @@ def _distinct_of_one(
     ]
 
 
-def rank(candidates: Iterable[Candidate], options: MatchOptions) -> tuple[Candidate, ...]:
-    """Sort by energy, drop poses beyond ``candidate_factor`` times the best, keep the best of each chirality."""
+def rank(
+    candidates: Iterable[Candidate], options: MatchOptions, rounding_energy: float = 0.0
+) -> tuple[Candidate, ...]:
+    """Sort by energy, drop poses beyond ``candidate_factor`` times the best, keep the best of each chirality.
+
+    No pose is dropped for what are rounding errors: copies of a box fit in several poses, all of energy 0.
+    """
     ranked = sorted(candidates, key=lambda c: c.energy)
-    limit = options.candidate_factor * ranked[0].energy
+    limit = options.candidate_factor * max(ranked[0].energy, rounding_energy)
     firsts = {c.reflected: c for c in reversed(ranked)}
     return tuple(c for c in ranked if c.energy <= limit or c is firsts[c.reflected])
 
 
 def with_better(
-    ranked: tuple[Candidate, ...], better: Candidate, pattern: RotationPattern, options: MatchOptions
+    ranked: tuple[Candidate, ...], better: Candidate, problem: Problem, options: MatchOptions
 ) -> tuple[Candidate, ...]:
     """Return the candidates with a pose found later, in place of those that it is not distinct from.
 
@@ -76,11 +82,11 @@ def with_better(
     """
     if better.energy >= ranked[0].energy:
         return ranked
-    block = pattern.rotation_block
+    block = problem.pattern.rotation_block
     angle_rad = np.deg2rad(options.candidate_angle_deg)
 
     def is_apart(other: Candidate) -> bool:
         first, second = (c.R_target_source[:block, :block] for c in (better, other))
         return bool(rotation_angles(first, second) >= angle_rad)
 
-    return rank([better, *(c for c in ranked if is_apart(c))], options)
+    return rank([better, *(c for c in ranked if is_apart(c))], options, problem.rounding_energy)

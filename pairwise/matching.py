@@ -28,9 +28,6 @@ from pairwise.problem.problem import Problem, ProblemArguments
 from pairwise.results import Candidate, MatchResult, RelaxationResult
 from pairwise.status import Status
 
-#: Energies below this share of the points' squared sizes are rounding errors.
-_ROUNDING_SHARE = 1e-9
-
 
 @one_blas_thread()
 def match(
@@ -124,7 +121,7 @@ def match_problem(
         left_s = None if options.time_limit_s is None else max(options.time_limit_s - (found_s - begin_s), 1e-3)
         prove = prove_motion_by_branching if options.estimate_translation else prove_by_branching
         proven, better, status = prove(problem, ranked, tol=options.gap_tol, time_limit_s=left_s)
-        ranked = with_better(ranked, better, problem.pattern, options)
+        ranked = with_better(ranked, better, problem, options)
         bound = min(float(np.fmax(bound, proven)), ranked[0].energy)
     proven_s = time.perf_counter()
     if dense is not None:
@@ -165,7 +162,6 @@ def _proven(
     if relaxation is None or not problem.pattern.is_block_diagonal:
         return float("nan"), Status.LOCAL_OPTIMUM
     bound = min(max(relaxation.lower_bound, 0.0), best.energy)
-    size = (problem.weights * (problem.source**2).sum(axis=1)).sum() + (problem.target**2).sum()
-    if bound >= (1.0 - options.gap_tol) * best.energy - _ROUNDING_SHARE * size:
+    if bound >= (1.0 - options.gap_tol) * best.energy - problem.rounding_energy:
         return bound, Status.PROVEN_OPTIMAL
     return bound, Status.LOCAL_OPTIMUM

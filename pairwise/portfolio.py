@@ -68,7 +68,7 @@ def find_poses(
             explore(problem, num_rotations=options.num_rotations, seed=options.seed, freedom=options.freedom)
         )
     polished = look_around(problem, merge(parts), seed=options.seed, freedom=options.freedom)
-    return rank(distinct_candidates(problem.pattern, polished, options), options)
+    return rank(distinct_candidates(problem.pattern, polished, options), options, problem.rounding_energy)
 
 
 def _given_starts(

@@ -34,6 +34,8 @@ from pairwise.problem.pattern import PatternLike, RotationPattern
 
 #: So few points of more coordinates each are taken for the columns of a (3, n) array.
 MOST_COLUMN_DIM = 3
+#: Energies below this share of the points' squared sizes are rounding errors.
+ROUNDING_SHARE = 1e-9
 
 
 class ProblemArguments(TypedDict, total=False):
@@ -161,6 +163,12 @@ class Problem:
     def num_source(self) -> int:
         """Number k of source points."""
         return len(self.source)
+
+    @property
+    def rounding_energy(self) -> float:
+        """Energies up to this are rounding errors, see :data:`ROUNDING_SHARE`."""
+        size = (self.weights * (self.source**2).sum(axis=1)).sum() + (self.target**2).sum()
+        return float(ROUNDING_SHARE * size)
 
     @property
     def dim(self) -> int:

@@ -20,7 +20,7 @@ from collalign.stages.pairs.match import match_pairs
 from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.io.shapes import write_mesh
-from data_tools.options import SamplingOptions
+from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
 from data_tools.surface.shape import Shape
 from tests.end_to_end.test_align import FLAGS, OPTIONS
@@ -59,6 +59,18 @@ def test_equal_files_do_not_drown_the_one_that_differs(planted: PlantedCollectio
     found = align_collection(tmp_path, options=options, run=RunOptions(jobs=1))
     assert np.allclose(found.rotations[:5], np.eye(3), atol=1e-6)
     assert rotation_angle_deg(found.rotations[5], planted.relative_rotation(0, 1)) < 15
+
+
+def test_copies_of_one_shape_are_sure_and_copies_of_a_box_fit_in_four_poses(rng: np.random.Generator) -> None:
+    sampling = SamplingOptions(num_points=24, num_dense_points=100)
+    options = replace(OPTIONS, sampling=sampling, embedding=EmbeddingOptions(kind="xyz"))
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-2.0, 2.0) for z in (-3.0, 3.0)])
+    copies = align_collection([rng.random((200, 3))] * 6, options=options, run=RunOptions(jobs=1))
+    assert (copies.confidence > 0.9).all()
+    assert not any("fit as well in other poses" in note for note in copies.notes)
+    boxes = align_collection([corners] * 6, options=options, run=RunOptions(jobs=1))
+    assert (boxes.confidence == 0.25).all()
+    assert any("6 of 6 shapes fit as well in other poses" in note for note in boxes.notes)
 
 
 def test_samples_are_vertices_of_the_file_whatever_cleaning_drops(planted: PlantedCollection, tmp_path: Path) -> None:

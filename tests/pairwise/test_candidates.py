@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pairwise.candidates import rank, with_better
+from pairwise.matching import match
 from pairwise.options import MatchOptions
-from pairwise.problem.pattern import RotationPattern
+from pairwise.problem.problem import Problem
 from pairwise.results import Candidate
 
-PATTERN = RotationPattern.from_user(None, 3, "O")
+PROBLEM = Problem.from_user(np.eye(3), np.eye(3), group="O")
 
 
 def pose(angle_deg: float, energy: float, *, reflected: bool = False) -> Candidate:
@@ -34,13 +36,23 @@ def test_far_worse_poses_are_dropped_but_the_best_of_each_chirality_stays() -> N
 
 def test_a_better_pose_replaces_those_it_is_not_distinct_from() -> None:
     ranked = rank([pose(0, 1.0), pose(60, 1.2), pose(0, 1.1, reflected=True)], MatchOptions())
-    better = with_better(ranked, pose(5, 0.9), PATTERN, MatchOptions())
+    better = with_better(ranked, pose(5, 0.9), PROBLEM, MatchOptions())
     assert energies(better) == [0.9, 1.1, 1.2]
-    elsewhere = with_better(ranked, pose(120, 0.9), PATTERN, MatchOptions())
+    elsewhere = with_better(ranked, pose(120, 0.9), PROBLEM, MatchOptions())
     assert energies(elsewhere) == [0.9, 1.0, 1.1, 1.2]
 
 
 @pytest.mark.parametrize("energy", [1.0, 1.5])
 def test_a_pose_that_is_no_better_changes_nothing(energy: float) -> None:
     ranked = rank([pose(0, 1.0), pose(60, 1.2)], MatchOptions())
-    assert with_better(ranked, pose(30, energy), PATTERN, MatchOptions()) is ranked
+    assert with_better(ranked, pose(30, energy), PROBLEM, MatchOptions()) is ranked
+
+
+def test_copies_of_a_box_fit_in_four_poses_whatever_their_rounding_errors_say() -> None:
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-2.0, 2.0) for z in (-3.0, 3.0)]) / np.sqrt(112.0)
+    turn = Rotation.from_rotvec([0.3, -1.0, 0.5]).as_matrix()
+    found = match(corners, corners @ turn).candidates
+    assert len(found) == 4
+    assert max(energies(found)) < 1e-20
+    better = with_better(found, pose(10.0, 0.0), Problem.from_user(corners, corners @ turn), MatchOptions())
+    assert len(better) == 5

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.keys import fingerprint, pair_seed
 from collalign.engine.store.records import Record
@@ -22,7 +24,7 @@ from pairwise.options import MatchOptions
 #: Failed pairs that an error names.
 _MOST_NAMED = 10
 #: Changes whenever the same two shapes and options would give other poses.
-PAIR_VERSION = "pair-4"
+PAIR_VERSION = "pair-5"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,11 +43,14 @@ def match_pair(task: PairTask, shared: SharedTable) -> Record:
     Returns
     -------
     dict
-        ``rotations`` (m, d, d), ``maps`` (m, k), ``energies`` (m,), ``gaps`` (m,), ``lower_bound``, ``status``.
+        ``rotations`` (m, d, d), ``maps`` (m, k), ``energies`` (m,), 0 where only rounding errors are left, ``gaps``
+        (m,), ``lower_bound``, ``status``.
     """
     target, source = (shared.made(key, samples_from_record) for key in (task.target_key, task.source_key))
-    record = poses_to_record(match_problem(pair_problem(target, source, task.group), task.options))
-    return record | {"gaps": surface_gaps(target, source, record["rotations"])}
+    problem = pair_problem(target, source, task.group)
+    record = poses_to_record(match_problem(problem, task.options))
+    energies = np.where(record["energies"] <= problem.rounding_energy, 0.0, record["energies"])
+    return record | {"energies": energies, "gaps": surface_gaps(target, source, record["rotations"])}
 
 
 def match_pairs(session: AlignSession, shapes: Shapes, edges: IntArray) -> tuple[list[Pair], list[Excluded]]:

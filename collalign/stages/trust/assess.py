@@ -9,7 +9,7 @@ import numpy as np
 
 from collalign.engine.jobs.run import SharedTable
 from collalign.options import AlignSession
-from collalign.products.pair import Alternative, Pair
+from collalign.products.pair import LEAST_COST, Alternative, Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.stored_types import samples_to_record
@@ -115,7 +115,7 @@ def partners_of(pairs: Sequence[Pair], rotations: FloatArray) -> list[list[Partn
     partners: list[list[Partner]] = [[] for _ in rotations]
     for pair in pairs:
         is_weighed = len(pair.log_odds) > 0
-        doubt = -pair.log_odds if is_weighed else np.log(pair.costs)
+        doubt = -pair.log_odds if is_weighed else np.log(np.maximum(pair.costs, LEAST_COST))
         order = np.argsort(doubt, kind="stable")
         order = order[np.isfinite(doubt[order])]
         turns, excess = pair.rotations[order, :3, :3], doubt[order] - doubt[order[0]]

@@ -42,7 +42,7 @@ class Partner:
     log_odds : ndarray, shape (m,)
         The same as log-odds against the first, 0 and less.
     energy : float
-        How badly the two match at best.
+        How badly the two match at best; 0 for copies.
     """
 
     shape: int
@@ -109,6 +109,9 @@ def rival_poses(
 def leads_over(pose: FloatArray, rivals: FloatArray, partners: Sequence[Partner]) -> FloatArray:
     """Return how much more plausible a shape's pairs find a pose than each rival, mean log-odds, shape (r,).
 
+    A pose that a pair did not find is as plausible as its last; but where most partners are copies of the shape, at
+    energy 0, a pose at which a copy does not fit exactly is as implausible as any.
+
     Parameters
     ----------
     pose : ndarray, shape (3, 3)
@@ -118,9 +121,11 @@ def leads_over(pose: FloatArray, rivals: FloatArray, partners: Sequence[Partner]
     """
     poses = np.concatenate([pose[None], rivals])
     odds = np.zeros(len(poses))
+    are_copies = 2 * sum(partner.energy == 0.0 for partner in partners) > len(partners)
     for partner in partners:
         own = np.maximum(partner.log_odds, LEAST_LOG_ODDS)
-        odds += np.where(_near(partner.poses, poses), own[:, None], own.min()).max(axis=0)
+        not_found = LEAST_LOG_ODDS if are_copies and partner.energy == 0.0 else own.min()
+        odds += np.where(_near(partner.poses, poses), own[:, None], not_found).max(axis=0)
     return np.asarray((odds[0] - odds[1:]) / len(partners))
 
 

@@ -240,6 +240,16 @@ def test_the_lead_is_the_mean_over_pairs_and_counts_poses_that_a_pair_did_not_fi
     assert leads_over(np.eye(3), np.empty((0, 3, 3)), [first]).shape == (0,)
 
 
+def test_poses_at_which_copies_do_not_fit_are_as_implausible_as_any_unless_copies_are_few() -> None:
+    turned = Rotation.from_euler("z", 90.0, degrees=True).as_matrix()
+    copy = Partner(shape=1, poses=np.eye(3)[None], excess=np.zeros(1), log_odds=np.zeros(1), energy=0.0)
+    other = replace(copy, shape=2, energy=0.1)
+    assert leads_over(np.eye(3), turned[None], [copy, copy, other]).tolist() == [16.0 / 3.0]
+    assert leads_over(np.eye(3), turned[None], [copy, other]).tolist() == [0.0]  # a twin knows of itself alone
+    both = replace(copy, poses=np.stack([np.eye(3), turned]), excess=np.zeros(2), log_odds=np.zeros(2))
+    assert leads_over(np.eye(3), turned[None], [both, both]).tolist() == [0.0]  # a box
+
+
 def test_the_cost_looks_both_ways(rng: np.random.Generator) -> None:
     whole, none = rng.standard_normal((40, 3)), np.empty((0, 3))
     part = whole[:10]
