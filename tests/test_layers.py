@@ -12,12 +12,12 @@ from collalign.tools import SHARED
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Modules of ``data_tools`` about arrays, numbers and errors, which know no shapes.
-LEAVES = ("arrays", "checks", "errors", "rotations", "threads")
+LEAVES = ("arrays", "checks", "errors", "poses", "rotations", "threads")
 ALLOWED = {
     "data_tools": {"data_tools"},
     "pairwise": {
         "pairwise",
-        *(f"data_tools.{leaf}" for leaf in ("arrays", "checks", "errors", "rotations", "threads")),
+        *(f"data_tools.{leaf}" for leaf in ("arrays", "checks", "errors", "poses", "rotations", "threads")),
     },
     "collalign": {"collalign", "pairwise", "data_tools"},
 }

@@ -39,9 +39,7 @@ def pose_changes(reference: FloatArray, again: FloatArray, part_numbers: IntArra
             continue
         before, after = reference[members], again[members]
         frames = before @ np.swapaxes(after, 1, 2)
-        angles = rotation_angle_deg(
-            frames[:, None] @ after[None], np.broadcast_to(before, (len(frames), *before.shape))
-        )
+        angles = rotation_angle_deg(frames[:, None] @ after[None], before)
         worst = np.nan_to_num(angles, nan=180.0)
         best = np.lexsort((worst.sum(axis=1), -(worst <= STAY_DEG).sum(axis=1)))[0]
         changes_deg[members], same[members] = angles[best], ~np.isnan(angles[best])

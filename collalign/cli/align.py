@@ -33,6 +33,7 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import read_folder
 from data_tools.percent import percent
+from data_tools.poses import scales_of
 from data_tools.rotations import rotation_angle_deg
 
 
@@ -194,7 +195,7 @@ def _errors_deg(alignment: Path, planted: PlantedCollection) -> FloatArray:
     shapes = json.loads(alignment.read_text())["shapes"]
     linear = {shape["name"]: np.array(shape["transform"])[:3, :3] for shape in shapes}
     frames = {
-        i: linear[shape.name] / np.cbrt(np.linalg.det(linear[shape.name]))
+        i: linear[shape.name] / scales_of(linear[shape.name])
         for i, shape in enumerate(planted.shapes)
         if shape.name in linear
     }

@@ -11,6 +11,7 @@ from collalign.landmarks.curves import counting_like, evenly_spaced
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.io.landmarks import Landmarks, SemilandmarkKind, SemilandmarkRows, Semilandmarks
+from data_tools.poses import moved_by
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,11 +128,7 @@ class _Builder:
         first = next((name for name, own in self._columns.items() if labels[0] in own), None)
         if first is None or one.kind == "patch":
             return placed
-        like = _posed(self._transforms[first], np.stack([self._columns[first][label] for label in labels]))
-        here = _posed(self._transforms[template], placed)
+        like = moved_by(self._transforms[first], np.stack([self._columns[first][label] for label in labels]))
+        here = moved_by(self._transforms[template], placed)
         order = counting_like(here, like, closed=one.kind == "closed curve")
         return placed[order]
-
-
-def _posed(transform: FloatArray, points: FloatArray) -> FloatArray:
-    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])

@@ -18,6 +18,7 @@ from collalign.products.pair import Alternative, Pair
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import CollalignError, InputError, OptionsError, UnavailableError
 from data_tools.percent import percent
+from data_tools.poses import scales_of
 from data_tools.surface.shape import Shape
 
 #: Shapes that a notebook shows by themselves, drawn and in a table.
@@ -227,7 +228,7 @@ def _shape_row(shape: AlignedShape) -> dict[str, Any]:
         "confidence": shape.confidence,
         "doubtful": not shape.confidence >= DOUBT,
         "mirrored": shape.reflected,
-        "scale": float(np.cbrt(abs(np.linalg.det(shape.transform[:3, :3])))),
+        "scale": float(scales_of(shape.transform)),
         "part": shape.part,
         "alternatives": len(shape.alternatives),
     }

@@ -27,6 +27,7 @@ from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder, file_stems, refuse_overlap
 from data_tools.io.source import Origin, location
+from data_tools.poses import scales_of
 from data_tools.threads import one_blas_thread
 
 #: The command whose files these are, in the manifest of an output folder.
@@ -183,7 +184,7 @@ def _incomplete(collection: Collection) -> dict[str, Any]:
             {
                 "name": collection.names[one.shape],
                 "reason": one.reason,
-                "scale": float(np.cbrt(abs(np.linalg.det(collection.transforms[one.shape][:3, :3])))),
+                "scale": float(scales_of(collection.transforms[one.shape])),
                 "translation": collection.transforms[one.shape][:3, 3].tolist(),
                 "coverage": _number(one.coverage),
                 "samples_with_labels": int((collection.maps.labels[one.shape] >= 0).sum()),

@@ -20,6 +20,7 @@ from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.poses import scales_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -139,7 +140,7 @@ class CollectionView:
     @property
     def scales(self) -> FloatArray:
         """Factor of each transform, shape (N,): common-frame length per unit of the file."""
-        return np.cbrt(np.abs(np.linalg.det(self.transforms[:, :3, :3])))
+        return scales_of(self.transforms)
 
     @property
     def rotations(self) -> FloatArray:

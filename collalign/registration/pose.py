@@ -35,8 +35,3 @@ def fitting_similarity(to: FloatArray, of: FloatArray, weights: FloatArray, *, t
     pose[:3, :3] = scale * rotation
     pose[:3, 3] = mean_to - pose[:3, :3] @ mean_of
     return pose
-
-
-def moved_by(pose: FloatArray, points: FloatArray) -> FloatArray:
-    """Return points where a pose takes them, shape (..., 3)."""
-    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])

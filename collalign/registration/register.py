@@ -11,10 +11,11 @@ from scipy.spatial import cKDTree
 
 from collalign.registration.field import SmoothField, gaussian_kernel
 from collalign.registration.options import RegistrationOptions
-from collalign.registration.pose import fitting_similarity, moved_by
+from collalign.registration.pose import fitting_similarity
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError
+from data_tools.poses import moved_by, scales_of
 from data_tools.threads import one_blas_thread
 
 #: Added to the kernel's diagonal, in parts of it: centres of a smooth kernel are nearly dependent.
@@ -163,7 +164,7 @@ class _Fit:
         residual, quality = self.search.fit(moved, noise)
         return Registration(
             vertices=read_only(moved_by(self.pose, moved)),
-            residual=read_only(float(np.cbrt(np.linalg.det(self.pose[:3, :3]))) * residual),
+            residual=read_only(float(scales_of(self.pose)) * residual),
             quality=read_only(quality),
             pose=read_only(self.pose),
             field=self.field,

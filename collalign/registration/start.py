@@ -10,6 +10,7 @@ import numpy as np
 from collalign.registration.pieces import MapGoals, RigidPieces
 from collalign.registration.pose import fitting_similarity
 from data_tools.arrays import FloatArray
+from data_tools.poses import scales_of
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
@@ -60,7 +61,7 @@ def bent_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray | N
         return None
     moved = laid_by_map(solver, goals, _LENGTH)
     fit = fitting_similarity(moved, rest.vertices, solver.mass)[:3, :3]
-    is_small = np.cbrt(np.linalg.det(fit)) < _LEAST_EXTENT
+    is_small = scales_of(fit) < _LEAST_EXTENT
     is_turned = rotation_angle_deg(nearest_orthogonal(fit), np.eye(3)) > _MOST_TURN_DEG
     return None if is_small or is_turned else moved
 

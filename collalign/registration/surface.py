@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from collalign.registration.pose import moved_by
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.sampling import farthest_points
+from data_tools.poses import moved_by, scales_of
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.normals import outward_normals, vertex_normals
 from data_tools.surface.shape import Shape
@@ -68,7 +68,7 @@ class RegistrationSurface:
 
     def placed(self, pose: FloatArray) -> RegistrationSurface:
         """Return the surface where a similarity, shape (4, 4), takes it."""
-        scale = float(np.cbrt(np.linalg.det(pose[:3, :3])))
+        scale = float(scales_of(pose))
         return replace(self, vertices=read_only(moved_by(pose, self.vertices)), radius=scale * self.radius)
 
     @cached_property

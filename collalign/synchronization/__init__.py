@@ -3,7 +3,7 @@
 from collalign.synchronization.clusters import ClusteredSynchronization, synchronize_clusters
 from collalign.synchronization.gauge import principal_axes_gauge
 from collalign.synchronization.maps.permutations import UniverseLabels, synchronize_maps
-from collalign.synchronization.maps.superimpose import Superimposition, superimpose
+from collalign.synchronization.maps.superimpose import superimpose
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.result import SynchronizationResult, WeakCut
 from collalign.synchronization.solve import synchronize, synchronize_graph
@@ -12,7 +12,6 @@ from collalign.synchronization.solvers.spectral import alternate_assignments
 __all__ = [
     "ClusteredSynchronization",
     "PairGraph",
-    "Superimposition",
     "SynchronizationResult",
     "UniverseLabels",
     "WeakCut",

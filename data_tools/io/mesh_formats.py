@@ -15,6 +15,7 @@ from data_tools.io.headers import check_ply, check_stl
 from data_tools.io.obj import read_obj
 from data_tools.io.off import read_off
 from data_tools.io.source import Source
+from data_tools.poses import moved_by
 
 # What trimesh logs about damaged files is said by our own errors; without a handler Python would print it.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -63,7 +64,7 @@ def _part(path: Path, geometry: Any, transform: FloatArray) -> tuple[FloatArray,
         wrong = faces.min() if faces.min() < 0 else faces.max()
         raise InputError(f"{path}: a face names vertex {wrong}, there are {len(vertices)}, counted from 0")
     if not np.allclose(transform, np.eye(4), rtol=0, atol=0):
-        vertices = vertices @ transform[:3, :3].T + transform[:3, 3]
+        vertices = moved_by(transform, vertices)
         if np.linalg.det(transform[:3, :3]) < 0:
             faces = faces[:, ::-1]
     return vertices, faces

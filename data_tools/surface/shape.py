@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, IntArray, as_faces, as_points, read_only
+from data_tools.poses import moved_by
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,5 +83,5 @@ class Shape:
         transform : ndarray, shape (4, 4)
         """
         faces = self.faces[:, ::-1] if np.linalg.det(transform[:3, :3]) < 0 else self.faces
-        vertices = self.vertices @ transform[:3, :3].T + transform[:3, 3]
+        vertices = moved_by(transform, self.vertices)
         return replace(self, vertices=read_only(vertices), faces=read_only(np.ascontiguousarray(faces)))

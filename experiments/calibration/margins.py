@@ -34,7 +34,7 @@ def cut_pairs(data: Path, collection: str, num: int) -> FloatArray:
         cut = without_share(dataset.shape(j), rng.standard_normal(3), SHARE)
         source = Shape.from_arrays(cut.vertices @ turn.T, cut.faces, name=cut.name)
         poses = match_partial(surface_of(dataset.shape(i)), surface_of(source))
-        error = rotation_angle_deg(poses[0].R_target_source, dataset.rotation(i, j) @ turn.T)
+        error = rotation_angle_deg(poses[0].pose.rotation, dataset.rotation(i, j) @ turn.T)
         found.append([margin_of(poses), float(error <= RIGHT_DEG)])
     return np.array(found)
 

@@ -11,9 +11,10 @@ import numpy as np
 
 from collalign.registration import register
 from collalign.registration.options import RegistrationOptions
-from collalign.registration.pose import fitting_similarity, moved_by
+from collalign.registration.pose import fitting_similarity
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import FloatArray
+from data_tools.poses import moved_by
 from data_tools.surface.closest import SurfaceLocator
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
 from experiments.collections.landmarked import read_dataset

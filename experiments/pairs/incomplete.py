@@ -113,7 +113,7 @@ def measure_pairs(cell: Cell) -> Record:
         truth = dataset.rotation(i, j) @ turn.T
         with stopwatch() as elapsed:
             poses = match_partial(surface_of(target), surface_of(source))
-        errors = rotation_angle_deg(np.stack([pose.R_target_source for pose in poses]), truth)
+        errors = rotation_angle_deg(np.stack([found.pose.rotation for found in poses]), truth)
         found["best"].append(float(errors[0]))
         found["top"].append(float(errors[:8].min()))
         found["margin"].append(margin_of(poses))

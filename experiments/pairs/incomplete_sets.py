@@ -133,7 +133,7 @@ def measure_scan_pairs(cell: Cell) -> Record:
         with stopwatch() as elapsed:
             poses = match_partial(surface_of(dataset.shape(i)), surface_of(source), estimate_scale=False)
         found["overlap"].append(overlap)
-        found["best"].append(float(rotation_angle_deg(poses[0].R_target_source, dataset.rotation(i, j) @ turn.T)))
+        found["best"].append(float(rotation_angle_deg(poses[0].pose.rotation, dataset.rotation(i, j) @ turn.T)))
         found["margin"].append(margin_of(poses))
         found["seconds"].append(elapsed.processor_s)
     return dict(found)
@@ -147,8 +147,8 @@ def surface_of(shape: Shape) -> PartialSurface:
 
 def margin_of(poses: Sequence[PartialPose]) -> float:
     """Return by how much the best pose beats its best rival."""
-    turns, energies = (np.array([getattr(pose, key) for pose in poses]) for key in ("R_target_source", "energy"))
-    return rival_margin(turns, energies[:, None])
+    turns = np.stack([found.pose.rotation for found in poses])
+    return rival_margin(turns, np.array([[found.energy] for found in poses]))
 
 
 def measure_complete_collection(cell: Cell) -> Record:

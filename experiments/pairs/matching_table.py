@@ -100,7 +100,7 @@ def _errors(pair: PosedPair, candidates: Sequence[Candidate], ranked: Sequence[C
     """Return the errors of the best pose and of the best candidate, by samples and, where there are any, refined."""
     errors = pair.errors_deg(np.stack([candidate.R_target_source for candidate in candidates]))
     found = {"best": float(errors[0]), "top": float(errors[:TOP].min())}
-    refined = [candidate.refined.R_target_source for candidate in ranked if candidate.refined is not None]
+    refined = [candidate.refined.pose.rotation for candidate in ranked if candidate.refined is not None]
     if refined:
         errors = pair.errors_deg(np.stack(refined))
         found |= {"dense": float(errors[0]), "dense_top": float(errors[:TOP].min())}

@@ -80,7 +80,7 @@ def _match(target: Samples, source: Samples, truth: FloatArray, turn: FloatArray
     seconds = time.process_time() - begin
     ranked = sorted(result.candidates, key=lambda candidate: candidate.energy)
     errors = rotation_angle_deg(np.stack([c.R_target_source for c in ranked]), truth @ turn.T)
-    refined = float("nan") if result.refined is None else result.refined.R_target_source
+    refined = float("nan") if result.refined is None else result.refined.pose.rotation
     return {
         "best": float(errors[0]),
         "top": float(errors.min()),

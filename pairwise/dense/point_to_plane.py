@@ -8,8 +8,9 @@ import numpy as np
 
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError, OptionsError
+from data_tools.poses import Similarity
 from data_tools.rotations import nearest_orthogonal
-from pairwise.dense.points import DensePoints, Similarity
+from pairwise.dense.points import DensePoints
 
 
 def point_to_plane(

@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from data_tools.arrays import FloatArray, IntArray, as_floats, as_points, read_only
 from data_tools.errors import InputError
+from data_tools.poses import Similarity
 
 #: Entries of the cost matrix that nearest neighbours hold at once.
 _CHUNK_ENTRIES = 1_000_000
@@ -57,27 +58,6 @@ class DensePoints:
     def radius(self) -> float:
         """Root mean square distance from the centroid."""
         return float(np.sqrt(((self.points - self.points.mean(axis=0)) ** 2).sum(axis=1).mean()))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Similarity:
-    """x -> scale * rotation x + shift.
-
-    Attributes
-    ----------
-    rotation : ndarray, shape (d, d)
-        Orthogonal, of either determinant.
-    scale : float
-    shift : ndarray, shape (d,)
-    """
-
-    rotation: FloatArray
-    scale: float
-    shift: FloatArray
-
-    def apply(self, points: FloatArray) -> FloatArray:
-        """Return moved points, shape (l, d)."""
-        return self.scale * points @ self.rotation.T + self.shift
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,13 +13,14 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_tools.arrays import FloatArray, as_floats, as_rotations, read_only
+from data_tools.arrays import FloatArray, as_floats, as_rotations
 from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
+from data_tools.poses import Similarity
 from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
 from pairwise.dense.point_to_plane import point_to_plane
-from pairwise.dense.points import DenseMatcher, DensePoints, Similarity
+from pairwise.dense.points import DenseMatcher, DensePoints
 from pairwise.options import RefinementMethod
 from pairwise.status import Status
 
@@ -29,14 +30,12 @@ NORMAL_WEIGHT = 0.2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RefinedPose:
-    """A pose refined on dense samples: target ~ scale * R source + translation.
+    """A pose refined on dense samples.
 
     Attributes
     ----------
-    R_target_source : ndarray, shape (d, d)
-        Of the same chirality as the start.
-    scale : float
-    translation : ndarray, shape (d,)
+    pose : Similarity
+        Takes the source to the target, of the same chirality as the start.
     energy : float
         Mean squared distance of the matched points at this pose plus that of their invariants, in squared units of
         the target.
@@ -47,9 +46,7 @@ class RefinedPose:
     status : Status
     """
 
-    R_target_source: FloatArray
-    scale: float
-    translation: FloatArray
+    pose: Similarity
     energy: float
     initial_energy: float
     iterations: int
@@ -115,7 +112,7 @@ def refine_pose(
     >>> points = pairwise.DensePoints.from_user(np.random.default_rng(0).random((200, 3)))
     >>> turned_by_16_deg = np.array([[0.96, -0.28, 0.0], [0.28, 0.96, 0.0], [0.0, 0.0, 1.0]])
     >>> found = pairwise.refine_pose(points, points, turned_by_16_deg)
-    >>> bool(np.allclose(found.R_target_source, np.eye(3), atol=1e-3))
+    >>> bool(np.allclose(found.pose.rotation, np.eye(3), atol=1e-3))
     True
     """
     _check_options(method, normal_weight, unmatched_penalty, matched_share, max_iterations)
@@ -153,7 +150,13 @@ def _by_points(
             break
         if iterations < max_iterations:
             pairs = matcher.pair_up(pose)
-    return _refined(pose, matcher.mean_cost(pairs, pose), initial_energy, iterations, status)
+    return RefinedPose(
+        pose=pose,
+        energy=matcher.mean_cost(pairs, pose),
+        initial_energy=initial_energy,
+        iterations=iterations,
+        status=status,
+    )
 
 
 def _by_planes(matcher: DenseMatcher, start: Similarity, max_iterations: int, tol: float) -> RefinedPose:
@@ -167,18 +170,12 @@ def _by_planes(matcher: DenseMatcher, start: Similarity, max_iterations: int, to
         tol=tol,
     )
     before, after = (matcher.mean_cost(matcher.pair_up(p), p) for p in (start, pose))
-    return _refined(pose, after, before, 0, Status.CONVERGED if found else Status.STALLED)
-
-
-def _refined(pose: Similarity, energy: float, initial_energy: float, iterations: int, status: Status) -> RefinedPose:
     return RefinedPose(
-        R_target_source=read_only(pose.rotation),
-        scale=pose.scale,
-        translation=read_only(pose.shift),
-        energy=energy,
-        initial_energy=initial_energy,
-        iterations=iterations,
-        status=status,
+        pose=pose,
+        energy=after,
+        initial_energy=before,
+        iterations=0,
+        status=Status.CONVERGED if found else Status.STALLED,
     )
 
 

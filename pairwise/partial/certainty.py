@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from data_tools.rotations import rotation_angle_deg
+from data_tools.poses import turn_deg
 
 #: Poses beyond this angle from the best one are its rivals.
 RIVAL_DEG = 20.0
@@ -25,7 +25,7 @@ def rival_margin(turns: FloatArray, energies: FloatArray) -> float:
     energies : ndarray, shape (m, n)
         Of each pose on each target.
     """
-    apart = np.nan_to_num(rotation_angle_deg(turns, turns[0]), nan=180.0) > RIVAL_DEG
+    apart = turn_deg(turns, turns[0]) > RIVAL_DEG
     means = np.log(energies).mean(axis=1)
     return float((means[apart] - means[0]).min(initial=np.inf))
 

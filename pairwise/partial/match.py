@@ -16,10 +16,10 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.checks import check_choice
-from data_tools.rotations import rotation_angle_deg
+from data_tools.poses import Similarity, turn_deg
 from data_tools.threads import one_blas_thread
 from pairwise.local.rotation_sets import rotation_set
-from pairwise.partial.poses import NORMAL_WEIGHT, Counterparts, Poses, counterparts, step
+from pairwise.partial.poses import NORMAL_WEIGHT, Counterparts, counterparts, step
 from pairwise.partial.surface import PartialSurface
 
 #: Rotations that are searched, about 20 degrees apart; per chirality.
@@ -45,13 +45,12 @@ SAME_POSE_DEG, SAME_SHIFT = 10.0, 0.3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PartialPose:
-    """A pose of a source on a target that it overlaps in part: x -> scale * R x + translation.
+    """A pose of a source on a target that it overlaps in part.
 
     Attributes
     ----------
-    R_target_source : ndarray, shape (3, 3)
-    scale : float
-    translation : ndarray, shape (3,)
+    pose : Similarity
+        Takes the source to the target.
     energy : float
         Geometric mean of squared distances, normals included, what has no counterpart at the cutoff; in squared radii
         of the target.
@@ -59,9 +58,7 @@ class PartialPose:
         Share of each surface's points with a counterpart on the other.
     """
 
-    R_target_source: FloatArray
-    scale: float
-    translation: FloatArray
+    pose: Similarity
     energy: float
     overlap_target: float
     overlap_source: float
@@ -116,13 +113,13 @@ def scales_allowed(target: PartialSurface, source: PartialSurface, *, estimate_s
 def refine(
     targets: Sequence[PartialSurface],
     source: PartialSurface,
-    poses: Poses,
+    poses: Similarity,
     cutoffs: Sequence[float | None] = MANY_STEPS,
     *,
     num_points: int = NUM_POINTS[2],
     scale_range: tuple[float, float],
     hold_turns: bool = False,
-) -> Poses:
+) -> Similarity:
     """Refine poses by closest points on one or several targets in one frame, one step per cutoff.
 
     With ``hold_turns`` only shifts and scales change.
@@ -140,14 +137,14 @@ def refine(
     return poses
 
 
-def ranked(target: PartialSurface, poses: Poses, found: Counterparts, num_candidates: int) -> tuple[PartialPose, ...]:
+def ranked(
+    target: PartialSurface, poses: Similarity, found: Counterparts, num_candidates: int
+) -> tuple[PartialPose, ...]:
     """Return the distinct poses, the least energy first."""
     energies, overlaps = found.energies, found.overlaps()
     return tuple(
         PartialPose(
-            R_target_source=read_only(poses.turns[p]),
-            scale=float(poses.scales[p]),
-            translation=read_only(poses.shifts[p]),
+            pose=poses[int(p)],
             energy=float(energies[p]),
             overlap_target=float(overlaps[p, 0]),
             overlap_source=float(overlaps[p, 1]),
@@ -156,12 +153,12 @@ def ranked(target: PartialSurface, poses: Poses, found: Counterparts, num_candid
     )
 
 
-def distinct(poses: Poses, energies: FloatArray, num: int, radius: float) -> IntArray:
+def distinct(poses: Similarity, energies: FloatArray, num: int, radius: float) -> IntArray:
     """Return at most so many poses that differ, the least energy first."""
     kept: list[int] = []
     for p in np.argsort(energies, kind="stable").tolist():
-        apart = np.nan_to_num(rotation_angle_deg(poses.turns[kept], poses.turns[p]), nan=180.0) > SAME_POSE_DEG
-        shifted = np.linalg.norm(poses.shifts[kept] - poses.shifts[p], axis=1) > SAME_SHIFT * radius
+        apart = turn_deg(poses.rotation[kept], poses.rotation[p]) > SAME_POSE_DEG
+        shifted = np.linalg.norm(poses.shift[kept] - poses.shift[p], axis=1) > SAME_SHIFT * radius
         if (apart | shifted).all():
             kept.append(p)
         if len(kept) == num:
@@ -169,7 +166,7 @@ def distinct(poses: Poses, energies: FloatArray, num: int, radius: float) -> Int
     return np.array(kept, dtype=np.int64)
 
 
-def _starts(target: PartialSurface, source: PartialSurface, group: str, *, estimate_scale: bool) -> Poses:
+def _starts(target: PartialSurface, source: PartialSurface, group: str, *, estimate_scale: bool) -> Similarity:
     """Return the best pose of each rotation, the most promising rotations."""
     from pairwise.partial.screen import screen  # compiled, and loads Numba
 
@@ -195,7 +192,7 @@ def _starts(target: PartialSurface, source: PartialSurface, group: str, *, estim
     best = np.argsort(costs, kind="stable")[: NUM_STARTS * (2 if group == "O" else 1)]
     turns, factors = turns[best], scales[which_scale[best]]
     shifts = target.centre + target.radius * lattice[which_shift[best]]
-    return Poses(turns=turns, scales=factors, shifts=shifts - factors[:, None] * (turns @ source.centre))
+    return Similarity(rotation=turns, scale=factors, shift=shifts - factors[:, None] * (turns @ source.centre))
 
 
 @lru_cache(maxsize=1)

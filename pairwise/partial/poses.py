@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.poses import Similarity
 from data_tools.rotations import nearest_orthogonal
 from pairwise.partial.surface import PartialSurface
 
@@ -30,38 +31,6 @@ COUNTERPART = 0.25
 OWN_CUTOFF, LEAST_CUTOFF = 2.5, 0.06
 #: Sum of weights, of at most 2, below which a pose moves no more.
 _LEAST_WEIGHT = 1e-3
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Poses:
-    """Similarities x -> scale * turn x + shift of a source.
-
-    Attributes
-    ----------
-    turns : ndarray, shape (p, 3, 3)
-        Orthogonal, of either determinant.
-    scales : ndarray, shape (p,)
-    shifts : ndarray, shape (p, 3)
-    """
-
-    turns: FloatArray
-    scales: FloatArray
-    shifts: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.turns)
-
-    def __getitem__(self, which: IntArray | BoolArray | slice) -> Poses:
-        return Poses(turns=self.turns[which], scales=self.scales[which], shifts=self.shifts[which])
-
-    def apply(self, points: FloatArray) -> FloatArray:
-        """Return the points moved by every pose, shape (p, l, 3)."""
-        turned = points @ np.swapaxes(self.turns, 1, 2)
-        return np.asarray(self.scales[:, None, None] * turned + self.shifts[:, None])
-
-    def undo(self, points: FloatArray) -> FloatArray:
-        """Return the points moved back by every pose, shape (p, l, 3)."""
-        return np.asarray(((points - self.shifts[:, None]) @ self.turns) / self.scales[:, None, None])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,16 +72,16 @@ class Counterparts:
         )
 
 
-def counterparts(target: PartialSurface, source: PartialSurface, poses: Poses, num_points: int) -> Counterparts:
+def counterparts(target: PartialSurface, source: PartialSurface, poses: Similarity, num_points: int) -> Counterparts:
     """Return what the first points of both surfaces are nearest to at each pose."""
     to, of = target.points[:num_points], source.points[:num_points]
     of_source = target.nearest(poses.apply(of))
     of_target = source.nearest(poses.undo(to))
-    turned = source.normals[:num_points] @ np.swapaxes(poses.turns, 1, 2)
-    unturned = target.normals[:num_points] @ poses.turns
+    turned = source.normals[:num_points] @ np.swapaxes(poses.rotation, 1, 2)
+    unturned = target.normals[:num_points] @ poses.rotation
     there = ((poses.apply(of) - target.points[of_source]) ** 2).sum(axis=2) / target.radius**2
     back = ((poses.undo(to) - source.points[of_target]) ** 2).sum(axis=2) / target.radius**2
-    back *= poses.scales[:, None] ** 2
+    back *= poses.scale[:, None] ** 2
     signed = target.oriented and source.oriented
     there += NORMAL_WEIGHT**2 * _apart(turned, target.normals[of_source], signed=signed)
     back += NORMAL_WEIGHT**2 * _apart(unturned, source.normals[of_target], signed=signed)
@@ -133,13 +102,13 @@ def _apart(first: FloatArray, second: FloatArray, *, signed: bool) -> FloatArray
 def step(
     targets: Sequence[PartialSurface],
     source: PartialSurface,
-    poses: Poses,
+    poses: Similarity,
     *,
     num_points: int,
     cutoff: float | None,
     scale_range: tuple[float, float],
     hold_turns: bool = False,
-) -> Poses:
+) -> Similarity:
     """Move each pose to the similarity that brings counterparts together best, on one or several posed targets.
 
     Weights are Tukey's biweight of the costs at the cutoff (in radii), zero where either point lies on a rim, each
@@ -169,27 +138,27 @@ def _similarities(
     to: FloatArray,
     of: FloatArray,
     weights: FloatArray,
-    poses: Poses,
+    poses: Similarity,
     scale_range: tuple[float, float],
     *,
     hold_turns: bool,
-) -> Poses:
+) -> Similarity:
     """Return the weighted similarities (Umeyama 1991; symmetric scale) that keep each pose's chirality."""
     total = weights.sum(axis=1, keepdims=True)
     share = weights / np.maximum(total, _LEAST_WEIGHT)
     mean_to, mean_of = ((share[..., None] * points).sum(axis=1) for points in (to, of))
     to, of = to - mean_to[:, None], of - mean_of[:, None]
     moments = np.swapaxes(share[..., None] * to, 1, 2) @ of
-    signs = np.where(np.linalg.det(poses.turns) < 0, -1.0, 1.0)
-    turns = poses.turns
+    signs = np.where(np.linalg.det(poses.rotation) < 0, -1.0, 1.0)
+    turns = poses.rotation
     if not hold_turns:
         turns = nearest_orthogonal(moments * signs[:, None, None], determinant=1.0) * signs[:, None, None]
     sizes = [(share * (points**2).sum(axis=2)).sum(axis=1) for points in (to, of)]
     scales = np.clip(np.sqrt(sizes[0] / np.maximum(sizes[1], np.finfo(float).tiny)), *scale_range)
     shifts = mean_to - scales[:, None] * np.einsum("pab,pb->pa", turns, mean_of)
     is_held = total[:, 0] < _LEAST_WEIGHT
-    return Poses(
-        turns=np.where(is_held[:, None, None], poses.turns, turns),
-        scales=np.where(is_held, poses.scales, scales),
-        shifts=np.where(is_held[:, None], poses.shifts, shifts),
+    return Similarity(
+        rotation=np.where(is_held[:, None, None], poses.rotation, turns),
+        scale=np.where(is_held, poses.scale, scales),
+        shift=np.where(is_held[:, None], poses.shift, shifts),
     )

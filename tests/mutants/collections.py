@@ -252,10 +252,17 @@ SHAPES: tuple[Mutant, ...] = (
         ("_from_binary", "if len(body) < num * record.itemsize:", "if False:"),
     ),
     *faults(
+        "data_tools/poses.py",
+        ("tests/data_tools/test_poses.py",),
+        ("moved_by", "transform[:3, :3].T +", "transform[:3, :3] +"),
+        ("undo", ") @ self.rotation", ") @ np.swapaxes(self.rotation, -1, -2)"),
+        ("turn_deg", "nan=180.0", "nan=0.0"),
+        ("keep_apart", "> least_deg", ">= 0.0"),
+    ),
+    *faults(
         "data_tools/io/mesh_formats.py",
         ("tests/data_tools/io/test_headers.py",),
         ("_part", "faces = faces[:, ::-1]", "pass"),
-        ("_part", "transform[:3, :3].T +", "transform[:3, :3] +"),
         ("_part", "faces.max() >= len(vertices)):", "faces.max() > len(vertices)):"),
         ("_concatenate", "f + start for", "f for"),
     ),

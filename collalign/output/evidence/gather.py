@@ -13,6 +13,7 @@ from collalign.products.evidence import CollectionView
 from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.source import location
+from data_tools.poses import keep_apart, turn_deg
 from data_tools.rotations import rotation_angles
 from data_tools.threads import one_blas_thread
 
@@ -157,14 +158,11 @@ def distinct_poses(rotations: FloatArray, energies: FloatArray, choice: int) -> 
     choice : int
         Index into ``kept``, -1 for none.
     """
-    kept: list[int] = []
-    close = np.degrees(rotation_angles(rotations[:, None], rotations)) <= DISTINCT_PAIR_DEG
-    for at in np.argsort(energies, kind="stable"):
-        if not close[at, kept].any():
-            kept.append(int(at))
+    order = np.argsort(energies, kind="stable")
+    kept = order[keep_apart(rotations[order], DISTINCT_PAIR_DEG)].tolist()
     if choice < 0:
         return kept[:MOST_PAIR_POSES], -1
-    near = next(at for at in kept if close[at, choice])
+    near = next(at for at in kept if turn_deg(rotations[at], rotations[choice]) <= DISTINCT_PAIR_DEG)
     shown = kept[:MOST_PAIR_POSES]
     if near not in shown:
         shown[-1] = near

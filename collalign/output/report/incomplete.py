@@ -17,6 +17,7 @@ from collalign.products.incomplete import Incomplete
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
 from data_tools.errors import InputError
+from data_tools.poses import moved_by
 from data_tools.surface.beyond import lies_beyond
 from data_tools.surface.topology import mesh_edges
 
@@ -111,7 +112,7 @@ def _entry(view: CollectionView, one: Incomplete) -> dict[str, Any]:
 
 def _posed(view: CollectionView, at: int) -> _Posed:
     T = view.transforms[at]
-    return _Posed(view.vertices[at] @ T[:3, :3].T + T[:3, 3], view.faces[at])
+    return _Posed(moved_by(T, view.vertices[at]), view.faces[at])
 
 
 def _add(
@@ -119,7 +120,7 @@ def _add(
 ) -> str:
     """Pack a mesh of the common frame in the file coordinates of a shape, and return its name."""
     inverse = np.linalg.inv(view.transforms[at])
-    points = surface.vertices @ inverse[:3, :3].T + inverse[:3, 3]
+    points = moved_by(inverse, surface.vertices)
     meshes[name] = pack_mesh(points, surface.faces, _NONE, () if shares is None else shares)
     return name
 

@@ -9,7 +9,8 @@ import numpy as np
 from collalign.products.evidence import CollectionView
 from collalign.products.pair import Alternative
 from data_tools.arrays import FloatArray
-from data_tools.rotations import rotation_angle_deg, rotation_angles
+from data_tools.poses import keep_apart
+from data_tools.rotations import rotation_angle_deg
 
 #: Poses closer than this are not offered twice.
 DISTINCT_DEG = 30.0
@@ -25,13 +26,9 @@ def offered_poses(view: CollectionView) -> tuple[tuple[Alternative, ...], ...]:
     turns = _half_turns(view)
     offered = []
     for R, poses in zip(view.rotations, view.alternatives, strict=True):
-        kept: list[Alternative] = []
-        half = [Alternative(rotation=turn @ R, origin="half turn") for turn in turns]
-        for pose in (*poses, *half):
-            others = np.stack([R, *(one.rotation for one in kept)])
-            if (np.degrees(rotation_angles(others, pose.rotation)) > DISTINCT_DEG).all():
-                kept.append(pose)
-        offered.append(tuple(kept[:MOST_POSES]))
+        known = (*poses, *(Alternative(rotation=turn @ R, origin="half turn") for turn in turns))
+        rotations = np.stack([R, *(one.rotation for one in known)])
+        offered.append(tuple(known[at - 1] for at in keep_apart(rotations, DISTINCT_DEG, num=MOST_POSES + 1)[1:]))
     return tuple(offered)
 
 

@@ -183,7 +183,7 @@ def _starts(pair: Pair, common: FloatArray) -> FloatArray:
     starts = [common]
     for candidate in np.argsort(doubt, kind="stable"):
         rotation = pair.rotations[candidate, :3, :3]
-        angles = np.nan_to_num(rotation_angle_deg(np.stack(starts), np.stack([rotation] * len(starts))), nan=0.0)
+        angles = np.nan_to_num(rotation_angle_deg(np.stack(starts), rotation), nan=0.0)
         if len(starts) < MAX_STARTS and np.isfinite(doubt[candidate]) and (angles > APART_DEG).all():
             starts.append(rotation)
     return np.stack(starts)

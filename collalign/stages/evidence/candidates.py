@@ -14,7 +14,7 @@ from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.stages.evidence.odds import EVIDENCE, evidence_score
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
-from data_tools.rotations import rotation_angle_deg
+from data_tools.poses import keep_apart
 
 #: Rotations of maps within this angle are one candidate, the one that more speaks for.
 SAME_CANDIDATE_DEG = 15.0
@@ -98,10 +98,6 @@ class PoseWeigher:
 
 def distinct(candidates: Sequence[WeighedPose]) -> list[WeighedPose]:
     """Return the candidates that most speaks for, best first, of each set of nearly equal rotations only one."""
-    kept: list[WeighedPose] = []
-    for candidate in sorted(candidates, key=lambda c: -c.score):
-        known = np.array([other.rotation for other in kept]).reshape(-1, 3, 3)
-        angles = rotation_angle_deg(known, np.tile(candidate.rotation, (len(known), 1, 1)))
-        if not (np.asarray(angles) <= SAME_CANDIDATE_DEG).any():
-            kept.append(candidate)
-    return kept[:MAX_CANDIDATES]
+    ranked = sorted(candidates, key=lambda c: -c.score)
+    rotations = np.stack([candidate.rotation for candidate in ranked])
+    return [ranked[at] for at in keep_apart(rotations, SAME_CANDIDATE_DEG, num=MAX_CANDIDATES)]

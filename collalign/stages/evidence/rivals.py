@@ -20,7 +20,7 @@ from collalign.stages.evidence.weigh import weigh_starts, weighed_poses, with_ca
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray
-from data_tools.rotations import rotation_angle_deg
+from data_tools.poses import keep_apart, turn_deg
 
 #: Poses of a shape within this angle are one rival, and how many are tried beside the present pose.
 SAME_RIVAL_DEG, NUM_RIVALS = 25.0, 3
@@ -105,8 +105,7 @@ def support(pairs: Sequence[Pair], poses: FloatArray) -> float:
     total = 0.0
     for pair in pairs:
         able = np.isfinite(pair.log_odds)
-        asked = np.broadcast_to(poses[pair.target].T @ poses[pair.source], (int(able.sum()), 3, 3))
-        near = np.asarray(rotation_angle_deg(pair.rotations[able, :3, :3], asked)) <= SAME_RIVAL_DEG
+        near = turn_deg(pair.rotations[able, :3, :3], poses[pair.target].T @ poses[pair.source]) <= SAME_RIVAL_DEG
         odds = pair.log_odds[able]
         total += float(odds[near].max() if near.any() else odds.min())
     return total
@@ -164,13 +163,8 @@ def voted_poses(votes: Votes, pose: FloatArray) -> FloatArray:
     close = 1.0 + 2.0 * np.cos(np.deg2rad(SAME_RIVAL_DEG))
     near = flat @ flat.T >= close
     support = near @ votes.weights
-    kept = [pose]
-    for vote in np.argsort(-support, kind="stable"):
-        if len(kept) > NUM_RIVALS:
-            break
-        if not _is_near(kept, votes.poses[vote], SAME_RIVAL_DEG):
-            kept.append(votes.poses[vote])
-    return np.stack(kept)
+    ranked = np.concatenate([pose[None], votes.poses[np.argsort(-support, kind="stable")]])
+    return ranked[keep_apart(ranked, SAME_RIVAL_DEG, num=NUM_RIVALS + 1)]
 
 
 def _is_known(pair: Pair, pose: FloatArray, angle_deg: float) -> bool:
@@ -179,7 +173,4 @@ def _is_known(pair: Pair, pose: FloatArray, angle_deg: float) -> bool:
 
 
 def _is_near(known: Sequence[FloatArray], pose: FloatArray, angle_deg: float) -> bool:
-    if not len(known):
-        return False
-    angles = rotation_angle_deg(np.stack(known), np.tile(pose, (len(known), 1, 1)))
-    return bool((np.asarray(angles) <= angle_deg).any())
+    return any(turn_deg(other, pose) <= angle_deg for other in known)

@@ -21,7 +21,7 @@ from collalign.stages.incomplete.place import PlaceTask, nearest_labels, place_s
 from collalign.stages.incomplete.surfaces import prepare_points
 from collalign.stages.poses.placement import common_positions
 from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.rotations import rotation_angle_deg
+from data_tools.poses import turn_deg
 from pairwise.status import Status
 
 #: A collection, as it came.
@@ -184,7 +184,7 @@ def incomplete_record(i: int, record: Record, reason: str, partners: IntArray) -
 def alternatives_of(record: Record) -> tuple[Alternative, ...]:
     """Return the rivals of a pose, the likeliest first."""
     energies = np.log(record["energies"]).mean(axis=1)
-    apart = np.nan_to_num(rotation_angle_deg(record["turns"], record["turns"][0]), nan=180.0) > AGREEMENT_DEG
+    apart = turn_deg(record["turns"], record["turns"][0]) > AGREEMENT_DEG
     return tuple(
         Alternative(rotation=read_only(record["turns"][m]), log_odds=float(energies[m] - energies[0]))
         for m in np.flatnonzero(apart)[:MAX_ALTERNATIVES]
@@ -201,7 +201,7 @@ def incomplete_pairs(
         asked = rotations[partner].T @ record["proposed"][n]
         asked = asked if second == i else np.swapaxes(asked, 1, 2)
         common = rotations[first].T @ rotations[second]
-        angles = np.nan_to_num(rotation_angle_deg(asked, common), nan=180.0)
+        angles = turn_deg(asked, common)
         choice = int(np.argmin(angles))
         agrees = bool(angles[choice] <= AGREEMENT_DEG)
         pairs.append(

@@ -20,9 +20,9 @@ from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
+from data_tools.poses import Similarity, moved_by, scales_of
 from data_tools.surface.topology import is_open_surface
 from pairwise.partial.match import refine, scales_allowed
-from pairwise.partial.poses import Poses
 from pairwise.partial.surface import PartialSurface
 
 #: Said of shapes that a person named, and of those that were found when others were aligned.
@@ -148,8 +148,8 @@ def posed_samples(samples: Samples, transform: FloatArray) -> tuple[FloatArray, 
     What has wide gaps around it is the rim.
     """
     raw = samples.dense_positions * samples.scale + samples.offset
-    points = raw @ transform[:3, :3].T + transform[:3, 3]
-    turn = transform[:3, :3] / np.cbrt(abs(np.linalg.det(transform[:3, :3])))
+    points = moved_by(transform, raw)
+    turn = transform[:3, :3] / scales_of(transform)
     normals = samples.dense_normals @ turn.T if _is_oriented(samples) else plane_normals(points, points)
     return points, normals, cloud_rim(points, normals)
 
@@ -157,7 +157,7 @@ def posed_samples(samples: Samples, transform: FloatArray) -> tuple[FloatArray, 
 def share_beyond(surface: PartialSurface, partners: Sequence[PartialSurface]) -> float:
     """Return the share of its partners' points that lie beyond a surface's rim, the median of the partners."""
     ranges = [scales_allowed(partner, surface, estimate_scale=True) for partner in partners]
-    start = Poses(turns=np.eye(3)[None], scales=np.ones(1), shifts=np.zeros((1, 3)))
+    start = Similarity(rotation=np.eye(3)[None], scale=np.ones(1), shift=np.zeros((1, 3)))
     pose = refine(
         partners,
         surface,

@@ -31,7 +31,6 @@ from collalign.stages.incomplete.place import (
     NUM_PROPOSED,
     nearest_labels,
     pose_certainty,
-    pose_of,
     pose_record,
     settle,
 )
@@ -39,9 +38,9 @@ from collalign.stages.incomplete.surfaces import posed_points, prepare_points
 from collalign.stages.poses.placement import common_positions
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError
+from data_tools.poses import Similarity, scales_of
 from data_tools.threads import one_blas_thread
 from pairwise.partial.match import match_partial
-from pairwise.partial.poses import Poses
 
 #: How often every shape is posed on all others.
 NUM_SWEEPS = 3
@@ -69,9 +68,7 @@ def match_scans(task: ScanTask, shared: SharedTable) -> Record:
         estimate_scale=task.estimate_scale,
         num_candidates=NUM_PROPOSED,
     )
-    transforms = np.tile(np.eye(4), (len(found), 1, 1))
-    transforms[:, :3, :3] = [pose.scale * pose.R_target_source for pose in found]
-    transforms[:, :3, 3] = [pose.translation for pose in found]
+    transforms = np.stack([one.pose.transform for one in found])
     return {"transforms": transforms, "energies": np.array([pose.energy for pose in found])}
 
 
@@ -155,15 +152,14 @@ def _settled(
             others = [j for j in range(num) if j != i]
             proposed = [transforms[j] @ _relative(found, j, i) for j in others]
             source, targets = posed_points(records[i], str(i)), [posed[j] for j in others]
-            poses = pose_of(transforms[i])
+            poses = Similarity.of_transforms(transforms[i][None])
             if i != root:
-                every = _poses(np.concatenate([transforms[i][None], *proposed]))
+                every = Similarity.of_transforms(np.concatenate([transforms[i][None], *proposed]))
                 poses = settle(targets, source, every, estimate_scale=estimate_scale)
-            transforms[i, :3, :3] = poses.scales[0] * poses.turns[0]
-            transforms[i, :3, 3] = poses.shifts[0]
+            transforms[i] = poses[0].transform
             posed[i] = posed_points(records[i], str(i), transforms[i])
             if sweep == NUM_SWEEPS - 1:
-                asked = [_poses(transforms[j] @ _relative(found, j, i)).turns for j in others]
+                asked = [Similarity.of_transforms(transforms[j] @ _relative(found, j, i)).rotation for j in others]
                 energies = [found[f"{min(i, j)} {max(i, j)}"]["energies"] for j in others]
                 settled[i] = pose_record(targets, source, poses, _padded(asked), _padded(energies))
     return transforms, settled
@@ -173,13 +169,6 @@ def _padded(rows: list[FloatArray]) -> FloatArray:
     """Return rows of different lengths as one array, filled up by what each starts with."""
     most = max(len(row) for row in rows)
     return np.stack([np.concatenate([row, np.repeat(row[:1], most - len(row), axis=0)]) for row in rows])
-
-
-def _poses(transforms: FloatArray) -> Poses:
-    """Return transforms (m, 4, 4) as poses."""
-    scales = np.cbrt(np.abs(np.linalg.det(transforms[:, :3, :3])))
-    turns = transforms[:, :3, :3] / scales[:, None, None]
-    return Poses(turns=turns, scales=scales, shifts=np.ascontiguousarray(transforms[:, :3, 3]))
 
 
 def _framed(shapes: Shapes, transforms: FloatArray, scaling: str, root: int) -> FloatArray:
@@ -211,7 +200,7 @@ def _collected(
     reasons: Mapping[int, str],
 ) -> CollectionT:
     """Return the outline with the new poses and all that follows from them."""
-    num, scales = len(shapes.names), np.cbrt(np.abs(np.linalg.det(transforms[:, :3, :3])))
+    num, scales = len(shapes.names), scales_of(transforms)
     rotations = transforms[:, :3, :3] / scales[:, None, None]
     positions = common_positions(shapes.samples, transforms)
     universe = common_points(positions)

@@ -7,7 +7,7 @@ differs. What is common to the partners decides: every pose that fits one of the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -18,11 +18,11 @@ from collalign.engine.jobs.table import SharedTable
 from collalign.engine.store.records import Record
 from collalign.stages.incomplete.surfaces import posed_points
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.rotations import rotation_angle_deg
+from data_tools.poses import Similarity, turn_deg
 from data_tools.threads import one_blas_thread
 from pairwise.partial.certainty import RIVAL_DEG, certainty, rival_margin
 from pairwise.partial.match import NUM_POINTS, distinct, match_partial, refine, scales_allowed
-from pairwise.partial.poses import Poses, counterparts
+from pairwise.partial.poses import counterparts
 from pairwise.partial.surface import PartialSurface
 
 #: Partners that propose poses, those that each proposes, and those of all that are refined on all partners.
@@ -76,7 +76,8 @@ def place_shape(task: PlaceTask, shared: SharedTable) -> Record:
         for i, transform in zip(task.partners, task.transforms, strict=True)
     ]
     if task.fixed_transform is not None:
-        return pose_record(targets, source, pose_of(task.fixed_transform), np.zeros((0, 1, 3, 3)), np.zeros((0, 1)))
+        pose = Similarity.of_transforms(task.fixed_transform[None])
+        return pose_record(targets, source, pose, np.zeros((0, 1, 3, 3)), np.zeros((0, 1)))
     alone = [
         match_partial(
             target,
@@ -88,42 +89,34 @@ def place_shape(task: PlaceTask, shared: SharedTable) -> Record:
         for target in targets[:NUM_PROPOSERS]
     ]
     every = [pose for poses in alone for pose in poses]
-    proposed = Poses(
-        turns=np.stack([pose.R_target_source for pose in every]),
-        scales=np.array([pose.scale for pose in every]),
-        shifts=np.stack([pose.translation for pose in every]),
+    proposed = Similarity(
+        rotation=np.stack([one.pose.rotation for one in every]),
+        scale=np.array([one.pose.scale for one in every]),
+        shift=np.stack([one.pose.shift for one in every]),
     )
     padded = [[*asked, *[asked[0]] * (NUM_PROPOSED - len(asked))] for asked in alone]
     return pose_record(
         targets,
         source,
         settle(targets, source, proposed, estimate_scale=task.estimate_scale, fixed=task.fixed),
-        np.array([[pose.R_target_source for pose in asked] for asked in padded]),
+        np.array([[one.pose.rotation for one in asked] for asked in padded]),
         np.array([[pose.energy for pose in asked] for asked in padded]),
-    )
-
-
-def pose_of(transform: FloatArray) -> Poses:
-    """Return a transform (4, 4) as a pose."""
-    scale = float(np.cbrt(abs(np.linalg.det(transform[:3, :3]))))
-    return Poses(
-        turns=transform[None, :3, :3] / scale, scales=np.array([scale]), shifts=np.array(transform[None, :3, 3])
     )
 
 
 def pose_record(
     targets: Sequence[PartialSurface],
     source: PartialSurface,
-    poses: Poses,
+    poses: Similarity,
     proposed: FloatArray,
     proposed_energies: FloatArray,
 ) -> Record:
     """Return what is known of the poses, the best first, as :func:`place_shape` says."""
     found = [counterparts(target, source, poses[:1], NUM_POINTS[2]) for target in targets]
     return {
-        "turns": poses.turns,
-        "scales": poses.scales,
-        "shifts": poses.shifts,
+        "turns": poses.rotation,
+        "scales": poses.scale,
+        "shifts": poses.shift,
         "energies": energies_on(targets, source, poses, NUM_POINTS[2]),
         "overlaps": np.concatenate([item.overlaps() for item in found]),
         "proposed": proposed,
@@ -134,11 +127,11 @@ def pose_record(
 def settle(
     targets: Sequence[PartialSurface],
     source: PartialSurface,
-    proposed: Poses,
+    proposed: Similarity,
     *,
     estimate_scale: bool,
     fixed: FloatArray | None = None,
-) -> Poses:
+) -> Similarity:
     """Return the proposed poses that fit all targets best, refined on all, the best first.
 
     Parameters
@@ -146,7 +139,7 @@ def settle(
     targets : sequence of PartialSurface
         In one frame.
     source : PartialSurface
-    proposed : Poses
+    proposed : Similarity
     estimate_scale : bool
     fixed : ndarray, shape (3, 3), optional
         A rotation that stays.
@@ -155,11 +148,9 @@ def settle(
     ranges = [scales_allowed(target, source, estimate_scale=estimate_scale) for target in targets]
     scale_range = min(low for low, _ in ranges), max(high for _, high in ranges)
     if fixed is not None:
-        apart = np.nan_to_num(rotation_angle_deg(proposed.turns, fixed), nan=180.0)
+        apart = turn_deg(proposed.rotation, fixed)
         kept = np.argsort(apart, kind="stable")[:NUM_REFINED]
-        proposed = Poses(
-            turns=np.tile(fixed, (len(kept), 1, 1)), scales=proposed.scales[kept], shifts=proposed.shifts[kept]
-        )
+        proposed = replace(proposed[kept], rotation=np.tile(fixed, (len(kept), 1, 1)))
     else:
         energies = np.log(energies_on(targets, source, proposed, NUM_POINTS[1])).mean(axis=1)
         proposed = proposed[_with_rivals(proposed, energies, radius)]
@@ -168,10 +159,10 @@ def settle(
     return poses[distinct(poses, np.log(energies).mean(axis=1), NUM_REFINED + NUM_RIVALS, radius)]
 
 
-def _with_rivals(poses: Poses, energies: FloatArray, radius: float) -> IntArray:
+def _with_rivals(poses: Similarity, energies: FloatArray, radius: float) -> IntArray:
     """Return the poses of least energy, and those of least energy that are far from the very best."""
     best = distinct(poses, energies, NUM_REFINED, radius)
-    apart = np.nan_to_num(rotation_angle_deg(poses.turns, poses.turns[best[0]]), nan=180.0) > 2.0 * RIVAL_DEG
+    apart = turn_deg(poses.rotation, poses.rotation[best[0]]) > 2.0 * RIVAL_DEG
     rivals = np.flatnonzero(apart)
     if not len(rivals):
         return best
@@ -180,7 +171,7 @@ def _with_rivals(poses: Poses, energies: FloatArray, radius: float) -> IntArray:
 
 
 def energies_on(
-    targets: Sequence[PartialSurface], source: PartialSurface, poses: Poses, num_points: int
+    targets: Sequence[PartialSurface], source: PartialSurface, poses: Similarity, num_points: int
 ) -> FloatArray:
     """Return the energy of every pose on every target, shape (p, n)."""
     return np.stack([counterparts(target, source, poses, num_points).energies for target in targets], axis=1)

@@ -20,6 +20,7 @@ from data_tools.errors import CollectionError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
+from data_tools.poses import moved_by, scales_of
 from pairwise.partial.surface import MOST_POINTS, PartialSurface
 
 #: Changes whenever the same file would give other points.
@@ -89,6 +90,6 @@ def posed_points(record: Any, name: str, transform: FloatArray | None = None) ->
         on_rim = np.asarray(record["on_rim"]) != 0
         if transform is not None:
             linear = transform[:3, :3]
-            points = points @ linear.T + transform[:3, 3]
-            normals = normals @ linear.T / np.cbrt(abs(np.linalg.det(linear)))
+            points = moved_by(transform, points)
+            normals = normals @ linear.T / scales_of(transform)
         return PartialSurface.from_user(points, normals, on_rim, oriented=bool(record["oriented"]))

@@ -123,7 +123,7 @@ def _with_all_pairs(
     misfit_deg = np.empty(len(pairs))
     for e, pair in enumerate(pairs):
         common = frames[pair.target].T @ frames[pair.source]
-        angles = [rotation_angle_deg(rotation, common) for rotation in pair.rotations[:, :3, :3]]
+        angles = rotation_angle_deg(pair.rotations[:, :3, :3], common)
         choice[e], misfit_deg[e] = np.argmin(angles), np.min(angles)
     inlier = misfit_deg <= AGREEMENT_DEG
     choice[within], inlier[within] = solution.edge_choice, solution.edge_inlier

@@ -10,6 +10,7 @@ from collalign.products.pair import Pair
 from collalign.synchronization import superimpose, synchronize_maps
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
+from data_tools.poses import moved_by
 
 
 def common_labels(samples: Sequence[Samples], pairs: Sequence[Pair], rotations: FloatArray) -> IntArray:
@@ -77,7 +78,7 @@ def place_and_scale(
     else:
         clouds = [item.positions * (item.scale if scaling == "rigid" else 1.0) for item in samples]
         common = superimpose(clouds, list(labels), rotations, with_scale=scaling == "similarity")
-        factors, shifts = common.scales, common.translations
+        factors, shifts = common.scale, common.shift
     if scaling == "rigid":
         factors = units
     transforms = np.tile(np.eye(4), (len(samples), 1, 1))
@@ -96,7 +97,7 @@ def _fit_to_fixed(
     still = []
     for i, transform in fixed.items():
         raw = samples[i].positions * samples[i].scale + samples[i].offset
-        still.append(in_label_order((raw @ transform[:3, :3].T + transform[:3, 3])[None], labels[i][None])[0])
+        still.append(in_label_order(moved_by(transform, raw)[None], labels[i][None])[0])
     mean = np.mean(still, axis=0)
     centre = mean.mean(axis=0)
     return ((posed * (mean - centre)).sum(axis=(1, 2)) / (posed**2).sum(axis=(1, 2))), centre
@@ -106,7 +107,7 @@ def common_positions(samples: Sequence[Samples], transforms: FloatArray) -> Floa
     """Return the samples in the common frame, shape (N, k, 3)."""
     return np.stack(
         [
-            (item.positions * item.scale + item.offset) @ transform[:3, :3].T + transform[:3, 3]
+            moved_by(transform, item.positions * item.scale + item.offset)
             for item, transform in zip(samples, transforms, strict=True)
         ]
     )

@@ -55,8 +55,8 @@ def refine_pair(task: RefinementTask, shared: SharedTable) -> Record:
         ``rotation`` (3, 3), ``R_target_source``; ``energy``, in squares of the target's radius.
     """
     target, source = (shared.made(str(i), _points_from_record) for i in (task.target, task.source))
-    pose = refine_pose(target, source, task.start)
-    return {"rotation": pose.R_target_source, "energy": pose.energy / target.radius**2}
+    found = refine_pose(target, source, task.start)
+    return {"rotation": found.pose.rotation, "energy": found.energy / target.radius**2}
 
 
 def _points_from_record(record: Record, name: str) -> DensePoints:

@@ -19,7 +19,7 @@ from collalign.stages.trust.symmetry import near_symmetries
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
-from data_tools.rotations import rotation_angle_deg
+from data_tools.poses import turn_deg
 
 VOTES, MARGIN, COLLECTION_VOTES, LEAD = range(len(KINDS))
 #: A pair votes for a pose that is within this angle of what its most plausible candidate asks for.
@@ -140,7 +140,7 @@ def partners_of(pairs: Sequence[Pair], rotations: FloatArray) -> list[list[Partn
 def _votes(pose: FloatArray, partners: Sequence[Partner]) -> float:
     """Return the share of the pairs whose most plausible candidate asks for the pose, few pairs near one half."""
     asked = np.array([partner.poses[0] for partner in partners]).reshape(-1, 3, 3)
-    angles = rotation_angle_deg(asked, np.broadcast_to(pose, asked.shape))
+    angles = turn_deg(asked, pose)
     return float(((angles <= VOTE_DEG).sum() + PRIOR_VOTES) / (len(partners) + 2.0 * PRIOR_VOTES))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from collalign.stages.surface_gap import point_gaps, surface_gap, surface_points
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
+from data_tools.poses import keep_apart
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 from pairwise.local.rotation_sets import quaternions_to_rotations, super_fibonacci
 
@@ -38,12 +39,8 @@ def near_symmetries(samples: Samples) -> FloatArray:
     gaps = np.array([surface_gap(few[0], few[1], turn) for turn in turns])
     best = [_refined(fixed, moving, turn) for turn in turns[np.argsort(gaps, kind="stable")[:NUM_REFINED]]]
     exact = np.array([surface_gap(fixed, moving, turn) for turn in best])
-    kept: list[FloatArray] = [np.eye(3)]
-    for n in np.argsort(exact, kind="stable"):
-        angles = rotation_angle_deg(np.stack(kept), np.stack([best[n]] * len(kept)))
-        if (angles > SAME_DEG).all() and len(kept) <= MAX_TURNS:
-            kept.append(best[n])
-    return np.stack(kept)[1:]
+    ranked = np.stack([np.eye(3), *(best[n] for n in np.argsort(exact, kind="stable"))])
+    return ranked[keep_apart(ranked, SAME_DEG, num=MAX_TURNS + 1)][1:]
 
 
 def _refined(fixed: _Surface, moving: _Surface, turn: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from collalign.stages.trust.model import is_symmetric, tied_rivals
 from collalign.stages.trust.symmetry import turns_in_words
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.poses import turn_deg
 from data_tools.rotations import rotation_angle_deg
 
 #: Names listed in a sentence; of more shapes the number is said.
@@ -123,4 +124,4 @@ def _still(before: FloatArray, after: FloatArray, block: IntArray) -> bool:
     others = _others(block, len(before))
     was = np.swapaxes(before[block], 1, 2)[:, None] @ before[others][None]
     now = np.swapaxes(after[block], 1, 2)[:, None] @ after[others][None]
-    return bool(np.nanmedian(np.nan_to_num(rotation_angle_deg(was, now), nan=180.0)) <= SAME_BLOCK_DEG)
+    return bool(np.nanmedian(turn_deg(was, now)) <= SAME_BLOCK_DEG)

@@ -3,34 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_tools.arrays import FloatArray, IntArray, as_indices, as_points, read_only
+from data_tools.arrays import FloatArray, IntArray, as_indices, as_points
 from data_tools.errors import InputError
+from data_tools.poses import Similarity
 from data_tools.threads import one_blas_thread
 
 #: Rounds of means and fits, at most; they end when the mean moves by less than this, relative to its size.
 MAX_ROUNDS, MEAN_TOL = 100, 1e-12
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Superimposition:
-    """Scales and shifts that bring corresponding samples together at given rotations.
-
-    A sample x of shape i goes to ``scales[i] * x @ rotations[i].T + translations[i]``.
-
-    Attributes
-    ----------
-    scales : ndarray, shape (N,)
-        Their geometric mean is one.
-    translations : ndarray, shape (N, d)
-    """
-
-    scales: FloatArray
-    translations: FloatArray
 
 
 @one_blas_thread()
@@ -40,7 +23,7 @@ def superimpose(
     rotations: ArrayLike,
     *,
     with_scale: bool = True,
-) -> Superimposition:
+) -> Similarity:
     """Alternate the mean of each label with the best scale and shift of each shape to the mean.
 
     Parameters
@@ -53,6 +36,11 @@ def superimpose(
         ``R_common_i``; they are kept. :func:`collalign.analysis.procrustes.generalized_procrustes` turns as well.
     with_scale : bool
         Whether scales are estimated.
+
+    Returns
+    -------
+    Similarity
+        One pose a shape, at the rotations given; the geometric mean of the scales is one.
 
     Raises
     ------
@@ -72,7 +60,7 @@ def superimpose(
         mean = fresh
         if change <= MEAN_TOL**2 * size:
             break
-    return Superimposition(scales=read_only(scales), translations=read_only(shifts))
+    return Similarity(rotation=frames, scale=scales, shift=shifts)
 
 
 def _labelled(

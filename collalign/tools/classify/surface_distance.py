@@ -88,4 +88,4 @@ def refined_distance(target: DensePoints, source: DensePoints, rotation: FloatAr
         The refined ``R_target_source``.
     """
     refined = refine_pose(target, source, rotation)
-    return float(np.sqrt(refined.energy / refined.scale)) / target.radius, np.array(refined.R_target_source)
+    return float(np.sqrt(refined.energy / refined.pose.scale)) / target.radius, refined.pose.rotation

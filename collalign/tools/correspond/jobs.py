@@ -16,7 +16,7 @@ from collalign.engine.store.records import Record
 from collalign.products.deformation import VertexMaps
 from collalign.registration.missing import mean_of_what_is_there, missing_vertices, with_cloud_rim
 from collalign.registration.options import RegistrationOptions
-from collalign.registration.pose import fitting_similarity, moved_by
+from collalign.registration.pose import fitting_similarity
 from collalign.registration.register import register
 from collalign.registration.start import bent_by_map, unbent
 from collalign.registration.surface import RegistrationSurface
@@ -27,6 +27,7 @@ from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollectionError
 from data_tools.io.shapes import read_shape
 from data_tools.options import AS_STORED, CleaningOptions, SamplingOptions
+from data_tools.poses import moved_by
 from data_tools.surface.shape import Shape
 
 #: Changes whenever the same surfaces and options would give another registration.

@@ -14,11 +14,11 @@ from collalign.output.write import recorded_options
 from collalign.products.evidence import CollectionView
 from collalign.registration.mean import medoid
 from collalign.registration.options import RegistrationOptions
-from collalign.registration.pose import moved_by
 from collalign.tools.correspond.jobs import PosedFile, correspond
 from collalign.tools.correspond.result import DenseCorrespondence
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.source import hash_source
+from data_tools.poses import moved_by
 from data_tools.surface.topology import mesh_edges
 from data_tools.threads import one_blas_thread
 

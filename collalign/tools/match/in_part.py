@@ -42,10 +42,7 @@ class PartialMatch:
     @property
     def transforms(self) -> FloatArray:
         """The answer and its rivals, shape (m, 4, 4): coordinates of the source to those of the target."""
-        found = np.tile(np.eye(4), (len(self.poses), 1, 1))
-        found[:, :3, :3] = [pose.scale * pose.R_target_source for pose in self.poses]
-        found[:, :3, 3] = [pose.translation for pose in self.poses]
-        return found
+        return np.stack([found.pose.transform for found in self.poses])
 
     @property
     def transform(self) -> FloatArray:
@@ -55,7 +52,7 @@ class PartialMatch:
     @property
     def confidence(self) -> float:
         """The chance that the answer is right, by how much worse its best rival fits."""
-        turns = np.stack([pose.R_target_source for pose in self.poses])
+        turns = np.stack([found.pose.rotation for found in self.poses])
         return certainty(rival_margin(turns, np.array([[pose.energy] for pose in self.poses])))
 
     def __repr__(self) -> str:
@@ -74,11 +71,11 @@ class PartialMatch:
             "candidates": [
                 {
                     "transform": transform.tolist(),
-                    "energy": pose.energy,
-                    "reflected": bool(np.linalg.det(pose.R_target_source) < 0),
-                    "overlap": {"target": pose.overlap_target, "source": pose.overlap_source},
+                    "energy": found.energy,
+                    "reflected": bool(np.linalg.det(found.pose.rotation) < 0),
+                    "overlap": {"target": found.overlap_target, "source": found.overlap_source},
                 }
-                for transform, pose in zip(self.transforms, self.poses, strict=True)
+                for transform, found in zip(self.transforms, self.poses, strict=True)
             ],
         }
 

@@ -14,6 +14,7 @@ from data_tools.embedding.embedding import Samples
 from data_tools.embedding.sampled_file import sample_file
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.source import location
+from data_tools.poses import Similarity
 from data_tools.threads import one_blas_thread
 from pairwise.dense.refine import RefinedPose
 from pairwise.matching import match_problem
@@ -44,13 +45,17 @@ class RigidMatch:
     @property
     def transform(self) -> FloatArray:
         """The answer, shape (4, 4): coordinates of the source to those of the target, scale included."""
-        return self.transform_of(self.result.refined or self.result.candidates[0])
+        return self.transforms[0]
 
     @property
     def transforms(self) -> FloatArray:
         """The answer and its alternatives, shape (m, 4, 4), refined where they were."""
-        poses = [candidate.refined or candidate for candidate in self.result.candidates]
-        return np.array([self.transform_of(pose) for pose in poses])
+        return np.array(
+            [
+                self.transform_of(_pose_of(one) if one.refined is None else one.refined.pose)
+                for one in self.result.candidates
+            ]
+        )
 
     def __repr__(self) -> str:
         best = self.result.candidates[0]
@@ -60,14 +65,13 @@ class RigidMatch:
             f"{len(self.result.candidates)} poses>"
         )
 
-    def transform_of(self, pose: Candidate | RefinedPose) -> FloatArray:
+    def transform_of(self, pose: Similarity) -> FloatArray:
         """Return x -> scale_to * (scale * R (x - offset_of) / scale_of + shift) + offset_to as a 4 x 4 matrix."""
         to, of = self.target, self.source
-        linear = pose.R_target_source[:3, :3] * (pose.scale * to.scale / of.scale)
-        shift = np.zeros(3) if pose.translation is None else to.scale * pose.translation[:3]
+        linear = pose.rotation * (pose.scale * to.scale / of.scale)
         transform = np.eye(4)
         transform[:3, :3] = linear
-        transform[:3, 3] = to.offset + shift - linear @ of.offset
+        transform[:3, 3] = to.offset + to.scale * pose.shift - linear @ of.offset
         return transform
 
     def record(self) -> dict[str, Any]:
@@ -88,22 +92,28 @@ class RigidMatch:
     def _candidate_record(self, candidate: Candidate) -> dict[str, Any]:
         vertices = self.target.vertex_indices
         return {
-            "transform": self.transform_of(candidate).tolist(),
+            "transform": self.transform_of(_pose_of(candidate)).tolist(),
             "energy": candidate.energy,
             "refined": None if candidate.refined is None else self._refined_record(candidate.refined),
             "reflected": candidate.reflected,
             "map_target_source": [int(vertices[i]) if i >= 0 else -1 for i in candidate.map_target_source],
         }
 
-    def _refined_record(self, pose: RefinedPose) -> dict[str, Any]:
+    def _refined_record(self, found: RefinedPose) -> dict[str, Any]:
         """Return what the dense samples say of a candidate: mean costs per point before and after refinement."""
         return {
-            "transform": self.transform_of(pose).tolist(),
-            "initial_energy": pose.initial_energy,
-            "energy": pose.energy,
-            "iterations": pose.iterations,
-            "status": pose.status.name,
+            "transform": self.transform_of(found.pose).tolist(),
+            "initial_energy": found.initial_energy,
+            "energy": found.energy,
+            "iterations": found.iterations,
+            "status": found.status.name,
         }
+
+
+def _pose_of(candidate: Candidate) -> Similarity:
+    """Return the pose of the samples in space."""
+    shift = np.zeros(3) if candidate.translation is None else candidate.translation[:3]
+    return Similarity(rotation=candidate.R_target_source[:3, :3], scale=candidate.scale, shift=shift)
 
 
 @one_blas_thread()

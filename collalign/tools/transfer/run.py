@@ -44,6 +44,7 @@ from data_tools.io.landmarks import (
     SemilandmarkRows,
 )
 from data_tools.io.shapes import read_shape
+from data_tools.poses import moved_by
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
@@ -194,7 +195,7 @@ class _Transfer:
             predicted[nothing | vague] = np.nan
             reasons = np.where(nothing, NO_COUNTERPART, np.where(vague, OUT_OF_RANGE, reasons))
             inverse = np.linalg.inv(self._view.transforms[self._view.index(name)])
-            points[~placed] = _moved(inverse, predicted)[~placed]
+            points[~placed] = moved_by(inverse, predicted)[~placed]
             radius[~placed] = radii(calibration, evidence)[~placed] / self._scale[name]
             radius[np.isnan(points).any(axis=1)] = np.nan
         there = np.isfinite(points).all(axis=1)
@@ -242,7 +243,7 @@ class _Transfer:
                 surface = self._surface(name)
                 there = np.isfinite(copies).all(axis=1) & ~_without_counterpart(surface, copies)
                 points[there] = surface.locator.closest(copies[there]).on(surface.vertices)
-                points = _moved(np.linalg.inv(self._view.transforms[at]), points)
+                points = moved_by(np.linalg.inv(self._view.transforms[at]), points)
             places.append(points)
             words.append(np.where(np.isfinite(points).all(axis=1), CARRIED, reason or NO_COUNTERPART).tolist())
         rows = SemilandmarkRows(SURFACE, "patch", tuple(range(len(self._labels), len(self._labels) + num)))
@@ -266,11 +267,7 @@ class _Transfer:
         return with_cloud_rim(RegistrationSurface.from_shape(shape, _NUM_RIM_POINTS))
 
     def _posed(self, name: str, points: FloatArray) -> FloatArray:
-        return _moved(self._view.transforms[self._view.index(name)], points)
-
-
-def _moved(transform: FloatArray, points: FloatArray) -> FloatArray:
-    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
+        return moved_by(self._view.transforms[self._view.index(name)], points)
 
 
 def _without_counterpart(surface: RegistrationSurface, points: FloatArray) -> BoolArray:

@@ -12,6 +12,7 @@ from collalign.registration.register import register
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import InputError
+from data_tools.poses import Similarity
 from data_tools.rotations import spread_directions
 from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.shape import Shape
@@ -74,10 +75,9 @@ def mirror_map(
     starts = _best_normals(points) if normal is None else np.asarray(normal)[None]
     found = [refine_pose(points, points, _reflection(start), estimate_scale=False) for start in starts]
     best = min(found, key=lambda one: one.energy)
-    pose = np.eye(4)
-    pose[:3, :3] = best.R_target_source
-    pose[:3, 3] = best.translation + centre - best.R_target_source @ centre
-    image = shape.transformed(pose)
+    turn = best.pose.rotation
+    pose = Similarity(rotation=turn, scale=1.0, shift=best.pose.shift + centre - turn @ centre)
+    image = shape.transformed(pose.transform)
     source = RegistrationSurface.from_shape(image, options.num_points)
     gaps = surface.locator.closest(image.vertices).on(shape.vertices) - image.vertices
     unlikeness = float(np.sqrt((gaps**2).sum(axis=1).mean())) / surface.radius
@@ -88,7 +88,7 @@ def mirror_map(
         )
     places = surface.locator.closest(register(surface, source, options).vertices)
     returned = places.on(places.on(shape.vertices)) - shape.vertices
-    values, vectors = np.linalg.eigh(0.5 * (best.R_target_source + best.R_target_source.T))
+    values, vectors = np.linalg.eigh(0.5 * (turn + turn.T))
     return MirrorMap(
         places=places,
         normal=read_only(vectors[:, values.argmin()]),

@@ -26,6 +26,7 @@ from data_tools.arrays import FloatArray
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.landmarks import Landmarks, landmark_partners, read_landmark_pairs
 from data_tools.io.output_folder import refuse_overlap
+from data_tools.poses import moved_by
 from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
@@ -106,7 +107,7 @@ def write_surface_variation(
         given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks)
         table = landmark_table(given, {name: view.transforms[view.index(name)] for name in given})
         alone = table.landmark_rows
-        posed = {name: _posed(view.transforms[view.index(name)], one[alone]) for name, one in table.points.items()}
+        posed = {name: moved_by(view.transforms[view.index(name)], one[alone]) for name, one in table.points.items()}
         marked = tuple(table.labels[row] for row in alone), _on_mean(dense, found.mean, posed)
     components = None
     if symmetry is not None:
@@ -167,10 +168,6 @@ def _counterparts(
     numbers = np.cumsum(known) - 1
     centred = points[known] - points[known].mean(axis=0)
     return mirror_map(mean, normal=mirror_normal(centred, numbers[partner[known]])).places
-
-
-def _posed(transform: FloatArray, points: FloatArray) -> FloatArray:
-    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
 
 
 def _on_mean(dense: DenseCorrespondence, mean: FloatArray, known: Mapping[str, FloatArray]) -> FloatArray:

@@ -7,13 +7,14 @@ from scipy.spatial.transform import Rotation
 from collalign.registration.field import SmoothField
 from collalign.registration.mean import medoid
 from collalign.registration.options import RegistrationOptions
-from collalign.registration.pose import fitting_similarity, moved_by
+from collalign.registration.pose import fitting_similarity
 from collalign.registration.register import MIN_VOLUME_CHANGE, register
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bumped, shuffled
 from data_tools.datasets.synthetic_shapes import crown, figure
 from data_tools.errors import InputError, OptionsError
+from data_tools.poses import moved_by
 from data_tools.surface.shape import Shape
 
 FEW = RegistrationOptions(num_centres=200, num_points=800)

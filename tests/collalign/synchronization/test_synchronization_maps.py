@@ -126,16 +126,16 @@ def test_procrustes_recovers_similarities() -> None:
     shifts = rng.standard_normal((8, 3))
     samples = [((cloud[v] - t) / s) @ r for v, r, s, t in zip(labels, rotations, scales, shifts, strict=True)]
     found = superimpose(samples, labels, rotations)
-    assert np.allclose(found.scales / found.scales[0], scales / scales[0], atol=1e-6)
-    assert np.exp(np.log(found.scales).mean()) == pytest.approx(1.0)
-    posed = [s * x @ r.T + t for x, r, s, t in zip(samples, rotations, found.scales, found.translations, strict=True)]
+    assert np.allclose(found.scale / found.scale[0], scales / scales[0], atol=1e-6)
+    assert np.exp(np.log(found.scale).mean()) == pytest.approx(1.0)
+    posed = [s * x @ r.T + t for x, r, s, t in zip(samples, rotations, found.scale, found.shift, strict=True)]
     places = np.full((8, 25, 3), np.nan)
     for row, v, points in zip(places, labels, posed, strict=True):
         row[v] = points
     assert np.nanstd(places, axis=0).max() < 1e-6
     assert np.allclose(np.nanmean(places, axis=(0, 1)), 0.0, atol=0.1)
     fixed = superimpose(samples, labels, rotations, with_scale=False)
-    assert np.array_equal(fixed.scales, np.ones(8))
+    assert np.array_equal(fixed.scale, np.ones(8))
 
 
 def _small_turns(rng: np.random.Generator, count: int) -> np.ndarray:

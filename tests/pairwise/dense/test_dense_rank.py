@@ -91,7 +91,7 @@ def test_the_result_says_both_energies_and_the_samples_stay_consistent(
     for c in result.candidates:
         assert not check_pose(problem, c.R_target_source, c.map_target_source, c.energy)
     assert result.times_s["refinement"] > 0
-    assert rotation_angle_deg(result.refined.R_target_source, turn) < 0.1
+    assert rotation_angle_deg(result.refined.pose.rotation, turn) < 0.1
     assert plain.refined is None
     assert plain.candidates[0].refined is None
 
@@ -100,10 +100,10 @@ def test_chirality_is_searched_and_kept(shape: Shape, rng: np.random.Generator) 
     turn = random_rotation(rng) @ np.diag([1.0, 1.0, -1.0])
     target = shape.vertices[farthest_points(shape, 12, metric="euclidean")]
     result = match(target, target @ turn, group="O", dense=(shape.vertices, shape.vertices @ turn))
-    assert np.linalg.det(result.refined.R_target_source) == pytest.approx(-1.0)
+    assert np.linalg.det(result.refined.pose.rotation) == pytest.approx(-1.0)
     assert {c.reflected for c in result.candidates} == {False, True}
     for c in result.candidates:
-        assert (np.linalg.det(c.refined.R_target_source) < 0) == c.reflected
+        assert (np.linalg.det(c.refined.pose.rotation) < 0) == c.reflected
 
 
 def test_a_proof_is_not_claimed_for_another_pose(shape: Shape, rng: np.random.Generator) -> None:
@@ -139,15 +139,15 @@ def test_partial_matching_reaches_the_dense_points(rng: np.random.Generator) -> 
         dense = DensePoints.from_user(target), DensePoints.from_user(source @ turn)
         refined = refine_candidates(found, problem, dense, options, DenseOptions())[0].refined
         assert refined is not None
-        assert rotation_angle_deg(refined.R_target_source, turn) < 0.5
-        np.testing.assert_allclose(refined.translation, 0.0, atol=0.01)
+        assert rotation_angle_deg(refined.pose.rotation, turn) < 0.5
+        np.testing.assert_allclose(refined.pose.shift, 0.0, atol=0.01)
 
 
 def test_only_the_rotation_of_space_is_refined(shape: Shape, rng: np.random.Generator) -> None:
     target = np.hstack([shape.vertices[:12], rng.standard_normal((12, 2))])
     result = match(target, target, rotation_pattern=(3, 2), dense=(shape.vertices, shape.vertices))
     assert result.R_target_source.shape == (5, 5)
-    assert result.refined.R_target_source.shape == (3, 3)
+    assert result.refined.pose.rotation.shape == (3, 3)
 
 
 def test_bad_input_is_refused(shape: Shape) -> None:

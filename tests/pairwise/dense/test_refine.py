@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.errors import InputError, OptionsError
+from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.normals import outward_normals
-from pairwise.dense.points import DenseMatcher, DensePoints, Similarity
+from pairwise.dense.points import DenseMatcher, DensePoints
 from pairwise.dense.refine import refine_pose
 from pairwise.status import Status
 
@@ -34,10 +35,10 @@ def test_exact_pose_scale_and_shift_are_recovered(
     start = turn @ Rotation.from_rotvec([0.1, -0.08, 0.05]).as_matrix()
     refined = refine_pose(DensePoints.from_user(points, normals), source, start, method=correspondence)
     assert refined.status is Status.CONVERGED
-    assert rotation_angle_deg(refined.R_target_source, turn) < 0.01
-    assert refined.scale == pytest.approx(0.4)
+    assert rotation_angle_deg(refined.pose.rotation, turn) < 0.01
+    assert refined.pose.scale == pytest.approx(0.4)
     assert refined.energy < 1e-8 < refined.initial_energy
-    moved = refined.scale * source.points @ refined.R_target_source.T + refined.translation
+    moved = refined.pose.scale * source.points @ refined.pose.rotation.T + refined.pose.shift
     assert np.allclose(moved, points, atol=1e-4)
 
 
@@ -47,10 +48,10 @@ def test_without_scale_and_normals(rng: np.random.Generator) -> None:
     plain = refine_pose(
         DensePoints.from_user(points), DensePoints.from_user(points @ turn), np.eye(3), estimate_scale=False
     )
-    assert plain.scale == 1.0
-    assert rotation_angle_deg(plain.R_target_source, turn) < 0.01
+    assert plain.pose.scale == 1.0
+    assert rotation_angle_deg(plain.pose.rotation, turn) < 0.01
     mixed = refine_pose(DensePoints.from_user(points, normals), DensePoints.from_user(points @ turn), np.eye(3))
-    assert np.allclose(mixed.R_target_source, plain.R_target_source, atol=1e-3)
+    assert np.allclose(mixed.pose.rotation, plain.pose.rotation, atol=1e-3)
 
 
 def test_far_start_ends_elsewhere() -> None:
@@ -58,7 +59,7 @@ def test_far_start_ends_elsewhere() -> None:
     points, _ = some_shape()
     shape = DensePoints.from_user(points)
     refined = refine_pose(shape, shape, np.diag([-1.0, -1.0, 1.0]))
-    assert rotation_angle_deg(refined.R_target_source) > 30
+    assert rotation_angle_deg(refined.pose.rotation) > 30
 
 
 def test_bad_input_is_refused() -> None:
@@ -124,7 +125,7 @@ def test_partial_overlap_is_matched_where_it_is(partial: dict[str, float], rng: 
     start = {"scale": 1.0, "translation": np.zeros(3), "estimate_scale": False, "max_iterations": 100}
     whole = refine_pose(*clouds, np.eye(3), **start)
     part = refine_pose(*clouds, np.eye(3), **start, **partial)
-    assert rotation_angle_deg(part.R_target_source, turn) < 0.5 < rotation_angle_deg(whole.R_target_source, turn)
+    assert rotation_angle_deg(part.pose.rotation, turn) < 0.5 < rotation_angle_deg(whole.pose.rotation, turn)
 
 
 def test_all_left_out_is_said() -> None:
@@ -133,7 +134,7 @@ def test_all_left_out_is_said() -> None:
     refined = refine_pose(shape, shape, np.eye(3), translation=[100.0, 0, 0], unmatched_penalty=0.1)
     assert refined.status is Status.STALLED
     assert refined.energy == pytest.approx(0.1)
-    np.testing.assert_array_equal(refined.R_target_source, np.eye(3))
+    np.testing.assert_array_equal(refined.pose.rotation, np.eye(3))
 
 
 @pytest.mark.usefixtures("open3d")
@@ -147,8 +148,8 @@ def test_point_to_plane_recovers_and_keeps_scale_and_chirality(mirrored: bool, r
         DensePoints.from_user(points, normals), source, start, method="point-to-plane", max_iterations=60
     )
     assert refined.status is Status.CONVERGED
-    assert refined.scale == pytest.approx(2.0)
-    assert rotation_angle_deg(refined.R_target_source, turn) < 0.05
+    assert refined.pose.scale == pytest.approx(2.0)
+    assert rotation_angle_deg(refined.pose.rotation, turn) < 0.05
     assert refined.energy < 1e-4 * refined.initial_energy
 
 

@@ -10,10 +10,11 @@ from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import surface_points
 from data_tools.errors import InputError, OptionsError
+from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from pairwise.partial.match import match_partial, refine, scales_allowed
-from pairwise.partial.poses import Poses, counterparts
+from pairwise.partial.poses import counterparts
 from pairwise.partial.surface import PartialSurface
 
 NUM = 400
@@ -50,10 +51,10 @@ def test_a_cut_blob_finds_its_place_on_the_whole_one(whole: Shape, group: str) -
     other = bumped(whole, rng, rms=0.01)
     broken = moved(cut(other, rng.standard_normal(3), 0.35), turn, 0.4, np.array([3.0, -1.0, 2.0]))
     best, *rest = match_partial(surface(whole), surface(broken), group=group)
-    assert rotation_angle_deg(best.R_target_source, turn.T) < 4
-    assert best.scale == pytest.approx(1 / 0.4, rel=0.05)
+    assert rotation_angle_deg(best.pose.rotation, turn.T) < 4
+    assert best.pose.scale == pytest.approx(1 / 0.4, rel=0.05)
     np.testing.assert_allclose(
-        best.scale * broken.vertices.mean(axis=0) @ best.R_target_source.T + best.translation,
+        best.pose.scale * broken.vertices.mean(axis=0) @ best.pose.rotation.T + best.pose.shift,
         (broken.vertices.mean(axis=0) - [3.0, -1.0, 2.0]) / 0.4 @ turn,
         atol=0.1,
     )
@@ -68,8 +69,8 @@ def test_known_scales_stay(whole: Shape) -> None:
     turn = random_rotation(rng)
     parts = cut(whole, np.array([0.0, 0.0, 1.0]), 0.3), cut(whole, np.array([0.0, 1.0, -0.3]), 0.3)
     best = match_partial(surface(parts[0]), surface(moved(parts[1], turn, 1.0, np.ones(3))), estimate_scale=False)[0]
-    assert best.scale == 1.0
-    assert rotation_angle_deg(best.R_target_source, turn.T) < 3
+    assert best.pose.scale == 1.0
+    assert rotation_angle_deg(best.pose.rotation, turn.T) < 3
 
 
 def test_clouds_without_signs_of_normals_match_as_well(whole: Shape) -> None:
@@ -78,21 +79,21 @@ def test_clouds_without_signs_of_normals_match_as_well(whole: Shape) -> None:
     cloud = surface(Shape.from_arrays(broken.vertices @ turn.T, name="cloud"))
     assert not cloud.oriented
     best = match_partial(surface(whole), cloud)[0]
-    assert rotation_angle_deg(best.R_target_source, turn.T) < 4
+    assert rotation_angle_deg(best.pose.rotation, turn.T) < 4
 
 
 def test_the_energy_tells_a_wrong_pose_from_the_right_one(whole: Shape) -> None:
     to = surface(whole)
     of = surface(cut(whole, np.array([0.0, 1.0, 0.0]), 0.25))
     turns = np.stack([np.eye(3), random_rotation(np.random.default_rng(4))])
-    poses = Poses(turns=turns, scales=np.ones(2), shifts=np.zeros((2, 3)))
+    poses = Similarity(rotation=turns, scale=np.ones(2), shift=np.zeros((2, 3)))
     found = counterparts(to, of, poses, NUM)
     right, wrong = found.energies
     assert right < 0.5 * wrong
     assert found.overlaps()[0, 1] > found.overlaps()[1, 1]
     held = refine([to], of, poses[1:], scale_range=scales_allowed(to, of, estimate_scale=True), hold_turns=True)
-    np.testing.assert_array_equal(held.turns, turns[1:])
-    assert not np.allclose(held.shifts, 0.0)
+    np.testing.assert_array_equal(held.rotation, turns[1:])
+    assert not np.allclose(held.shift, 0.0)
 
 
 def test_the_grid_answers_with_nearly_the_nearest_point(whole: Shape) -> None:

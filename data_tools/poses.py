@@ -1,0 +1,99 @@
+"""Poses: similarities of one shape or of many, as they are found and as 4 x 4 transforms of files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.rotations import rotation_angle_deg
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Similarity:
+    """x -> scale * rotation x + shift; one pose, or several along a first axis.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (d, d) or (p, d, d)
+        Orthogonal, of either determinant.
+    scale : float, or ndarray, shape (p,)
+    shift : ndarray, shape (d,) or (p, d)
+    """
+
+    rotation: FloatArray
+    scale: Any
+    shift: FloatArray
+
+    @classmethod
+    def of_transforms(cls, transforms: FloatArray) -> Similarity:
+        """Return the poses that transforms are, shape (4, 4) or (p, 4, 4)."""
+        scale = scales_of(transforms)
+        return cls(
+            rotation=transforms[..., :3, :3] / scale[..., None, None],
+            scale=scale,
+            shift=np.ascontiguousarray(transforms[..., :3, 3]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.shift)
+
+    def __getitem__(self, which: IntArray | BoolArray | slice | int) -> Similarity:
+        """Return some of several poses."""
+        return Similarity(rotation=self.rotation[which], scale=self.scale[which], shift=self.shift[which])
+
+    @property
+    def transform(self) -> FloatArray:
+        """The same as a matrix, shape (4, 4), or as several, shape (p, 4, 4); of poses in space."""
+        found = np.zeros((*self.shift.shape[:-1], 4, 4))
+        found[..., :3, :3] = np.asarray(self.scale)[..., None, None] * self.rotation
+        found[..., :3, 3], found[..., 3, 3] = self.shift, 1.0
+        return found
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Return the points where the poses take them, shape (l, d) or (p, l, d)."""
+        scaled = np.asarray(self.scale)[..., None, None] * points
+        return np.asarray(scaled @ np.swapaxes(self.rotation, -1, -2) + self.shift[..., None, :])
+
+    def undo(self, points: FloatArray) -> FloatArray:
+        """Return the points that the poses take to these, shape (l, d) or (p, l, d)."""
+        return np.asarray(
+            (points - self.shift[..., None, :]) @ self.rotation / np.asarray(self.scale)[..., None, None]
+        )
+
+
+def moved_by(transform: FloatArray, points: FloatArray) -> FloatArray:
+    """Return points, shape (..., 3), where a 4 x 4 transform takes them."""
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
+
+
+def scales_of(transforms: FloatArray) -> FloatArray:
+    """Return the scale of similarities given as matrices, shape (..., 3 or 4, 3 or 4), whether they mirror or not."""
+    return np.asarray(np.cbrt(np.abs(np.linalg.det(transforms[..., :3, :3]))))
+
+
+def turn_deg(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the angle between rotations in degrees, shape (...); 180 where one mirrors and the other does not."""
+    return np.nan_to_num(rotation_angle_deg(a, b), nan=180.0)
+
+
+def keep_apart(rotations: FloatArray, least_deg: float, *, num: int | None = None) -> list[int]:
+    """Return the positions of at most ``num`` rotations, in their order, each that far from all kept before it.
+
+    Parameters
+    ----------
+    rotations : ndarray, shape (p, 3, 3)
+        The best first.
+    least_deg : float
+        Rotations that are no farther apart are one.
+    num : int, optional
+    """
+    kept: list[int] = []
+    for at, rotation in enumerate(rotations):
+        if len(kept) == num:
+            break
+        if not kept or (turn_deg(rotations[kept], rotation) > least_deg).all():
+            kept.append(at)
+    return kept
