@@ -255,7 +255,7 @@ SHAPES: tuple[Mutant, ...] = (
         "data_tools/poses.py",
         ("tests/data_tools/test_poses.py",),
         ("moved_by", "transform[:3, :3].T +", "transform[:3, :3] +"),
-        ("undo", ") @ self.rotation", ") @ np.swapaxes(self.rotation, -1, -2)"),
+        ("Similarity.undo", ") @ self.rotation", ") @ np.swapaxes(self.rotation, -1, -2)"),
         ("turn_deg", "nan=180.0", "nan=0.0"),
         ("keep_apart", "> least_deg", ">= 0.0"),
     ),
