@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from queue import Empty, SimpleQueue
@@ -172,6 +174,8 @@ def _within(seconds: float, function: Callable[..., Answer], *arguments: Any, **
     def call() -> None:
         try:
             answers.put((function(*arguments, **options), None))
+        except asyncio.CancelledError:  # no Exception, though Dask lets it out where a worker goes away
+            answers.put((None, CancelledError()))
         except BaseException as error:
             answers.put((None, error))
 

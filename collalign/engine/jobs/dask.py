@@ -206,7 +206,9 @@ class _DaskRun:
             raise
         except Exception as error:
             self._cluster.check()
-            raise CollalignError(f"the cluster cannot run the tasks: {type(error).__name__}: {error}") from error
+            if future.status == "error":  # raised on the worker, not on the way from it
+                raise CollalignError(f"the cluster cannot run the tasks: {type(error).__name__}: {error}") from error
+            problem = f"results do not come back from the workers ({type(error).__name__})"
         first = batch[0].token
         self._resubmissions[first] = self._resubmissions.get(first, 0) + 1
         if self._resubmissions[first] > _MAX_RESUBMISSIONS:
@@ -227,7 +229,7 @@ class _DaskRun:
             self._cluster.ask(self._cluster.client.register_plugin, self._plugin, num_bytes=num_bytes)
         except CollalignError:
             raise
-        except OSError:  # a worker died meanwhile; the scheduler has the plugin for its successor
+        except (OSError, CancelledError):  # a worker died meanwhile; the scheduler has the plugin for its successor
             self._cluster.check()
         except Exception as error:
             self._cluster.check()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import signal
@@ -16,6 +17,7 @@ from typing import Any
 
 from joblib import Parallel, delayed
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
+from joblib.externals.loky.process_executor import ShutdownExecutorError
 
 from collalign.engine.jobs.scratch import remove_scratch, scratch_directory
 from collalign.engine.jobs.worker import Call, Guard, Outcome, Task, end_with_parent, run_guarded
@@ -41,9 +43,10 @@ def run_local(
     """
     directory = scratch_directory()
     try:
-        run = _LocalRun(call, Guard(directory=directory), num_jobs, batch_size)
-        yield from run.rounds(tasks)
-        yield from run.suspects_alone()
+        with _silent_pool():
+            run = _LocalRun(call, Guard(directory=directory), num_jobs, batch_size)
+            yield from run.rounds(tasks)
+            yield from run.suspects_alone()
     finally:
         remove_scratch(directory)
 
@@ -184,9 +187,10 @@ class _LocalRun:
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Block SIGINT in this thread: processes and threads that it starts inherit that, and Ctrl-C is for us alone.
+    """Put SIGINT off, and block it in this thread: processes and threads that it starts inherit that.
 
-    A terminal sends SIGINT to workers as well; each would print a traceback of its own.
+    A terminal sends SIGINT to workers as well; each would print a traceback of its own, and so would one that is left
+    half started.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -195,9 +199,41 @@ def _uninterrupted() -> Iterator[None]:
         tracker.ensure_running()
     former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        yield
+        with _put_off():
+            yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, former)
+
+
+@contextmanager
+def _put_off() -> Iterator[None]:
+    """Keep a SIGINT for the end: any other thread may receive it, and Python answers it in the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    former = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, former)
+        if came:
+            signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
+def _silent_pool() -> Iterator[None]:
+    """Keep quiet that a thread of the pool wanted to hand out a task when the pool had already been ended."""
+
+    def says_something(record: logging.LogRecord) -> bool:
+        return not (record.exc_info and isinstance(record.exc_info[1], ShutdownExecutorError))
+
+    logger = logging.getLogger("concurrent.futures")
+    logger.addFilter(says_something)
+    try:
+        yield
+    finally:
+        logger.removeFilter(says_something)
 
 
 @contextmanager

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import signal
+import threading
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -26,12 +29,24 @@ dask_jobs = pytest.importorskip("collalign.engine.jobs.dask")
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": ":0"}
+    timeouts = {f"distributed.comm.timeouts.{name}": "300s" for name in ("connect", "tcp")}
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
+        dask.config.set({"distributed.scheduler.allowed-failures": 1, **timeouts}),
         distributed.LocalCluster(silence_logs=logging.CRITICAL, **options) as cluster,
     ):
+        done = threading.Event()
+        replacing = threading.Thread(target=replace_lost_workers, args=(cluster, done))
+        replacing.start()
         yield cluster
+        done.set()
+        replacing.join()
+
+
+def replace_lost_workers(cluster: Any, done: threading.Event) -> None:
+    """Do what a queue of jobs does: Dask gives a worker up that dies before it has told its nanny that it runs."""
+    while not done.wait(1.0):
+        cluster.scale(2)
 
 
 def kill_one_worker(cluster: Any) -> None:
@@ -59,6 +74,26 @@ def test_restarted_workers_have_the_shared_records(cluster: Any) -> None:
             if len(found) == 20:
                 kill_one_worker(cluster)
     assert found == {f"{i} {j}": 12.0 * i for i in range(10) for j in range(20)}
+
+
+@pytest.mark.parametrize(
+    "error", [asyncio.CancelledError(), CancelledError(), OSError("gone"), UnboundLocalError("result")]
+)
+def test_results_that_are_lost_on_their_way_are_asked_for_again(
+    error: BaseException, cluster: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ask, lost = distributed.Future.result, iter(range(3))
+
+    def lose_three(future: Any, *arguments: Any, **options: Any) -> Any:
+        if next(lost, None) is not None:
+            raise error
+        return ask(future, *arguments, **options)
+
+    monkeypatch.setattr(distributed.Future, "result", lose_three)
+    tasks = [(str(i), ("return", i)) for i in range(20)]
+    results = list(run_jobs(misbehave, tasks, scheduler=cluster.scheduler_address, batch_size=4))
+    assert sorted(result.value for result in results) == list(range(20))
+    assert next(lost, None) is None
 
 
 def tables_of_workers(cluster: Any) -> list[set[str]]:
@@ -102,7 +137,7 @@ def test_tasks_that_kill_workers_cost_only_themselves(cluster: Any) -> None:
             misbehave,
             tasks,
             scheduler=cluster.scheduler_address,
-            time_limit_s=20.0,
+            time_limit_s=300.0,
             memory_limit_bytes=2**31,
             batch_size=3,
         )

@@ -1,0 +1,106 @@
+"""Ctrl-C meets worker processes and the pool's threads at the worst instants."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pytest
+from joblib._parallel_backends import LokyBackend
+from joblib.externals.loky import reusable_executor
+from joblib.externals.loky.backend import fork_exec
+
+from collalign.engine.jobs.run import run_jobs
+from tests.job_functions import misbehave, nothing
+
+
+@pytest.fixture
+def no_pool() -> None:
+    """Workers start anew."""
+    if reusable_executor._executor is not None:
+        reusable_executor._executor.shutdown(wait=True, kill_workers=True)
+
+
+def test_workers_that_are_just_starting_end_without_a_word(
+    no_pool: None, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    start, started = fork_exec.fork_exec, []
+
+    def start_and_interrupt(*arguments: Any, **options: Any) -> int:
+        started.append(start(*arguments, **options))
+        os.kill(os.getpid(), signal.SIGINT)  # before the worker is told what to do
+        arrived.recv(1)
+        return started[-1]
+
+    monkeypatch.setattr(fork_exec, "fork_exec", start_and_interrupt)
+    arrived, wakeup = socket.socketpair()
+    wakeup.setblocking(False)
+    former = signal.set_wakeup_fd(wakeup.fileno())
+    done = threading.Event()
+    other = threading.Thread(target=done.wait)  # Ctrl-C reaches any thread of a process
+    other.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            list(run_jobs(nothing, [("a", 1)], num_jobs=2))
+    finally:
+        signal.set_wakeup_fd(former)
+        done.set()
+        other.join()
+    wait_until(lambda: not any(map(is_running, started)))
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_thread_of_the_pool_that_comes_too_late_prints_nothing(
+    no_pool: None, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    received, late = threading.Event(), threading.Event()
+    submit = LokyBackend.submit
+
+    def submit_late(backend: LokyBackend, *arguments: Any, **options: Any) -> Any:
+        if received.is_set() and not late.is_set():
+            late.set()
+            pool = reusable_executor._executor
+            wait_until(lambda: pool._flags.shutdown)
+        return submit(backend, *arguments, **options)
+
+    monkeypatch.setattr(LokyBackend, "submit", submit_late)
+    results = run_jobs(misbehave, ((str(i), ("return", i)) for i in count()), num_jobs=2, batch_size=1)
+    next(results)
+    received.set()
+    late.wait()
+    results.close()
+    assert caplog.text == ""
+
+
+def test_what_else_goes_wrong_in_a_thread_of_the_pool_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    from concurrent.futures import Future
+
+    results = run_jobs(misbehave, [("a", ("return", 1)), ("b", ("return", 2))], num_jobs=2)
+    next(results)
+    future: Future[int] = Future()
+    future.add_done_callback(lambda _: 1 // 0)
+    future.set_result(1)
+    list(results)
+    assert "exception calling callback" in caplog.text
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    """Wait for what is certain to happen; give up after minutes."""
+    deadline = time.monotonic() + 100.0
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
