@@ -21,6 +21,7 @@ from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
+from data_tools.surface.shape import Shape
 
 Made = TypeVar("Made")
 
@@ -86,12 +87,13 @@ def write_shape(task: ShapeFileTask) -> ShapeParts:
     shape = read_shape(task.file, task.cleaning, name=task.name, digest=task.digest)
     write_mesh(task.mesh, shape.transformed(task.transform))
     vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=task.max_faces)
-    tile = tile_of(shape, task.transform, task.confidence) if task.drawn else None
+    shown = Shape.from_arrays(vertices, faces, name=shape.name)
+    tile = tile_of(shown, task.transform, task.confidence) if task.drawn else None
     coloured, places = None, np.empty((0, 3), dtype=np.uint8)
     if task.colours is not None:
-        colours = at_vertices(task.colours, shape)
-        places = np.round(255.0 * colours[cKDTree(shape.vertices).query(vertices)[1]]).astype(np.uint8)
-        coloured = tile_of(shape, task.transform, task.confidence, colours) if task.drawn else None
+        colours = at_vertices(task.colours, shape)[cKDTree(shape.vertices).query(vertices)[1]]
+        places = np.round(255.0 * colours).astype(np.uint8)
+        coloured = tile_of(shown, task.transform, task.confidence, colours) if task.drawn else None
     return ShapeParts(vertices=vertices, faces=faces, tile=tile, coloured=coloured, places=places)
 
 

@@ -20,7 +20,7 @@ from data_tools.io.source import Origin, Source, hash_source
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 
 #: Changes whenever the same file and options would give other samples.
-SHAPE_VERSION = "shape-7"
+SHAPE_VERSION = "shape-8"
 #: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
 SMALLEST_SHARE = 0.5
 

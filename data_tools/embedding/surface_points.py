@@ -15,6 +15,8 @@ from data_tools.surface.normals import outward_normals
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import mesh_edges
 
+#: Larger meshes are decimated to so many triangles: their vertices are what is matched.
+MAX_FACES = 40_000
 #: Meshes with a larger share of edges on whose side their triangles disagree have normals of unknown sign.
 MAX_DEFECTS = 0.01
 #: Neighbours that a plane is fitted to where there are no triangles.
@@ -46,7 +48,7 @@ class SurfacePoints:
 
 def surface_points(shape: Shape, num: int) -> SurfacePoints:
     """Return at most ``num`` Euclidean farthest points of a mesh or point cloud, in its own coordinates."""
-    small = WorkingSurface(shape, SamplingOptions()).shape
+    small = WorkingSurface(shape, SamplingOptions(max_faces=MAX_FACES)).shape
     chosen = farthest_points(small, min(num, len(np.unique(small.vertices, axis=0))), metric="euclidean")
     points = small.vertices[chosen]
     normals = outward_normals(small, max_defects=MAX_DEFECTS)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import cached_property
 
-import fast_simplification
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -13,14 +12,16 @@ from data_tools.embedding.invariants import boundary_distance
 from data_tools.embedding.sampling import farthest_points
 from data_tools.options import SamplingOptions
 from data_tools.surface.cleaning import clean
+from data_tools.surface.decimation import decimate
 from data_tools.surface.geodesics import AGD_SOURCES, GeodesicSolver, agd_maxima, average_geodesic_distance
 from data_tools.surface.laplacian import Spectrum, SurfaceOperators, spectrum, surface_operators, vertex_areas
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import is_open_surface
 
-#: Larger point clouds are thinned to this many points; samples stay points of the original. A mesh of
-#: 40 000 triangles, the default limit, has as many vertices.
+#: Larger point clouds are thinned to this many points; samples stay points of the original.
 MOST_CLOUD_POINTS = 20_000
+#: A decimated mesh has at least four vertices for each sample to choose from.
+FACES_PER_SAMPLE = 8
 #: No two seeds are nearer than this, times the square root of the area.
 SEED_SPACING = 0.2
 
@@ -121,8 +122,9 @@ class WorkingSurface:
 
 
 def _reduce(shape: Shape, options: SamplingOptions) -> tuple[Shape, IntArray, str]:
-    if shape.is_mesh and len(shape.faces) > options.max_faces:
-        return _decimate(shape, options.max_faces)
+    max_faces = max(options.max_faces, FACES_PER_SAMPLE * options.num_points)
+    if shape.is_mesh and len(shape.faces) > max_faces:
+        return _decimate(shape, max_faces)
     if not shape.is_mesh and len(shape.vertices) > MOST_CLOUD_POINTS:
         rng = np.random.default_rng(0)
         kept = np.sort(rng.choice(len(shape.vertices), MOST_CLOUD_POINTS, replace=False))
@@ -143,10 +145,8 @@ def _used(shape: Shape) -> IntArray:
 
 
 def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, str]:
-    """Quadric decimation (Garland and Heckbert 1997); vertices map back to the nearest original one."""
-    vertices, faces = fast_simplification.simplify(
-        shape.vertices.copy(), shape.faces.astype(np.int32), target_count=max_faces
-    )
+    """Return a decimated copy; its vertices map back to the nearest original one."""
+    vertices, faces = decimate(shape.vertices, shape.faces, max_faces)
     small = clean(Shape.from_arrays(vertices, faces, name=shape.name, file=shape.file))
     used = _used(shape)
     _, nearest = cKDTree(shape.vertices[used], compact_nodes=False, balanced_tree=False).query(small.vertices)

@@ -21,6 +21,12 @@ SURFACES: tuple[Mutant, ...] = (
         ("_drop_degenerate", "good[doubtful] =", "_ ="),
     ),
     *faults(
+        "data_tools/surface/decimation.py",
+        ("tests/data_tools/surface/test_decimation.py",),
+        ("_clustered", "inside = cell[first] == cell[second]", "inside = cell[first] >= 0"),
+        ("_clustered", "% 2 == 1", "> 0"),
+    ),
+    *faults(
         "data_tools/surface/normals.py",
         ("tests/data_tools/surface/test_normals.py",),
         ("outward_normals", "any(axis=1)", "all(axis=1)"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.surface.decimation import decimate
 
 #: A report holds about this many triangles in all, but each shape between the two limits.
 _FACES_IN_ALL = 200_000
@@ -38,14 +39,4 @@ def display_mesh(vertices: FloatArray, faces: IntArray, *, max_faces: int) -> tu
     if not len(faces):
         stride = -(-len(vertices) // max_faces)
         return np.ascontiguousarray(vertices[::stride]), np.empty((0, 3), dtype=np.int64)
-    if len(faces) <= max_faces:
-        return vertices, faces
-    import fast_simplification
-
-    centre = vertices.mean(axis=0)
-    few, triangles = fast_simplification.simplify(
-        np.ascontiguousarray(vertices - centre, dtype=np.float32),
-        np.ascontiguousarray(faces, dtype=np.int32),
-        target_count=max_faces,
-    )
-    return few.astype(np.float64) + centre, triangles.astype(np.int64)
+    return decimate(vertices, faces, max_faces)
