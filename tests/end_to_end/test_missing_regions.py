@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,6 @@ import collalign
 from collalign.cli import main
 from collalign.output.evidence.file import load_view, save_view
 from collalign.output.report.shown import shown_part
-from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.export.run import export
 from collalign.tools.transfer.result import CARRIED, MISSING_PLACE
 from data_tools.arrays import FloatArray
@@ -171,18 +171,43 @@ def test_variation_leaves_broken_shapes_out_and_says_so(teeth: Teeth, tmp_path: 
     found = collalign.write_surface_variation(teeth.result, tmp_path / "out", run=teeth.run, progress=False)
     assert BROKEN not in found.names
     assert len(found.names) == NUM_SHAPES - 1
-    assert f"parts of them are missing: {BROKEN}." in (tmp_path / "out" / "variation.html").read_text()
+    assert f"Left out of the statistics: {BROKEN} (incomplete)." in (tmp_path / "out" / "variation.html").read_text()
+    assert (tmp_path / "out" / "left_out.csv").read_text().split() == ["name,reason", f"{BROKEN},incomplete"]
 
 
-def test_too_few_whole_shapes_have_no_variation(
-    teeth: Teeth, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_doubtful_shapes_are_left_out_unless_asked_for(
+    teeth: Teeth, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def all_lack(*args: object, **kwargs: object) -> DenseCorrespondence:
-        return replace(teeth.dense, vertices=np.full_like(teeth.dense.vertices, np.nan))
+    view = load_view(teeth.result)
+    result = tmp_path / "result"
+    shutil.copytree(teeth.result, result)
+    doubted = next(name for name in view.names if name != BROKEN)
+    save_view(replace(view, confidence=np.where(np.array(view.names) == doubted, 0.5, 0.99)), result)
+    command = ["variation", str(result), "--store", str(teeth.run.store), "--jobs", "1"]
+    assert main(command) == 0
+    assert f"Left out of the statistics: {doubted} (in doubt, confidence 0.50)" in capsys.readouterr().err
+    with (result / "variation" / "scores.csv").open() as file:
+        assert {doubted, BROKEN}.isdisjoint(line["name"] for line in csv.DictReader(file))
+    (tmp_path / "labels.csv").write_text("\n".join(["name,kind", *(f"{name},a" for name in view.names)]) + "\n")
+    classify = ["classify", str(result), "--labels", str(tmp_path / "labels.csv"), "--by", "kind", "--json"]
+    assert main(classify) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["scored"], set(found["left_out"])) == (NUM_SHAPES - 2, {doubted, BROKEN})
+    assert main([*classify, "--include-doubtful"]) == 0
+    assert json.loads(capsys.readouterr().out)["scored"] == NUM_SHAPES
+    again = collalign.write_surface_variation(
+        result, tmp_path / "again", include_doubtful=True, run=teeth.run, progress=False
+    )
+    assert set(again.names) == {*view.names} - {BROKEN}
 
-    monkeypatch.setattr("collalign.tools.variation.run.dense_correspondence", all_lack)
-    with pytest.raises(CollectionError, match="0 complete"):
-        collalign.write_surface_variation(teeth.result, tmp_path / "out", progress=False)
+
+def test_too_few_sure_shapes_have_no_variation(teeth: Teeth, tmp_path: Path) -> None:
+    result = tmp_path / "result"
+    shutil.copytree(teeth.result, result)
+    view = load_view(teeth.result)
+    save_view(replace(view, confidence=np.full(view.num_shapes, 0.5)), result)
+    with pytest.raises(CollectionError, match="0 shapes are complete and sure, at least 2 are needed"):
+        collalign.write_surface_variation(result, tmp_path / "out", progress=False)
 
 
 def test_the_command_says_which_landmarks_are_missing(

@@ -92,6 +92,16 @@ COLLECTIONS: tuple[Mutant, ...] = (
         ("connectivity_warnings", "if num_components == 1:", "if num_components >= 1:"),
     ),
     *faults(
+        "collalign/output/evidence/members.py",
+        ("tests/collalign/output/test_report_content.py",),
+        ("statistics_members", "if not include_doubtful and known.any():", "if known.any():"),
+        ("statistics_members", "and known.any()", ""),
+        ("statistics_members", ">= DOUBT", ">= 0.1 * DOUBT"),
+        ("statistics_members", "if not include_incomplete:", "if False:"),
+        ("statistics_members", "if one_part:", "if False:"),
+        ("Members.too_few", ">= least", "> least"),
+    ),
+    *faults(
         _SYNC + "solvers/signs.py",
         _SOLVED,
         ("synchronize_signs", "own * own[0]", "own"),

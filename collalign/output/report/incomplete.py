@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign.analysis.warp import thin_plate_warp
+from collalign.output.evidence.members import main_part
 from collalign.output.report.payload import pack_mesh
-from collalign.output.report.statistics import main_part
 from collalign.products.evidence import CollectionView
 from collalign.products.incomplete import Incomplete
 from data_tools.arrays import BoolArray, FloatArray, IntArray

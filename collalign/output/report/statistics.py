@@ -17,8 +17,8 @@ from collalign.analysis.procrustes import (
     procrustes_distances,
 )
 from collalign.analysis.warp import thin_plate_warp
+from collalign.output.evidence.members import statistics_members
 from collalign.output.report.payload import pack_mesh
-from collalign.products.collection import DOUBT
 from collalign.products.evidence import CollectionView
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
@@ -30,38 +30,16 @@ _MIN_WARP_LABELS = 5
 _HISTOGRAM_BINS = 36
 
 
-def main_part(view: CollectionView) -> IntArray:
-    """Positions of the shapes of the largest part, ascending; between parts no distance means anything."""
-    values, counts = np.unique(view.part_numbers, return_counts=True)
-    return np.flatnonzero(view.part_numbers == values[counts.argmax()])
-
-
-def joined_shapes(view: CollectionView) -> IntArray:
-    """Positions of the shapes that agreeing pairs join to the largest part, ascending.
-
-    Parts that are joined ambiguously are in doubt, and stay beside the others, marked; only those that no agreeing
-    pair joins are apart.
-    """
-    joined = {int(view.part_numbers[main_part(view)[0]])}
-    links = [
-        {int(view.part_numbers[pair.target]), int(view.part_numbers[pair.source])}
-        for pair in view.pairs
-        if pair.inlier
-    ]
-    while grown := [link for link in links if link & joined and not link <= joined]:
-        joined = joined.union(*grown)
-    return np.flatnonzero(np.isin(view.part_numbers, sorted(joined)))
-
-
 def shape_map(view: CollectionView) -> dict[str, Any]:
     """Coordinates by principal components and by multidimensional scaling, and the cophenetic tree."""
-    members = joined_shapes(view)
+    who = statistics_members(view)
+    members = who.chosen
+    if who.too_few(2):
+        return {"problem": f"No map: {who.too_few(2)}."}
     samples = view.aligned_samples[members]
     distances = procrustes_distances(samples)
-    if len(members) < 2 or np.isnan(distances).any():
-        return {
-            "problem": "No map: it needs at least two aligned shapes that have three or more sample points in common."
-        }
+    if np.isnan(distances).any():
+        return {"problem": "No map: it needs shapes that have three or more sample points in common."}
     coordinates, shares = classical_mds(distances)
     points = {"MDS": coordinates.tolist()}
     axes = {"MDS": [f"principal coordinate {at + 1} ({100 * share:.0f} %)" for at, share in enumerate(shares)]}
@@ -76,28 +54,14 @@ def shape_map(view: CollectionView) -> dict[str, Any]:
         "members": members.tolist(),
         "points": points,
         "axes": axes,
-        "words": _map_words(view, len(members), int(labels.sum())),
+        "words": f"Procrustes distances of {len(members)} shapes; {labels.sum()} sample points are common to all. "
+        + who.sentence,
         "tree": {
             "linkage": tree.linkage[:, :3].tolist(),
             "order": tree.order.tolist(),
             "correlation": tree.correlation,
         },
     }
-
-
-def _map_words(view: CollectionView, num_members: int, num_labels: int) -> str:
-    words = f"Procrustes distances of {num_members} shapes; {num_labels} sample points are common to all."
-    if num_members < view.num_shapes:
-        others = view.num_shapes - num_members
-        words += f" The other {others} shapes are in parts that no agreeing pair joins to these."
-    return words + doubt_words(view, joined_shapes(view))
-
-
-def doubt_words(view: CollectionView, members: IntArray) -> str:
-    """Return a sentence about the shapes in doubt among those drawn; empty where there are none."""
-    in_doubt = np.nan_to_num(view.confidence) < DOUBT
-    count = int(np.sum(in_doubt[members] | (view.part_numbers[members] != view.part_numbers[main_part(view)[0]])))
-    return f" {count} of them are in doubt, and marked wherever they are drawn." if count else ""
 
 
 def variation(view: CollectionView) -> tuple[dict[str, Any], dict[str, tuple[dict[str, Any], str]]]:
@@ -110,11 +74,14 @@ def variation(view: CollectionView) -> tuple[dict[str, Any], dict[str, tuple[dic
     meshes : dict of str to (info, text)
         Packed by :func:`collalign.output.report.payload.pack_mesh`.
     """
-    members = joined_shapes(view)
+    who = statistics_members(view)
+    members = who.chosen
+    if who.too_few(MIN_LABELS):
+        return {"problem": f"Not drawn: {who.too_few(MIN_LABELS)}."}, {}
     samples = view.aligned_samples[members]
     labels = common_labels(samples)
-    if len(members) < MIN_LABELS or labels.sum() < _MIN_WARP_LABELS:
-        return {"problem": "Not drawn: it needs three aligned shapes with five or more sample points in common."}, {}
+    if labels.sum() < _MIN_WARP_LABELS:
+        return {"problem": "Not drawn: it needs shapes with five or more sample points in common."}, {}
     superimposed = generalized_procrustes(samples[:, labels])
     components = principal_components(superimposed.aligned, num_components=min(NUM_COMPONENTS, len(members) - 1))
     typical = members[np.linalg.norm(superimposed.aligned - superimposed.mean, axis=(1, 2)).argmin()]
@@ -127,7 +94,7 @@ def variation(view: CollectionView) -> tuple[dict[str, Any], dict[str, tuple[dic
     content["words"] = (
         f"The surface of {view.names[typical]}, the shape nearest the mean, carried along by a smoothing "
         f"thin-plate spline to the mean and to {DEVIATIONS:g} standard deviations on either side. "
-        "Brighter: moved further." + doubt_words(view, members)
+        f"Brighter: moved further. {who.sentence}"
     )
     return content, meshes
 

@@ -11,6 +11,7 @@ from cyclopts import Parameter
 
 from collalign.analysis.label_table import read_labels
 from collalign.output.evidence.file import load_view
+from collalign.output.evidence.members import statistics_members
 from collalign.tools.classify.clouds import posed_clouds
 from collalign.tools.classify.run import Singles, classify_leave_one_out
 from collalign.tools.classify.surface_distance import surface_distances
@@ -25,6 +26,7 @@ def classify(
     labels: Path,
     by: str,
     singles: Singles = "leave-out",
+    include_doubtful: Annotated[bool, Parameter(negative=())] = False,
     as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Classify every shape by its nearest neighbour, leaving it out.
@@ -43,6 +45,8 @@ def classify(
         Column of the labels.
     singles
         Whether labels that only one shape carries are left out of the count or count as wrong.
+    include_doubtful
+        Let shapes count whose pose is in doubt, and incomplete ones.
     as_json
         Print one JSON object instead of a table.
     """
@@ -51,7 +55,18 @@ def classify(
     values = table.column(by, view.names)
     for sentence in table.mismatches(view.names):
         print(f"collalign: {sentence}", file=sys.stderr)
-    distances = surface_distances(posed_clouds(view), view.part_numbers)
-    found = classify_leave_one_out(distances, values, names=view.names, singles=singles)
-    print(json.dumps(found.as_dict(), indent=1) if as_json else f"{found.table()}\n{_DISTANCES}")
+    who = statistics_members(
+        view, include_doubtful=include_doubtful, include_incomplete=include_doubtful, one_part=False
+    )
+    clouds, chosen = posed_clouds(view), who.chosen.tolist()
+    found = classify_leave_one_out(
+        surface_distances([clouds[at] for at in chosen], view.part_numbers[chosen]),
+        [values[at] for at in chosen],
+        names=[view.names[at] for at in chosen],
+        singles=singles,
+    )
+    if as_json:
+        print(json.dumps(found.as_dict() | {"left_out": dict(who.left_out)}, indent=1))
+    else:
+        print("\n".join(filter(None, [found.table(), _DISTANCES, who.sentence])))
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.output.evidence.file import load_view
+from collalign.output.evidence.members import main_part
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.output.write import recorded_options
 from collalign.products.evidence import CollectionView
@@ -27,6 +29,7 @@ from data_tools.threads import one_blas_thread
 def dense_correspondence(
     result: str | Path,
     *,
+    leave_out: Collection[str] = (),
     options: RegistrationOptions | None = None,
     run: RunOptions | None = None,
     progress: ProgressFactory | bool = True,
@@ -43,6 +46,8 @@ def dense_correspondence(
     result : path
         Folder that ``collalign align`` wrote. Of several parts of shapes, which are not aligned with each
         other, only the largest is registered.
+    leave_out : collection of str
+        Names of shapes that neither count in the mean nor are registered.
     options : RegistrationOptions, optional
     run : RunOptions, optional
         With a store, finished registrations are kept.
@@ -71,7 +76,7 @@ def dense_correspondence(
     """
     view = load_view(result)
     cleaning = recorded_options(result)[0].cleaning
-    members = largest_group(view)
+    members = [at for at in main_part(view).tolist() if view.names[at] not in leave_out]
     files = [
         PosedFile(
             name=view.names[at],
@@ -106,9 +111,3 @@ def _of_unit_size(cloud: FloatArray) -> FloatArray:
 def _is_closed(faces: IntArray) -> bool:
     """Whether a mesh has no rim: one that lends its triangles should not have a hole where others have something."""
     return bool(len(faces)) and not len(mesh_edges(faces).boundary)
-
-
-def largest_group(view: CollectionView) -> list[int]:
-    """Return the shapes of the largest part, the first of several, in order."""
-    numbers, counts = np.unique(view.part_numbers, return_counts=True)
-    return np.flatnonzero(view.part_numbers == numbers[counts.argmax()]).tolist()

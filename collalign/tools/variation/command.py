@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace as with_changes
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +14,7 @@ from collalign.cli.interruption import resumable
 from collalign.engine.options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.output.evidence.file import load_view
+from collalign.output.evidence.members import statistics_members
 from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
 from collalign.tools.variation.run import write_surface_variation
 from data_tools.errors import InputError
@@ -26,6 +28,7 @@ def variation(
     landmarks: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
     symmetry: str | None = None,
     individuals: str | None = None,
+    include_doubtful: Annotated[bool, Parameter(negative=())] = False,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
     """Show how the surfaces of a result vary: principal components, groups, every specimen against the mean.
@@ -46,6 +49,8 @@ def variation(
         CSV file with two landmarks, left and right, in each row; landmarks in none are on the midline.
     individuals
         Column of the labels that says whom each shape belongs to, where individuals were measured several times.
+    include_doubtful
+        Let shapes whose pose is in doubt count as well.
     """
     view = load_view(result)
     columns = None if labels is None else read_labels(labels).columns_for(view.names)
@@ -62,7 +67,10 @@ def variation(
             landmarks=landmarks or (),
             symmetry=symmetry,
             individuals=owners,
+            include_doubtful=include_doubtful,
             run=with_changes(run, store=store),
         )
+    if sentence := statistics_members(view, include_doubtful=include_doubtful).sentence:
+        print(f"collalign: {sentence}", file=sys.stderr)
     print(to / PAGE_FILE)
     return 0

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import html
 import io
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from collalign.output.evidence.members import LEFT_OUT_FILE, Members
 from collalign.output.report.page import render_page
 from collalign.tools.variation.content import build_variation
 from collalign.tools.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_tables, write_tables
@@ -36,7 +36,7 @@ def write_variation(
     landmarks: tuple[tuple[str, ...], FloatArray],
     symmetry: SurfaceSymmetry | None = None,
     version: str = "",
-    left_out: Sequence[str] = (),
+    who: Members,
 ) -> tuple[Path, ...]:
     """Write everything into a folder and return the paths, the page first.
 
@@ -52,8 +52,8 @@ def write_variation(
         Of bilateral shapes.
     version : str
         Of the toolkit, for the page's last line.
-    left_out : sequence of str
-        Incomplete shapes, which the page names.
+    who : Members
+        Who counts; page and table name the others.
 
     Raises
     ------
@@ -62,9 +62,10 @@ def write_variation(
     """
     with OutputFolder.open(to, writer=_WRITER) as output:
         document, blobs = build_variation(variation, columns, landmarks, symmetry)
-        page = render_page("Shape variation", _summary(variation, left_out), document, blobs, version=version)
+        page = render_page("Shape variation", _summary(variation, who), document, blobs, version=version)
         write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
         write_tables(variation, columns, output)
+        write_atomic(output.stage(LEFT_OUT_FILE), who.table)
         _write_meshes(variation, columns, output)
         if symmetry is not None:
             write_symmetry_tables(variation.names, symmetry, columns, output)
@@ -75,7 +76,7 @@ def write_variation(
         return output.publish(last=PAGE_FILE, complete=True)
 
 
-def _summary(variation: SurfaceVariation, left_out: Sequence[str]) -> str:
+def _summary(variation: SurfaceVariation, who: Members) -> str:
     shares = variation.components.shares
     facts = [
         (str(len(variation.names)), "surfaces in correspondence"),
@@ -83,8 +84,8 @@ def _summary(variation: SurfaceVariation, left_out: Sequence[str]) -> str:
         *((f"{100 * share:.0f} %", f"of the variance on component {at}") for at, share in enumerate(shares[:3], 1)),
     ]
     items = "".join(f"<li><strong>{value}</strong>{html.escape(words)}</li>" for value, words in facts)
-    note = html.escape(f"Left out, because parts of them are missing: {', '.join(left_out)}.")
-    return f'<ul class="facts">{items}</ul>' + (f'<ul class="notes"><li>{note}</li></ul>' if left_out else "")
+    note = f'<ul class="notes"><li>{html.escape(who.sentence)}</li></ul>' if who.left_out else ""
+    return f'<ul class="facts">{items}</ul>{note}'
 
 
 def _write_meshes(variation: SurfaceVariation, columns: dict[str, tuple[str, ...]], output: OutputFolder) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +15,7 @@ from collalign.landmarks.carry import template
 from collalign.landmarks.files import read_templates
 from collalign.landmarks.table import landmark_table
 from collalign.output.evidence.file import load_view
+from collalign.output.evidence.members import statistics_members
 from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.correspond.run import dense_correspondence
 from collalign.tools.variation.files import write_variation
@@ -41,6 +41,7 @@ def write_surface_variation(
     landmarks: Mapping[str, Landmarks] | Sequence[str | Path] = (),
     symmetry: Literal["auto"] | str | Path | Sequence[tuple[str, str]] | None = None,
     individuals: Sequence[str] | None = None,
+    include_doubtful: bool = False,
     run: RunOptions | None = None,
     progress: ProgressFactory | bool = True,
 ) -> SurfaceVariation:
@@ -61,6 +62,8 @@ def write_surface_variation(
         (a CSV file with a row per pair, or the pairs), or with "auto" the one whose mirror image fits best.
     individuals : sequence of str, optional
         Whom each shape of the result belongs to, where some are replicates, which tell asymmetry from errors.
+    include_doubtful : bool
+        Let shapes whose pose is in doubt count as well. Incomplete ones cannot: not all their places are known.
     run : RunOptions, optional
         With a store, finished registrations are kept.
     progress : bool or callable
@@ -70,14 +73,14 @@ def write_surface_variation(
     -------
     SurfaceVariation
         Principal components of the surfaces in dense correspondence, see :func:`collalign.dense_correspondence`.
-        Incomplete shapes, of which it knows not all places, are left out; the page names them.
+        Shapes in doubt or incomplete are left out; page and ``left_out.csv`` name them.
 
     Raises
     ------
     InputError
         If the folder holds no result, files of somebody else's are in the way, or shapes are not bilateral.
     CollectionError
-        If fewer than two complete shapes can be registered.
+        If fewer than two shapes are complete and sure, or can be registered.
 
     Examples
     --------
@@ -93,8 +96,11 @@ def write_surface_variation(
     view = load_view(result)
     inputs = () if isinstance(landmarks, Mapping) else map(Path, landmarks)
     refuse_overlap(Path(to), {*view.inputs, *inputs})
-    every = dense_correspondence(result, run=run, progress=progress)
-    dense = _whole_shapes(every)
+    who = statistics_members(view, include_doubtful=include_doubtful)
+    if who.too_few(2):
+        raise CollectionError(f"variation: {who.too_few(2)}")
+    names = [name for name, _ in who.left_out]
+    dense = dense_correspondence(result, leave_out=names, run=run, progress=progress)
     rows = [view.index(name) for name in dense.names]
     vertices = dense.vertices / view.scales[rows][:, None, None]
     found = surface_variation(dense.names, dense.faces, vertices)
@@ -119,7 +125,6 @@ def write_surface_variation(
             individuals=None if individuals is None else [individuals[at] for at in rows],
         )
     version = str(view.versions.get("collalign", ""))
-    left_out = tuple(name for name in every.names if name not in dense.names)
     write_variation(
         found,
         Path(to),
@@ -127,26 +132,9 @@ def write_surface_variation(
         landmarks=marked,
         symmetry=components,
         version=version,
-        left_out=left_out,
+        who=who,
     )
     return found
-
-
-def _whole_shapes(dense: DenseCorrespondence) -> DenseCorrespondence:
-    """Return the correspondence of the shapes that lack nothing."""
-    whole = np.flatnonzero((~dense.missing).all(axis=1))
-    if len(whole) == len(dense.names):
-        return dense
-    if len(whole) < 2:
-        raise CollectionError(f"{len(whole)} complete shapes: at least two are needed to say how they vary")
-    return replace(
-        dense,
-        names=tuple(dense.names[i] for i in whole),
-        vertices=dense.vertices[whole],
-        completed=dense.completed[whole],
-        residual=dense.residual[whole],
-        quality=dense.quality[whole],
-    )
 
 
 def _counterparts(

@@ -464,15 +464,13 @@ def test_a_shape_is_turned_by_hand(opened: Page, small: CollectionView, tmp_path
     np.testing.assert_allclose(decision.R_common_shape, turn @ small.rotations[1], atol=1e-9)
 
 
-def test_shapes_in_doubt_stay_on_map_and_tree_and_are_marked(browser: Any, tmp_path: Path) -> None:
+def test_shapes_in_doubt_are_named_and_drawn_on_neither_map_nor_tree(browser: Any, tmp_path: Path) -> None:
     plain = view_of(10)
     view = dataclasses.replace(plain, part_numbers=np.array([0] * 8 + [1] * 2))
     page = Page(browser, write_report(view, tmp_path))
-    assert page.page.locator("#map g.dot").count() == page.page.locator("#tree text").count() == 10
-    assert page.page.locator("#map g.doubtful").count() >= 3
-    assert "shape_009 · " in page.page.locator("#tree").text_content()
-    assert page.page.locator("#tree text", has_text="not surely joined").count() >= 1
-    assert "in doubt, and marked" in page.page.locator("#components").inner_text()
+    assert page.page.locator("#map g.dot").count() == page.page.locator("#tree text").count() == 7
+    assert "shape_001" not in page.page.locator("#tree").text_content()
+    assert "shape_001 (in doubt" in page.page.locator("#components").inner_text()
     page.context.close()
 
 

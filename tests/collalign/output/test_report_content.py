@@ -17,6 +17,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.output import report
+from collalign.output.evidence.members import statistics_members
 from collalign.output.report import display_mesh, faces_per_shape, render_report, write_report
 from collalign.output.report.content import build_content, categories
 from collalign.output.report.payload import MISSING, pack, pack_mesh, quaternions, sample_colors
@@ -24,6 +25,7 @@ from collalign.output.report.poses import DISTINCT_DEG, offered_poses
 from collalign.output.report.shown import page_members, shown_part
 from collalign.output.report.statistics import cycle_histogram, shape_map, variation
 from collalign.products.evidence import CollectionView
+from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative
 from data_tools.rotations import rotation_angle_deg
 from tests.view_problems import bumpy_shapes, view_of
@@ -119,24 +121,47 @@ def test_offered_poses_are_distinct_and_begin_with_the_evidence() -> None:
     assert len(offered_poses(view)[0]) == 3
 
 
-def test_map_and_tree_keep_groups_that_agreeing_pairs_join() -> None:
-    view = dataclasses.replace(view_of(9), part_numbers=np.array([1, 0, 0, 0, 0, 0, 0, 0, 2]))
-    assert shape_map(view)["members"] == list(range(9))
-    assert "3 of them are in doubt" in shape_map(view)["words"]
-
-
-def test_map_and_tree_leave_out_groups_that_no_agreeing_pair_joins() -> None:
-    groups = np.array([1, 0, 0, 0, 0, 0, 0, 0, 1])
-    plain = view_of(9)
-    kept = tuple(
-        dataclasses.replace(pair, inlier=pair.inlier and bool(groups[pair.target] == groups[pair.source]))
-        for pair in plain.pairs
+def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named() -> None:
+    half = Incomplete(shape=4, reason="as told", partners=np.array([0]), overlaps=np.ones((1, 2)))
+    view = dataclasses.replace(view_of(9), part_numbers=np.array([0, 0, 0, 0, 0, 0, 0, 0, 1]), incomplete=(half,))
+    who = statistics_members(view)
+    assert who.chosen.tolist() == [0, 2, 3, 5, 6, 7]
+    reasons = {
+        "shape_001": "in doubt, confidence 0.21",
+        "shape_004": "incomplete",
+        "shape_008": "not aligned with the largest part",
+    }
+    assert dict(who.left_out) == reasons
+    assert all(f"{name} ({reason})" in who.sentence for name, reason in reasons.items())
+    assert [line.split(",", 1)[0] for line in who.table.decode().splitlines()] == ["name", *reasons]
+    assert statistics_members(view, include_doubtful=True).chosen.tolist() == [0, 1, 2, 3, 5, 6, 7]
+    everyone = statistics_members(view, include_doubtful=True, include_incomplete=True, one_part=False)
+    assert (everyone.chosen.tolist(), everyone.sentence) == (list(range(9)), "")
+    unknown = dataclasses.replace(view, confidence=np.full(9, np.nan), incomplete=())
+    assert statistics_members(unknown).chosen.tolist() == list(range(8))  # a baseline states no confidence
+    assert "7 shapes are complete and sure, at least 8 are needed; left out: shape_001" in (
+        statistics_members(dataclasses.replace(view, incomplete=())).too_few(8)
     )
-    view = dataclasses.replace(plain, part_numbers=groups, pairs=kept)
+
+
+def test_what_a_doubtful_shape_looks_like_changes_neither_map_nor_components() -> None:
+    view = view_of(9)
+    samples = view.samples.copy()
+    samples[1] = samples[1][::-1]
+    for found, again in zip(
+        (shape_map(view), variation(view)[0]),
+        (shape_map(other := dataclasses.replace(view, samples=samples)), variation(other)[0]),
+        strict=True,
+    ):
+        assert found == again
+        assert "shape_001 (in doubt, confidence 0.21)" in found["words"]
+
+
+def test_shapes_without_a_place_on_the_map_are_listed_still() -> None:
+    view = dataclasses.replace(view_of(9), part_numbers=np.array([1, 0, 0, 0, 0, 0, 0, 0, 1]))
     found = shape_map(view)
-    assert found["members"] == [1, 2, 3, 4, 5, 6, 7]
-    assert len(found["points"]["PCA"]) == len(found["points"]["MDS"]) == len(found["tree"]["order"]) == 7
-    assert "other 2 shapes are in parts that no agreeing pair joins" in found["words"]
+    assert found["members"] == [2, 3, 4, 5, 6, 7]
+    assert len(found["points"]["PCA"]) == len(found["points"]["MDS"]) == len(found["tree"]["order"]) == 6
     assert list(build_content(view)[0]["orders"]) == ["similarity", "name", "confidence", "taxon", "side"]
     for order in build_content(view)[0]["orders"].values():
         assert sorted(order) == list(range(9))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from collalign.output.evidence.members import Members
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.scalar_ply import write_scalar_ply
 from collalign.tools.variation.surface_symmetry import surface_symmetry
@@ -25,6 +26,7 @@ from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 
+ALL = Members(chosen=np.arange(8), left_out=())
 LABELS = ("long", "long", "long", "flat", "flat", "flat", "", "")
 
 
@@ -92,7 +94,7 @@ def written(variation: SurfaceVariation, tmp_path_factory: pytest.TempPathFactor
     other_side = SurfaceLocator(mean, faces).closest(mean * [-1, 1, 1])
     symmetry = surface_symmetry(stretched()[0], faces, other_side)
     paths = write_variation(
-        variation, to, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), symmetry=symmetry
+        variation, to, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), who=ALL, symmetry=symmetry
     )
     assert paths[0].name == "variation.html"
     return to
@@ -113,7 +115,7 @@ def test_tables_meshes_and_figures_are_written(written: Path, variation: Surface
 
 def test_a_second_write_gives_the_same_bytes(written: Path, variation: SurfaceVariation, tmp_path: Path) -> None:
     points = np.vstack([variation.mean[[0, 10]], [[np.nan] * 3]])
-    write_variation(variation, tmp_path, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points))
+    write_variation(variation, tmp_path, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), who=ALL)
     assert not (tmp_path / "symmetry").exists()
     for name in ("scores.csv", "points.tps", "morphospace.svg", "components/PC1-low.ply"):
         assert (tmp_path / name).read_bytes() == (written / name).read_bytes(), name
@@ -153,7 +155,7 @@ def test_the_page_works_in_a_browser(written: Path, variation: SurfaceVariation,
             page.get_by_role("button", name="Save chart (SVG)").click()
         assert "<polygon" in Path(started.value.path()).read_text()
         assert page.evaluate("document.documentElement.scrollWidth") <= 400
-        write_variation(variation, tmp_path, columns={}, landmarks=((), np.empty((0, 3))))
+        write_variation(variation, tmp_path, columns={}, landmarks=((), np.empty((0, 3))), who=ALL)
         page.goto((tmp_path / "variation.html").as_uri())
         page.wait_for_selector("html[data-ready]", state="attached")
         assert page.locator("#specimens p.muted").text_content()[-1].isdigit()  # no labels, and nothing before them

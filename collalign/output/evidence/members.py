@@ -1,0 +1,86 @@
+"""Whose shapes count in statistics: neither doubtful nor incomplete ones, unless they are asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from collalign.products.collection import DOUBT
+from collalign.products.evidence import CollectionView
+from data_tools.arrays import IntArray
+from data_tools.io.csv_cells import csv_text
+
+#: The table of those who do not count, beside statistics that are written.
+LEFT_OUT_FILE = "left_out.csv"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Members:
+    """Who counts in the statistics of a collection.
+
+    Attributes
+    ----------
+    chosen : ndarray of int
+        Positions of those who do, ascending.
+    left_out : tuple of (str, str)
+        Name of each other shape, and why it does not count.
+    """
+
+    chosen: IntArray
+    left_out: tuple[tuple[str, str], ...]
+
+    @property
+    def sentence(self) -> str:
+        """Who was left out and why; empty where all count."""
+        return f"Left out of the statistics: {self._listed}." if self.left_out else ""
+
+    @property
+    def table(self) -> bytes:
+        """The same as CSV."""
+        return csv_text([["name", "reason"], *self.left_out]).encode("utf-8", "backslashreplace")
+
+    def too_few(self, least: int) -> str:
+        """Return why nothing can be computed of fewer than so many; empty where there are enough."""
+        if len(self.chosen) >= least:
+            return ""
+        words = f"{len(self.chosen)} shapes are complete and sure, at least {least} are needed"
+        return f"{words}; left out: {self._listed}" if self.left_out else words
+
+    @property
+    def _listed(self) -> str:
+        return ", ".join(f"{name} ({reason})" for name, reason in self.left_out)
+
+
+def statistics_members(
+    view: CollectionView, *, include_doubtful: bool = False, include_incomplete: bool = False, one_part: bool = True
+) -> Members:
+    """Decide who counts in statistics.
+
+    Parameters
+    ----------
+    view : CollectionView
+    include_doubtful, include_incomplete : bool
+        Let shapes whose pose is in doubt, or of which parts are missing, count as well.
+    one_part : bool
+        Whether shapes of other parts than the largest stay out: their poses do not compare.
+    """
+    reasons = np.full(view.num_shapes, "", dtype=object)
+    known = np.asarray(np.isfinite(view.confidence))
+    if not include_doubtful and known.any():  # without any confidence, as of a baseline, there is nothing to doubt
+        for at in np.flatnonzero(~(view.confidence >= DOUBT)):
+            reasons[at] = f"in doubt, confidence {view.confidence[at]:.2f}" if known[at] else "in doubt"
+    if not include_incomplete:
+        reasons[view.is_incomplete] = "incomplete"
+    if one_part:
+        reasons[np.setdiff1d(np.arange(view.num_shapes), main_part(view))] = "not aligned with the largest part"
+    return Members(
+        chosen=np.flatnonzero(reasons == ""),
+        left_out=tuple((view.names[at], str(reasons[at])) for at in np.flatnonzero(reasons != "")),
+    )
+
+
+def main_part(view: CollectionView) -> IntArray:
+    """Positions of the shapes of the largest part, ascending; between parts no distance means anything."""
+    values, counts = np.unique(view.part_numbers, return_counts=True)
+    return np.flatnonzero(view.part_numbers == values[counts.argmax()])
