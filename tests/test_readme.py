@@ -15,7 +15,7 @@ ROOT = README.parent
 def test_commands_set_up_and_run() -> None:
     text = README.read_text("utf-8")
     assert "collalign demo" in command("demo", text)
-    assert command("test", text).endswith("-m pytest")
+    assert command("test", text).endswith("-m pytest -n 2")
     for name in ("demo", "test"):
         assert "pip install" in command(name, text)
 

@@ -15,6 +15,8 @@ from tests.benchmarks import fault_test
 from tests.faults import run_with_kills, worker_processes
 from tests.resumable_run import main
 
+pytestmark = pytest.mark.xdist_group("processes")  # they kill processes: one worker for all
+
 ROOT = Path(__file__).resolve().parents[3]
 NUM_TASKS = 120
 

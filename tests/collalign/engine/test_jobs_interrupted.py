@@ -20,6 +20,8 @@ from joblib.externals.loky.backend import fork_exec
 from collalign.engine.jobs.run import run_jobs
 from tests.job_functions import misbehave, nothing
 
+pytestmark = pytest.mark.xdist_group("processes")  # they kill processes: one worker for all
+
 
 @pytest.fixture
 def no_pool() -> None:
