@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from collalign.confidence.radius_model import spread
 from collalign.landmarks.carry import Template, at_places, carried
-from collalign.landmarks.radii import spread
 from data_tools.arrays import FloatArray
 
 #: A template without any counterpart at a landmark still counts so much, beside one that corresponds perfectly.

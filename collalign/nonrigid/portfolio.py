@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from collalign.nonrigid.evidence import MIXED_ORIENTATION, Evidence, judge
+from collalign.confidence.map_model import Evidence
+from collalign.nonrigid.evidence import MIXED_ORIENTATION, judge
 from collalign.nonrigid.functional_map import FunctionalMap, icp, mutual_nearest_rows
 from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
 from collalign.nonrigid.options import NonrigidOptions

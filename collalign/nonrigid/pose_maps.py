@@ -15,7 +15,8 @@ import numpy as np
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
-from collalign.nonrigid.evidence import Evidence, judge
+from collalign.confidence.map_model import Evidence
+from collalign.nonrigid.evidence import judge
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.refine import Refiner, unit_rows
 from collalign.nonrigid.surface.posed import PosedSurface

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from collalign.confidence.candidate_model import candidate_chances
 from collalign.options import AlignOptions, options_from_record
 from collalign.output.certificates import write_certificates
 from collalign.output.contact_sheet import ContactSheet
@@ -297,7 +298,7 @@ def _pairs_table(collection: Collection) -> str:
             pair.choice,
             int(pair.inlier),
             f"{pair.disagreement_deg:.3f}",
-            f"{pair.chances[pair.choice]:.4f}" if pair.choice >= 0 else "",
+            f"{candidate_chances(pair)[pair.choice]:.4f}" if pair.choice >= 0 else "",
             repr(pair.complete_within),
             len(pair.regions),
         ]

@@ -12,15 +12,6 @@ from pairwise.certificates.certificate import Certificate
 
 #: Differences of gaps below this say little, in squared radii.
 SMALLEST_GAP = 0.003
-#: Costs count as no smaller than this in logarithms.
-LEAST_COST = float(np.finfo(float).tiny)
-
-#: How many times as telling as the logarithms of costs, and the log-odds of maps, the odds of candidates are, and the
-#: log-odds that none is right against the best: fitted on 10 920 pairs of 151 runs over 22 collections, those right
-#: that are within 25 deg of the final poses of two shapes that are within 20 of the truth. With each collection
-#: left out, stated and right differ by .10 (costs, which say too little) and .04 (maps) on average, and of the
-#: likeliest candidates at .9 or more 98 and 95 % are right.
-COST_TRUST, MAP_TRUST, NONE_RIGHT = 24.0, 1.4, -2.35
 
 
 def _no_values() -> FloatArray:
@@ -61,7 +52,7 @@ class Pair:
         How plausible each candidate is by all evidence, up to a constant of the pair; minus infinity for those that
         another one stands for (rigid poses, where maps were asked). Empty where energies alone decide.
     evidence : ndarray, shape (m, e)
-        Each kind of evidence of each candidate, columns as ``collalign.stages.evidence.odds.EVIDENCE``, NaN where
+        Each kind of evidence of each candidate, columns as ``confidence.candidate_model.EVIDENCE``, NaN where
         unknown. Empty where energies alone decide.
     lower_bound : float
         No pose of this pair has a smaller energy; NaN where nothing was certified.
@@ -121,14 +112,6 @@ class Pair:
             return self.energies
         best, gaps = int(np.argmin(self.energies)), self.gaps + SMALLEST_GAP
         return read_only(np.sqrt(self.energies * self.energies[best] * gaps / gaps[best]))
-
-    @property
-    def chances(self) -> FloatArray:
-        """How probable each candidate is by this pair alone, shape (m,); what they leave is that none is right."""
-        costs = np.maximum(self.costs, LEAST_COST)
-        odds = MAP_TRUST * self.log_odds if len(self.log_odds) else -COST_TRUST * np.log(costs)
-        weights = np.exp(odds - odds.max())
-        return read_only(weights / (weights.sum() + np.exp(NONE_RIGHT)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,8 +10,9 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
+from collalign.confidence import candidate_model as odds
 from collalign.options import AlignOptions
-from collalign.stages.evidence import candidates, odds, weigh
+from collalign.stages.evidence import candidates, weigh
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.rotations import rotation_angle_deg
 from experiments.calibration.matched import matched

@@ -12,6 +12,7 @@ import numpy as np
 
 from collalign.align import align_collection
 from collalign.collection import AlignedCollection
+from collalign.confidence import incomplete_model
 from collalign.engine.options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
@@ -78,8 +79,8 @@ def measure_detection(data: Path, collections: Sequence[str], quick: bool) -> di
 
 
 CALIBRATION = Calibration(
-    module=detect.__name__,
-    constants=constants_of(detect, "MISSING_SHARE", "BEYOND"),
+    module=incomplete_model.__name__,
+    constants=constants_of(incomplete_model, "MISSING_SHARE", "BEYOND"),
     measure=measure_detection,
     collections=("teeth", "mouse skulls", "chair", "fish"),
     score=f"share of shapes judged rightly, {SHARE:.0%} cut off {CUT:.0%} of them",

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from collalign.confidence import map_model
 from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.portfolio import Refined, find_candidates, full_harmonic
 from collalign.nonrigid.refine import between_files
@@ -63,7 +64,7 @@ def measure_maps(data: Path, collections: Sequence[str], quick: bool) -> dict[st
     options = NonrigidOptions()
 
     def stated(collection: str, changed: Mapping[str, Constant]) -> float:
-        with patched(match, changed):
+        with patched(map_model, changed):
             chosen = [pair.chosen(options) for pair in drawn[collection]]
         return 1.0 - float(np.mean([(confidence - right) ** 2 for confidence, right in chosen]))
 
@@ -78,8 +79,9 @@ def measure_maps(data: Path, collections: Sequence[str], quick: bool) -> dict[st
 
 
 CALIBRATION = Calibration(
-    module=match.__name__,
-    constants=constants_of(match, "SCORE_SCALE", "DOUBTFUL_SCORE", "DOUBT_SCALE", "ORIENTATION_MARGIN"),
+    module=map_model.__name__,
+    constants=constants_of(map_model, "SCORE_SCALE", "DOUBTFUL_SCORE", "DOUBT_SCALE")
+    | constants_of(match, "ORIENTATION_MARGIN"),
     measure=measure_maps,
     collections=("scape", "ant"),
     score=f"1 - Brier score of the stated confidence; of ORIENTATION_MARGIN the share of maps of error below {RIGHT}",

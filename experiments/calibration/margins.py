@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from collalign.confidence import overlap_model as certainty
 from data_tools.arrays import FloatArray
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
@@ -15,7 +16,6 @@ from experiments.calibration.scan import Calibration, Constant, Finding, constan
 from experiments.collections.landmarked import RIGHT_DEG, read_dataset
 from experiments.pairs.incomplete_sets import margin_of, surface_of
 from experiments.pairs.invariants import without_share
-from pairwise.partial import certainty
 from pairwise.partial.match import match_partial
 
 #: Pairs of each collection, among its shapes at even positions, and how much is cut off the source.

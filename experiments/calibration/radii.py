@@ -11,9 +11,9 @@ import numpy as np
 from scipy.stats import spearmanr
 
 import collalign
+from collalign.confidence import radius_model as radii
 from collalign.engine.options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
-from collalign.landmarks import radii
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
 from experiments.collections.carrying import carried_errors, write_posed
 from experiments.experiment import Cell

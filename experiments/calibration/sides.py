@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from collalign.confidence import side_model as sides
 from collalign.options import AlignOptions
-from collalign.stages.chirality import pilot, sides
+from collalign.stages.chirality import pilot
 from collalign.stages.pairs.choose import describe_shapes
 from collalign.stages.pairs.graph import all_pairs
 from data_tools.arrays import BoolArray, FloatArray, IntArray

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from collalign.stages.trust.model import MOST_CONFIDENT, probability, terms
+from collalign.confidence.pose_model import MOST_CONFIDENT, probability, terms
 from data_tools.arrays import BoolArray, FloatArray
 from experiments.collections.landmarked import COLLECTIONS
 from experiments.confidence.draws import FEWEST, GROSS_DEG, INTRUDED, MOST, measure_collection

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.stages.trust.model import terms
+from collalign.confidence.pose_model import terms
 from data_tools.arrays import BoolArray, FloatArray
 from experiments.collections.posed import MIRRORED_DEG
 

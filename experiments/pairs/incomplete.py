@@ -71,7 +71,7 @@ positions (constants were chosen at even positions of teeth, glasses and ants): 
 `pairwise.partial.match.match_partial`, and the best of its first eight, beside FPFH, RANSAC and point-to-plane ICP of
 Open3D and KISS-Matcher with GICP, each on the same two meshes brought to one root mean square radius. So few pairs
 tell 60 from 90 %, and no less; a tool that was not installed has no figures. In doubt: a chance below
-{100 * DOUBT:.0f} % by the margin over the best rival pose (`pairwise.partial.certainty`).
+{100 * DOUBT:.0f} % by the margin over the best rival pose (`collalign.confidence.overlap_model`).
 
 **Collections.** Shapes drawn from a collection in random poses, some of them without a part (a share of the vertices,
 beyond a random plane; of mouse skulls the front, with the rostrum), aligned with default options by

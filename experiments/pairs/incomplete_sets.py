@@ -14,6 +14,7 @@ import numpy as np
 
 from collalign.align import align_collection
 from collalign.collection import AlignedCollection
+from collalign.confidence.overlap_model import certainty, rival_margin
 from collalign.engine.options import RunOptions
 from collalign.engine.store.records import Record
 from collalign.options import ALL, AUTO, NEVER, AlignOptions
@@ -34,7 +35,6 @@ from experiments.pairs.invariants import without_share
 from experiments.pairs.partial_scans import FOLDER as SCANS_FOLDER
 from experiments.pairs.partial_scans import MIN_OVERLAP, overlap_share
 from experiments.tables import Column, Row
-from pairwise.partial.certainty import certainty, rival_margin
 from pairwise.partial.match import PartialPose, match_partial
 from pairwise.partial.surface import MOST_POINTS, PartialSurface
 

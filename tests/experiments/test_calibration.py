@@ -10,7 +10,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from collalign.stages.evidence.odds import WEIGHTS
+from collalign.confidence.candidate_model import WEIGHTS
 from data_tools.errors import OptionsError
 from experiments.calibration import CALIBRATIONS, calibrate
 from experiments.calibration.evidence import WeighedPair, fit_logit, share_right

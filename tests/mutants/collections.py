@@ -10,8 +10,8 @@ _SOLVED = (*_PARTS, "tests/collalign/synchronization/test_synchronization.py")
 
 COLLECTIONS: tuple[Mutant, ...] = (
     *faults(
-        "collalign/stages/chirality/sides.py",
-        ("tests/collalign/stages/test_chirality_sides.py",),
+        "collalign/confidence/side_model.py",
+        ("tests/collalign/confidence/test_side_model.py",),
         (MODULE, "MIN_SHAPES = 6", "MIN_SHAPES = 5"),
         ("Sides.are_clear", "self.median_all >= LEAST_ALL[0] + LEAST_ALL[1] / self.num_pairs", "True"),
         ("Sides.are_clear", "and self.median_between >= LEAST_BETWEEN[0] + LEAST_BETWEEN[1] / self.num_pairs", ""),
@@ -195,10 +195,14 @@ ENGINE: tuple[Mutant, ...] = (
 
 NONRIGID: tuple[Mutant, ...] = (
     *faults(
-        "collalign/nonrigid/evidence.py",
+        "collalign/confidence/map_model.py",
         ("tests/collalign/nonrigid/test_nonrigid_evidence.py",),
         ("Evidence.map_score", "2.0 * np.log(max(self.curvature, FLOOR))", "np.log(max(self.curvature, FLOOR))"),
         ("Evidence.map_score", "1.0 - abs(self.orientation)", "1.0 - self.orientation"),
+    ),
+    *faults(
+        "collalign/nonrigid/evidence.py",
+        ("tests/collalign/nonrigid/test_nonrigid_evidence.py",),
         (
             "_commutativity_gap",
             "left, right = of_source[:, None] * c, c * of_target",

@@ -36,8 +36,8 @@ INCOMPLETE: tuple[Mutant, ...] = (
         ("_octants", "0.5 * part.halves[:, None, None] * signs", "part.halves[:, None, None] * signs"),
     ),
     *faults(
-        "pairwise/partial/certainty.py",
-        ("tests/pairwise/partial/test_certainty.py",),
+        "collalign/confidence/overlap_model.py",
+        ("tests/collalign/confidence/test_overlap_model.py",),
         ("rival_margin", "(means[apart] - means[0]).min", "(means[apart] - means[0]).max"),
         ("rival_margin", "> RIVAL_DEG", "> 0.0"),
         ("certainty", "np.sqrt(num_targets)", "1.0"),

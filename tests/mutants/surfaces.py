@@ -51,8 +51,8 @@ SURFACES: tuple[Mutant, ...] = (
         ("slider_rows", "[*rows, rows[0]] if closed", "rows if closed"),
     ),
     *faults(
-        "collalign/landmarks/radii.py",
-        ("tests/collalign/landmarks/test_radii.py",),
+        "collalign/confidence/radius_model.py",
+        ("tests/collalign/confidence/test_radius_model.py",),
         ("beyond_range", "max(calibration.most_residual, _LEAST_RANGE)", "_LEAST_RANGE"),
     ),
     *faults(

@@ -8,7 +8,7 @@ _TESTS = ("tests/collalign/stages/test_trust.py",)
 
 TRUST: tuple[Mutant, ...] = (
     *faults(
-        "collalign/stages/trust/model.py",
+        "collalign/confidence/pose_model.py",
         _TESTS,
         (MODULE, "0.6, -5.85", "0.6, 5.85"),
         (MODULE, "TIED_LEAD = 0.02, 1.0", "TIED_LEAD = -9.0, 1.0"),

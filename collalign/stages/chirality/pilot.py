@@ -2,7 +2,7 @@
 
 A pilot: some pairs of similar shapes are matched with mirror images, which costs little more than without and gives
 the best pose of either kind. Only where these few leave the suspicion of two sides, more pairs are. Shapes are
-mirrored on clear and consistent evidence only (:mod:`collalign.stages.chirality.sides`), because nearly bilateral
+mirrored on clear and consistent evidence only (:mod:`collalign.confidence.side_model`), because nearly bilateral
 shapes prefer mirror images at random. If the run goes on with mirror images, the pilot's pairs are among its own,
 unless the collection is so large that the pilot looked at a part of it.
 """
@@ -15,12 +15,12 @@ from typing import Literal
 
 import numpy as np
 
+from collalign.confidence.side_model import MIN_SHAPES, Sides, find_sides
 from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.chirality.sides import MIN_SHAPES, Sides, find_sides
 from collalign.stages.pairs.graph import all_pairs
 from collalign.stages.pairs.match import match_pairs
 from collalign.stages.stored_types import samples_from_record, samples_to_record

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from collalign.confidence.candidate_model import EVIDENCE
 from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.records import Record
 from collalign.nonrigid.evidence import MIXED_ORIENTATION
@@ -14,7 +15,6 @@ from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.refine import Refiner
 from collalign.nonrigid.surface.posed import first_samples
 from collalign.stages.evidence.candidates import PoseWeigher
-from collalign.stages.evidence.odds import EVIDENCE
 from collalign.stages.evidence.surfaces import surface_from_record
 from collalign.stages.stored_types import samples_from_record
 from data_tools.arrays import FloatArray

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
+from collalign.confidence.candidate_model import EVIDENCE, evidence_score
 from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.pose_maps import PoseMapper
-from collalign.stages.evidence.odds import EVIDENCE, evidence_score
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import keep_apart
@@ -32,7 +32,7 @@ class WeighedPose:
     point_map : ndarray of int, shape (k,)
         The samples' best one-to-one match there.
     evidence : ndarray, shape (7,)
-        As :data:`collalign.stages.evidence.odds.EVIDENCE` names it.
+        As :data:`collalign.confidence.candidate_model.EVIDENCE` names it.
     """
 
     rotation: FloatArray

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from collalign.confidence.candidate_model import EVIDENCE, evidence_score
 from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
@@ -19,7 +20,6 @@ from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.candidates import PoseWeigher, WeighedPose, distinct
-from collalign.stages.evidence.odds import EVIDENCE, evidence_score
 from collalign.stages.evidence.surfaces import prepare_surfaces, surface_from_record
 from collalign.stages.record_fields import checked
 from collalign.stages.stored_types import samples_from_record

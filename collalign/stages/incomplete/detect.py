@@ -10,6 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.spatial import cKDTree
 
+from collalign.confidence.incomplete_model import BEYOND, MISSING_SHARE
 from collalign.engine.jobs.run import SharedTable
 from collalign.engine.store.records import Record
 from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
@@ -27,12 +28,6 @@ from pairwise.partial.surface import PartialSurface
 
 #: Said of shapes that a person named, and of those that were found when others were aligned.
 TOLD, FOUND = "as told", "as found before"
-#: A shape is incomplete if so much of the surfaces of those that match it best lies beyond its rim. In one draw of 20
-#: molars with a quarter cut off six of them, these have .12 to .19, the others at most .05; ``python -m experiments
-#: calibrate incomplete`` tries others on molars, skulls, chairs and fish.
-MISSING_SHARE = 0.085
-#: Beyond the rim is what is nearest to a point of it, and farther than this, in radii of the other shape.
-BEYOND = 0.2
 #: Shapes that each is compared with: those of least energy.
 NUM_PARTNERS = 6
 #: Steps from the common pose, which centroids and sizes of different parts have shifted.

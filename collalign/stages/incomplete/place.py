@@ -14,13 +14,13 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
+from collalign.confidence.overlap_model import RIVAL_DEG, certainty, rival_margin
 from collalign.engine.jobs.table import SharedTable
 from collalign.engine.store.records import Record
 from collalign.stages.incomplete.surfaces import posed_points
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import Similarity, turn_deg
 from data_tools.threads import one_blas_thread
-from pairwise.partial.certainty import RIVAL_DEG, certainty, rival_margin
 from pairwise.partial.match import NUM_POINTS, distinct, match_partial, refine, scales_allowed
 from pairwise.partial.poses import counterparts
 from pairwise.partial.surface import PartialSurface
@@ -178,7 +178,7 @@ def energies_on(
 
 
 def pose_certainty(record: Record) -> float:
-    """Return how probable the best pose is against its rivals, see :mod:`pairwise.partial.certainty`."""
+    """Return how probable the best pose is against its rivals, see :mod:`collalign.confidence.overlap_model`."""
     energies = np.asarray(record["energies"])
     return certainty(rival_margin(np.asarray(record["turns"]), energies), energies.shape[1])
 

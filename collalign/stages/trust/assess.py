@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from collalign.confidence.candidate_model import LEAST_COST
+from collalign.confidence.pose_model import pose_confidence
 from collalign.engine.jobs.run import SharedTable
 from collalign.options import AlignSession
-from collalign.products.pair import LEAST_COST, Alternative, Pair
+from collalign.products.pair import Alternative, Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.stored_types import samples_to_record
-from collalign.stages.trust.model import pose_confidence
 from collalign.stages.trust.rivals import MAX_PARTNERS, Partner, RivalTask, leads_over, pose_costs, rival_poses
 from collalign.stages.trust.symmetry import near_symmetries
 from collalign.synchronization import SynchronizationResult

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from collalign.confidence.pose_model import is_symmetric, tied_rivals
 from collalign.products.collection import DOUBT
 from collalign.products.trust import KINDS, Trust
-from collalign.stages.trust.model import is_symmetric, tied_rivals
 from collalign.stages.trust.symmetry import turns_in_words
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray

@@ -79,7 +79,7 @@ def assess(states: list[State], cuts: list[Cut], frames: FloatArray, free: BoolA
     best = states[0]
     graph, common = best.model.graph, best.alternatives.common
     signal = evidence_signal(best)
-    confidence = pose_confidence(states) * (0.5 + 0.5 * min(1.0, signal / ENOUGH_SIGNAL))
+    confidence = beliefs_of_answers(states) * (0.5 + 0.5 * min(1.0, signal / ENOUGH_SIGNAL))
     for cut in cuts:
         votes = max(cut.votes_for + cut.votes_against, 1)
         cap = 1.0 / (1.0 + np.exp(-cut.log_odds)) if not cut.structured else cut.votes_for / votes
@@ -131,7 +131,7 @@ def evidence_signal(state: State) -> float:
     return float(np.mean(power) * max(degree - 1.0, 0.0))
 
 
-def pose_confidence(states: list[State]) -> FloatArray:
+def beliefs_of_answers(states: list[State]) -> FloatArray:
     """Return the probability that each pose is right relative to its group, shape (N,).
 
     The belief in the reported turn, times the share of the likely answers, by their costs, that agree with it.

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from collalign.confidence.overlap_model import certainty, rival_margin
 from collalign.options import TwoShapeOptions
 from data_tools.arrays import FloatArray
 from data_tools.embedding.surface_points import surface_points
@@ -14,7 +15,6 @@ from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin, location
 from data_tools.threads import one_blas_thread
-from pairwise.partial.certainty import certainty, rival_margin
 from pairwise.partial.match import PartialPose, match_partial
 from pairwise.partial.surface import MOST_POINTS, PartialSurface
 

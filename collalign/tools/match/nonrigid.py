@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 
+from collalign.confidence.map_model import map_confidence
 from collalign.nonrigid.evidence import MIXED_ORIENTATION
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.paper import paper_candidates
@@ -20,11 +21,6 @@ from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
 
-# ``python -m experiments calibrate maps`` tries other values of these on SCAPE and the ants of SHREC07.
-#: Difference of scores at which the better candidate is taken to be right e times as often as the other.
-SCORE_SCALE = 0.2
-#: Score at which a candidate without rivals is as likely wrong as right, and how fast that changes.
-DOUBTFUL_SCORE, DOUBT_SCALE = -9.5, 0.4
 #: A map that keeps left and right may be this much behind the best one.
 ORIENTATION_MARGIN = 1.0
 #: Eigenfunctions in which the energies of candidates are compared.
@@ -133,21 +129,13 @@ def chosen_first(found: list[Refined], options: NonrigidOptions) -> list[Refined
 
 
 def confidence(found: list[Refined], options: NonrigidOptions) -> float:
-    """Return how far the chosen candidate can be trusted: its odds against its rivals, times how good it is at all.
+    """Return how far the chosen candidate can be trusted.
 
-    Rivals are candidates of its orientation; its mirror image is none where normals tell the two apart. Without
-    normals, and for a map that only poses lead to, it is at most one half. The scales were set on poses of one body
-    and on ants, many of which it gets wrong.
+    Rivals are candidates of its orientation; its mirror image is none where normals tell the two apart.
     """
     chosen = found[0]
     rivals = [c.score for c in found[1:] if options.orientation == "any" or _same_orientation(c, chosen)]
-    odds = np.exp(-(np.array([chosen.score, *rivals]) - chosen.score) / SCORE_SCALE)
-    quality = 0.5
-    if np.isfinite(chosen.evidence.orientation):
-        quality = 1.0 / (1.0 + np.exp((chosen.evidence.map_score - DOUBTFUL_SCORE) / DOUBT_SCALE))
-    if chosen.origin == FROM_POSES:
-        quality = min(quality, 0.5)
-    return float(min(1.0, 1.0 / odds.sum()) * quality)
+    return map_confidence(chosen.evidence, chosen.score, rivals, from_poses=chosen.origin == FROM_POSES)
 
 
 def _same_orientation(candidate: Refined, chosen: Refined) -> bool:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from collalign.nonrigid.evidence import MIXED_ORIENTATION, Evidence
+from collalign.confidence.map_model import Evidence
+from collalign.nonrigid.evidence import MIXED_ORIENTATION
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.files import write_atomic
 from data_tools.io.objects import ShapeLike, as_origin

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from collalign.confidence.radius_model import COVERAGE
 from collalign.landmarks.curves import slider_rows
-from collalign.landmarks.radii import COVERAGE
 from collalign.tools.transfer.result import TransferredLandmarks
 from data_tools.arrays import FloatArray
 from data_tools.io.files import write_atomic

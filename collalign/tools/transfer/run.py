@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from collalign.confidence.radius_model import Calibration, Evidence, beyond_range, calibrate, radii
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory
 from collalign.landmarks.carry import Template, at_places, off_surface, on_surface, template
 from collalign.landmarks.curves import evenly_spaced
 from collalign.landmarks.files import read_templates, with_semilandmarks
 from collalign.landmarks.fusion import fuse, template_distance
-from collalign.landmarks.radii import Calibration, Evidence, beyond_range, calibrate, radii
 from collalign.landmarks.table import LandmarkTable, landmark_table
 from collalign.output.evidence.file import load_view
 from collalign.products.collection import DOUBT

@@ -7,14 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from collalign.nonrigid.evidence import (
-    FLOOR,
-    STRETCH_WEIGHT,
-    Evidence,
-    _commutativity_gap,
-    _curvature_gap,
-    paired_forms,
-)
+from collalign.confidence.map_model import FLOOR, STRETCH_WEIGHT, Evidence
+from collalign.nonrigid.evidence import _commutativity_gap, _curvature_gap, paired_forms
 from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.starts.masks import candidate_mask, descriptor_gaps
 from collalign.nonrigid.surface.graph_operator import GAUSSIAN_WIDTH, NUM_NEIGHBOURS, _weights, graph_spectrum

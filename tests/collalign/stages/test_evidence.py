@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from collalign.align import align_collection
+from collalign.confidence.candidate_model import EVIDENCE, candidate_chances, evidence_score
 from collalign.engine.options import RunOptions
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.surface.posed import prepare_posed
@@ -17,7 +18,6 @@ from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, WeighedPose, distinct
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
-from collalign.stages.evidence.odds import EVIDENCE, evidence_score
 from collalign.stages.evidence.rivals import missing_poses, support, voted_poses, votes_of
 from collalign.stages.evidence.weigh import by_energy, with_evidence
 from collalign.stages.poses.synchronize import pair_graph
@@ -191,15 +191,15 @@ def test_dense_points_speak_beside_energies() -> None:
 
 def test_chances_of_candidates_leave_room_for_none_and_do_not_depend_on_units() -> None:
     pair = a_pair([0.10, 0.11, 0.3])
-    chances = pair.chances
+    chances = candidate_chances(pair)
     assert np.argmax(chances) == 0
     assert 0.85 < chances.sum() < 0.95
     assert chances[0] / chances[1] == pytest.approx(1.1**24)
-    np.testing.assert_allclose(replace(pair, energies=7.0 * pair.energies).chances, chances)
-    alone = a_pair([0.1]).chances[0]
+    np.testing.assert_allclose(candidate_chances(replace(pair, energies=7.0 * pair.energies)), chances)
+    alone = candidate_chances(a_pair([0.1]))[0]
     assert alone == pytest.approx(1.0 / (1.0 + np.exp(-2.35)))
-    assert a_pair([0.0, 0.0]).chances == pytest.approx([1.0 / (2.0 + np.exp(-2.35))] * 2)
-    weighed = replace(pair, log_odds=np.array([-np.inf, -3.0, -4.0])).chances
+    assert candidate_chances(a_pair([0.0, 0.0])) == pytest.approx([1.0 / (2.0 + np.exp(-2.35))] * 2)
+    weighed = candidate_chances(replace(pair, log_odds=np.array([-np.inf, -3.0, -4.0])))
     assert weighed[0] == 0.0
     assert weighed[1] / weighed[2] == pytest.approx(np.exp(1.4))
 

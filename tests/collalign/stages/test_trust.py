@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from collalign.confidence.pose_model import MOST_CONFIDENT, pose_confidence, probability
 from collalign.engine.options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
@@ -18,7 +19,6 @@ from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.surface_gap import surface_gap
 from collalign.stages.trust.assess import EITHER_SIDE, RIVAL_POWER, gather_trust, partners_of, with_trust
-from collalign.stages.trust.model import MOST_CONFIDENT, pose_confidence, probability
 from collalign.stages.trust.rivals import Partner, leads_over, rival_poses
 from collalign.stages.trust.symmetry import near_symmetries, turns_in_words
 from collalign.stages.trust.words import listed, trust_notes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pairwise.partial.certainty import MOST_CERTAIN, certainty, rival_margin
+from collalign.confidence.overlap_model import MOST_CERTAIN, certainty, rival_margin
 
 FLIPPED = np.diag([1.0, -1.0, -1.0])
 

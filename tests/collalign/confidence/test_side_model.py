@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from collalign.stages.chirality.sides import MIN_SHAPES, Sides, find_sides, preferences
+from collalign.confidence.side_model import MIN_SHAPES, Sides, find_sides, preferences
 from collalign.stages.pairs.graph import all_pairs
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import InputError

@@ -2,9 +2,17 @@
 
 import numpy as np
 
+from collalign.confidence.radius_model import (
+    COVERAGE,
+    MIN_TEMPLATES,
+    Evidence,
+    beyond_range,
+    calibrate,
+    radii,
+    spread,
+)
 from collalign.landmarks.carry import carried, on_surface, template
 from collalign.landmarks.fusion import fuse, template_distance, template_weights
-from collalign.landmarks.radii import COVERAGE, MIN_TEMPLATES, Evidence, beyond_range, calibrate, radii, spread
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.surface.closest import SurfaceLocator
 

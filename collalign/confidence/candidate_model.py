@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_tools.arrays import FloatArray
+from collalign.products.pair import Pair
+from data_tools.arrays import FloatArray, read_only
 
 #: Kinds of evidence of a pose, in the order of the columns of ``Pair.evidence``.
 EVIDENCE = (
     "energy",  # of the samples' best one-to-one match at the pose
     "surface",  # mean squared distance of closest points, normals included
     "normals",  # mean 1 - cosine of the normals of points that the map matches
-    "curvature",  # the map's, as in collalign.nonrigid.evidence.Evidence
+    "curvature",  # the map's, as in collalign.confidence.map_model.Evidence
     "commutativity",
     "roughness",
     "orientation",  # times the determinant of the pose, so that 1 is right for mirrored poses too
@@ -35,6 +36,14 @@ WEIGHTS = {
 }
 #: Floor of a disagreement inside its logarithm.
 FLOOR = 1e-3
+#: Costs count as no smaller than this in logarithms.
+LEAST_COST = float(np.finfo(float).tiny)
+#: How many times as telling as the logarithms of costs, and the log-odds of maps, the odds of candidates are, and the
+#: log-odds that none is right against the best: fitted on 10 920 pairs of 151 runs over 22 collections, those right
+#: that are within 25 deg of the final poses of two shapes that are within 20 of the truth. With each collection
+#: left out, stated and right differ by .10 (costs, which say too little) and .04 (maps) on average, and of the
+#: likeliest candidates at .9 or more 98 and 95 % are right.
+COST_TRUST, MAP_TRUST, NONE_RIGHT = 24.0, 1.4, -2.35
 
 
 def evidence_score(evidence: FloatArray) -> FloatArray:
@@ -48,3 +57,11 @@ def evidence_score(evidence: FloatArray) -> FloatArray:
     columns = [EVIDENCE.index(kind) for kind in WEIGHTS]
     logs = np.log(np.maximum(evidence[:, columns], FLOOR))
     return np.asarray(-np.nan_to_num(logs) @ np.array(list(WEIGHTS.values())))
+
+
+def candidate_chances(pair: Pair) -> FloatArray:
+    """Return how probable each candidate is by its pair alone, shape (m,); what they leave is that none is right."""
+    costs = np.maximum(pair.costs, LEAST_COST)
+    odds = MAP_TRUST * pair.log_odds if len(pair.log_odds) else -COST_TRUST * np.log(costs)
+    weights = np.exp(odds - odds.max())
+    return read_only(weights / (weights.sum() + np.exp(NONE_RIGHT)))
