@@ -9,6 +9,7 @@ from pathlib import Path
 
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import plain_cell
+from data_tools.io.files import read_text
 
 #: Values that mean "not known", compared without regard to case.
 UNKNOWN = frozenset({"", "na", "n/a", "nan", "none", "unknown", "?"})
@@ -91,8 +92,8 @@ def read_labels(path: Path | str) -> Labels:
     """
     source = Path(path)
     try:
-        text = source.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(source, "utf-8-sig")
+    except (InputError, UnicodeDecodeError) as error:
         raise InputError(f"{source}: cannot be read as text ({error}); save the table as CSV in UTF-8") from error
     try:
         rows = [[plain_cell(cell) for cell in row] for row in csv.reader(text.splitlines(), _dialect(text))]

@@ -12,6 +12,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.errors import InputError
+from data_tools.io.files import read_text
 
 FORMAT = "collalign-corrections"
 VERSION = 1
@@ -116,8 +117,8 @@ def read_corrections(path: Path | str) -> Corrections:
     """
     source = Path(path)
     try:
-        record = json.loads(source.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        record = json.loads(read_text(source))
+    except (ValueError, RecursionError) as error:
         raise InputError(
             f"{source}: cannot be read as JSON ({error}); download the decisions from the report again"
         ) from error

@@ -1,27 +1,35 @@
 """Checks the certificates of a result: every pair's problem is stated here, and compared with its certificate.
 
 The problem is that of the samples in ``certificates/problems.npz``, with all maps and the group that
-``alignment.json`` says; these must be the samples of ``correspondences.npz`` up to position, size and rotation.
+``alignment.json`` says. These must be the samples of ``correspondences.npz``, taken back by the transforms of
+``alignment.json``, centred and scaled as its options say; nothing else holds the invariants beside them. No bound may
+exceed the pair's energy in ``pairs.csv``. Files that the manifest does not name are not looked at.
 """
 
 from __future__ import annotations
 
 import csv
+import io
 import json
 import re
-import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from collalign.output.certificates import CERTIFICATE_FOLDER, PROBLEMS_FILE
-from collalign.output.write import ALIGNMENT_FILE, CORRESPONDENCES_FILE, PAIRS_FILE
+from collalign.output.write import ALIGNMENT_FILE, CORRESPONDENCES_FILE, MESH_FOLDER, PAIRS_FILE, WRITER
 from data_tools.arrays import FloatArray, as_floats
 from data_tools.errors import InputError
+from data_tools.io.archives import load_arrays
 from data_tools.io.csv_cells import plain_cell
-from data_tools.rotations import nearest_orthogonal
+from data_tools.io.files import open_regular, read_text
+from data_tools.io.output_folder import file_stems, written_files
+from data_tools.io.shapes import read_shape
+from data_tools.options import AS_STORED
+from data_tools.surface.laplacian import vertex_areas
 from data_tools.threads import one_blas_thread
 from pairwise.certificates.certificate import MAX_BYTES, Certificate
 from pairwise.certificates.verify import verify_certificate
@@ -29,9 +37,13 @@ from pairwise.problem.problem import Problem
 
 #: Largest distance, as a share of a shape's size, between its samples in the common frame and as they were matched.
 _SAMPLE_TOL = 1e-6
+#: Areas of a surface and of the simplified copy that the run took it of differ by less than this share.
+_AREA_TOL = 0.05
 
 #: A bound of ``pairs.csv`` counts as proven from this share of it on.
 _PROVEN_SHARE = 1.0 - 1e-6
+#: A bound may exceed the energy by rounding: shares of the energy, and of the squares of both shapes.
+_ENERGY_TOL, _SQUARES_TOL = 1e-6, 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,118 +123,168 @@ class Verification:
         return "\n".join(lines)
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Result:
+    """What a result's folder says of the problems: checked for form, not for truth."""
+
+    names: tuple[str, ...]
+    group: str
+    normalisation: str
+    transforms: FloatArray
+    positions: FloatArray
+    coordinates: FloatArray
+    invariants: FloatArray
+    rows: dict[tuple[str, str], tuple[float, float]]
+
+    def problem(self, target: int, source: int) -> Problem:
+        """Return the problem of two shapes."""
+        dim = self.coordinates.shape[2]
+        return Problem.from_user(
+            self.coordinates[target],
+            self.coordinates[source],
+            group=self.group,
+            rotation_pattern=None if dim == 3 else (3, dim - 3),
+            invariants=(self.invariants[target], self.invariants[source]),
+        )
+
+    def exceeds(self, bound: float, energy: float, target: int, source: int) -> bool:
+        """Whether a bound is above a pair's energy, or that is not known: it is that of the samples in space."""
+        squares = float((self.coordinates[[target, source]] ** 2).sum())
+        limit = energy + _ENERGY_TOL * abs(energy) + _SQUARES_TOL * squares
+        return self.coordinates.shape[2] == 3 and not (np.isfinite(limit) and bound <= limit)
+
+
 @one_blas_thread()
 def verify_result(folder: Path | str) -> Verification:
-    """Check every certificate of a result's folder.
+    """Check every certificate of a result's folder that its manifest names.
 
     Raises
     ------
     InputError
-        If the folder holds no certificates, or what they are about cannot be read or is about other shapes. A
-        certificate that is refused is no error but a ``fault`` of its pair.
+        If the folder holds no certificates, or what they are about cannot be read, is about other shapes, or states
+        bounds above energies. A certificate that is refused is no error but a ``fault`` of its pair.
     """
     folder = Path(folder)
-    files = sorted((folder / CERTIFICATE_FOLDER).glob("*-*.npz"), key=_shapes_of)
+    files = _certificate_files(folder)
     if not files:
         raise InputError(f"{folder}: holds no certificates; `collalign align FOLDER --out OUT --certify` makes them")
-    names, group = _names_and_group(folder / ALIGNMENT_FILE)
-    stated = _stated_bounds(folder / PAIRS_FILE)
-    coordinates, invariants = _matched_samples(folder, len(names))
-    checked = []
-    for file in files:
-        target, source = _shapes_of(file)
-        if max(target, source) >= len(names):
-            raise InputError(f"{file}: the result has only {len(names)} shapes")
-        bound = stated.get((names[target], names[source]), float("nan"))
-        try:
-            certificate = Certificate.load(file)
-            problem = Problem.from_user(
-                coordinates[target],
-                coordinates[source],
-                group=group,
-                rotation_pattern=None if coordinates.shape[2] == 3 else (3, coordinates.shape[2] - 3),
-                invariants=(invariants[target], invariants[source]),
-            )
-            proven = verify_certificate(problem.target, problem.source, certificate, problem=problem)
-            found = CheckedPair(
-                target=names[target], source=names[source], kind=certificate.kind, proven=proven, stated=bound
-            )
-        except InputError as error:
-            found = CheckedPair(
-                target=names[target],
-                source=names[source],
-                kind="",
-                proven=float("nan"),
-                stated=bound,
-                fault=str(error),
-            )
-        checked.append(found)
-    return Verification(pairs=tuple(checked), num_stated=sum(bound == bound for bound in stated.values()))
+    result = _read(folder)
+    for target, source in files:
+        if max(target, source) >= len(result.names):
+            raise InputError(f"{files[target, source]}: the result has only {len(result.names)} shapes")
+    for shape in range(len(result.names)):
+        _check_samples(folder, result, shape)
+    checked = [_check_pair(result, file, target, source) for (target, source), file in sorted(files.items())]
+    return Verification(pairs=tuple(checked), num_stated=sum(bound == bound for bound, _ in result.rows.values()))
 
 
-def _shapes_of(file: Path) -> tuple[int, int]:
-    """Return the numbers of a certificate's target and source, from its name."""
-    match = re.fullmatch(r"(\d{1,9})-(\d{1,9})\.npz", file.name)
-    if match is None:
-        raise InputError(f"{file}: not the name of a certificate, expected TARGET-SOURCE.npz with two numbers")
-    return int(match[1]), int(match[2])
+def _certificate_files(folder: Path) -> dict[tuple[int, int], Path]:
+    """Return the certificates that the manifest names, by the numbers of target and source."""
+    named = re.compile(rf"{CERTIFICATE_FOLDER}/(\d{{1,9}})-(\d{{1,9}})\.npz")
+    found = (named.fullmatch(name) for name in written_files(folder, WRITER))
+    return {(int(name[1]), int(name[2])): folder / name[0] for name in found if name is not None}
 
 
-def _names_and_group(file: Path) -> tuple[list[str], str]:
-    """Return the shapes' names and the group that was decided."""
+def _check_pair(result: _Result, file: Path, target: int, source: int) -> CheckedPair:
+    """Say what the certificate of a pair proves."""
+    ends = (result.names[target], result.names[source])
+    kind, proven, fault = "", float("nan"), ""
+    bound, energy = result.rows.get(ends, (float("nan"), float("nan")))
     try:
-        record = json.loads(file.read_text("utf-8"))
-        return [str(shape["name"]) for shape in record["shapes"]], str(record["decided"]["group"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        if ends not in result.rows:
+            raise InputError(f"{file}: {PAIRS_FILE} has no such pair")
+        certificate = Certificate.load(file)
+        problem = result.problem(target, source)
+        value = verify_certificate(problem.target, problem.source, certificate, problem=problem)
+        if result.exceeds(value, energy, target, source):
+            raise InputError(f"{file}: proves {value:.6g}, above the pair's energy {energy:.6g}: not of this problem")
+        kind, proven = certificate.kind, value
+    except InputError as error:
+        fault = str(error)
+    return CheckedPair(target=ends[0], source=ends[1], kind=kind, proven=proven, stated=bound, fault=fault)
+
+
+def _read(folder: Path) -> _Result:
+    """Read what the certificates are about; damaged and contradictory files are named."""
+    file = folder / ALIGNMENT_FILE
+    try:
+        record = json.loads(read_text(file))
+        names = tuple(str(shape["name"]) for shape in record["shapes"])
+        group, normalisation = str(record["decided"]["group"]), str(record["options"]["sampling"]["normalisation"])
+        transforms = as_floats([shape["transform"] for shape in record["shapes"]], "transforms", shape=(None, 4, 4))
+    except (ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
         raise InputError(f"{file}: cannot be read as a result ({error})") from None
-
-
-def _stated_bounds(file: Path) -> dict[tuple[str, str], float]:
-    """Return the lower bound of every pair of the table, NaN where there is none."""
-    try:
-        with file.open(newline="", encoding="utf-8") as table:
-            return {
-                (plain_cell(row["target"]), plain_cell(row["source"])): float(row["lower_bound"] or "nan")
-                for row in csv.DictReader(table)
-            }
-    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
-        raise InputError(f"{file}: cannot be read as a table of pairs ({error})") from None
-
-
-def _matched_samples(folder: Path, num_shapes: int) -> tuple[FloatArray, FloatArray]:
-    """Return the samples as they were matched, (N, k, d), and their invariants, once they are those of the result."""
-    matched = _load(folder / CERTIFICATE_FOLDER / PROBLEMS_FILE, ("coordinates", "invariants"))
-    coordinates = as_floats(matched["coordinates"], "coordinates", shape=(num_shapes, None, None))
+    if group not in ("SO", "O") or len(set(names)) < len(names):
+        raise InputError(
+            f"{file}: no result of this program: names that occur twice, or a group that is neither SO nor O"
+        )
+    samples = _load(folder / CERTIFICATE_FOLDER / PROBLEMS_FILE, ("coordinates", "invariants"))
+    coordinates = as_floats(samples[0], "coordinates", shape=(len(names), None, None))
     num_samples = coordinates.shape[1]
-    invariants = as_floats(matched["invariants"], "invariants", shape=(num_shapes, num_samples, None))
-    placed = _load(folder / CORRESPONDENCES_FILE, ("positions",))["positions"]
-    positions = as_floats(placed, "positions", shape=(num_shapes, num_samples, 3))
-    for i in range(num_shapes):
-        if not _deviation(positions[i], coordinates[i, :, :3]) <= _SAMPLE_TOL:
+    (placed,) = _load(folder / CORRESPONDENCES_FILE, ("positions",))
+    result = _Result(
+        names=names,
+        group=group,
+        normalisation=normalisation,
+        transforms=transforms,
+        positions=as_floats(placed, "positions", shape=(len(names), num_samples, 3)),
+        coordinates=coordinates,
+        invariants=as_floats(samples[1], "invariants", shape=(len(names), num_samples, None)),
+        rows=_pair_rows(folder / PAIRS_FILE),
+    )
+    numbers = {name: number for number, name in enumerate(names)}
+    for (target, source), (bound, energy) in result.rows.items():
+        known = bound == bound and {target, source} <= numbers.keys()
+        if known and result.exceeds(bound, energy, numbers[target], numbers[source]):
             raise InputError(
-                f"{folder / CERTIFICATE_FOLDER / PROBLEMS_FILE}: the samples of shape {i} are not those of "
-                f"{CORRESPONDENCES_FILE}; the certificates are about other shapes"
+                f"{folder / PAIRS_FILE}: states a lower bound of {bound:.6g} for {target} - {source}, above its "
+                f"energy {energy:.6g}"
             )
-    return coordinates, invariants
+    return result
 
 
-def _deviation(target: FloatArray, source: FloatArray) -> float:
-    """Return the largest distance after the best similarity, mirrored or not, as a share of the target's size."""
-    q, p = (points - points.mean(axis=0) for points in (target, source))
-    sizes = [float(np.linalg.norm(points)) for points in (q, p)]
-    if min(sizes) == 0.0:
-        return 0.0 if max(sizes) == 0.0 else np.inf
-    moved = (p / sizes[1]) @ nearest_orthogonal((q / sizes[0]).T @ (p / sizes[1])).T
-    return float(np.linalg.norm(moved - q / sizes[0], axis=1).max())
-
-
-def _load(file: Path, names: tuple[str, ...]) -> dict[str, Any]:
-    """Read arrays of an archive that is not trusted to be small or whole."""
+def _pair_rows(file: Path) -> dict[tuple[str, str], tuple[float, float]]:
+    """Return the lower bound and the energy of every pair of the table, NaN where there is none."""
+    rows: dict[tuple[str, str], tuple[float, float]] = {}
     try:
-        with zipfile.ZipFile(file) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
-                raise InputError(f"more than {MAX_BYTES} bytes")
-        with np.load(file, allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in names}
-    except Exception as error:  # damaged archives fail in every way there is
-        raise InputError(f"{file}: cannot be read ({error})") from None
+        for row in csv.DictReader(io.StringIO(read_text(file), newline="")):
+            ends = plain_cell(row["target"]), plain_cell(row["source"])
+            if ends in rows or ends[::-1] in rows:
+                raise InputError(f"the pair {ends[0]} - {ends[1]} occurs twice")
+            rows[ends] = float(row["lower_bound"] or "nan"), float(row["energy"] or "nan")
+    except (ValueError, KeyError, TypeError, AttributeError, csv.Error) as error:
+        raise InputError(f"{file}: cannot be read as a table of pairs ({error})") from None
+    return rows
+
+
+def _check_samples(folder: Path, result: _Result, shape: int) -> None:
+    """Refuse samples that are not those of the result, as the run centred and scaled them."""
+    matched, placed = result.coordinates[shape, :, :3], result.positions[shape]
+    linear = result.transforms[shape, :3, :3]
+    try:
+        own = (placed - placed.mean(axis=0)) @ np.linalg.inv(linear).T
+    except np.linalg.LinAlgError:
+        raise InputError(f"{folder / ALIGNMENT_FILE}: the transform of shape {shape} is singular") from None
+    size = float(np.linalg.norm(own))
+    unit = {"centroid": size, "none": 1.0}.get(
+        result.normalisation, size / max(float(np.linalg.norm(matched)), 1e-300)
+    )
+    if result.normalisation not in ("centroid", "none"):
+        mesh = read_shape(folder / MESH_FOLDER / f"{file_stems(result.names)[shape]}.ply", AS_STORED)
+        length = float(vertex_areas(mesh).sum()) ** 0.5 / abs(float(np.linalg.det(linear))) ** (1 / 3)
+        unit = unit if abs((unit / length) ** 2 - 1.0) <= _AREA_TOL else float("nan")
+    if not np.abs(matched * unit - own).max() <= _SAMPLE_TOL * size:
+        raise InputError(
+            f"{folder / CERTIFICATE_FOLDER / PROBLEMS_FILE}: the samples of shape {shape} are not those of "
+            f"{CORRESPONDENCES_FILE}, centred and scaled; the certificates are about other shapes"
+        )
+
+
+def _load(file: Path, names: tuple[str, ...]) -> list[NDArray[Any]]:
+    """Read arrays of an archive that is not trusted to be small or whole."""
+    with open_regular(file, MAX_BYTES) as stream:
+        arrays = load_arrays(stream.read(), str(file))
+    missing = [name for name in names if name not in arrays]
+    if missing:
+        raise InputError(f"{file}: cannot be read, it has no array {missing[0]!r}")
+    return [arrays[name] for name in names]

@@ -25,7 +25,7 @@ from collalign.products.evidence import CollectionView
 from collalign.products.trust import KINDS
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
-from data_tools.io.files import write_atomic
+from data_tools.io.files import read_text, write_atomic
 from data_tools.io.output_folder import OutputFolder, file_stems, refuse_overlap
 from data_tools.io.source import Origin, location
 from data_tools.poses import scales_of
@@ -163,7 +163,7 @@ def _summary(result: Path | str) -> Iterator[Any]:
     """Open the contents of a result's ``alignment.json``; what is missing there is an error of the file."""
     record = Path(result) / ALIGNMENT_FILE
     try:
-        yield json.loads(record.read_text("utf-8"))
+        yield json.loads(read_text(record))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{record}: not the summary of an alignment ({error})") from None
 

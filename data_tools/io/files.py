@@ -5,11 +5,20 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import stat
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
 from data_tools.errors import InputError, UnavailableError
+
+#: Longer texts are refused before they are read, in bytes: manifests, summaries and tables are far shorter.
+MAX_TEXT_BYTES = 256 * 2**20
+#: For ``os.open``: no pipe is waited for, no child inherits the file, bytes come as they are; each system has some.
+_AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 
 
 def write_atomic(path: Path, content: bytes) -> Path:
@@ -41,6 +50,46 @@ def write_atomic(path: Path, content: bytes) -> Path:
     return path
 
 
+@contextmanager
+def open_regular(path: Path, max_bytes: int) -> Iterator[BufferedReader]:
+    """Open a regular file of bearable size: a pipe would be waited for, and a device never ends.
+
+    Raises
+    ------
+    UnavailableError
+        If it cannot be opened or is no regular file.
+    InputError
+        If it is larger.
+    """
+    try:
+        with open(os.open(path, os.O_RDONLY | _AT_ONCE), "rb") as stream:
+            status = os.fstat(stream.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise UnavailableError(f"{path}: is not a regular file")
+            if status.st_size > max_bytes:
+                raise InputError(
+                    f"{path}: {status.st_size} bytes, at most {max_bytes} are read; make it smaller first"
+                )
+            yield stream
+    except OSError as error:
+        raise UnavailableError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def read_text(path: Path, encoding: str = "utf-8") -> str:
+    """Return the text of a regular file.
+
+    Raises
+    ------
+    InputError
+        As :func:`open_regular`.
+    UnicodeDecodeError
+        If it is no text of this encoding.
+    """
+    with open_regular(path, MAX_TEXT_BYTES) as stream:
+        content = stream.read()
+    return content.decode(encoding)
+
+
 def read_toml(path: Path | str) -> dict[str, Any]:
     """Return the content of a TOML file.
 
@@ -51,9 +100,9 @@ def read_toml(path: Path | str) -> dict[str, Any]:
     """
     path = Path(path)
     try:
-        return tomllib.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+        return tomllib.loads(read_text(path))
+    except InputError:
+        raise
     except ValueError as error:
         raise InputError(f"{path}: not TOML ({error})") from None
     except RecursionError:

@@ -12,13 +12,14 @@ import json
 import os
 import re
 import shutil
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from data_tools.errors import InputError
-from data_tools.io.files import write_atomic
+from data_tools.io.files import open_regular, read_text, write_atomic
 from data_tools.io.locks import PRIVATE, take_lock
 
 #: Folder, inside of an output folder, that holds the manifest, the lock and what is not finished yet.
@@ -112,6 +113,19 @@ def _places(path: Path) -> tuple[set[object], set[object]]:
             found = place.stat()
             marks[-1].add((found.st_dev, found.st_ino))
     return marks[0], set().union(*marks)
+
+
+def written_files(folder: Path, writer: str) -> list[str]:
+    """Return what the manifest of a folder of results lists of one command, relative to the folder, by name.
+
+    Raises
+    ------
+    InputError
+        If the manifest is damaged.
+    """
+    return sorted(
+        name for name, entry in OutputFolder(folder, writer)._entries().items() if entry["writer"] == writer
+    )
 
 
 class OutputFolder:
@@ -260,11 +274,11 @@ class OutputFolder:
 
     def _entries(self) -> Entries:
         """Return what the manifest lists; nothing in it is trusted to be well-formed or to stay in the folder."""
-        try:
-            content = json.loads(self._manifest.read_text("utf-8"))
-        except FileNotFoundError:
+        if not os.path.lexists(self._manifest):
             return {}
-        except (OSError, ValueError, RecursionError) as error:
+        try:
+            content = json.loads(read_text(self._manifest))
+        except (ValueError, RecursionError) as error:
             raise InputError(f"{self._manifest}: cannot be read ({error}); {_ADVICE}") from None
         files = content.get("files") if isinstance(content, dict) else None
         if not isinstance(files, dict) or content.get("version") != _MANIFEST_VERSION:
@@ -295,7 +309,7 @@ def _either(entries: Entries, fresh: Entries) -> Entries:
 
 
 def _digest(path: Path) -> str:
-    with path.open("rb") as stream:
+    with open_regular(path, sys.maxsize) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 

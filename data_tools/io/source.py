@@ -8,23 +8,17 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import stat
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cached_property
-from io import BufferedReader
 from pathlib import Path
 from typing import TypeAlias
 
-from data_tools.errors import InputError, UnavailableError
-from data_tools.io.files import existing_file
+from data_tools.errors import InputError
+from data_tools.io.files import existing_file, open_regular
 
 #: Larger files are refused before anything of them is read, in bytes.
 MAX_FILE_BYTES = 4 * 2**30
 #: The same for the text of a GLTF file, which is parsed as a whole.
 MAX_GLTF_BYTES = 256 * 2**20
-#: For ``os.open``: no pipe is waited for, no child inherits the file, bytes come as they are; each system has some.
-_AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 #: Hexadecimal digits of a digest: 160 bits of SHA-256.
 DIGEST_LENGTH = 40
 
@@ -160,29 +154,17 @@ def sibling_path(path: Path, name: str) -> Path:
     return found
 
 
-@contextmanager
-def _regular(path: Path) -> Iterator[BufferedReader]:
-    """Open a regular file of bearable size: a pipe would be waited for, and a device never ends."""
-    limit = MAX_GLTF_BYTES if path.suffix.lower() == ".gltf" else MAX_FILE_BYTES
-    try:
-        with open(os.open(path, os.O_RDONLY | _AT_ONCE), "rb") as stream:
-            status = os.fstat(stream.fileno())
-            if not stat.S_ISREG(status.st_mode):
-                raise UnavailableError(f"{path}: is not a regular file")
-            if status.st_size > limit:
-                raise InputError(f"{path}: {status.st_size} bytes, at most {limit} are read; decimate it first")
-            yield stream
-    except OSError as error:
-        raise UnavailableError(f"{path}: cannot be read ({error.strerror or error})") from error
+def _limit(path: Path) -> int:
+    return MAX_GLTF_BYTES if path.suffix.lower() == ".gltf" else MAX_FILE_BYTES
 
 
 def _read(path: Path) -> bytes:
-    with _regular(path) as stream:
+    with open_regular(path, _limit(path)) as stream:
         return stream.read(os.fstat(stream.fileno()).st_size)
 
 
 def _digest(path: Path) -> str:
-    with _regular(path) as stream:
+    with open_regular(path, _limit(path)) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from os import PathLike
+from os.path import isfile
 from typing import Any
 
 import numpy as np
@@ -75,6 +76,8 @@ class Certificate:
         InputError
             If the file is missing, damaged, or not a certificate.
         """
+        if not isfile(path):  # a pipe would be waited for
+            raise InputError(f"{path}: cannot be read as a certificate (no such file, or not a regular one)")
         try:
             with np.load(path, allow_pickle=False) as archive:
                 if sum(entry.file_size for entry in archive.zip.infolist()) > MAX_BYTES:

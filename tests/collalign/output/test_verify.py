@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,14 +15,18 @@ import pytest
 from collalign.output.certificates import write_certificates
 from collalign.output.verify import verify_result
 from collalign.products.pair import Pair
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.output_folder import OutputFolder
+from data_tools.io.shapes import write_mesh
+from data_tools.surface.shape import Shape
 from pairwise import Problem, solve_relaxation
 from tests.problems import random_rotation
 
 NAMES = ("=sum", "b", "c")
 K = 5
+COLUMNS = ("target", "source", "lower_bound", "energy")
 
 
 @dataclass(frozen=True)
@@ -35,31 +42,56 @@ class Certified:
 def certified() -> Certified:
     rng = np.random.default_rng(3)
     coordinates, invariants = rng.standard_normal((3, K, 3)), 0.1 * rng.standard_normal((3, K, 2))
+    coordinates -= coordinates.mean(axis=1, keepdims=True)
+    coordinates /= np.linalg.norm(coordinates, axis=(1, 2), keepdims=True)
     certificate = solve_relaxation(
         coordinates[0], coordinates[2], invariants=(invariants[0], invariants[2]), relaxation="quaternion"
     ).certificate
     empty = {"rotations": np.zeros((0, 3, 3)), "maps": np.zeros((0, K), dtype=np.int64), "energies": np.zeros(0)}
     pairs = (
-        Pair(target=0, source=1, lower_bound=0.1, **empty),
-        Pair(target=0, source=2, lower_bound=certificate.bound, certificate=certificate, **empty),
+        Pair(target=0, source=1, lower_bound=0.1, energy=0.2, **empty),
+        Pair(
+            target=0,
+            source=2,
+            lower_bound=certificate.bound,
+            energy=1.1 * certificate.bound,
+            certificate=certificate,
+            **empty,
+        ),
         Pair(target=1, source=2, **empty),
     )
     return Certified(coordinates, invariants, pairs)
 
 
+def summary(certified: Certified, normalisation: str) -> tuple[dict, np.ndarray]:
+    """Return what alignment.json says, and the samples in the common frame: turned, scaled, shifted and mirrored."""
+    rng = np.random.default_rng(0)
+    shapes, positions = [], []
+    for i, (name, x) in enumerate(zip(NAMES, certified.coordinates, strict=True)):
+        unit, transform = 1.0 if normalisation == "none" else 5.0 + i, np.eye(4)
+        transform[:3, :3] = 2.0 * random_rotation(rng, 3, reflected=i == 1) / unit
+        transform[:3, 3] = i
+        shapes.append({"name": name, "transform": transform.tolist()})
+        positions.append((unit * x + 7.0) @ transform[:3, :3].T + transform[:3, 3])
+    options = {"sampling": {"normalisation": normalisation}}
+    return {"shapes": shapes, "decided": {"group": "SO"}, "options": options}, np.array(positions)
+
+
+def rewrite_table(folder: Path, change: Callable[[list[list[str]]], None]) -> None:
+    rows = [line.split(",") for line in (folder / "pairs.csv").read_text().splitlines()]
+    change(rows)
+    (folder / "pairs.csv").write_text("\n".join(map(",".join, rows)))
+
+
 @pytest.fixture
 def folder(certified: Certified, tmp_path: Path) -> Path:
-    rng = np.random.default_rng(0)
     with OutputFolder.open(tmp_path / "out", writer="align") as output:
         write_certificates(certified, output)  # type: ignore[arg-type]
-        positions = [
-            2.0 * x @ random_rotation(rng, 3, reflected=i == 1) + i for i, x in enumerate(certified.coordinates)
-        ]
-        np.savez(output.stage("correspondences.npz"), positions=np.array(positions))
-        shapes = {"shapes": [{"name": name} for name in NAMES], "decided": {"group": "SO"}}
-        output.stage("alignment.json").write_text(json.dumps(shapes))
-        rows = [(NAMES[p.target], NAMES[p.source], p.lower_bound) for p in certified.pairs]
-        output.stage("pairs.csv").write_text(csv_text([("target", "source", "lower_bound"), *rows]))
+        record, positions = summary(certified, "centroid")
+        np.savez(output.stage("correspondences.npz"), positions=positions)
+        output.stage("alignment.json").write_text(json.dumps(record))
+        rows = [(NAMES[p.target], NAMES[p.source], p.lower_bound, p.energy) for p in certified.pairs]
+        output.stage("pairs.csv").write_text(csv_text([COLUMNS, *rows]))
         output.publish()
     return tmp_path / "out"
 
@@ -75,17 +107,100 @@ def test_certificates_hold_and_the_rest_is_called_a_word(folder: Path, certified
     assert json.loads(json.dumps(found.as_dict()))["num_proven"] == 1
 
 
-@pytest.mark.parametrize("name", ["coordinates", "invariants"])
-def test_other_samples_and_invariants_are_noticed(folder: Path, certified: Certified, name: str) -> None:
-    arrays = {"coordinates": certified.coordinates.copy(), "invariants": certified.invariants.copy()}
-    arrays[name][2] *= 1.5
+def test_other_invariants_are_noticed(folder: Path, certified: Certified) -> None:
+    arrays = {"coordinates": certified.coordinates, "invariants": certified.invariants.copy()}
+    arrays["invariants"][2] *= 1.5
     np.savez(folder / "certificates" / "problems.npz", **arrays)
-    found = verify_result(folder)  # 1.5 times the samples are still the samples of the result
+    found = verify_result(folder)
     assert not found.holds
     assert found.num_proven == 0
     assert "is for another problem" in found.pairs[0].fault
     assert "1 REFUSED" in found.table()
     assert found.as_dict()["pairs"][0]["proven"] is None
+
+
+@pytest.mark.parametrize("change", ["scaled", "shifted", "mirrored"])
+def test_samples_of_the_result_must_be_centred_and_scaled_as_by_the_run(
+    folder: Path, certified: Certified, change: str
+) -> None:
+    samples = certified.coordinates[2]
+    samples = {"scaled": 1.5 * samples, "shifted": samples + 0.1, "mirrored": -samples}[change]
+    coordinates = np.array([*certified.coordinates[:2], samples])
+    ends = (coordinates[0], coordinates[2])
+    proof = solve_relaxation(*ends, invariants=(certified.invariants[0], certified.invariants[2]))
+    proof.certificate.save(folder / "certificates" / "0-2.npz")
+    np.savez(folder / "certificates" / "problems.npz", coordinates=coordinates, invariants=certified.invariants)
+    rewrite_table(folder, lambda rows: rows[2].__setitem__(slice(2, 4), ["4.1", "5.0"]))
+    with pytest.raises(InputError, match=r"samples of shape 2 are not those .* centred and scaled"):
+        verify_result(folder)
+
+
+def test_the_run_may_have_scaled_by_no_size_or_by_the_area(folder: Path, certified: Certified) -> None:
+    record, positions = summary(certified, "none")
+    np.savez(folder / "correspondences.npz", positions=positions)
+    (folder / "alignment.json").write_text(json.dumps(record))
+    assert verify_result(folder).holds
+    np.savez(folder / "correspondences.npz", positions=[positions[0], positions[1], 2.0 * positions[2]])
+    with pytest.raises(InputError, match="samples of shape 2 are not those"):
+        verify_result(folder)
+    np.savez(folder / "correspondences.npz", positions=positions)
+    record["options"]["sampling"]["normalisation"] = "area"
+    (folder / "alignment.json").write_text(json.dumps(record))
+    for name, transform in zip(NAMES, [shape["transform"] for shape in record["shapes"]], strict=True):
+        sphere = Shape.from_arrays(*sphere_mesh(1000), name=name)
+        sphere = sphere.transformed(np.diag([*[1 / np.sqrt(4 * np.pi)] * 3, 1.0]))
+        write_mesh(folder / "meshes" / f"{name}.ply", sphere.transformed(np.array(transform)))
+    assert verify_result(folder).holds
+    write_mesh(folder / "meshes" / "c.ply", sphere)  # of half the size
+    with pytest.raises(InputError, match="samples of shape 2 are not those"):
+        verify_result(folder)
+
+
+def test_bounds_above_the_energy_are_refused(folder: Path, certified: Certified) -> None:
+    bound = float(certified.pairs[1].lower_bound)
+    rewrite_table(folder, lambda rows: rows[2].__setitem__(3, repr(bound * (1 + 1e-8))))
+    assert verify_result(folder).holds
+    for energy in (repr(bound * (1 - 1e-4)), "", "inf"):  # what is no energy allows no bound
+        rewrite_table(folder, lambda rows, energy=energy: rows[2].__setitem__(slice(2, 4), ["", energy]))
+        assert "above the pair's energy" in verify_result(folder).pairs[0].fault
+    rewrite_table(folder, lambda rows: rows[2].__setitem__(slice(2, 4), ["0.0", repr(bound * (1 - 1e-4))]))
+    assert "above the pair's energy" in verify_result(folder).pairs[0].fault
+    rewrite_table(folder, lambda rows: rows[1].__setitem__(2, "0.21"))  # of a pair without a certificate
+    with pytest.raises(InputError, match=r"states a lower bound of 0\.21 for =sum - b, above its energy 0\.2"):
+        verify_result(folder)
+
+
+def test_each_pair_counts_once_and_only_files_of_the_manifest(folder: Path) -> None:
+    certificates = folder / "certificates"
+    for name in ("2-0.npz", "00-2.npz", "0-02.npz", "a-b.npz"):
+        shutil.copy(certificates / "0-2.npz", certificates / name)
+    os.mkfifo(certificates / "0-1.npz")
+    assert (len(verify_result(folder).pairs), verify_result(folder).num_proven) == (1, 1)
+    manifest = folder / ".collalign" / "manifest.json"
+    content = json.loads(manifest.read_text())
+    for name in ("2-0.npz", "00-2.npz", "0-02.npz", "0-1.npz"):
+        content["files"][f"certificates/{name}"] = content["files"]["certificates/0-2.npz"]
+    manifest.write_text(json.dumps(content))
+    found = verify_result(folder)
+    assert [(pair.target, pair.source, pair.fault.split("/")[-1]) for pair in found.pairs] == [
+        ("=sum", "b", "0-1.npz: cannot be read as a certificate (no such file, or not a regular one)"),
+        ("=sum", "c", ""),
+        ("c", "=sum", "2-0.npz: pairs.csv has no such pair"),
+    ]
+    rewrite_table(folder, lambda rows: rows.append(["c", "=sum", *rows[2][2:]]))
+    with pytest.raises(InputError, match="c - =sum occurs twice"):
+        verify_result(folder)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["alignment.json", "pairs.csv", "correspondences.npz", "certificates/problems.npz", ".collalign/manifest.json"],
+)
+def test_pipes_are_not_opened(folder: Path, name: str) -> None:
+    (folder / name).unlink()
+    os.mkfifo(folder / name)
+    with pytest.raises(InputError, match="not a regular file"):
+        verify_result(folder)
 
 
 def test_a_certificate_of_another_group_or_pair_is_refused(folder: Path) -> None:
@@ -94,7 +209,7 @@ def test_a_certificate_of_another_group_or_pair_is_refused(folder: Path) -> None
     (folder / "alignment.json").write_text(json.dumps(record))
     assert "special_blocks" in verify_result(folder).pairs[0].fault
     (folder / "certificates" / "0-2.npz").rename(folder / "certificates" / "1-2.npz")
-    assert "another problem" in verify_result(folder).pairs[0].fault
+    assert "cannot be read" in verify_result(folder).pairs[0].fault
 
 
 def test_samples_that_are_not_those_of_the_result_are_refused(folder: Path, certified: Certified) -> None:
@@ -109,11 +224,9 @@ def test_samples_that_are_not_those_of_the_result_are_refused(folder: Path, cert
     ("file", "content", "message"),
     [
         ("alignment.json", "{", "cannot be read as a result"),
-        ("alignment.json", '{"shapes": [], "decided": {"group": "SO"}}', "expected shape|only 0 shapes"),
+        ("alignment.json", '{"shapes": [], "decided": {"group": "SO"}}', "cannot be read as a result"),
         ("pairs.csv", "target,source\na,b\n", "cannot be read as a table"),
-        ("certificates/problems.npz", "PK", "cannot be read"),
-        ("certificates/5-6.npz", "PK", "only 3 shapes"),
-        ("certificates/a-b.npz", "PK", "two numbers"),
+        ("certificates/problems.npz", "PK", "not an NPZ archive"),
     ],
 )
 def test_damaged_folders_are_named(folder: Path, file: str, content: str, message: str) -> None:
