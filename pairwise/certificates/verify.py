@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -81,7 +82,7 @@ def verify_certificate(
     deviation = 0.0 if problem is None else cost_deviation(problem, stated)
     bound = proven_bound(stated, certificate.kind, certificate.arrays)
     claim = certificate.bound
-    if not isinstance(claim, float | int | np.floating) or not np.isfinite(claim):
+    if not isinstance(claim, float | int | np.floating) or not abs(claim) <= sys.float_info.max:
         raise InputError(f"certificate: claims {claim!r}, which is no bound")
     with np.errstate(over="ignore"):
         squares = (stated.target**2).sum() + (stated.weights * (stated.source**2).sum(axis=1)).sum()

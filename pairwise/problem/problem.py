@@ -32,6 +32,8 @@ from data_tools.checks import former_arguments
 from data_tools.errors import InputError, OptionsError
 from pairwise.problem.pattern import PatternLike, RotationPattern
 
+#: The largest coordinate of a problem is at most this and at least its inverse: fourth powers must not overflow.
+LARGEST_COORDINATE = 1e70
 #: So few points of more coordinates each are taken for the columns of a (3, n) array.
 MOST_COLUMN_DIM = 3
 #: Energies below this share of the points' squared sizes are rounding errors.
@@ -123,7 +125,8 @@ class Problem:
         Raises
         ------
         InputError
-            If shapes disagree, k > n, no injective map is allowed, or the points look like columns.
+            If coordinates are beyond :data:`LARGEST_COORDINATE` or all tiny, if shapes disagree, k > n,
+            no injective map is allowed, or the points look like columns.
         OptionsError
             If both forms of partial matching are asked for, or one of them with an impossible value.
         """
@@ -134,6 +137,12 @@ class Problem:
             raise InputError(
                 f"target and source: {n} and {k} points of {q.shape[1]} coordinates; points are rows, give target.T "
                 f"and source.T (rotation_pattern=({q.shape[1]},) says that they really have so many)"
+            )
+        largest = float(max(np.abs(q).max(), np.abs(p).max()))
+        if largest and not 1.0 / LARGEST_COORDINATE <= largest <= LARGEST_COORDINATE:
+            raise InputError(
+                f"target and source: coordinates of up to {largest:.3g}, whose powers overflow or vanish; give "
+                f"them in a unit where the largest is between {1 / LARGEST_COORDINATE:g} and {LARGEST_COORDINATE:g}"
             )
         if k > n:
             raise InputError(f"source has {k} points, target {n}: the map is injective, so k <= n; swap the two")

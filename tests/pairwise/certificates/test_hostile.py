@@ -212,3 +212,10 @@ def test_every_kind_has_a_verifier_that_reads_all_its_arrays(problem, proofs) ->
     assert set(VERIFIERS) >= set(proofs)
     for kind, certificate in proofs.items():
         assert proven_bound(problem, kind, certificate.arrays) == pytest.approx(certificate.bound, abs=1e-9)
+
+
+@pytest.mark.parametrize("claim", [10**400, -(10**400)])
+def test_claims_that_no_float_holds_are_refused(problem, proofs, claim) -> None:
+    for certificate in proofs.values():
+        with pytest.raises(InputError, match="which is no bound"):
+            verify_certificate(problem.target, problem.source, replace(certificate, bound=claim))

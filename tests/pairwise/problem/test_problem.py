@@ -155,3 +155,15 @@ def test_the_former_name_of_the_allowed_matches_is_answered_with_the_new_one() -
     for call in (Problem.from_user, match, solve_relaxation, all_poses, exact_solutions):
         with pytest.raises(OptionsError, match="candidates: this argument is called allowed now"):
             call(points, points, candidates=np.eye(3, dtype=bool))
+
+
+def test_coordinates_whose_powers_overflow_are_refused_and_others_answered(rng: np.random.Generator) -> None:
+    target, source = rng.random((5, 3)), rng.random((5, 3))
+    energy, bound = match(target, source).energy, solve_relaxation(target, source).lower_bound
+    for unit in (1e100, 1e200, 1e-100, 1e-300):
+        for solve in (match, solve_relaxation):
+            with pytest.raises(InputError, match="overflow or vanish"):
+                solve(unit * target, unit * source)
+    for unit in (1e69, 1e-69):
+        assert match(unit * target, unit * source).energy / unit**2 == pytest.approx(energy, rel=1e-6)
+        assert solve_relaxation(unit * target, unit * source).lower_bound / unit**2 == pytest.approx(bound, rel=1e-3)
