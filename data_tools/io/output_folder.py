@@ -52,7 +52,13 @@ def output_path(folder: Path, *parts: str) -> Path:
     for part in parts:
         if not part or part in (".", "..") or re.search(r"[/\\\x00]", part):
             raise InputError(f"{folder}: {part!r} cannot be the name of an output, it is not one plain name")
-        if len(os.fsencode(part)) > _MAX_NAME_BYTES:
+        try:
+            length = len(os.fsencode(part))
+        except UnicodeEncodeError:
+            raise InputError(
+                f"{folder}: {part[:60]!r} cannot be the name of an output in this locale; set PYTHONUTF8=1"
+            ) from None
+        if length > _MAX_NAME_BYTES:
             raise InputError(f"{folder}: {part[:60]!r}... cannot be the name of an output, it is too long")
     path = folder.joinpath(*parts)
     if not path.parent.resolve().is_relative_to(folder.resolve()):
@@ -196,9 +202,11 @@ class OutputFolder:
         entries = self._entries()
         for name in names:
             path = output_path(self.folder, *PurePosixPath(name).parts)
+            above = [p for p in path.parents if self.folder in p.parents and p.exists() and not p.is_dir()]
+            path = above[0] if above else path  # a file where a folder belongs
             if not os.path.lexists(path):
                 continue
-            if not self._is_ours(name, entries):
+            if above or not self._is_ours(name, entries):
                 raise InputError(
                     f"{path}: lies where a result belongs, and was not written by this program or was changed "
                     f"since; move it away, or {_ADVICE}"

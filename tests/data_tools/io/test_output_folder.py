@@ -240,3 +240,14 @@ def test_a_link_in_place_of_a_file_of_ours_is_somebody_elses(tmp_path: Path) -> 
     write(out, {"summary": "2"})
     assert (out / "report").is_symlink()
     assert elsewhere.read_text() == "1"
+
+
+def test_a_file_where_a_folder_of_results_belongs_is_refused_before_the_work(tmp_path: Path) -> None:
+    (tmp_path / "meshes").write_text("mine")
+    with OutputFolder.open(tmp_path, writer="align") as output, pytest.raises(InputError, match="meshes: lies where"):
+        output.refuse_foreign(["meshes/a.ply"])
+
+
+def test_names_that_this_system_cannot_write_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be the name of an output in this locale"):
+        output_path(tmp_path, "\ud800.ply")
