@@ -15,6 +15,7 @@ from collalign.output.evidence.file import load_view, source_files
 from collalign.output.write import recorded_incomplete, recorded_options
 from collalign.products.pair import FormerPairs
 from collalign.products.shapes import Excluded
+from data_tools.arrays import read_only
 from data_tools.errors import InputError
 from data_tools.io.objects import ShapesLike, list_shapes
 from data_tools.io.shapes import FolderListing
@@ -48,8 +49,8 @@ def add_to_collection(
     Returns
     -------
     AlignedCollection
-        The old shapes first, with exactly their old transforms, then the new ones. What the first run left out is
-        still named.
+        The old shapes first, with exactly their old transforms and confidences, then the new ones. What the first run
+        left out is still named.
 
     Raises
     ------
@@ -87,6 +88,8 @@ def add_to_collection(
             former=FormerPairs(num_shapes=len(files), edges=edges, group=group),
             incomplete=recorded_incomplete(result),
         )
+    known = dict(zip(view.names, view.confidence.tolist(), strict=True))  # being fixed makes no old pose surer
+    confidence = [known.get(name, own) for name, own in zip(aligned.names, aligned.confidence.tolist(), strict=True)]
     again = {file.name for file in new.files}
     left_out = tuple(Excluded(file=file, reason=reason) for file, reason in view.excluded if file not in again)
-    return replace(aligned, excluded=(*left_out, *aligned.excluded))
+    return replace(aligned, confidence=read_only(np.array(confidence)), excluded=(*left_out, *aligned.excluded))

@@ -229,9 +229,15 @@ def _finish(collection: AlignedCollection, written: Sequence[Path]) -> int:
         )
     for note in collection.notes:
         print(f"Note: {note}")
-    changed = sum(bool(notes) for notes in collection.shape_notes)
+    changed = [
+        f"{name}: {notes[0]}" for name, notes in zip(collection.names, collection.shape_notes, strict=True) if notes
+    ]
     if changed:
-        print(f"Repaired or simplified before matching: {changed} shapes; {ALIGNMENT_FILE} says how.")
+        more = f" and {len(changed) - 1} more" if changed[1:] else ""
+        print(
+            f"Matched on a repaired or simplified copy ({changed[0]}){more}. This is usual and harmless: your files "
+            f"stay as they are. {ALIGNMENT_FILE} says it of each."
+        )
     if collection.skipped:
         print(f"Skipped, no shapes: {', '.join(collection.skipped)}")
     for item in collection.excluded:

@@ -295,6 +295,8 @@ def test_adding_shapes_moves_nothing(planted: PlantedCollection, tmp_path: Path)
     assert main(["add", str(out), str(new), "--jobs", "1"]) == 0
     after = json.loads((out / "alignment.json").read_text())["shapes"]
     assert [s["transform"] for s in after[:4]] == [s["transform"] for s in before]
+    assert [s["confidence"] for s in after[:4]] == [s["confidence"] for s in before]
+    assert max(s["confidence"] for s in before) < 1.0
     assert after[4]["name"] == "late"
     linear = np.array([s["transform"] for s in after])[:, :3, :3]
     rotations = linear / np.cbrt(np.linalg.det(linear))[:, None, None]

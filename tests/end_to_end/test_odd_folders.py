@@ -107,7 +107,7 @@ def test_a_shape_without_any_pair_is_named_first(
 
 
 def test_samples_are_vertices_of_a_file_with_gaps_and_the_note_says_so(
-    planted: PlantedCollection, tmp_path: Path
+    planted: PlantedCollection, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for i, shape in enumerate(planted.shapes[:3]):
         vertices = shape.vertices.copy()
@@ -117,6 +117,8 @@ def test_samples_are_vertices_of_a_file_with_gaps_and_the_note_says_so(
     found = align_collection(tmp_path, options=OPTIONS, run=RunOptions(jobs=1))
     assert "dropped 2 vertices that are NaN or infinite" in found.shape_notes[1][0]
     assert not found.shape_notes[0]
+    assert main(["align", str(tmp_path), "--out", f"{tmp_path}-out", *FLAGS]) == 0
+    assert f"copy ({found.names[1]}: {found.shape_notes[1][0]}). This is usual" in capsys.readouterr().out
     for shape, indices, transform, placed in zip(
         planted.shapes, found.samples, found.transforms, found.positions, strict=False
     ):

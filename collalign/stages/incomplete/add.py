@@ -21,6 +21,7 @@ from collalign.stages.incomplete.place import PlaceTask, nearest_labels, place_s
 from collalign.stages.incomplete.surfaces import prepare_points
 from collalign.stages.poses.placement import common_positions
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.percent import percent
 from data_tools.poses import turn_deg
 from pairwise.status import Status
 
@@ -247,7 +248,7 @@ def _trust(trust: Trust | None, at: IntArray, num: int) -> Trust | None:
 
 def incomplete_note(names: Sequence[str], incomplete: Sequence[Incomplete]) -> str:
     """Return the sentence that names the incomplete shapes and says what follows from that."""
-    listed = "; ".join(f"{names[one.shape]} ({one.reason}; covers {one.coverage:.0%})" for one in incomplete)
+    listed = "; ".join(f"{names[one.shape]} ({one.reason}; covers {percent(one.coverage)})" for one in incomplete)
     return (
         f"Incomplete, posed on the complete shapes by what has a counterpart there: {listed}. "
         "The mean is that of the complete shapes; samples without a counterpart have no label."

@@ -21,6 +21,7 @@ from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
+from data_tools.percent import percent
 from data_tools.poses import Similarity, moved_by, scales_of
 from data_tools.surface.topology import is_open_surface
 from pairwise.partial.match import refine, scales_allowed
@@ -96,7 +97,7 @@ def find_incomplete(session: AlignSession, samples: Sequence[Samples], aligned: 
     missing = [i for i in range(len(samples)) if shares.get(str(i), 0.0) >= MISSING_SHARE and _may_be_cut(aligned, i)]
     if len(missing) > MOST_MISSING * len(samples):
         return {}
-    return {i: f"{shares[str(i)]:.0%} of the shapes most like it lie beyond its rim" for i in missing}
+    return {i: f"{percent(shares[str(i)])} of the shapes most like it lie beyond its rim" for i in missing}
 
 
 def _posed_records(

@@ -21,6 +21,7 @@ from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.percent import percent
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from tests.pairwise.partial.test_partial_match import cut, moved
 
@@ -63,6 +64,7 @@ def test_broken_teeth_are_posed_on_the_whole_ones(
         assert (one.overlaps[:, 1] > one.overlaps[:, 0]).mean() > 0.5
         assert aligned.confidence[one.shape] > 0.5
     assert any("tooth2 (as told" in note for note in aligned.notes)
+    assert all(f"covers {percent(one.coverage)}" in " ".join(aligned.notes) for one in aligned.incomplete)
     assert np.isfinite(aligned.consensus).all()
 
 
