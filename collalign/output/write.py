@@ -24,6 +24,7 @@ from collalign.products.collection import Collection
 from collalign.products.evidence import CollectionView
 from collalign.products.trust import KINDS
 from data_tools.errors import InputError
+from data_tools.io.coordinate_systems import declared_system
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import read_text, write_atomic
 from data_tools.io.output_folder import OutputFolder, file_stems, refuse_overlap
@@ -227,6 +228,7 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
                 "reflected": bool(reflected),
                 "confidence": _number(confidence),
                 "evidence": _evidence(collection, i),
+                **({"coordinate_system": system} if (system := declared_system(file)) else {}),
             }
             for i, (name, file, transform, reflected, confidence) in enumerate(shapes)
         ],

@@ -1,1 +1,1 @@
-"""Files to shapes and landmarks, and back."""
+"""Files to shapes, and back."""

@@ -118,6 +118,20 @@ def read_source(path: Origin | str) -> Source:
     return Source(path, _read(path))
 
 
+def read_start(path: Origin, num: int) -> bytes:
+    """Return the first bytes of a file.
+
+    Raises
+    ------
+    UnavailableError
+        If it is no regular file or cannot be read.
+    """
+    if isinstance(path, Source):
+        return path.content[:num]
+    with _regular(path) as stream:
+        return stream.read(num)
+
+
 def hash_source(path: Origin | str) -> str:
     """Return the digest of a file and of those that it names, 40 hexadecimal digits, without holding it in memory.
 

@@ -21,8 +21,8 @@ from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.errors import CollectionError
-from data_tools.io.landmarks import Landmarks
 from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.landmarks.files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.topology import mesh_edges

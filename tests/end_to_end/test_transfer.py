@@ -23,8 +23,8 @@ from data_tools.datasets.synthetic import PlantedCollection, deformed_family, pl
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
-from data_tools.io.landmarks import Landmarks, read_landmarks
 from data_tools.io.shapes import write_mesh
+from data_tools.landmarks.files import Landmarks, read_landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
@@ -241,6 +241,41 @@ def test_a_doubtful_pose_gets_no_landmarks(
     assert (to / "landmarks.tps").read_text().count("NaN") == 18
 
 
+@pytest.mark.parametrize("format", ["slicer-json", "fcsv"])
+def test_landmarks_in_ras_are_carried_as_those_in_lps(
+    result: Path,
+    templates: list[Path],
+    planted: PlantedCollection,
+    tmp_path: Path,
+    run: collalign.RunOptions,
+    capsys: pytest.CaptureFixture[str],
+    format: str,
+) -> None:
+    truth = collalign.transfer_landmarks(result, templates[:1], run=run)
+    name, points = planted.shapes[0].name, read_landmarks(templates[0]).points
+    given = tmp_path / f"{name}.fcsv"
+    rows = "".join(f"{at},{-x},{-y},{z},0,0,0,1,1,1,0,tip {at},,\n" for at, (x, y, z) in enumerate(points.tolist()))
+    given.write_text("# CoordinateSystem = RAS\n" + rows)
+    words = ["transfer", str(result), "--landmarks", str(given), "--to", str(tmp_path / "all"), "--format", format]
+    assert main([*words, "--jobs", "1", "--store", str(run.store)]) == 0
+    assert "declared RAS, its surface is taken as LPS; they were converted" in capsys.readouterr().out
+    for at, path in enumerate(sorted((tmp_path / "all").glob(f"*.{'fcsv' if format == 'fcsv' else 'mrk.json'}"))):
+        found = read_landmarks(path)
+        assert found.system == "LPS"
+        np.testing.assert_allclose(found.points, truth.points[at], atol=1e-9)
+
+
+def test_landmarks_beside_their_template_are_not_carried(
+    result: Path, templates: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    marks = read_landmarks(templates[0])
+    far = slicer_file(tmp_path / templates[0].name, 10 * marks.points, marks.labels)
+    for command in ("transfer", "variation"):
+        assert main([command, str(result), "--landmarks", str(far), "--to", str(tmp_path / command)]) == 2
+        assert "0.1 times as large they lie on it" in capsys.readouterr().err
+        assert not (tmp_path / command).exists()
+
+
 def test_what_cannot_be_used_is_named(
     result: Path, templates: list[Path], tmp_path: Path, run: collalign.RunOptions
 ) -> None:
@@ -250,7 +285,7 @@ def test_what_cannot_be_used_is_named(
     with pytest.raises(InputError, match="second landmark file"):
         collalign.transfer_landmarks(result, [templates[0], templates[0]], run=run)
     name = templates[0].name.removesuffix(".mrk.json")
-    twice = Landmarks(labels=("a", "a"), points=np.zeros((2, 3)))
+    twice = Landmarks(labels=("a", "a"), points=read_landmarks(templates[0]).points[:2])
     with pytest.raises(InputError, match="two landmarks"):
         collalign.transfer_landmarks(result, {name: twice}, run=run)
     with pytest.raises(InputError, match="no landmark file"):

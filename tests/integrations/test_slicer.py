@@ -53,6 +53,16 @@ def test_transforms_act_in_ras_as_they_do_in_lps(out: Path) -> None:
     assert not np.allclose(read.shapes[0].transform @ lps, expected)
 
 
+def test_shapes_whose_files_declare_ras_are_in_the_scene_as_they_stand(out: Path) -> None:
+    before = results.read_results(out).shapes
+    record = json.loads((out / "alignment.json").read_text("utf-8"))
+    record["shapes"][0]["coordinate_system"] = "RAS"
+    (out / "alignment.json").write_text(json.dumps(record), encoding="utf-8")
+    after = results.read_results(out).shapes
+    assert np.allclose(after[0].transform @ results.LPS_TO_RAS, before[0].transform)
+    assert np.allclose(after[1].transform, before[1].transform)
+
+
 def test_points_are_in_the_order_of_their_labels(out: Path) -> None:
     read = results.read_results(out)
     with np.load(out / "correspondences.npz") as archive:

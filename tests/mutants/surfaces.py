@@ -44,6 +44,17 @@ SURFACES: tuple[Mutant, ...] = (
         ("mirror_map", "values.argmin()", "values.argmax()"),
     ),
     *faults(
+        "collalign/landmarks/placement.py",
+        ("tests/collalign/landmarks/test_placement.py",),
+        ("place_templates", "declared or _system_on(marks, surface)", "declared"),
+        ("place_templates", "if system and not declared else set()", "if system else set()"),
+        ("_system_on", "off > SURE and ", ""),
+        ("_check", "off > FAR or ", ""),
+        ("_check", "crowded and near <= SURE", "False"),
+        ("_Surface.distances", "found - self._slack", "found"),
+        ("_converted", "one.points * LPS_RAS", "one.points"),
+    ),
+    *faults(
         "collalign/landmarks/curves.py",
         ("tests/collalign/landmarks/test_curves.py",),
         ("evenly_spaced", "endpoint=not closed", "endpoint=True"),

@@ -11,7 +11,7 @@ from data_tools.io.output_folder import file_stems
 
 _HEADER = """\
 # Markups fiducial file version = 4.11
-# CoordinateSystem = LPS
+# CoordinateSystem = {system}
 # columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID
 """
 
@@ -24,11 +24,14 @@ def write(request: ExportRequest) -> tuple[Path, ...]:
     """
     labels, coordinates = request.landmarks()
     paths = []
-    for stem, points in zip(file_stems(request.view.names), coordinates, strict=True):
+    stems, systems = file_stems(request.view.names), request.landmark_systems()
+    for stem, points, system in zip(stems, coordinates, systems, strict=True):
         rows = [
             f"{number},{words(point).replace(' ', ',')},0,0,0,1,1,1,0,{label},,"
             for number, (label, point) in enumerate(zip(labels, points, strict=True), start=1)
             if np.isfinite(point).all()
         ]
-        paths.append(request.write(f"{stem}.fcsv", _HEADER + "".join(row + "\n" for row in rows)))
+        paths.append(
+            request.write(f"{stem}.fcsv", _HEADER.format(system=system) + "".join(row + "\n" for row in rows))
+        )
     return tuple(paths)

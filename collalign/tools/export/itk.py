@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign.tools.export.request import ExportRequest, words
+from data_tools.io.coordinate_systems import LPS_RAS
 from data_tools.io.output_folder import file_stems
 
 
@@ -15,11 +16,14 @@ def write(request: ExportRequest) -> tuple[Path, ...]:
 
     ITK's transforms take points of the fixed (common) space to the moving one, and 3D Slicer inverts them on loading:
     applied there to the original mesh, the file moves it onto the aligned one. In SimpleITK, ``GetInverse()`` is the
-    pose. Coordinates are the mesh's own, read as LPS, as Slicer reads meshes.
+    pose. Coordinates are the mesh's own, read as LPS, as Slicer reads meshes, unless its file declares RAS.
     """
     paths = []
-    for stem, transform in zip(file_stems(request.view.names), request.transforms(), strict=True):
+    files = zip(file_stems(request.view.names), request.transforms(), request.file_systems(), strict=True)
+    for stem, transform, system in files:
         inverse = np.linalg.inv(transform)
+        if system == "RAS":
+            inverse[:3] *= LPS_RAS[:, None]
         numbers = [*inverse[:3, :3].ravel(), *inverse[:3, 3]]
         lines = [
             "#Insight Transform File V1.0",

@@ -14,9 +14,10 @@ from collalign.products.evidence import CollectionView
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.landmarks import SemilandmarkRows
+from data_tools.io.coordinate_systems import CoordinateSystem, declared_system
 from data_tools.io.output_folder import output_path
 from data_tools.io.shapes import READERS, read_shape
+from data_tools.landmarks.files import SemilandmarkRows
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
 
@@ -39,6 +40,8 @@ class ExportRequest:
         Folder in which the original files are looked for by name, where they have moved.
     semilandmarks : tuple of SemilandmarkRows
         Which landmarks are on curves and patches; Procrustes coordinates, which leave out some, know none.
+    system : {"LPS", "RAS"}
+        Coordinates of the files that declare none.
     """
 
     view: CollectionView
@@ -46,6 +49,7 @@ class ExportRequest:
     space: Space = "aligned"
     sources: Path | None = None
     semilandmarks: tuple[SemilandmarkRows, ...] = ()
+    system: CoordinateSystem = "LPS"
 
     def __post_init__(self) -> None:
         """Refuse an unknown space."""
@@ -70,6 +74,14 @@ class ExportRequest:
         shrink = np.ones((self.view.num_shapes, 4, 4))
         shrink[:, :3] /= self.view.scales[:, None, None]
         return self.view.transforms * shrink
+
+    def file_systems(self) -> list[CoordinateSystem]:
+        """Coordinate system of every original file: what it declares, or :attr:`system`."""
+        return [(declared_system(Path(file)) if file else None) or self.system for file in self.view.files]
+
+    def landmark_systems(self) -> list[CoordinateSystem]:
+        """Coordinate system of every shape's landmarks in the space asked for; the common frame is read as LPS."""
+        return self.file_systems() if self.space == "raw" else ["LPS"] * self.view.num_shapes
 
     def landmarks(self) -> tuple[tuple[str, ...], FloatArray]:
         """Names of the landmarks and their coordinates in the space asked for.

@@ -12,8 +12,9 @@ from collalign.tools.export.request import ExportRequest, Space
 from collalign.tools.export.specimen_names import incomplete_table
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
-from data_tools.io.landmarks import SemilandmarkRows
+from data_tools.io.coordinate_systems import CoordinateSystem
 from data_tools.io.output_folder import OutputFolder
+from data_tools.landmarks.files import SemilandmarkRows
 from data_tools.threads import one_blas_thread
 
 __all__ = ["FORMATS", "Space", "export"]
@@ -44,6 +45,7 @@ def export(
     space: Space = "aligned",
     sources: Path | str | None = None,
     semilandmarks: tuple[SemilandmarkRows, ...] = (),
+    system: CoordinateSystem = "LPS",
 ) -> tuple[Path, ...]:
     """Write a collection in one format.
 
@@ -62,6 +64,8 @@ def export(
         Folder of the original files where they have moved; only mesh formats and ShapeWorks read them.
     semilandmarks : tuple of SemilandmarkRows
         Which landmarks are on curves: Slicer's markups have such a type.
+    system : {"LPS", "RAS"}
+        Coordinates of the files that declare none, as 3D Slicer's formats say it of raw landmarks.
 
     Returns
     -------
@@ -83,6 +87,7 @@ def export(
     try:
         with OutputFolder.open(folder, writer=f"export {format}", inputs=read) as output:
             request = ExportRequest(
+                system=system,
                 view=view,
                 folder=output.staging,
                 space=space,

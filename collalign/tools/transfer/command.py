@@ -19,8 +19,8 @@ from collalign.tools.transfer.files import left_out_summary, write_transfer
 from collalign.tools.transfer.result import TransferredLandmarks
 from collalign.tools.transfer.run import transfer_landmarks
 from data_tools.errors import InputError
-from data_tools.io.landmarks import specimen_of
 from data_tools.io.output_folder import refuse_overlap
+from data_tools.landmarks.files import specimen_of
 
 
 def transfer(
@@ -78,7 +78,7 @@ def transfer(
             run=with_changes(run, store=store),
         )
     view = with_changes(view, samples=found.points, landmark_names=found.labels, pairs=())
-    paths = write_export(view, format, to, space=space, semilandmarks=found.semilandmarks)
+    paths = write_export(view, format, to, space=space, semilandmarks=found.semilandmarks, system=found.system)
     for path in (*paths, *write_transfer(found, to, leave_one_out=leave_one_out)):
         print(path)
     return _summarise(found, leave_one_out=leave_one_out)
@@ -88,6 +88,8 @@ def _summarise(found: TransferredLandmarks, *, leave_one_out: bool) -> int:
     """Print what came out and return the exit code."""
     if leave_one_out:
         print(left_out_summary(found))
+    for note in found.notes:
+        print(f"Note: {note}")
     missing = np.isnan(found.points).any(axis=2).sum(axis=1)
     for name, count, status in zip(found.names, missing.tolist(), found.status, strict=True):
         if count:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data_tools.arrays import FloatArray
-from data_tools.io.landmarks import SemilandmarkRows
+from data_tools.io.coordinate_systems import CoordinateSystem
+from data_tools.landmarks.files import SemilandmarkRows
 
 #: What became of a landmark.
 PLACED, CARRIED, DOUBTFUL_POSE, NOT_REGISTERED, UNKNOWN, MISSING_PLACE, NO_COUNTERPART, OUT_OF_RANGE = (
@@ -44,6 +45,10 @@ class TransferredLandmarks:
         What was predicted for them, calibrated on the other templates alone.
     semilandmarks : tuple of SemilandmarkRows
         Which landmarks are on curves and patches.
+    notes : tuple of str
+        What is known of the templates' coordinates, and of landmarks off their surface.
+    system : {"LPS", "RAS"}
+        What the landmarks say of the shapes' coordinates, where their files declare nothing.
     """
 
     names: tuple[str, ...]
@@ -55,3 +60,5 @@ class TransferredLandmarks:
     left_out_errors: FloatArray
     left_out_radii: FloatArray
     semilandmarks: tuple[SemilandmarkRows, ...] = ()
+    notes: tuple[str, ...] = ()
+    system: CoordinateSystem = "LPS"

@@ -15,6 +15,7 @@ from collalign.landmarks.carry import Template, at_places, off_surface, on_surfa
 from collalign.landmarks.curves import evenly_spaced
 from collalign.landmarks.files import read_templates, with_semilandmarks
 from collalign.landmarks.fusion import fuse, template_distance
+from collalign.landmarks.placement import place_templates
 from collalign.landmarks.table import LandmarkTable, landmark_table
 from collalign.output.evidence.file import load_view
 from collalign.products.collection import DOUBT
@@ -39,11 +40,8 @@ from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.checks import check_count
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
-from data_tools.io.landmarks import (
-    Landmarks,
-    SemilandmarkRows,
-)
 from data_tools.io.shapes import read_shape
+from data_tools.landmarks.files import Landmarks, SemilandmarkRows
 from data_tools.poses import moved_by
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
@@ -74,8 +72,8 @@ def transfer_landmarks(
     result : path
         Folder that ``collalign align`` wrote.
     landmarks : mapping of name to Landmarks, or sequence of path
-        In file coordinates. A file ``A.mrk.json``, ``A.fcsv`` or ``A.csv`` belongs to the shape called A. Markups of
-        the type Curve and ClosedCurve are curves of semilandmarks.
+        In file coordinates, or in LPS or RAS where that is declared. A file ``A.mrk.json``, ``A.fcsv`` or ``A.csv``
+        belongs to the shape called A. Markups of the type Curve and ClosedCurve are curves of semilandmarks.
     curves, patches : sequence of path
         Files whose points are a curve in their order, or semilandmarks of a patch: ``RIM/A.fcsv`` is the curve RIM of
         the shape called A.
@@ -91,7 +89,7 @@ def transfer_landmarks(
     Raises
     ------
     InputError
-        If a file belongs to no shape, or two templates have no landmark in common.
+        If a file belongs to no shape, its landmarks do not lie on that, or two templates have no landmark in common.
     CollectionError
         If the shapes cannot be registered.
 
@@ -103,7 +101,7 @@ def transfer_landmarks(
     --------
     >>> import tempfile
     >>> from data_tools.datasets.synthetic import demo_collection, write_collection
-    >>> from data_tools.io.landmarks import Landmarks
+    >>> from data_tools.landmarks.files import Landmarks
     >>> planted = demo_collection(num=3, resolution=1)
     >>> marks = {"chair1": Landmarks(labels=("tip",), points=planted.shapes[0].vertices[:1])}
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -118,10 +116,15 @@ def transfer_landmarks(
         check_count("curve_points", curve_points, lower=2)
     given = dict(landmarks) if isinstance(landmarks, Mapping) else read_templates(landmarks)
     given = with_semilandmarks(given, curves, patches)
-    transforms = {name: view.transforms[view.index(name)] for name in given}
-    table = landmark_table(given, transforms, curve_points=curve_points)
+    rows = {name: view.index(name) for name in given}
+    meshes = tuple(zip(view.names, view.vertices, view.faces, strict=True))
+    placed = place_templates(given, {name: view.file(at) for name, at in rows.items()}, meshes)
+    table = landmark_table(
+        placed.landmarks, {name: view.transforms[at] for name, at in rows.items()}, curve_points=curve_points
+    )
     dense = dense_correspondence(result, options=options, run=run, progress=progress)
-    return _Transfer(view, dense, table).run(surface_points)
+    found = _Transfer(view, dense, table).run(surface_points)
+    return replace(found, notes=placed.notes, system=placed.system)
 
 
 class _Transfer:

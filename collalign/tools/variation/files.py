@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,7 @@ def write_variation(
     symmetry: SurfaceSymmetry | None = None,
     version: str = "",
     who: Members,
+    notes: Sequence[str] = (),
 ) -> tuple[Path, ...]:
     """Write everything into a folder and return the paths, the page first.
 
@@ -54,6 +56,8 @@ def write_variation(
         Of the toolkit, for the page's last line.
     who : Members
         Who counts; page and table name the others.
+    notes : sequence of str
+        Sentences on the page.
 
     Raises
     ------
@@ -62,7 +66,8 @@ def write_variation(
     """
     with OutputFolder.open(to, writer=_WRITER) as output:
         document, blobs = build_variation(variation, columns, landmarks, symmetry)
-        page = render_page("Shape variation", _summary(variation, who), document, blobs, version=version)
+        said = [*notes, *([who.sentence] if who.left_out else [])]
+        page = render_page("Shape variation", _summary(variation, said), document, blobs, version=version)
         write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
         write_tables(variation, columns, output)
         write_atomic(output.stage(LEFT_OUT_FILE), who.table)
@@ -76,7 +81,7 @@ def write_variation(
         return output.publish(last=PAGE_FILE, complete=True)
 
 
-def _summary(variation: SurfaceVariation, who: Members) -> str:
+def _summary(variation: SurfaceVariation, notes: Sequence[str]) -> str:
     shares = variation.components.shares
     facts = [
         (str(len(variation.names)), "surfaces in correspondence"),
@@ -84,8 +89,8 @@ def _summary(variation: SurfaceVariation, who: Members) -> str:
         *((f"{100 * share:.0f} %", f"of the variance on component {at}") for at, share in enumerate(shares[:3], 1)),
     ]
     items = "".join(f"<li><strong>{value}</strong>{html.escape(words)}</li>" for value, words in facts)
-    note = f'<ul class="notes"><li>{html.escape(who.sentence)}</li></ul>' if who.left_out else ""
-    return f'<ul class="facts">{items}</ul>{note}'
+    listed = "".join(f"<li>{html.escape(note)}</li>" for note in notes)
+    return f'<ul class="facts">{items}</ul>' + (f'<ul class="notes">{listed}</ul>' if notes else "")
 
 
 def _write_meshes(variation: SurfaceVariation, columns: dict[str, tuple[str, ...]], output: OutputFolder) -> None:

@@ -13,6 +13,7 @@ from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory
 from collalign.landmarks.carry import template
 from collalign.landmarks.files import read_templates
+from collalign.landmarks.placement import place_templates
 from collalign.landmarks.table import landmark_table
 from collalign.output.evidence.file import load_view
 from collalign.output.evidence.members import statistics_members
@@ -24,8 +25,9 @@ from collalign.tools.variation.surface_symmetry import surface_symmetry
 from collalign.tools.variation.surface_variation import SurfaceVariation, surface_variation
 from data_tools.arrays import FloatArray
 from data_tools.errors import CollectionError, InputError
-from data_tools.io.landmarks import Landmarks, landmark_partners, read_landmark_pairs
 from data_tools.io.output_folder import refuse_overlap
+from data_tools.landmarks.files import Landmarks
+from data_tools.landmarks.mirror_pairs import landmark_partners, read_landmark_pairs
 from data_tools.poses import moved_by
 from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.shape import Shape
@@ -109,10 +111,13 @@ def write_surface_variation(
         for column, values in (view.labels if labels is None else labels).items()
     }
     marked: tuple[tuple[str, ...], FloatArray] = ((), np.empty((0, 3)))
+    notes: tuple[str, ...] = ()
     if landmarks:
         given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks)
-        table = landmark_table(given, {name: view.transforms[view.index(name)] for name in given})
-        alone = table.landmark_rows
+        files = {name: view.file(view.index(name)) for name in given}
+        placed = place_templates(given, files, tuple(zip(view.names, view.vertices, view.faces, strict=True)))
+        table = landmark_table(placed.landmarks, {name: view.transforms[view.index(name)] for name in given})
+        alone, notes = table.landmark_rows, placed.notes
         posed = {name: moved_by(view.transforms[view.index(name)], one[alone]) for name, one in table.points.items()}
         marked = tuple(table.labels[row] for row in alone), _on_mean(dense, found.mean, posed)
     components = None
@@ -133,6 +138,7 @@ def write_surface_variation(
         symmetry=components,
         version=version,
         who=who,
+        notes=notes,
     )
     return found
 

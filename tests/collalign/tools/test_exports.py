@@ -17,7 +17,7 @@ from collalign.output.evidence.file import save_view
 from collalign.products.evidence import CollectionView
 from collalign.tools.export.run import FORMATS, export
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.landmarks import read_landmarks
+from data_tools.landmarks.files import read_landmarks
 from tests.export_readers import read_morphologika
 from tests.view_problems import NUM_SAMPLES, view_of
 
@@ -141,6 +141,31 @@ def test_itk_by_simpleitk_is_the_inverse_pose(view: CollectionView, tmp_path: Pa
         np.testing.assert_allclose(
             transform.GetInverse().TransformPoint(raw.tolist()), aligned[:3], rtol=1e-9, atol=1e-9
         )
+
+
+@pytest.mark.parametrize("told", ["header", "caller"])
+def test_files_in_ras_keep_their_numbers_and_say_so(view: CollectionView, tmp_path: Path, told: str) -> None:
+    if told == "header":
+        file = Path(view.files[0])
+        file.write_bytes(file.read_bytes().replace(b"\nelement", b"\ncomment SPACE=RAS\nelement", 1))
+    system: Any = "RAS" if told == "caller" else "LPS"
+    for format in ("slicer-json", "fcsv"):
+        raw = [read_landmarks(p) for p in export(view, format, tmp_path / format, space="raw", system=system)]
+        assert [one.system for one in raw] == ["RAS"] + ["RAS" if told == "caller" else "LPS"] * 5
+        known = np.isfinite(view.samples[0]).all(axis=1)
+        assert np.isin(view.samples[0][known], raw[0].points).all()
+        posed = [read_landmarks(p) for p in export(view, format, tmp_path / "posed" / format, system=system)]
+        assert {one.system for one in posed} == {"LPS"}
+
+
+def test_poses_of_files_that_declare_ras_are_those_of_the_scene(view: CollectionView, tmp_path: Path) -> None:
+    before = [path.read_text().splitlines()[3] for path in export(view, "itk", tmp_path)[:2]]
+    file = Path(view.files[0])
+    file.write_bytes(file.read_bytes().replace(b"\nelement", b"\ncomment SPACE=RAS\nelement", 1))
+    after = [path.read_text().splitlines()[3] for path in export(view, "itk", tmp_path)[:2]]
+    numbers = [np.array(text.split()[1:], dtype=float) for text in (before[0], after[0])]
+    np.testing.assert_array_equal(numbers[1], numbers[0] * [*[-1] * 6, *[1] * 3, -1, -1, 1])
+    assert after[1] == before[1]
 
 
 def test_shapeworks_project_holds_together(view: CollectionView, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 #: Poses below this confidence are in doubt, as in the report.
 DOUBT = 0.95
-#: Model files are in LPS, as Slicer reads them by default; its scene is in RAS.
+#: Model files are in LPS, as Slicer reads those that do not declare RAS; its scene is in RAS.
 LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
@@ -85,7 +85,7 @@ def read_results(folder: Path) -> Results:
         AlignedShape(
             name=shape["name"],
             mesh=meshes.get(shape["name"]),
-            transform=to_ras(np.array(shape["transform"], dtype=float)),
+            transform=to_ras(np.array(shape["transform"], dtype=float), shape.get("coordinate_system", "LPS")),
             confidence=float("nan") if shape["confidence"] is None else float(shape["confidence"]),
             points=points[np.argsort(order)][(order < 0).sum() :] * np.diag(LPS_TO_RAS)[:3],
         )
@@ -94,6 +94,6 @@ def read_results(folder: Path) -> Results:
     return Results(shapes=shapes, notes=tuple(record["notes"]))
 
 
-def to_ras(transform: np.ndarray) -> np.ndarray:
-    """Return a transform of LPS coordinates as one of RAS coordinates, shape (4, 4)."""
-    return LPS_TO_RAS @ transform @ LPS_TO_RAS
+def to_ras(transform: np.ndarray, system: str) -> np.ndarray:
+    """Return a transform of a file's coordinates (LPS or RAS) to the common frame as one in RAS, shape (4, 4)."""
+    return LPS_TO_RAS @ transform @ (np.eye(4) if system == "RAS" else LPS_TO_RAS)

@@ -5,14 +5,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.io.landmarks import (
-    landmark_partners,
-    read_landmark_pairs,
-    read_landmarks,
-    read_semilandmarks,
-    read_symmetry,
-    read_vertex_indices,
-)
+from data_tools.landmarks.files import read_landmarks, read_semilandmarks
 
 FCSV = """# Markups fiducial file version = 4.11
 # CoordinateSystem = LPS
@@ -50,6 +43,35 @@ def test_formats(tmp_path: Path, name: str, content: str, labels: tuple[str, ...
         assert landmarks.vertices.tolist() == [5, 9]
 
 
+@pytest.mark.parametrize("declared", ["LPS", "RAS", "0", "1", "", "IJK"])
+def test_the_declared_coordinate_system_comes_along(tmp_path: Path, declared: str) -> None:
+    markups = json.loads(slicer(TIP, BASE))
+    markups["markups"][0]["coordinateSystem"] = declared
+    (tmp_path / "a.mrk.json").write_text(json.dumps(markups))
+    (tmp_path / "a.fcsv").write_text(FCSV.replace("LPS", declared))
+    (tmp_path / "b.fcsv").write_text(FCSV.replace("LPS", f"{declared},,,"))
+    for name in ("a.mrk.json", "a.fcsv", "b.fcsv"):
+        if declared == "IJK":
+            with pytest.raises(InputError, match=f"{name}: .*LPS and RAS"):
+                read_landmarks(tmp_path / name)
+            continue
+        found = read_landmarks(tmp_path / name)
+        assert found.system == {"1": "LPS", "0": "RAS", "": None}.get(declared, declared)
+        np.testing.assert_array_equal(found.points[1], [1, 2, 3])
+
+
+def test_every_list_of_points_has_its_own_coordinate_system(tmp_path: Path) -> None:
+    curves = [{**slicer_curve("Curve", 4), "coordinateSystem": system} for system in ("RAS", "LPS")]
+    points = [{"type": "Fiducial", "coordinateSystem": system, "controlPoints": [TIP]} for system in ("RAS", "LPS")]
+    path = tmp_path / "a.mrk.json"
+    path.write_text(json.dumps({"markups": [*curves, points[0]]}))
+    found = read_landmarks(path)
+    assert (found.system, [one.system for one in found.semilandmarks]) == ("RAS", ["RAS", "LPS"])
+    path.write_text(json.dumps({"markups": points}))
+    with pytest.raises(InputError, match="different coordinate systems"):
+        read_landmarks(path)
+
+
 def test_missing_landmarks_are_nan(tmp_path: Path) -> None:
     (tmp_path / "a.mrk.json").write_text(slicer(TIP, {**BASE, "positionStatus": "undefined"}))
     (tmp_path / "a.csv").write_text("tip,0,0,0\nbase,,,\n")
@@ -80,47 +102,6 @@ def test_malformed_files_are_refused_by_name(tmp_path: Path, name: str, content:
     with pytest.raises(InputError, match=reason) as caught:
         read_landmarks(tmp_path / name)
     assert name in str(caught.value)
-
-
-def test_vertex_indices(tmp_path: Path) -> None:
-    path = tmp_path / "a.pid"
-    path.write_text(" 7 0 0 0\n3 0 0 0\n\n")
-    assert read_vertex_indices(path, num_vertices=8).tolist() == [7, 3]
-    with pytest.raises(InputError, match="below 7"):
-        read_vertex_indices(path, num_vertices=7)
-
-
-def test_symmetry_is_an_involution(tmp_path: Path) -> None:
-    path = tmp_path / "a.sym.info"
-    path.write_text("0 3\n1 2 \n\n4\n")
-    partner = read_symmetry(path, num_landmarks=6)
-    assert partner.tolist() == [3, 2, 1, 0, 4, 5]
-    for content in ("0 6\n", "0 1 2\n", "a b\n", "0 1\n1 2\n"):
-        path.write_text(content)
-        with pytest.raises(InputError, match="line"):
-            read_symmetry(path, num_landmarks=6)
-
-
-def test_pairs_of_landmarks_come_from_a_table(tmp_path: Path) -> None:
-    labels = ("nose", "eye l", "eye r", "ear l", "ear r")
-    path = tmp_path / "pairs.csv"
-    for header in ("", "left,right\n"):
-        path.write_text(header + "eye l, eye r\n\near r,ear l\n")
-        pairs = read_landmark_pairs(path, labels)
-        assert pairs == (("eye l", "eye r"), ("ear r", "ear l"))
-        assert landmark_partners(labels, pairs).tolist() == [0, 2, 1, 4, 3]
-    for text, words in (
-        ("eye l,eye r,nose\n", "two landmarks"),
-        ("eye l,\n", "two landmarks"),
-        ("eye l,eye x\n", "no landmark 'eye x'"),
-        ("left,right\n", "no pairs"),
-    ):
-        path.write_text(text)
-        with pytest.raises(InputError, match=words):
-            read_landmark_pairs(path, labels)
-    for pairs in ((("nose", "nose"),), (("nose", "eye l"), ("eye r", "nose")), (("nose", "mouth"),)):
-        with pytest.raises(InputError, match="pairs"):
-            landmark_partners(labels, pairs)
 
 
 def slicer_curve(kind: str, num: int, label: str = "R") -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""Landmarks and symmetry tables: 3D Slicer files, CSV, and the vertex lists of shape benchmarks."""
+"""Landmarks: 3D Slicer files, CSV, and the feature points of shape benchmarks."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import csv
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -15,6 +15,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import CollalignError, InputError
+from data_tools.io.coordinate_systems import CoordinateSystem
 from data_tools.io.files import existing_file
 
 #: What semilandmarks lie on: a curve with two ends, one without, or a patch of the surface.
@@ -31,11 +32,14 @@ class Semilandmarks:
     kind : {"open curve", "closed curve", "patch"}
     points : ndarray, shape (c, 3)
         In the coordinates of the file; a closed curve does not repeat its first point. Read-only.
+    system : {"LPS", "RAS"} or None
+        What the file declares its coordinates to be.
     """
 
     name: str
     kind: SemilandmarkKind
     points: FloatArray
+    system: CoordinateSystem | None = None
 
 
 class SemilandmarkRows(NamedTuple):
@@ -60,19 +64,22 @@ class Landmarks:
         The mesh's vertex of each landmark, where the file names it. Read-only.
     semilandmarks : tuple of Semilandmarks
         Curves and patches beside the landmarks.
+    system : {"LPS", "RAS"} or None
+        What the file declares the coordinates of ``points`` to be.
     """
 
     labels: tuple[str, ...]
     points: FloatArray
     vertices: IntArray | None = None
     semilandmarks: tuple[Semilandmarks, ...] = ()
+    system: CoordinateSystem | None = None
 
 
 def read_landmarks(path: Path | str) -> Landmarks:
     """Read a landmark file by its suffix.
 
-    ``.mrk.json`` and ``.fcsv`` (3D Slicer; coordinates as they stand, whichever of LPS and RAS the file declares;
-    markups of the type Curve or ClosedCurve become curves, which are called as their points are, without the number),
+    ``.mrk.json`` and ``.fcsv`` (3D Slicer; coordinates as they stand, with the system that the file declares; markups
+    of the type Curve or ClosedCurve become curves, which are called as their points are, without the number),
     ``.csv`` (label, x, y, z or x, y, z; a header is allowed), ``.vts`` (vertex index, x, y, z: the SHREC07 points of
     Kim, Lipman and Funkhouser 2011).
 
@@ -115,14 +122,15 @@ def read_semilandmarks(path: Path | str, kind: Literal["curve", "patch"]) -> Sem
     """
     path = Path(path)
     found = read_landmarks(path)
-    sets = [one for one in (found.points, *(curve.points for curve in found.semilandmarks)) if len(one)]
+    sets = [(found.points, found.system), *((one.points, one.system) for one in found.semilandmarks)]
+    sets = [one for one in sets if len(one[0])]
     if len(sets) > 1:
         raise InputError(f"{path}: holds {len(sets)} lists of points, expected one {kind}")
-    name = path.absolute().parent.name
+    name, (points, system) = path.absolute().parent.name, sets[0]
     if kind == "patch":
-        return Semilandmarks(name=name, kind="patch", points=sets[0])
+        return Semilandmarks(name=name, kind="patch", points=points, system=system)
     said = any(curve.kind == "closed curve" for curve in found.semilandmarks)
-    return _curve(path, name, sets[0], closed=said)
+    return _curve(path, name, points, system, closed=said)
 
 
 def specimen_of(path: Path | str) -> str:
@@ -132,101 +140,15 @@ def specimen_of(path: Path | str) -> str:
     return name[: len(name) - len(suffix)]
 
 
-def read_vertex_indices(path: Path | str, *, num_vertices: int) -> IntArray:
-    """Read the first column of a table as vertex indices, shape (l,) (``.pid`` files).
-
-    Raises
-    ------
-    InputError
-        If an index is missing or out of range.
-    """
-    path = existing_file(Path(path))
-    words = [line.split() for line in _text(path).splitlines() if line.strip()]
-    if not words or not all(row[0].isdecimal() and int(row[0]) < num_vertices for row in words):
-        raise InputError(f"{path}: expected a vertex index below {num_vertices} first in each line")
-    return np.array([int(row[0]) for row in words], dtype=np.int64)
-
-
-def read_symmetry(path: Path | str, *, num_landmarks: int) -> IntArray:
-    """Read the mirror pairs of landmarks (``.sym.info``) as a permutation, shape (l,).
-
-    Each line holds the two indices of a pair, or one index of a landmark on the mirror plane; others map to
-    themselves.
-
-    Raises
-    ------
-    InputError
-        If a line holds anything else, or a landmark is in two pairs.
-    """
-    path = existing_file(Path(path))
-    partner = np.arange(num_landmarks)
-    seen: set[int] = set()
-    for number, line in enumerate(_text(path).splitlines(), start=1):
-        words = line.split()
-        if not words:
-            continue
-        if len(words) > 2 or not all(w.isdecimal() and int(w) < num_landmarks for w in words):
-            raise InputError(f"{path}: line {number}: expected one or two landmarks below {num_landmarks}")
-        pair = [int(w) for w in words]
-        if seen & set(pair):
-            raise InputError(f"{path}: line {number}: landmark {pair} is in two orbits")
-        seen |= set(pair)
-        partner[pair] = pair[::-1]
-    return partner
-
-
-def read_landmark_pairs(path: Path | str, labels: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    """Read pairs of landmarks, left and right, one pair a row of a CSV file; a header is allowed.
-
-    Raises
-    ------
-    InputError
-        If a row does not hold two labels.
-    """
-    path = existing_file(Path(path))
-    rows = [
-        [word.strip() for word in row] for row in csv.reader(_text(path).splitlines()) if any(map(str.strip, row))
-    ]
-    if rows and not set(rows[0]) & set(labels):
-        rows = rows[1:]
-    for row in rows:
-        if len(row) != 2 or not all(row):
-            raise InputError(f"{path}: expected two landmarks in each row, got {','.join(row)!r}")
-        unknown = [word for word in row if word not in labels]
-        if unknown:
-            raise InputError(f"{path}: there is no landmark {unknown[0]!r}")
-    if not rows:
-        raise InputError(f"{path}: holds no pairs of landmarks")
-    return tuple((row[0], row[1]) for row in rows)
-
-
-def landmark_partners(labels: Sequence[str], pairs: Iterable[tuple[str, str]]) -> IntArray:
-    """Return the partner of every landmark, shape (l,); one that is in no pair is on the midline, and its own.
-
-    Raises
-    ------
-    InputError
-        If a pair names an unknown landmark or one that has a partner already.
-    """
-    partner = np.arange(len(labels))
-    for pair in pairs:
-        for label in pair:
-            if label not in labels:
-                raise InputError(f"pairs: there is no landmark {label!r}")
-        left, right = (list(labels).index(label) for label in pair)
-        if left == right or partner[left] != left or partner[right] != right:
-            raise InputError(f"pairs: {pair[0]!r} and {pair[1]!r}: a landmark is in two pairs or its own partner")
-        partner[[left, right]] = right, left
-    return partner
-
-
 def _read_slicer_json(path: Path) -> Landmarks:
     content: Any = json.loads(_text(path))
     points: list[list[float]] = []
     labels: list[str] = []
     curves: list[Semilandmarks] = []
+    systems: set[CoordinateSystem | None] = set()
     for number, markup in enumerate(content["markups"], start=1):
         controls = markup.get("controlPoints", [])
+        system = _system(path, markup.get("coordinateSystem"))
         own = [str(control.get("label", index)) for index, control in enumerate(controls)]
         defined = [control.get("positionStatus", "defined") == "defined" for control in controls]
         places = [
@@ -237,26 +159,46 @@ def _read_slicer_json(path: Path) -> Landmarks:
             name = re.sub(r"[-_ ]*\d*$", "", own[0]) if own else ""
             along = _landmarks(path, own, places).points
             closed = markup["type"] == "ClosedCurve"
-            curves.append(_curve(path, name or f"curve {number}", along, closed=closed))
+            curves.append(_curve(path, name or f"curve {number}", along, system, closed=closed))
         else:
             labels += own
             points += places
-    return replace(_landmarks(path, labels, points), semilandmarks=tuple(curves))
+            systems.add(system)
+    if len(systems) > 1:
+        raise InputError(f"{path}: its lists of points have different coordinate systems; export them anew in one")
+    found = replace(_landmarks(path, labels, points), semilandmarks=tuple(curves))
+    return replace(found, system=systems.pop() if systems else None)
 
 
-def _curve(path: Path, name: str, points: FloatArray, *, closed: bool) -> Semilandmarks:
+def _system(path: Path, declared: object) -> CoordinateSystem | None:
+    """Return a declared coordinate system; older files of 3D Slicer number them."""
+    if declared in (None, ""):
+        return None
+    systems: dict[str, CoordinateSystem] = {"LPS": "LPS", "1": "LPS", "RAS": "RAS", "0": "RAS"}
+    if str(declared).upper() not in systems:
+        raise InputError(f"{path}: the coordinate system {declared!r} is none of LPS and RAS; export it anew in one")
+    return systems[str(declared).upper()]
+
+
+def _curve(
+    path: Path, name: str, points: FloatArray, system: CoordinateSystem | None, *, closed: bool
+) -> Semilandmarks:
     known = points[np.isfinite(points).all(axis=1)]
     if len(known) > 2 and (known[0] == known[-1]).all():
         known, closed = known[:-1], True
     if len(known) < (3 if closed else 2):
         raise InputError(f"{path}: the curve {name!r} has {len(known)} points, which are too few")
-    return Semilandmarks(name=name, kind="closed curve" if closed else "open curve", points=read_only(known))
+    kind: SemilandmarkKind = "closed curve" if closed else "open curve"
+    return Semilandmarks(name=name, kind=kind, points=read_only(known), system=system)
 
 
 def _read_fcsv(path: Path) -> Landmarks:
-    rows = [row for row in csv.reader(_text(path).splitlines()) if row and not row[0].startswith("#")]
+    text = _text(path)
+    rows = [row for row in csv.reader(text.splitlines()) if row and not row[0].startswith("#")]
+    declared = re.search(r"^#[ \t]*CoordinateSystem[ \t]*=[ \t]*([^,\s]*)", text, flags=re.MULTILINE)
     labels = [row[11] if len(row) > 11 else str(index) for index, row in enumerate(rows)]
-    return _landmarks(path, labels, [[float(word) for word in row[1:4]] for row in rows])
+    found = _landmarks(path, labels, [[float(word) for word in row[1:4]] for row in rows])
+    return replace(found, system=_system(path, declared[1] if declared else None))
 
 
 def _read_csv(path: Path) -> Landmarks:

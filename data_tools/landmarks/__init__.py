@@ -1,0 +1,1 @@
+"""Files of landmarks, in the formats of the field."""
