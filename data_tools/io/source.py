@@ -128,7 +128,7 @@ def read_start(path: Origin, num: int) -> bytes:
     """
     if isinstance(path, Source):
         return path.content[:num]
-    with _regular(path) as stream:
+    with open_regular(path, _limit(path)) as stream:
         return stream.read(num)
 
 
