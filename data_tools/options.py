@@ -54,8 +54,9 @@ class SamplingOptions:
     normalisation: Normalisation = "centroid"
     """Unit of length: the centroid size of the samples, the square root of the surface area, or the file's own."""
 
-    max_faces: int = 40_000
-    """Larger meshes are decimated to this many triangles for preprocessing; samples stay vertices of the original."""
+    max_faces: int = 4_000
+    """Larger meshes are decimated to this many triangles for preprocessing; samples stay vertices of the original.
+    Poses at 4000 are as right as at 40 000 on teeth, skulls and six classes of SHREC07."""
 
     def __post_init__(self) -> None:
         check_choice("metric", self.metric, get_args(Metric))

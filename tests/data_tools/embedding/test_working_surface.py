@@ -28,6 +28,13 @@ def test_decimation_keeps_the_surface_and_maps_to_near_vertices(rng: np.random.G
     assert "decimated" in surface.notes[0]
 
 
+def test_a_decimated_surface_has_vertices_for_all_samples(rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=3000)
+    surface = WorkingSurface(shape, SamplingOptions(max_faces=1000, num_points=300))
+    assert 2000 < len(surface.shape.faces) <= 2400
+    assert len(np.unique(surface.to_original[surface.farthest_points(300, "euclidean", seeded=True)])) == 300
+
+
 def test_clouds_are_thinned(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(working_surface, "MOST_CLOUD_POINTS", 1000)
     cloud = Shape.from_arrays(blob(rng, num_vertices=3000).vertices)
