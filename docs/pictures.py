@@ -101,7 +101,7 @@ def candidates() -> None:
         target, truth, order = rng.uniform(size=(20, 3)), random_rotation(rng), rng.permutation(20)
         source = (target[order] + noise * rng.standard_normal((20, 3))) @ truth
         result = pairwise.match(target, source, options=pairwise.MatchOptions(candidate_factor=10.0))
-        bound = pairwise.solve_relaxation(target, source, relaxation="tight").lower_bound
+        bound = pairwise.prove(pairwise.Problem.from_user(target, source)).lower_bound
         angles = [rotation_angle_deg(c.R_target_source, truth) for c in result.candidates]
         axes.scatter(angles, [c.energy for c in result.candidates])
         axes.axhline(bound, color="tab:green", label="proven lower bound")

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from pairwise.problem.problem import Problem
     from pairwise.relaxations import solve_relaxation
     from pairwise.status import Status
-    from pairwise.tight.symmetries import optimal_rotations
 
 __all__ = [
     "Certificate",
@@ -33,7 +32,6 @@ __all__ = [
     "all_poses",
     "exact_solutions",
     "match",
-    "optimal_rotations",
     "prove",
     "prove_motion",
     "refine_pose",
@@ -56,7 +54,6 @@ _HOMES = {
     "all_poses": "pairwise.branch_and_bound.poses",
     "exact_solutions": "pairwise.pm_sdp.symmetries",
     "match": "pairwise.matching",
-    "optimal_rotations": "pairwise.tight.symmetries",
     "prove": "pairwise.branch_and_bound.prove",
     "prove_motion": "pairwise.branch_and_bound.motions",
     "refine_pose": "pairwise.dense.refine",

@@ -1,4 +1,4 @@
-"""The entry point of the relaxations: checks the problem, picks the solver, returns values with their proof."""
+"""The entry point of PM-SDP: checks the problem, picks the solver, returns values with their proof."""
 
 from __future__ import annotations
 
@@ -24,7 +24,6 @@ def solve_relaxation(
     target: ArrayLike,
     source: ArrayLike,
     *,
-    relaxation: str = "pm-sdp",
     solver: str = "dual",
     tol: float = 1e-6,
     max_iterations: int | None = None,
@@ -32,23 +31,21 @@ def solve_relaxation(
     cross_products: bool = False,
     **problem_arguments: Unpack[ProblemArguments],
 ) -> RelaxationResult:
-    """Bound the Procrustes matching energy from below by a convex relaxation.
+    """Bound the Procrustes matching energy from below by PM-SDP, the relaxation of Maron et al. (2016).
 
     Parameters
     ----------
     target, source : array_like, shapes (n, d) and (k, d)
         Points are rows; k <= n.
-    relaxation : {"pm-sdp", "quaternion", "tight"}
-        PM-SDP (Maron et al. 2016), or the relaxations for rotations whose matches carry moments of their own.
     solver : {"dual", "scs", "clarabel"}
-        The structured interior-point method, or a general conic solver through CVXPY (PM-SDP only, no certificate).
+        The structured interior-point method, or a general conic solver through CVXPY (no certificate).
     tol : float
         Relative gap between value and bound at which to stop.
     max_iterations : int, optional
         The solver's own limit by default.
     time_limit_s : float, optional
     cross_products : bool
-        PM-SDP: use the identities R_a x R_b = R_c of the 3x3 rotation blocks, stronger than conv SO(3).
+        Use the identities R_a x R_b = R_c of the 3x3 rotation blocks, stronger than conv SO(3).
     **problem_arguments
         The other arguments of :meth:`pairwise.problem.problem.Problem.from_user`.
 
@@ -71,13 +68,9 @@ def solve_relaxation(
     >>> bool(abs(found.lower_bound) < 1e-4)
     True
     """
-    _check_options(relaxation, solver, tol, max_iterations, time_limit_s)
+    _check_options(solver, tol, max_iterations, time_limit_s)
     problem = Problem.from_user(target, source, **problem_arguments)
     limits: dict[str, Any] = {} if max_iterations is None else {"max_iterations": max_iterations}
-    if relaxation != "pm-sdp":
-        from pairwise.tight.solve import solve_tight
-
-        return solve_tight(problem, form=relaxation, tol=tol, time_limit_s=time_limit_s, **limits)
     if solver != "dual":
         from pairwise.reference.pm_sdp import solve_reference
 
@@ -87,15 +80,9 @@ def solve_relaxation(
     return solve_pm_sdp(problem, cross_products=cross_products, tol=tol, time_limit_s=time_limit_s, **limits)
 
 
-def _check_options(
-    relaxation: str, solver: str, tol: float, max_iterations: int | None, time_limit_s: float | None
-) -> None:
-    if relaxation not in ("pm-sdp", "quaternion", "tight"):
-        raise OptionsError(f"relaxation: expected 'pm-sdp', 'quaternion' or 'tight', got {relaxation!r}")
+def _check_options(solver: str, tol: float, max_iterations: int | None, time_limit_s: float | None) -> None:
     if solver not in ("dual", "scs", "clarabel"):
         raise OptionsError(f"solver: expected 'dual', 'scs' or 'clarabel', got {solver!r}")
-    if relaxation != "pm-sdp" and solver != "dual":
-        raise OptionsError(f"solver: {solver!r} solves PM-SDP only, not {relaxation!r}")
     if not 0.0 < tol < 1.0:
         raise OptionsError(f"tol: expected a number between 0 and 1, got {tol}")
     if max_iterations is not None and max_iterations < 1:

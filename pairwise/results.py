@@ -120,8 +120,6 @@ class RelaxationResult:
         ``"setup"`` and ``"solve"``, seconds.
     certificate : Certificate or None
         The dual variables that prove ``lower_bound``; check it with :func:`pairwise.verify_certificate`.
-    moments : ndarray, shape (10, 10), or None
-        The lifted rotation's moment matrix, for the tight relaxation.
     """
 
     value: float
@@ -135,4 +133,3 @@ class RelaxationResult:
     residuals: dict[str, float]
     times_s: dict[str, float]
     certificate: Certificate | None = None
-    moments: FloatArray | None = None

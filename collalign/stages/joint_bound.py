@@ -34,7 +34,7 @@ from data_tools.checks import check_number
 from data_tools.errors import CollectionError, OptionsError
 from pairwise.branch_and_bound.prove import can_certify
 from pairwise.branch_and_bound.tilted import TiltedProof, prove_tilted
-from pairwise.tight.problem import energy_scale
+from pairwise.problem.problem import energy_scale
 
 #: Changes whenever the same pair and multipliers would give another bound.
 JOINT_VERSION = "joint-1"

@@ -25,9 +25,9 @@ from pairwise.branch_and_bound.motion_bounds import MotionBounds, MotionCells
 from pairwise.local.freedom import Freedom
 from pairwise.local.local_search import LocalMinima, minimise
 from pairwise.local.rotation_sets import rotation_set
-from pairwise.problem.problem import Problem
+from pairwise.problem.chirality import mirror
+from pairwise.problem.problem import Problem, energy_scale
 from pairwise.results import Candidate
-from pairwise.tight.problem import energy_scale, mirror
 
 #: Rotations that are tried first with every shift that puts a point onto another, and the poses sought from.
 _NUM_SCREENED, _NUM_STARTS = 512, 200

@@ -16,10 +16,10 @@ from data_tools.errors import OptionsError
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.motion_search import MotionSearch
 from pairwise.branch_and_bound.prove import can_certify, deadline_of
+from pairwise.problem.chirality import chiralities
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate
 from pairwise.status import Status
-from pairwise.tight.problem import chiralities
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

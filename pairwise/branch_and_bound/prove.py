@@ -22,10 +22,10 @@ from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.certificates.certificate import Certificate
 from pairwise.local.rotation_sets import rotation_set
 from pairwise.local.screening import screen
+from pairwise.problem.chirality import chiralities
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate
 from pairwise.status import Status
-from pairwise.tight.problem import chiralities
 
 #: Rotations that are screened before anything is bounded, and how many of them the best pose is sought from.
 _NUM_SCREENED, _NUM_STARTS = 256, 16

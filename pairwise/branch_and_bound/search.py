@@ -11,8 +11,8 @@ from data_tools.arrays import FloatArray, IntArray
 from pairwise.branch_and_bound.bounds import CellBounds, QuasiBounds
 from pairwise.branch_and_bound.cells import MAX_DEPTH, Cells, join
 from pairwise.local.local_search import minimise
-from pairwise.problem.problem import Problem
-from pairwise.tight.problem import energy_scale, mirror
+from pairwise.problem.chirality import mirror
+from pairwise.problem.problem import Problem, energy_scale
 
 #: Entries of the cost matrices of the cells that are split at once, and cells at most.
 _BATCH_ENTRIES, _MOST_CELLS = 4_000_000, 512

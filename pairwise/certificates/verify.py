@@ -18,7 +18,6 @@ from pairwise.certificates.certificate import PARTIAL_ARRAYS, PROBLEM_ARRAYS, Ce
 from pairwise.certificates.statement import cost_deviation, read_problem
 from pairwise.certificates.verify_cells import cells_bound
 from pairwise.certificates.verify_pm_sdp import pm_sdp_bound
-from pairwise.certificates.verify_tight import tight_bound
 from pairwise.problem.problem import Problem
 
 #: A recomputed bound may fall short of the claimed one by this much of the problem's scale (other BLAS, other order).
@@ -33,8 +32,6 @@ _UNDERFLOW = 1e-100
 VERIFIERS: dict[str, Callable[[Problem, CertificateArrays], float]] = {
     "cells": cells_bound,
     "pm-sdp": pm_sdp_bound,
-    "quaternion": tight_bound,
-    "tight": tight_bound,
 }
 
 

@@ -216,6 +216,14 @@ class Problem:
         return self.pattern.project(self.target[point_map].T @ (weights[:, None] * self.source))
 
 
+def energy_scale(problem: Problem) -> float:
+    """Return a typical size of the energy, for absolute tolerances: the spread of both shapes about the origin."""
+    weight = float(problem.weights.sum())
+    squares = float((problem.weights * (problem.source**2).sum(axis=1)).sum())
+    constant = float(np.abs(problem.constant_cost).mean(axis=0).sum())
+    return squares + weight * float((problem.target**2).sum(axis=1).mean()) + constant
+
+
 def _invariant_cost(invariants: tuple[ArrayLike, ArrayLike], n: int, k: int) -> FloatArray:
     if not isinstance(invariants, tuple | list) or len(invariants) != 2:
         raise OptionsError("invariants: expected a pair (target, source) of arrays (n, m) and (k, m)")

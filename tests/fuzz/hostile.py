@@ -18,7 +18,6 @@ from pairwise.branch_and_bound.prove import prove
 from pairwise.certificates.certificate import hash_problem
 from pairwise.certificates.statement import build_problem, read_problem
 from pairwise.relaxations import solve_pm_sdp
-from pairwise.tight.solve import solve_tight
 from tests.oracles import brute_force
 
 #: What a bound may exceed the optimum by, as a share of the problem's scale.
@@ -98,14 +97,14 @@ def honest() -> tuple[tuple[Problem, Certificate], ...]:
     rng = np.random.default_rng(20)
     mask = np.ones((5, 4), dtype=bool)
     mask[[0, 1, 4], [0, 0, 2]] = False
-    tight_mask = np.array([[1, 1, 1, 0], [1, 1, 1, 0], [0, 0, 1, 0], [1, 1, 1, 1]], dtype=bool)
+    narrow_mask = np.array([[1, 1, 1, 0], [1, 1, 1, 0], [0, 0, 1, 0], [1, 1, 1, 1]], dtype=bool)
     invariants = (rng.random((4, 2)), rng.random((4, 2)))
     cases: list[tuple[int, int, int, float, dict[str, Any]]] = [
         (4, 4, 3, 1.0, {}),
         (5, 4, 3, 1e-6, {"group": "O", "allowed": mask}),
         (4, 3, 3, 1e6, {"weights": [0.5, 2.0, 1.0]}),
         (4, 4, 2, 30.0, {"group": "O", "invariants": invariants}),
-        (4, 4, 3, 1.0, {"allowed": tight_mask}),
+        (4, 4, 3, 1.0, {"allowed": narrow_mask}),
     ]
     pairs = []
     for n, k, d, unit, options in cases:
@@ -113,12 +112,7 @@ def honest() -> tuple[tuple[Problem, Certificate], ...]:
         source = target[rng.permutation(n)[:k]] @ np.linalg.qr(rng.standard_normal((d, d)))[0]
         source += 0.1 * unit * rng.standard_normal((k, d))
         problem = Problem.from_user(target, source, **options)
-        plain = [
-            solve_pm_sdp(problem),
-            solve_tight(problem),
-            solve_tight(problem, form="quaternion", eliminate=False),
-            prove(problem, tol=1e-2, record=True),
-        ]
+        plain = [solve_pm_sdp(problem), prove(problem, tol=1e-2, record=True)]
         partial = replace(problem, max_unmatched=2, unmatched_cost=0.02 * unit**2)
         pairs += [(problem, result.certificate) for result in plain] + [(partial, solve_pm_sdp(partial).certificate)]
     points = rng.random((4, 5))
@@ -138,7 +132,7 @@ def forge(problem: Problem, certificate: Certificate, rng: np.random.Generator) 
             warnings.simplefilter("ignore")
             arrays = (_cancelling if is_careful else _drawn(CHANGES, rng))(arrays, rng)
     if not is_careful and rng.random() < 0.05:
-        kind = _drawn(["pm-sdp", "tight", "quaternion", "cells", "exact", None, 3, ["tight"]], rng)
+        kind = _drawn(["pm-sdp", "cells", "exact", None, 3, ["cells"]], rng)
     claims: list[Any] = [-1e300, -1.0, certificate.bound, certificate.bound * 1.5, 1e6, np.nan, np.inf, "1", None, 1j]
     claim = _drawn(claims[:4] if rng.random() < 0.95 else claims, rng)
     signature: Any = certificate.problem_hash
@@ -275,7 +269,7 @@ def _added(arrays: Arrays, rng: np.random.Generator) -> Arrays:
         ("max_unmatched", np.array(2.0)),
         ("impossible", np.array([[int(rng.integers(-2, 6)), int(rng.integers(-2, 6))]])),
         ("impossible", np.argwhere(np.ones((4, 4)))),
-        ("proper_2_allowed", np.ones((4, 4), dtype=bool)),
+        ("reflected_paths", np.ones((4, 4), dtype=bool)),
         ("bound", np.array(1e9)),
         (7, np.zeros(3)),
     ]
@@ -288,33 +282,6 @@ def _borrowed(arrays: Arrays, rng: np.random.Generator) -> Arrays:
     donor = _drawn(honest(), rng)[1].arrays
     name = _drawn(sorted(donor), rng)
     return {**arrays, name: donor[name]}
-
-
-def _restaged(arrays: Arrays, rng: np.random.Generator) -> Arrays:
-    """Rename, repeat or drop the stages of a tight proof, or swap its chiralities."""
-    old, new = (
-        _drawn(["proper_0_", "proper_1_", "proper_2_", "reflected_0_", "reflected_1_"], rng) for _ in range(2)
-    )
-    moved = {str(name).replace(old, new) if str(name).startswith(old) else name: v for name, v in arrays.items()}
-    return {**arrays, **moved} if rng.random() < 0.5 else moved
-
-
-def _narrowed(arrays: Arrays, rng: np.random.Generator) -> Arrays:
-    """Leave matches out of the last stage, with its multipliers for those that remain."""
-    names = sorted(str(name) for name in arrays if str(name).endswith("_allowed"))
-    if not names:
-        return arrays
-    allowed = np.array(arrays[names[-1]], dtype=bool)
-    if allowed.ndim != 2:
-        return arrays
-    kept = allowed & (rng.random(allowed.shape) < 0.7)
-    name = names[-1].replace("allowed", "identity_multipliers")
-    values = arrays.get(name)
-    changed = {**arrays, names[-1]: kept}
-    if isinstance(values, np.ndarray) and values.ndim == 2 and len(values) >= allowed.sum():
-        rest = np.ones(len(values) - allowed.sum(), dtype=bool)
-        changed[name] = values[np.concatenate([kept[allowed], rest])]
-    return changed
 
 
 def _repacked(arrays: Arrays, rng: np.random.Generator) -> Arrays:
@@ -341,7 +308,5 @@ CHANGES: tuple[Change, ...] = (
     _removed,
     _added,
     _borrowed,
-    _restaged,
-    _narrowed,
     _repacked,
 )

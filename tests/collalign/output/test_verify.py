@@ -45,7 +45,7 @@ def certified() -> Certified:
     coordinates -= coordinates.mean(axis=1, keepdims=True)
     coordinates /= np.linalg.norm(coordinates, axis=(1, 2), keepdims=True)
     certificate = solve_relaxation(
-        coordinates[0], coordinates[2], invariants=(invariants[0], invariants[2]), relaxation="quaternion"
+        coordinates[0], coordinates[2], invariants=(invariants[0], invariants[2])
     ).certificate
     empty = {"rotations": np.zeros((0, 3, 3)), "maps": np.zeros((0, K), dtype=np.int64), "energies": np.zeros(0)}
     pairs = (

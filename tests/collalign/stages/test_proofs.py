@@ -17,7 +17,7 @@ from data_tools.errors import StoreError
 from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.poses import list_poses
 from pairwise.problem.problem import Problem
-from tests.tight_problems import planted_cube
+from tests.rigid_problems import planted_cube
 
 
 def pair(*energies: float) -> Pair:

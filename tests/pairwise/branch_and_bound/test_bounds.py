@@ -6,10 +6,10 @@ from scipy.spatial.transform import Rotation
 from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.bounds import QuasiBounds
 from pairwise.local.rotation_sets import random_rotations
-from pairwise.problem.problem import Problem
-from pairwise.tight.problem import chiralities, energy_scale
+from pairwise.problem.chirality import chiralities
+from pairwise.problem.problem import Problem, energy_scale
 from tests.oracles import every_pose
-from tests.tight_problems import planted_cube, rigid_problem
+from tests.rigid_problems import planted_cube, rigid_problem
 
 
 def evaluate(problem, rotations, radii, threshold=np.inf):

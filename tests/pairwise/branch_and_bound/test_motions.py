@@ -17,9 +17,9 @@ from pairwise.branch_and_bound.motion_search import MotionSearch
 from pairwise.branch_and_bound.motions import MotionProof, can_prove_motion, prove_motion
 from pairwise.local.freedom import Freedom
 from pairwise.local.local_search import energies_of, similarities
+from pairwise.problem.chirality import chiralities
 from pairwise.problem.problem import Problem
 from pairwise.status import Status
-from pairwise.tight.problem import chiralities
 
 SHIFTED = Freedom(translate=True)
 

@@ -4,11 +4,11 @@ import pytest
 from data_tools.errors import InputError, OptionsError
 from pairwise import all_poses
 from pairwise.branch_and_bound.poses import list_poses
-from pairwise.problem.problem import Problem
+from pairwise.problem.chirality import chiralities
+from pairwise.problem.problem import Problem, energy_scale
 from pairwise.status import Status
-from pairwise.tight.problem import chiralities, energy_scale
 from tests.oracles import every_pose
-from tests.tight_problems import is_pointed, planted_cube, rigid_problem
+from tests.rigid_problems import is_pointed, planted_cube, rigid_problem
 
 
 def missed_poses(problem, poses):

@@ -5,12 +5,12 @@ from data_tools.datasets.public import read_teeth
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import OptionsError
 from pairwise.branch_and_bound.prove import _proof, can_certify, certify, prove, searches_of
-from pairwise.problem.problem import Problem
+from pairwise.problem.chirality import chiralities
+from pairwise.problem.problem import Problem, energy_scale
 from pairwise.results import Candidate
 from pairwise.status import Status
-from pairwise.tight.problem import chiralities, energy_scale
 from tests.oracles import brute_force, check_pose
-from tests.tight_problems import is_pointed, planted_cube, rigid_problem
+from tests.rigid_problems import is_pointed, planted_cube, rigid_problem
 
 
 @pytest.mark.parametrize("seed", range(42))

@@ -11,7 +11,7 @@ from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations
 from pairwise.problem.problem import Problem
-from tests.tight_problems import planted_cube
+from tests.rigid_problems import planted_cube
 
 
 def started(tol: float = 1e-3) -> RotationSearch:

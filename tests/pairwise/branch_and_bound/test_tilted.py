@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from data_tools.rotations import random_rotation
 from pairwise.branch_and_bound.tilted import least_energies, prove_tilted, with_tilt
-from pairwise.problem.problem import Problem
-from pairwise.tight.problem import energy_scale
+from pairwise.problem.problem import Problem, energy_scale
 from tests.oracles import brute_force, every_pose
-from tests.tight_problems import small_problem
+from tests.rigid_problems import small_problem
 
 
 def least_tilted(problem: Problem, tilt: NDArray[np.float64]) -> float:

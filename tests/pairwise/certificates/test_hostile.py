@@ -16,7 +16,6 @@ from pairwise.certificates.certificate import MAX_BYTES
 from pairwise.certificates.statement import read_problem
 from pairwise.certificates.verify import VERIFIERS, proven_bound
 from pairwise.relaxations import solve_pm_sdp
-from pairwise.tight.solve import solve_tight
 from tests.oracles import brute_force
 
 
@@ -31,8 +30,6 @@ def proofs(problem) -> dict[str, Certificate]:
     return {
         "cells": prove(problem, tol=1e-2, record=True).certificate,
         "pm-sdp": solve_pm_sdp(problem).certificate,
-        "tight": solve_tight(problem, eliminate=False).certificate,
-        "quaternion": solve_tight(problem, form="quaternion", eliminate=False).certificate,
     }
 
 
@@ -44,28 +41,7 @@ def check(problem: Problem, certificate: Certificate) -> float:
     return verify_certificate(problem.target, problem.source, certificate, problem=problem)
 
 
-@pytest.mark.parametrize("kind", ["tight", "quaternion"])
-@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.longdouble])
-def test_sums_do_not_lose_small_multipliers_beside_huge_ones(problem, proofs, kind, dtype) -> None:
-    # In the type's own sum the middle multiplier vanishes between two huge ones, and the bound rises by it.
-    values = proofs[kind].arrays["proper_0_source_multipliers"]
-    for size in (1e3, 1e9, 1e15):
-        changed = values.astype(dtype)
-        identity = np.eye(values.shape[-1])
-        with np.errstate(all="ignore"):
-            changed[0] += (size * identity).astype(dtype)
-            changed[-1] -= (size * identity).astype(dtype)
-            changed[1] -= (0.2 * np.finfo(dtype).eps * size * identity).astype(dtype)
-        try:
-            assert (
-                check(problem, forged(proofs[kind], proper_0_source_multipliers=changed))
-                <= brute_force(problem).energy
-            )
-        except InputError:
-            assert dtype is np.float16  # overflows
-
-
-@pytest.mark.parametrize("kind", ["cells", "pm-sdp", "tight", "quaternion"])
+@pytest.mark.parametrize("kind", ["cells", "pm-sdp"])
 def test_a_certificate_in_single_precision_proves_what_its_numbers_prove(problem, proofs, kind) -> None:
     if kind == "pm-sdp":  # at convergence F is so close to singular that single precision makes it indefinite
         proofs = {kind: solve_pm_sdp(problem, max_iterations=4).certificate}
@@ -79,14 +55,14 @@ def test_a_certificate_in_single_precision_proves_what_its_numbers_prove(problem
     assert bound <= brute_force(problem).energy
 
 
-@pytest.mark.parametrize("kind", ["cells", "pm-sdp", "tight", "quaternion"])
+@pytest.mark.parametrize("kind", ["cells", "pm-sdp"])
 @pytest.mark.parametrize(
     ("name", "values"),
     [
         ("unmatched_costs", np.full(5, 999_999.0)),
         ("max_unmatched", np.array(999_999)),
         ("max_unmatched", np.array(-3)),
-        ("proper_7_allowed", np.ones((5, 5), dtype=bool)),
+        ("proper_7_paths", np.ones((5, 5), dtype=bool)),
         ("gamma", np.zeros(3)),
         (3, np.zeros(3)),
     ],
@@ -99,7 +75,7 @@ def test_arrays_of_another_kind_are_refused(problem, proofs, kind, name, values)
         proven_bound(problem, kind, arrays)
 
 
-@pytest.mark.parametrize("kind", ["cells", "pm-sdp", "tight", "quaternion"])
+@pytest.mark.parametrize("kind", ["cells", "pm-sdp"])
 @pytest.mark.parametrize(
     "change",
     [
@@ -122,10 +98,10 @@ def test_malformed_arrays_end_in_an_error_of_ours(problem, proofs, kind, change)
 
 
 @pytest.mark.parametrize("field", ["kind", "problem_hash", "bound", "arrays"])
-@pytest.mark.parametrize("value", [None, 7.0, "x", [], ["tight"], np.zeros(2), 1j, float("nan"), float("inf")])
+@pytest.mark.parametrize("value", [None, 7.0, "x", [], ["cells"], np.zeros(2), 1j, float("nan"), float("inf")])
 def test_fields_of_other_types_are_refused(problem, proofs, field, value) -> None:
     with pytest.raises(InputError):
-        check(problem, replace(proofs["tight"], **{field: value}))
+        check(problem, replace(proofs["cells"], **{field: value}))
 
 
 @pytest.mark.parametrize(
@@ -187,7 +163,7 @@ def test_numbers_that_overflow_prove_nothing(problem, proofs) -> None:
 @pytest.mark.parametrize("unit", [1e-60, 1e-12, 1.0, 1e12, 1e60])
 def test_every_unit_of_length_is_proven_alike(problem, unit) -> None:
     optimum = brute_force(problem).energy
-    for solve in (solve_pm_sdp, solve_tight, partial(prove, record=True)):
+    for solve in (solve_pm_sdp, partial(prove, record=True)):
         scaled = replace(problem, target=unit * problem.target, source=unit * problem.source)
         result = solve(scaled)
         share = check(scaled, result.certificate) / unit / unit / optimum
@@ -199,7 +175,7 @@ def test_points_that_are_not_finite_are_refused(problem, proofs) -> None:
         target = problem.target.copy()
         target[0, 0] = bad
         with pytest.raises(InputError, match="target"):
-            verify_certificate(target, problem.source, proofs["tight"])
+            verify_certificate(target, problem.source, proofs["cells"])
 
 
 def test_a_file_that_would_fill_the_memory_is_refused_unread(tmp_path) -> None:

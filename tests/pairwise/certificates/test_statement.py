@@ -102,9 +102,9 @@ def test_numbers_come_in_the_unit_and_not_beyond_its_range() -> None:
     assert found.dtype == np.dtype("=f8")
     assert found.tolist() == [0.75, -1.25]
     with pytest.raises(InputError, match="does not have: i"):
-        given.refuse_rest("tight")
+        given.refuse_rest("cells")
     assert given.indices("i", (2,), upper=3).dtype == np.int64
-    given.refuse_rest("tight")
+    given.refuse_rest("cells")
     with pytest.raises(InputError, match="outside"):
         given.indices("i", (2,), upper=2)
     for wrong in (np.array([0, -1]), np.array([3])):

@@ -13,10 +13,10 @@ from pairwise.branch_and_bound.cells import Cells
 from pairwise.branch_and_bound.prove import prove
 from pairwise.certificates.verify import proven_bound
 from pairwise.certificates.verify_cells import _balls
+from pairwise.problem.problem import energy_scale
 from pairwise.status import Status
-from pairwise.tight.problem import energy_scale
 from tests.oracles import brute_force
-from tests.tight_problems import planted_cube, rigid_problem
+from tests.rigid_problems import planted_cube, rigid_problem
 
 
 @pytest.fixture(scope="module")

@@ -192,9 +192,7 @@ def test_scale_and_order_do_not_matter(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        {"relaxation": "loose"},
         {"solver": "mosek"},
-        {"relaxation": "tight", "solver": "scs"},
         {"tol": 0.0},
         {"max_iterations": 0},
         {"time_limit_s": -1.0},

@@ -1,1 +1,0 @@
-"""The tight relaxation."""
