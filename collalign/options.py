@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 from collalign.engine.session import Session
-from collalign.former_options import flat_names, refuse_former
 from data_tools.checks import check_choice, check_count, check_flag, check_number
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
@@ -240,7 +239,6 @@ def options_from_record(record: Mapping[str, Any]) -> AlignOptions:
     """
     if not isinstance(record, Mapping):
         raise OptionsError(f"options: expected a table of names and values, got {record!r}")
-    refuse_former(flat_names(record))
     groups = {
         "cleaning": CleaningOptions,
         "sampling": SamplingOptions,

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable, Collection
-from typing import ParamSpec, TypeVar
+from collections.abc import Collection
 
 import numpy as np
 
 from data_tools.errors import OptionsError
-
-_Arguments = ParamSpec("_Arguments")
-_Returned = TypeVar("_Returned")
 
 
 def check_choice(name: str, value: object, choices: Collection[str]) -> None:
@@ -62,31 +57,3 @@ def check_number(
         limits = f"{'more than' if positive else 'at least'} {lower:g}"
         limits += f" and at most {upper:g}" if math.isfinite(upper) else ""
         raise OptionsError(f"{name}: expected a number of {limits}, got {value!r}")
-
-
-def former_arguments(
-    **new_names: str,
-) -> Callable[[Callable[_Arguments, _Returned]], Callable[_Arguments, _Returned]]:
-    """Let a function refuse arguments by the names that earlier versions had, and say the new ones.
-
-    Parameters
-    ----------
-    **new_names : str
-        The new name of each former one.
-
-    Raises
-    ------
-    OptionsError
-        When the decorated function is called with a former name.
-    """
-
-    def decorate(function: Callable[_Arguments, _Returned]) -> Callable[_Arguments, _Returned]:
-        @functools.wraps(function)
-        def checked(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Returned:
-            for name in kwargs.keys() & new_names.keys():
-                raise OptionsError(f"{name}: this argument is called {new_names[name]} now")
-            return function(*args, **kwargs)
-
-        return checked
-
-    return decorate

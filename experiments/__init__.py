@@ -29,7 +29,6 @@ _FOLDERS = {
     "matching_table": "pairs",
     "matching_energies": "pairs",
     "proofs": "pairs",
-    "partial_scans": "pairs",
     "incomplete": "pairs",
     "peers": "peers",
     "landmarks": "peers",

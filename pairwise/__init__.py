@@ -4,7 +4,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pairwise.branch_and_bound.motions import MotionProof, prove_motion
     from pairwise.branch_and_bound.poses import PoseList, PoseRegion, all_poses
     from pairwise.branch_and_bound.prove import Proof, prove
     from pairwise.certificates.certificate import Certificate
@@ -12,7 +11,7 @@ if TYPE_CHECKING:
     from pairwise.dense.points import DensePoints
     from pairwise.dense.refine import refine_pose
     from pairwise.matching import match
-    from pairwise.options import DenseOptions, MatchOptions
+    from pairwise.options import MatchOptions
     from pairwise.pm_sdp.symmetries import exact_solutions
     from pairwise.problem.problem import Problem
     from pairwise.relaxations import solve_relaxation
@@ -20,10 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Certificate",
-    "DenseOptions",
     "DensePoints",
     "MatchOptions",
-    "MotionProof",
     "PoseList",
     "PoseRegion",
     "Problem",
@@ -33,7 +30,6 @@ __all__ = [
     "exact_solutions",
     "match",
     "prove",
-    "prove_motion",
     "refine_pose",
     "solve_relaxation",
     "verify_certificate",
@@ -42,10 +38,8 @@ __all__ = [
 #: Imported when first asked for: options alone are there in a third of the time.
 _HOMES = {
     "Certificate": "pairwise.certificates.certificate",
-    "DenseOptions": "pairwise.options",
     "DensePoints": "pairwise.dense.points",
     "MatchOptions": "pairwise.options",
-    "MotionProof": "pairwise.branch_and_bound.motions",
     "PoseList": "pairwise.branch_and_bound.poses",
     "PoseRegion": "pairwise.branch_and_bound.poses",
     "Problem": "pairwise.problem.problem",
@@ -55,7 +49,6 @@ _HOMES = {
     "exact_solutions": "pairwise.pm_sdp.symmetries",
     "match": "pairwise.matching",
     "prove": "pairwise.branch_and_bound.prove",
-    "prove_motion": "pairwise.branch_and_bound.motions",
     "refine_pose": "pairwise.dense.refine",
     "solve_relaxation": "pairwise.relaxations",
     "verify_certificate": "pairwise.certificates.verify",

@@ -15,6 +15,9 @@ from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate
 
+#: Poses closer than this are the same.
+SAME_DEG = 15.0
+
 
 def distinct_candidates(pattern: RotationPattern, minima: LocalMinima, options: MatchOptions) -> list[Candidate]:
     """Return the distinct poses of each chirality that the group has, best first, at most ``max_candidates`` of each.
@@ -22,7 +25,7 @@ def distinct_candidates(pattern: RotationPattern, minima: LocalMinima, options: 
     Parameters
     ----------
     pattern : RotationPattern
-        Poses whose rotation blocks are closer than ``candidate_angle_deg`` are one.
+        Poses whose rotation blocks are closer than ``SAME_DEG`` are one.
     minima : LocalMinima
         Best first.
     options : MatchOptions
@@ -44,8 +47,7 @@ def _distinct_of_one(
 ) -> list[Candidate]:
     """Return the distinct poses of one chirality."""
     block = pattern.rotation_block
-    angle_rad = np.deg2rad(options.candidate_angle_deg)
-    chosen = minima.take(distinct(minima.rotations[:, :block, :block], angle_rad, options.max_candidates))
+    chosen = minima.take(distinct(minima.rotations[:, :block, :block], np.deg2rad(SAME_DEG), options.max_candidates))
     return [
         Candidate(
             R_target_source=read_only(chosen.rotations[c].copy()),
@@ -53,8 +55,6 @@ def _distinct_of_one(
             energy=float(chosen.energies[c]),
             reflected=reflected,
             origin=str(chosen.origins[c]),
-            scale=float(chosen.scales[c]),
-            translation=read_only(chosen.shifts[c].copy()) if options.estimate_translation else None,
         )
         for c in range(len(chosen))
     ]
@@ -83,10 +83,9 @@ def with_better(
     if better.energy >= ranked[0].energy:
         return ranked
     block = problem.pattern.rotation_block
-    angle_rad = np.deg2rad(options.candidate_angle_deg)
 
     def is_apart(other: Candidate) -> bool:
         first, second = (c.R_target_source[:block, :block] for c in (better, other))
-        return bool(rotation_angles(first, second) >= angle_rad)
+        return bool(rotation_angles(first, second) >= np.deg2rad(SAME_DEG))
 
     return rank([better, *(c for c in ranked if is_apart(c))], options, problem.rounding_energy)

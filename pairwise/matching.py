@@ -13,16 +13,14 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_tools.arrays import FloatArray, as_rotations
+from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.threads import one_blas_thread
-from pairwise.branch_and_bound.motions import can_prove_motion
-from pairwise.branch_and_bound.motions import certify_motion as prove_motion_by_branching
 from pairwise.branch_and_bound.prove import can_certify
 from pairwise.branch_and_bound.prove import certify as prove_by_branching
 from pairwise.candidates import with_better
 from pairwise.dense.points import DensePoints
 from pairwise.dense.rank import DenseLike, dense_pair, refine_candidates
-from pairwise.options import DenseOptions, MatchOptions, Strategy
+from pairwise.options import MatchOptions, Strategy
 from pairwise.portfolio import find_poses, relax, wants_relaxation
 from pairwise.problem.problem import Problem, ProblemArguments
 from pairwise.results import Candidate, MatchResult, RelaxationResult
@@ -34,6 +32,7 @@ def match(
     target: ArrayLike,
     source: ArrayLike,
     *,
+    translation: bool = False,
     starts: ArrayLike | None = None,
     dense: tuple[DenseLike, DenseLike] | None = None,
     strategy: Strategy | None = None,
@@ -41,7 +40,6 @@ def match(
     time_limit_s: float | None = None,
     seed: int | None = None,
     options: MatchOptions | None = None,
-    dense_options: DenseOptions | None = None,
     **problem_arguments: Unpack[ProblemArguments],
 ) -> MatchResult:
     """Match the source's points to the target's: rotation and injective map of least energy (Procrustes matching).
@@ -52,6 +50,9 @@ def match(
         Points are rows.
     source : array_like, shape (k, d)
         k <= n.
+    translation : bool
+        Poses turn about the origin; this shifts both sets to their centroids first, which is the best shift where
+        all points are matched and weigh the same. Energies, bounds and certificates are then of the shifted points.
     starts : array_like, shape (m, d, d), optional
         Poses to descend from as well.
     dense : pair of DensePoints, of arrays (l, d), or of pairs (points, normals), optional
@@ -61,20 +62,16 @@ def match(
         Override the fields of ``options`` of the same names.
     options : MatchOptions, optional
         The other ones.
-    dense_options : DenseOptions, optional
-        How poses are refined on the dense points.
     **problem_arguments
         What makes the problem beside the points, see :meth:`pairwise.Problem.from_user`: ``group`` ("SO", or "O",
         where both chiralities are searched and each has its own candidates), ``allowed`` matches,
-        ``rotation_pattern`` (``(3, m)`` for mixed embeddings), ``invariants``, ``weights``, and ``num_matches`` or
-        ``unmatched_penalty`` for two-way partial matching.
+        ``rotation_pattern`` (``(3, m)`` for mixed embeddings), ``invariants`` and ``weights``.
 
     Returns
     -------
     MatchResult
         Its ``lower_bound`` is the relaxation's where that was solved, or the proof's with ``certify``; NaN otherwise,
-        and for banded patterns, whose bound is one for banded R only, while poses are any rotations. In partial
-        matching the relaxation's bound is valid but says little (often 0).
+        and for banded patterns, whose bound is one for banded R only, while poses are any rotations.
 
     Raises
     ------
@@ -90,6 +87,9 @@ def match(
     (True, True)
     """
     problem = Problem.from_user(target, source, **problem_arguments)
+    centres = (np.zeros(problem.dim),) * 2
+    if translation:
+        problem, centres = _about_centroids(problem)
     given: dict[str, Any] = {"strategy": strategy, "certify": certify, "time_limit_s": time_limit_s, "seed": seed}
     changes = {name: value for name, value in given.items() if value is not None}
     poses = None
@@ -98,7 +98,19 @@ def match(
         poses = as_rotations(starts, "starts", group=group, dim=problem.dim).reshape(-1, problem.dim, problem.dim)
     clouds = None if dense is None else dense_pair(dense, problem)
     options = replace(options or MatchOptions(), **changes)
-    return match_problem(problem, options, starts=poses, dense=clouds, dense_options=dense_options)
+    result = match_problem(problem, options, starts=poses, dense=clouds)
+    if not translation:
+        return result
+    shifts = (read_only(centres[0] - c.R_target_source @ centres[1]) for c in result.candidates)
+    ranked = tuple(replace(c, translation=shift) for c, shift in zip(result.candidates, shifts, strict=True))
+    return replace(result, translation=ranked[0].translation, candidates=ranked)
+
+
+def _about_centroids(problem: Problem) -> tuple[Problem, tuple[FloatArray, FloatArray]]:
+    """Return the problem with both point sets about their centroids, and the centroids."""
+    centres = problem.target.mean(axis=0), problem.source.mean(axis=0)
+    target, source = problem.target - centres[0], problem.source - centres[1]
+    return replace(problem, target=read_only(target), source=read_only(source)), centres
 
 
 @one_blas_thread()
@@ -108,7 +120,6 @@ def match_problem(
     *,
     starts: FloatArray | None = None,
     dense: tuple[DensePoints, DensePoints] | None = None,
-    dense_options: DenseOptions | None = None,
 ) -> MatchResult:
     """Match as :func:`match` does, from a checked problem, checked starts (m, d, d) and checked dense points."""
     begin_s = time.perf_counter()
@@ -117,16 +128,15 @@ def match_problem(
     ranked = find_poses(problem, options, relaxation=relaxation, starts=starts)
     found_s = time.perf_counter()
     bound, status = _proven(problem, relaxation, ranked[0], options)
-    if options.certify and status is not Status.PROVEN_OPTIMAL and _can_prove(problem, options):
+    if options.certify and status is not Status.PROVEN_OPTIMAL and can_certify(problem):
         left_s = None if options.time_limit_s is None else max(options.time_limit_s - (found_s - begin_s), 1e-3)
-        prove = prove_motion_by_branching if options.estimate_translation else prove_by_branching
-        proven, better, status = prove(problem, ranked, tol=options.gap_tol, time_limit_s=left_s)
+        proven, better, status = prove_by_branching(problem, ranked, tol=options.gap_tol, time_limit_s=left_s)
         ranked = with_better(ranked, better, problem, options)
         bound = min(float(np.fmax(bound, proven)), ranked[0].energy)
     proven_s = time.perf_counter()
     if dense is not None:
         optimum = ranked[0]
-        ranked = refine_candidates(ranked, problem, dense, options, dense_options or DenseOptions())
+        ranked = refine_candidates(ranked, problem, dense)
         if ranked[0].energy > optimum.energy and status is Status.PROVEN_OPTIMAL:
             status = Status.LOCAL_OPTIMUM
     best = ranked[0]
@@ -134,8 +144,6 @@ def match_problem(
         R_target_source=best.R_target_source,
         map_target_source=best.map_target_source,
         energy=best.energy,
-        scale=best.scale,
-        translation=best.translation,
         lower_bound=bound,
         candidates=ranked,
         status=status,
@@ -148,11 +156,6 @@ def match_problem(
         certificate=None if relaxation is None else relaxation.certificate,
         refined=best.refined,
     )
-
-
-def _can_prove(problem: Problem, options: MatchOptions) -> bool:
-    """Whether branch and bound is for this problem, over rotations or over rotations and shifts."""
-    return can_prove_motion(problem) if options.estimate_translation else can_certify(problem)
 
 
 def _proven(

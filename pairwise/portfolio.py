@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from data_tools.arrays import FloatArray
 from pairwise.branch_and_bound.prove import can_certify
 from pairwise.candidates import distinct_candidates, rank
-from pairwise.local.freedom import RIGID
 from pairwise.local.local_search import merge, minimise
 from pairwise.local.search import explore, look_around
 from pairwise.options import MatchOptions
-from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations, extreme_starts
+from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations
 from pairwise.problem.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate, RelaxationResult
@@ -29,15 +28,13 @@ _MAX_COVERED_DIM = 3
 
 def wants_relaxation(problem: Problem, options: MatchOptions) -> bool:
     """Whether the relaxation is solved, by the rule above."""
-    if options.freedom != RIGID:
-        return False
     uncovered = problem.pattern.rotation_block > _MAX_COVERED_DIM
     by_strategy = {"search": False, "relaxation": True, "portfolio": uncovered}[options.strategy]
     return by_strategy or (options.certify and not can_certify(problem))
 
 
 def relax(problem: Problem, options: MatchOptions) -> RelaxationResult:
-    """Solve PM-SDP of the problem, with its unmatched points, to the gap that counts as proven."""
+    """Solve PM-SDP of the problem to the gap that counts as proven."""
     return solve_pm_sdp(problem, tol=options.gap_tol, time_limit_s=options.time_limit_s)
 
 
@@ -62,12 +59,10 @@ def find_poses(
     given, origins = _given_starts(problem, options, relaxation, starts)
     parts = []
     if len(given):
-        parts.append(minimise(problem, given, freedom=options.freedom, hold_chirality=True, origins=origins))
+        parts.append(minimise(problem, given, hold_chirality=True, origins=origins))
     if options.strategy != "relaxation" or not parts:
-        parts.append(
-            explore(problem, num_rotations=options.num_rotations, seed=options.seed, freedom=options.freedom)
-        )
-    polished = look_around(problem, merge(parts), seed=options.seed, freedom=options.freedom)
+        parts.append(explore(problem, seed=options.seed))
+    polished = look_around(problem, merge(parts), seed=options.seed)
     return rank(distinct_candidates(problem.pattern, polished, options), options, problem.rounding_energy)
 
 
@@ -85,8 +80,6 @@ def _given_starts(
             appendix_starts(problem, relaxation),
             draw_rotations(problem, relaxation, options.num_draws, rng),
         ]
-        if options.num_extreme_draws and not problem.max_unmatched:
-            rounded.append(extreme_starts(problem, relaxation, options.num_extreme_draws, rng))
         matrices += rounded
         origins += ["relaxation"] * sum(map(len, rounded))
     joined, names, pattern = np.concatenate(matrices), np.array(origins, dtype=np.str_), problem.pattern

@@ -105,7 +105,6 @@ def solve_pm_sdp(
     Parameters
     ----------
     problem : Problem
-        Where source points may stay unmatched, X and B have one more row, the last.
     cross_products, tol, max_iterations, time_limit_s
         See :func:`solve_relaxation`.
     """
@@ -152,7 +151,7 @@ def _fixed_rotation(problem: Problem, data: RelaxationData, started: float) -> R
     """Answer for a pattern that leaves one rotation (d = 1): the relaxation is the assignment problem itself."""
     certificate = certify_dual(problem, data, None)
     costs = np.where(data.scatter(data.valid.astype(np.float64)) > 0.0, data.scatter(data.cost), np.inf)
-    rows, _ = optimal_assignment(costs, data.capacity)
+    rows, _ = optimal_assignment(costs)
     columns = np.arange(problem.num_source)
     x = np.zeros(costs.shape)
     x[rows, columns] = 1.0

@@ -22,17 +22,15 @@ class Candidate:
     R_target_source : ndarray, shape (d, d)
         Takes source coordinates to target coordinates.
     map_target_source : ndarray of int, shape (k,)
-        Index on the target of each source point, -1 where it stays unmatched.
+        Index on the target of each source point.
     energy : float
         Sum of squared distances, in squared units of the points (plus the constant costs of the invariants).
     reflected : bool
         Whether the rotation block (the first three or two coordinates) has determinant -1.
     origin : str
         What found it: ``"search"``, ``"axes"``, ``"around"``, ``"relaxation"``, ``"start"``, ...
-    scale : float
-        Factor of the source's points; 1 unless it was estimated.
     translation : ndarray, shape (d,), or None
-        Added to the turned source's points; None unless it was estimated.
+        Added to the turned source's points; None unless it was asked for.
     refined : RefinedPose or None
         The rotation block of this pose refined on dense points, with the energies there; None without them. All
         other fields are about the samples.
@@ -43,7 +41,6 @@ class Candidate:
     energy: float
     reflected: bool
     origin: str
-    scale: float = 1.0
     translation: FloatArray | None = None
     refined: RefinedPose | None = None
 
@@ -71,10 +68,8 @@ class MatchResult:
         ``PROVEN_OPTIMAL`` only where the answer has the energy that is proven.
     times_s : dict of str to float
         Seconds per stage.
-    scale : float
-        Factor of the source's points at this pose; 1 unless it was estimated.
     translation : ndarray, shape (d,), or None
-        Added to the turned source's points; None unless it was estimated.
+        Added to the turned source's points; None unless it was asked for.
     certificate : Certificate or None
         Of the relaxation, where one was solved.
     refined : RefinedPose or None
@@ -88,7 +83,6 @@ class MatchResult:
     candidates: tuple[Candidate, ...]
     status: Status
     times_s: dict[str, float] = field(default_factory=dict)
-    scale: float = 1.0
     translation: FloatArray | None = None
     certificate: Certificate | None = None
     refined: RefinedPose | None = None

@@ -40,25 +40,9 @@ def brute_force(problem: Problem) -> Optimum:
 
 
 def every_pose(problem: Problem) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """The best pose of every map, -1 where a source point stays unmatched: energies, rotations and maps."""
-    k, spare = problem.num_source, problem.max_unmatched
-    parts = []
-    for size in [k - spare] if spare < k else range(k + 1):
-        for chosen in map(list, itertools.combinations(range(k), size)):
-            energies, rotations, images = _poses_of(problem, chosen)
-            maps = np.full((len(images), k), -1)
-            maps[:, chosen] = images
-            parts.append((energies + (k - size) * problem.unmatched_cost, rotations, maps))
-    energies, rotations, maps = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    return energies, rotations, maps
-
-
-def _poses_of(
-    problem: Problem, chosen: list[int]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """The best pose of every map of some source points, without what the others cost."""
-    source, weights = problem.source[chosen], problem.weights[chosen]
-    maps = injective_maps(problem.allowed[:, chosen])
+    """The best pose of every map: energies, rotations and maps."""
+    source, weights = problem.source, problem.weights
+    maps = injective_maps(problem.allowed)
     images = problem.target[maps]
     correlations = np.einsum("mka,k,kb->mab", images, weights, source)
     rotations = np.zeros_like(correlations)
@@ -66,7 +50,7 @@ def _poses_of(
         part = slice(start, stop)
         rotations[:, part, part] = _best_rotations(correlations[:, part, part], special)
     residuals = np.einsum("mab,kb->mka", rotations, source) - images
-    constants = problem.constant_cost[maps, chosen].sum(axis=1)
+    constants = problem.constant_cost[maps, np.arange(problem.num_source)].sum(axis=1)
     return (weights * (residuals**2).sum(axis=2)).sum(axis=1) + constants, rotations, maps
 
 

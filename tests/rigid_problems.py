@@ -37,28 +37,22 @@ def small_problem(seed: int, *, max_target: int = 6) -> Problem:
 
 
 def rigid_problem(seed: int, *, max_target: int = 6) -> Problem:
-    """A small problem, at a scale of 1e-6 to 1e6, in which some source points may stay unmatched."""
+    """A small problem, at a scale of 1e-6 to 1e6."""
     problem = small_problem(seed, max_target=max_target)
     rng = np.random.default_rng([seed, 33])
     size = 10.0 ** rng.uniform(-6, 6)
-    changes: dict[str, object] = {}
-    if rng.random() < 0.3:
-        changes = {"max_unmatched": problem.num_source, "unmatched_cost": float(rng.uniform(0.0, 0.3)) * size**2}
-    elif rng.random() < 0.3 and problem.num_source > 1:
-        changes = {"max_unmatched": int(rng.integers(1, problem.num_source))}
     return replace(
         problem,
         target=problem.target * size,
         source=problem.source * size,
         constant_cost=problem.constant_cost * size**2,
-        **changes,
     )
 
 
 def is_pointed(problem: Problem) -> bool:
-    """Whether a map decides its rotation: not where in space all points of a shape, or of a map, are on one line."""
+    """Whether a map decides its rotation: not where in space all points of a shape are on one line."""
     ranks = [np.linalg.matrix_rank(points) for points in (problem.target, problem.source)]
-    return problem.dim == 2 or min(*ranks, problem.num_source - problem.max_unmatched % problem.num_source) > 1
+    return problem.dim == 2 or min(*ranks, problem.num_source) > 1
 
 
 def planted_cube(

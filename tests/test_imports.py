@@ -26,7 +26,6 @@ OPTIONAL = (
     "open3d",
     "pandas",
     "pyarrow",
-    "polyscope",
     "distributed",
     "dask",
 )

@@ -25,7 +25,6 @@ HEAVY = {"trimesh", "cvxpy", "open3d", "matplotlib", "distributed", "clarabel", 
 #: Compiled by Numba, and therefore heavy themselves.
 COMPILED = {
     "pairwise.branch_and_bound.assignment",
-    "pairwise.branch_and_bound.reach",
     "pairwise.partial.screen",
     "pairwise.pm_sdp.cone_kernels",
     "pairwise.pm_sdp.newton_kernels",
@@ -81,8 +80,7 @@ ROOMS = {
     "engine": set(),
     "analysis": set(),
     "registration": set(),
-    "former_options": set(),
-    "options": {"engine", "former_options"},
+    "options": {"engine"},
     "products": {"options"},
     "synchronization": {"products"},
     "confidence": {"products", "synchronization"},

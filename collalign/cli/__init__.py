@@ -18,10 +18,9 @@ from typing import Annotated, Any
 from cyclopts import App, CycloptsError, Parameter
 
 from collalign import __version__
-from collalign.cli.config import ALIGNING, ConfigFile, refuse_rounding
+from collalign.cli.config import ConfigFile, refuse_rounding
 from collalign.cli.help import HELP_ALL, GroupedHelp
 from collalign.cli.interruption import GO_ON, INTERRUPTED, orderly_interrupts, was_interrupted
-from collalign.former_options import refuse_former
 from collalign.tools import TOOLS
 from data_tools.errors import CollalignError
 
@@ -46,7 +45,6 @@ _COMMANDS = {
     "repair": ("collalign.cli.status:repair", "Discard the damaged records of a store."),
     "verify": ("collalign.cli.results:verify", "Check the certificates of a result made with --certify."),
     "certify": ("collalign.cli.certify:certify", "Prove how much cheaper any other arrangement could be at most."),
-    "view": ("collalign.cli.results:view", "Open a window with the aligned shapes."),
     **{name: (f"collalign.tools.{function}", line) for name, (function, line) in TOOLS.items()},
 }
 for _name, (_function, _help) in _COMMANDS.items():
@@ -70,8 +68,6 @@ def _launch(
     """
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s", stream=sys.stderr)
     app.config = (refuse_rounding,) if config is None else (ConfigFile(config, _COMMANDS), refuse_rounding)
-    if tokens and tokens[0] in ALIGNING:
-        refuse_former(word.split("=")[0].removeprefix("--").replace("-", "_") for word in tokens)
     return app(tokens, exit_on_error=False)
 
 

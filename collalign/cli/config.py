@@ -9,14 +9,11 @@ from typing import Any, get_args
 from cyclopts import App, ArgumentCollection
 from cyclopts.config import Toml
 
-from collalign.former_options import flat_names, refuse_former
 from data_tools.errors import OptionsError
 from data_tools.io.files import read_toml
 
 #: Options of the program itself; a configuration file holds those of a command.
 _OWN_OPTIONS = ("config", "verbose")
-#: Commands that take the options of an alignment.
-ALIGNING = frozenset({"align", "demo"})
 
 
 class ConfigFile:
@@ -49,8 +46,6 @@ class ConfigFile:
             If an entry would be ignored: below the name of a command, a value in place of a table, an option of the
             program.
         """
-        if set(commands) & ALIGNING:
-            refuse_former(flat_names(self._content))
         tables = {name for argument in arguments if argument.children for name in argument.names}
         for name, value in self._content.items():
             if name in self._commands:

@@ -1,4 +1,4 @@
-"""``collalign verify`` and ``view``: what can be done with a finished result."""
+"""``collalign verify``: the certificates of a finished result."""
 
 from __future__ import annotations
 
@@ -29,19 +29,3 @@ def verify(
     found = verify_result(result)
     print(json.dumps(found.as_dict(), indent=1) if as_json else found.table())
     return 0 if found.holds else InputError.exit_code
-
-
-def view(result: Path, *, overlay: bool = False) -> int:
-    """Open a window with the aligned shapes (needs ``pip install 'collalign[viewer]'``).
-
-    Parameters
-    ----------
-    result
-        Folder that ``collalign align`` wrote.
-    overlay
-        All shapes in one place instead of side by side.
-    """
-    from collalign.output.window import view as open_view
-
-    open_view(result, overlay=overlay)
-    return 0

@@ -7,22 +7,13 @@ from pairwise.dense.points import DensePoints
 from pairwise.problem.problem import Problem
 
 
-def pair_problem(
-    target: Samples,
-    source: Samples,
-    group: str,
-    *,
-    num_matches: int | None = None,
-    unmatched_penalty: float | None = None,
-) -> Problem:
+def pair_problem(target: Samples, source: Samples, group: str) -> Problem:
     """Return the Procrustes matching problem of two preprocessed shapes.
 
     Parameters
     ----------
     target, source : Samples
     group : {"SO", "O"}
-    num_matches, unmatched_penalty : optional
-        Partial matching, see :func:`pairwise.match`.
     """
     return Problem.from_user(
         target.coordinates,
@@ -30,8 +21,6 @@ def pair_problem(
         group=group,
         rotation_pattern=target.block_sizes if len(target.block_sizes) > 1 else None,
         invariants=(target.invariants, source.invariants),
-        num_matches=num_matches,
-        unmatched_penalty=unmatched_penalty,
     )
 
 

@@ -38,13 +38,13 @@ def minimise_each(problem: Problem, rotations: FloatArray) -> FloatArray:
     ndarray, shape (m,)
     """
     rotations = rotations.copy()
-    scales, costs = np.ones(len(rotations)), MatchingCosts(problem)
+    costs = MatchingCosts(problem)
     maps = np.full((len(rotations), problem.num_source), -1)
     moving = np.arange(len(rotations))
     while len(moving):
-        new = costs.assign(rotations[moving], scales[moving])
+        new = costs.assign(rotations[moving])
         changed = (new != maps[moving]).any(axis=1)
         maps[moving] = new
-        rotations[moving] = procrustes(problem, new)[0]
+        rotations[moving] = procrustes(problem, new)
         moving = moving[changed]
-    return energies_of(problem, rotations, maps, scales)
+    return energies_of(problem, rotations, maps)

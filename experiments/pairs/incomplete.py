@@ -25,6 +25,7 @@ from experiments.pairs.incomplete_sets import (
     ROSTRUM,
     SCAN_COLUMNS,
     SCAN_PAIR_COLUMNS,
+    SCANS_FOLDER,
     TOLD,
     complete_row,
     cut_row,
@@ -39,7 +40,6 @@ from experiments.pairs.incomplete_sets import (
     surface_of,
 )
 from experiments.pairs.invariants import without_share
-from experiments.pairs.partial_scans import FOLDER as SCANS_FOLDER
 from experiments.peers.peer_pairs import MatchedPairs, kiss_pairs, open3d_pairs
 from experiments.tables import Column, Row, Table
 from pairwise.partial.match import match_partial
@@ -78,7 +78,9 @@ beyond a random plane; of mouse skulls the front, with the rostrum), aligned wit
 `collalign align`, told which are incomplete (`--incomplete`) or not told.
 
 **Scans.** The ten range scans of the Stanford bunny in random poses, none of which is complete; as a collection
-(`--incomplete all --scaling rigid`), and every two that share at least 30 % of their dense samples.
+(`--incomplete all --scaling rigid`), and every two that share at least 30 % of their dense samples. Matching samples
+of which some stay unmatched, refined on 400 dense points, was removed: of these pairs it had 12, 92 and 100 % right
+with 64 samples, and 25, 85 and 100 % with 120 (overlaps of 30 to 50, to 70 and to 100 %).
 
 **Complete sets.** What looking for incomplete shapes changes and costs where nothing is missing.
 """

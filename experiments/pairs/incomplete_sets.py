@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from collalign.align import align_collection
 from collalign.collection import AlignedCollection
@@ -21,8 +22,9 @@ from collalign.options import ALL, AUTO, NEVER, AlignOptions
 from collalign.products.collection import DOUBT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.datasets.public import Dataset, read_range_scans
-from data_tools.embedding.embedding import sample_shape
+from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.embedding.surface_points import surface_points
+from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
@@ -32,12 +34,12 @@ from experiments.collections.landmarked import RIGHT_DEG, read_dataset
 from experiments.collections.posed import PosedCollection, pose_collection
 from experiments.experiment import Cell
 from experiments.pairs.invariants import without_share
-from experiments.pairs.partial_scans import FOLDER as SCANS_FOLDER
-from experiments.pairs.partial_scans import MIN_OVERLAP, overlap_share
 from experiments.tables import Column, Row
 from pairwise.partial.match import PartialPose, match_partial
 from pairwise.partial.surface import MOST_POINTS, PartialSurface
 
+#: The Stanford bunny's range scans; those that share less than this of their points are not matched.
+SCANS_FOLDER, MIN_OVERLAP = "stanford_bunny_scans", 0.3
 #: What is cut off: beyond a plane of random direction, or the front of a skull.
 RANDOM, ROSTRUM = "random", "rostrum"
 #: Landmarks at the front end of a mouse skull.
@@ -291,3 +293,17 @@ def complete_row(settings: dict[str, Any], record: Record) -> Row:
         "same": "yes" if record["same"] else "no",
         "ratio": record["auto_s"] / record["never_s"],
     }
+
+
+def overlap_share(dataset: Dataset, samples: list[Samples], i: int, j: int) -> float:
+    """Return the share of the dense samples of both scans with a counterpart in the other, at the known poses."""
+    if dataset.rotations is None or dataset.translations is None:
+        raise InputError(f"{SCANS_FOLDER}: the poses of the scans are not known")
+    clouds = [
+        (samples[s].dense_positions * samples[s].scale + samples[s].offset) @ dataset.rotations[s].T
+        + dataset.translations[s]
+        for s in (i, j)
+    ]
+    spacing = np.median(cKDTree(clouds[0]).query(clouds[0], k=2)[0][:, 1])
+    near = [cKDTree(a).query(b)[0] <= spacing for a, b in (clouds, clouds[::-1])]
+    return float(np.concatenate(near).mean())

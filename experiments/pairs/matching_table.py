@@ -23,7 +23,7 @@ from experiments.pairs.posed_samples import (
 from experiments.tables import Column, Row, Table
 from pairwise.dense.rank import refine_candidates
 from pairwise.matching import match_problem
-from pairwise.options import DenseOptions, MatchOptions
+from pairwise.options import MatchOptions
 from pairwise.portfolio import relax
 from pairwise.results import Candidate
 
@@ -85,7 +85,7 @@ def measure_pairs(cell: Cell) -> Record:
         matched = time.process_time()
         ranked = result.candidates
         if pair.dense is not None:
-            ranked = refine_candidates(ranked, pair.problem, pair.dense, MatchOptions(), DenseOptions())
+            ranked = refine_candidates(ranked, pair.problem, pair.dense)
         seconds += matched - begin
         refinement_s += time.process_time() - matched
         for name, error in _errors(pair, result.candidates, ranked).items():

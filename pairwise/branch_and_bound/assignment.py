@@ -37,17 +37,17 @@ def bound_assignments(
     steps: FloatArray,
     optimism: FloatArray,
 ) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
-    """Bound the assignments of costs ``fixed[j, i] + <q_i, T p_j>`` for many 4 x 4 matrices T.
+    """Bound the assignments of costs ``fixed[j, i] + <q_i, T p_j>`` for many 3 x 3 matrices T.
 
     Parameters
     ----------
     fixed : ndarray, shape (k, N)
         ``inf`` where j must not go to i.
-    source : ndarray, shape (k, 4)
+    source : ndarray, shape (k, 3)
         p_j, with every factor that the costs have.
-    target : ndarray, shape (4, N)
+    target : ndarray, shape (3, N)
         Coordinates of q_i.
-    turns : ndarray, shape (m, 4, 4)
+    turns : ndarray, shape (m, 3, 3)
     potentials : ndarray, shape (t, N)
     starts : ndarray of int, shape (m,)
         Which of the potentials each problem starts from.
@@ -92,15 +92,15 @@ def bound_assignments(
 @numba.njit(cache=True)
 def _fill(costs: FloatArray, fixed: FloatArray, source: FloatArray, target: FloatArray, turn: FloatArray) -> None:
     """Write the costs of one problem into all but the last row."""
-    moved = np.empty(4)
+    moved = np.empty(3)
     for j in range(len(fixed)):
-        for a in range(4):
+        for a in range(3):
             moved[a] = 0.0
-            for b in range(4):
+            for b in range(3):
                 moved[a] += turn[a, b] * source[j, b]
-        x, y, z, w = moved
+        x, y, z = moved
         for i in range(fixed.shape[1]):
-            along = x * target[0, i] + y * target[1, i] + z * target[2, i] + w * target[3, i]
+            along = x * target[0, i] + y * target[1, i] + z * target[2, i]
             costs[j, i] = fixed[j, i] + along
 
 

@@ -12,9 +12,7 @@ branch and bound algorithms for global rigid registration", ICCV 2019, with a sm
 bound of F over the ball. It holds for the optimum and for every other pose that is best for its own map, which is all
 that pruning needs, and it loses r^2 where bounds over the ball lose r.
 
-Only "m* is fixed" is used: allowed matches, constant costs, weights and k < n change nothing. Where points may stay
-unmatched, maps differ too much for one K: tr S - a^T S a is at most the sum of w_j |p_j| |q_m*(j)| over what m*
-matches, so the loss is taken from the cost of each match before the assignment.
+Only "m* is fixed" is used: allowed matches, constant costs, weights and k < n change nothing.
 """
 
 from __future__ import annotations
@@ -45,7 +43,7 @@ class CellBounds:
         Energy of some map at the cell's rotation where the bound is below the threshold, else ``inf``.
     is_improved : ndarray of bool, shape (m,)
         Whether the given potentials were not enough.
-    potentials : ndarray, shape (m, N)
+    potentials : ndarray, shape (m, n)
         What proves the bounds.
     """
 
@@ -61,11 +59,6 @@ class QuasiBounds:
     Parameters
     ----------
     problem : Problem
-
-    Attributes
-    ----------
-    num_columns : int
-        N: the target points, and one more per source point that may stay unmatched.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -73,14 +66,9 @@ class QuasiBounds:
         weights = problem.weights
         squares = weights * (problem.source**2).sum(axis=1)
         costs = weights * (problem.target**2).sum(axis=1)[:, None] + squares + problem.constant_cost
-        fixed = np.where(problem.allowed, costs, np.inf).T
-        spare = np.full((problem.num_source, problem.max_unmatched), problem.unmatched_cost)
-        self._fixed = np.ascontiguousarray(np.hstack([fixed, spare]))
-        padded = np.vstack([problem.target, np.zeros((problem.max_unmatched, problem.dim))])
-        lengths = np.sqrt((padded**2).sum(axis=1))
-        self._source = _in_space(-2.0 * weights[:, None] * problem.source, -np.sqrt(squares * weights))
-        self._target = np.ascontiguousarray(_in_space(padded, lengths).T)
-        self.num_columns = self._fixed.shape[1]
+        self._fixed = np.ascontiguousarray(np.where(problem.allowed, costs, np.inf).T)
+        self._source = _in_space(-2.0 * weights[:, None] * problem.source)
+        self._target = np.ascontiguousarray(_in_space(problem.target).T)
         self._curvature = _curvature(problem)
         largest = np.where(np.isfinite(self._fixed), np.abs(self._fixed), 0.0).max(axis=1)
         self._allowance = 32.0 * _EPS * float(largest.sum() + 2.0 * squares.sum())
@@ -101,16 +89,15 @@ class QuasiBounds:
         radii : ndarray, shape (m,)
             In radians.
         threshold : float
-        potentials : ndarray, shape (t, N)
+        potentials : ndarray, shape (t, n)
         starts : ndarray of int, shape (m,)
             Which potentials to start from.
         """
         from pairwise.branch_and_bound.assignment import bound_assignments
 
-        loss, share = self.loss(radii), self._loss_of_matches(radii)
-        turns = np.zeros((len(rotations), 4, 4))
+        loss = self.loss(radii)
+        turns = np.zeros((len(rotations), 3, 3))
         turns[:, : self.problem.dim, : self.problem.dim] = rotations
-        turns[:, 3, 3] = share
         values, energies, is_improved, improved = bound_assignments(
             self._fixed,
             self._source,
@@ -119,7 +106,7 @@ class QuasiBounds:
             potentials,
             starts,
             threshold + loss + self._allowance,
-            _SLACK_SHARE * self._curvature * _chord(radii) / self.num_columns,
+            _SLACK_SHARE * self._curvature * _chord(radii) / self.problem.num_target,
             np.where(radii > _LARGE_RAD, _OPTIMISM, 1.0),
         )
         return CellBounds(
@@ -128,11 +115,7 @@ class QuasiBounds:
 
     def loss(self, radii: FloatArray) -> FloatArray:
         """Return 2 (1 - cos r) K, by how much F may fall within each radius towards the pose that is sought."""
-        return np.zeros(len(radii)) if self.problem.max_unmatched else _chord(radii) * self._curvature
-
-    def _loss_of_matches(self, radii: FloatArray) -> FloatArray:
-        """Return by how much the cost of each match falls, as a factor of w_j |p_j| |q_i|."""
-        return _chord(radii) if self.problem.max_unmatched else np.zeros(len(radii))
+        return _chord(radii) * self._curvature
 
 
 def _chord(radii: FloatArray) -> FloatArray:
@@ -148,6 +131,6 @@ def _curvature(problem: Problem) -> float:
     return float(source[:num] @ target[:num] * (1.0 + 64.0 * _EPS))
 
 
-def _in_space(points: FloatArray, last: FloatArray) -> FloatArray:
-    """Return points (l, d) with zeros for the coordinates that they lack and a fourth one, shape (l, 4)."""
-    return np.hstack([points, np.zeros((len(points), 3 - points.shape[1])), last[:, None]])
+def _in_space(points: FloatArray) -> FloatArray:
+    """Return points (l, d) with zeros for the coordinates that they lack, shape (l, 3)."""
+    return np.hstack([points, np.zeros((len(points), 3 - points.shape[1]))])

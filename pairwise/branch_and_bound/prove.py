@@ -72,7 +72,7 @@ class Proof:
 def can_certify(problem: Problem) -> bool:
     """Whether :func:`certify` is for this problem: dimension 2 or 3 and full R."""
     try:
-        chiralities(problem, partial=True)
+        chiralities(problem)
     except OptionsError:
         return False
     return True
@@ -105,7 +105,7 @@ def prove(
     Parameters
     ----------
     problem : Problem
-        Dimension 2 or 3, full R; k <= n, allowed matches, weights, constant costs and unmatched points as you like.
+        Dimension 2 or 3, full R; k <= n, allowed matches, weights and constant costs as you like.
     candidates : sequence of Candidate
         Poses already known; good ones save time.
     tol : float
@@ -166,9 +166,9 @@ def searches_of(problem: Problem, known: FloatArray | None, tol: float) -> list[
         If the problem is not for this (:func:`can_certify`).
     """
     searches = []
-    for reflected, part in chiralities(problem, partial=True):
+    for reflected, part in chiralities(problem):
         search = RotationSearch(part, reflected=reflected, tol=tol)
-        starts, _, _ = screen(part, rotation_set(problem.dim, _NUM_SCREENED))
+        starts, _ = screen(part, rotation_set(problem.dim, _NUM_SCREENED))
         starts = starts[:_NUM_STARTS]
         if known is not None:
             own = known[(np.linalg.det(known) < 0) == reflected]

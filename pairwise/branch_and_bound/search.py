@@ -57,7 +57,7 @@ class RotationSearch:
         self._settled_bound = np.inf
         self._evaluate = QuasiBounds(problem)
         whole = Cells.whole(problem.dim)
-        self._pool, self._num_pooled = np.zeros((1, self._evaluate.num_columns)), 1
+        self._pool, self._num_pooled = np.zeros((1, problem.num_target)), 1
         self._open = OpenCells(
             cells=whole,
             radii=np.full(len(whole), np.pi),
@@ -128,7 +128,7 @@ class RotationSearch:
         best : float
             Best energy of either chirality.
         """
-        per_cell = self.problem.num_source * self._evaluate.num_columns * 2
+        per_cell = self.problem.num_source * self.problem.num_target * 2
         batch = int(np.clip(_BATCH_ENTRIES // per_cell, 1, _MOST_CELLS))
         self._settle(min(best, self.energy))
         while len(self._open.bounds) and time.monotonic() < deadline:

@@ -55,7 +55,7 @@ def prove_tilted(
     Parameters
     ----------
     problem : Problem
-        In dimension 2 or 3, every source point matched.
+        In dimension 2 or 3.
     tilt : ndarray, shape (d, d)
     known : ndarray, shape (m, d, d)
         At least one pose to descend from.

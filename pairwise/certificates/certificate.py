@@ -22,9 +22,6 @@ FORMAT = "collalign certificate 1"
 #: matches that are allowed.
 PROBLEM_ARRAYS = ("candidates", "weights", "constant_cost", "pattern", "special_blocks")
 
-#: The same, present only where source points may stay unmatched: what that costs (k,), and how many may (scalar).
-PARTIAL_ARRAYS = ("unmatched_costs", "max_unmatched")
-
 #: Bytes of all arrays of a file together; more is refused before it is read.
 MAX_BYTES = 2**28
 
@@ -110,9 +107,6 @@ def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
         "pattern": problem.pattern.mask,
         "special_blocks": np.array(problem.pattern.special_blocks, dtype=np.int64).reshape(-1, 2),
     }
-    if problem.max_unmatched:
-        arrays["unmatched_costs"] = np.full(problem.num_source, problem.unmatched_cost)
-        arrays["max_unmatched"] = np.array(problem.max_unmatched, dtype=np.int64)
     return arrays
 
 

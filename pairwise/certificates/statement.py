@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_points
 from data_tools.errors import InputError
 from pairwise.certificates.arrays import CertificateArrays
-from pairwise.certificates.certificate import PARTIAL_ARRAYS, Certificate, hash_problem, problem_arrays
+from pairwise.certificates.certificate import Certificate, hash_problem, problem_arrays
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 
@@ -24,8 +24,8 @@ _COST_TOL = 1e-12
 def read_problem(target: ArrayLike, source: ArrayLike, certificate: Certificate) -> Problem:
     """Return the problem that a certificate says it is of, for points of shape (n, d) and (k, d).
 
-    Allowed matches, weights, constant costs, pattern, group and unmatched costs are the certificate's own words: look
-    at them before you believe a bound that was not checked against a problem of yours.
+    Allowed matches, weights, constant costs, pattern and group are the certificate's own words: look at them
+    before you believe a bound that was not checked against a problem of yours.
 
     Raises
     ------
@@ -51,7 +51,6 @@ def build_problem(q: FloatArray, p: FloatArray, arrays: Mapping[str, Any]) -> Pr
     pattern = given.bools("pattern", (d, d))
     blocks = given.indices("special_blocks", (None, 2), upper=d + 1)
     _check_blocks(pattern, blocks)
-    cost, max_unmatched = _unmatched(given, k)
     problem = Problem(
         target=q,
         source=p,
@@ -59,10 +58,8 @@ def build_problem(q: FloatArray, p: FloatArray, arrays: Mapping[str, Any]) -> Pr
         allowed=given.bools("candidates", (n, k)),
         weights=weights,
         constant_cost=given.floats("constant_cost", (n, k)),
-        max_unmatched=max_unmatched,
-        unmatched_cost=cost,
     )
-    if _num_left_over(problem.allowed) > max_unmatched:
+    if _num_left_over(problem.allowed):
         raise InputError("certificate: no injective map fits the matches that it allows")
     return problem
 
@@ -84,17 +81,6 @@ def cost_deviation(stated: Problem, found: Problem) -> float:
     if other:
         raise InputError(f"certificate: is for another problem than yours, which differs in {', '.join(other)}")
     return float(np.abs(ours_cost - theirs_cost).max(axis=0).sum())
-
-
-def _unmatched(given: CertificateArrays, k: int) -> tuple[float, int]:
-    """Return what an unmatched point costs and how many there may be: zeros outside partial matching."""
-    if not any(name in given for name in PARTIAL_ARRAYS):
-        return 0.0, 0
-    costs = given.floats("unmatched_costs", (k,))
-    number = int(given.indices("max_unmatched", (), upper=k + 1))
-    if number < 1 or (costs < 0).any() or (costs != costs[0]).any():
-        raise InputError("certificate: unmatched_costs must be one cost of at least 0, max_unmatched at least 1")
-    return float(costs[0]), number
 
 
 def _check_blocks(pattern: BoolArray, blocks: IntArray) -> None:

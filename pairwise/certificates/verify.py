@@ -14,7 +14,7 @@ from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 from pairwise.certificates.arrays import CertificateArrays, in_unit
-from pairwise.certificates.certificate import PARTIAL_ARRAYS, PROBLEM_ARRAYS, Certificate
+from pairwise.certificates.certificate import PROBLEM_ARRAYS, Certificate
 from pairwise.certificates.statement import cost_deviation, read_problem
 from pairwise.certificates.verify_cells import cells_bound
 from pairwise.certificates.verify_pm_sdp import pm_sdp_bound
@@ -49,7 +49,7 @@ def verify_certificate(
     problem : Problem, optional
         The problem that you want to know a bound of, for these points: a certificate of another one is refused.
         **Without it only the points are yours**, and the bound is one of the problem that the certificate itself
-        states, with its allowed matches, weights, constant costs, group and unmatched costs, whatever these are:
+        states, with its allowed matches, weights, constant costs and group, whatever these are:
         :func:`pairwise.certificates.statement.read_problem` returns it.
 
     Returns
@@ -101,9 +101,7 @@ def proven_bound(problem: Problem, kind: str, arrays: Mapping[str, Any]) -> floa
     if verify is None:
         raise InputError(f"certificate: unknown kind {kind!r}")
     length, energy = _units(problem)
-    given = CertificateArrays(
-        arrays, energy, known=(*PROBLEM_ARRAYS, *(PARTIAL_ARRAYS if problem.max_unmatched else ()))
-    )
+    given = CertificateArrays(arrays, energy, known=PROBLEM_ARRAYS)
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
             scaled = _in_units(problem, length, energy)
@@ -131,7 +129,6 @@ def _in_units(problem: Problem, length: int, energy: int) -> Problem:
         source=in_unit(problem.source, length, "source"),
         weights=in_unit(problem.weights, energy - 2 * length, "weights"),
         constant_cost=in_unit(problem.constant_cost, energy, "certificate: constant_cost"),
-        unmatched_cost=float(in_unit(np.array(problem.unmatched_cost), energy, "certificate: unmatched_costs")),
     )
 
 

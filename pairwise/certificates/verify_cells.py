@@ -53,8 +53,6 @@ def cells_bound(problem: Problem, given: CertificateArrays) -> float:
     pattern, dim = problem.pattern, problem.dim
     if dim not in (2, 3) or not pattern.mask.all() or pattern.special_blocks not in ((), ((0, dim),)):
         raise InputError("certificate: this kind is for full rotations in dimension 2 and 3")
-    if problem.unmatched_cost < 0:
-        raise InputError("certificate: this kind is for unmatched costs of at least 0")
     bound = _chirality_bound(problem, problem.source, given, "proper")
     if not pattern.special_blocks:
         flipped = -problem.source if dim == 3 else problem.source * np.array([1.0, -1.0])
@@ -66,7 +64,7 @@ def _chirality_bound(problem: Problem, source: FloatArray, given: CertificateArr
     faces = given.indices(f"{name}_faces", (None,), upper=4 if problem.dim == 3 else 1)
     depths = given.indices(f"{name}_depths", faces.shape, upper=_DEEPEST + 1)
     paths = given.indices(f"{name}_paths", faces.shape, upper=2**_DEEPEST)
-    columns = problem.num_target + problem.max_unmatched
+    columns = problem.num_target
     potentials = given.floats(f"{name}_potentials", (None, columns))
     evidence = given.indices(f"{name}_evidence", faces.shape, upper=len(potentials))
     _check_tiling(faces, depths, paths, 4 if problem.dim == 3 else 1)
@@ -134,26 +132,18 @@ def _rotations(q: FloatArray) -> FloatArray:
 
 def _bounds(problem: Problem, p: FloatArray, rotations: FloatArray, radii: FloatArray, v: FloatArray) -> FloatArray:
     """Return what every cell proves, shape (m,)."""
-    q, w, spare = problem.target, problem.weights, problem.max_unmatched
+    q, w = problem.target, problem.weights
     loss = 4.0 * np.sin(0.5 * radii) ** 2 * (1.0 + _SAFETY * _EPS)
     fixed = w * ((q**2).sum(axis=1)[:, None] + (p**2).sum(axis=1)) + problem.constant_cost
-    lengths = np.outer(np.sqrt((q**2).sum(axis=1)), w * np.sqrt((p**2).sum(axis=1)))
-    costs = fixed - 2.0 * w * (q @ rotations @ p.T)
-    if spare:
-        costs = costs - (loss * (1.0 + _SAFETY * _EPS))[:, None, None] * lengths
-        unmatched = np.full((len(costs), spare, len(p)), problem.unmatched_cost)
-        costs = np.concatenate([np.where(problem.allowed, costs, np.inf), unmatched], axis=1)
-    else:
-        costs = np.where(problem.allowed, costs, np.inf)
+    costs = np.where(problem.allowed, fixed - 2.0 * w * (q @ rotations @ p.T), np.inf)
     least = (costs - v[:, :, None]).min(axis=1)
     num_zero = v.shape[1] - len(p)
     floor = -v.max(axis=1) * num_zero
     value = least.sum(axis=1) + floor + v.sum(axis=1)
     sizes = np.abs(least).sum(axis=1) + np.abs(floor) + np.abs(v).sum(axis=1)
-    sizes += len(p) * np.abs(v).max(axis=1) + (np.abs(fixed) + 8.0 * w).max(axis=0).sum() + len(p) * spare * w.max()
-    sizes += len(p) * problem.unmatched_cost
+    sizes += len(p) * np.abs(v).max(axis=1) + (np.abs(fixed) + 8.0 * w).max(axis=0).sum()
     value -= _SAFETY * _EPS * (v.shape[1] + len(p) + 8) * sizes
-    return value if spare else value - loss * _curvature(problem, p)
+    return value - loss * _curvature(problem, p)
 
 
 def _curvature(problem: Problem, p: FloatArray) -> float:

@@ -41,13 +41,13 @@ def pm_sdp_bound(problem: Problem, given: CertificateArrays) -> float:
     InputError
         If an array is missing or of wrong shape, an F_j is not positive definite, or a beta is positive.
     """
-    n, k, d, partial = problem.num_target, problem.num_source, problem.dim, int(problem.max_unmatched > 0)
+    n, k, d = problem.num_target, problem.num_source, problem.dim
     special = problem.pattern.special_blocks
     basis = _rotation_basis(problem.pattern.mask, special)
     size = basis.shape[1] - 1
     blocks = [start for start, stop in special if stop - start == 3]
     F, u = given.floats("F", (k, size, size)), given.floats("u", (k, size))
-    beta = given.floats("beta", (n + partial,))
+    beta = given.floats("beta", (n,))
     columns, rows, Z = (given.floats(f"{name}_multipliers", (d, d)) for name in ("column", "row", "cross"))
     Y4 = given.floats("quaternion_multipliers", (len(blocks), 4, 4))
     if (beta > 0).any():
@@ -58,12 +58,8 @@ def pm_sdp_bound(problem: Problem, given: CertificateArrays) -> float:
     rotation_part = _rotation_maximum(problem.pattern.mask, basis, blocks, F, u, (columns, rows, Z, Y4))
     lows = np.where(possible, _cost_lower_bounds(problem, basis, F, u), np.inf)
     constant = problem.weights * (problem.source**2).sum(axis=1)
-    capacity = np.ones(n + partial)
-    if partial:
-        lows = np.vstack([lows, _unmatched_lower_bounds(problem, F, u)])
-        capacity[n] = problem.max_unmatched
     alpha = (lows - beta[:, None]).min(axis=0)
-    terms = np.concatenate([alpha, beta * capacity, constant, [-rotation_part]])
+    terms = np.concatenate([alpha, beta, constant, [-rotation_part]])
     error = (len(terms) + d + 8) * _EPS * float(np.abs(terms).sum() + k * np.abs(beta).max(initial=0.0))
     return float(terms.sum()) - error
 
@@ -201,7 +197,6 @@ def _possible_matches(problem: Problem, given: CertificateArrays) -> BoolArray:
     possible = candidates.copy()
     for i, j in impossible:
         rest = np.delete(np.delete(candidates, i, axis=0), j, axis=1)
-        rest = np.vstack([rest, np.ones((problem.max_unmatched, rest.shape[1]), dtype=bool)])
         if (maximum_bipartite_matching(csr_array(rest), perm_type="row") >= 0).all():
             raise InputError(f"certificate: lists the possible match of source point {j} to {i} as impossible")
         possible[i, j] = False
@@ -229,18 +224,6 @@ def _cost_lower_bounds(problem: Problem, basis: FloatArray, F: FloatArray, u: Fl
             quad = _quadratic_upper_bounds(F[j], v[:, 1:] - u[j], w_error, floor)
         lows[:, j] = linear - quad - error - 4.0 * _EPS * (np.abs(linear) + np.abs(quad))
     return lows
-
-
-def _unmatched_lower_bounds(problem: Problem, F: FloatArray, u: FloatArray) -> FloatArray:
-    """Return lower bounds (k,) of what leaving a point unmatched costs: the same with v = 0."""
-    saved = problem.weights * (problem.source**2).sum(axis=1)
-    linear = problem.unmatched_cost - saved
-    quad = np.zeros(len(F))
-    if F.shape[1]:
-        rows = zip(F, u[:, None, :], strict=True)
-        quad = np.array([_quadratic_upper_bounds(f, -v, 0.0 * v, _eigenvalue_floor(f))[0] for f, v in rows])
-    error = (problem.dim + 8) * _EPS * (np.abs(linear) + saved + np.abs(quad))
-    return np.asarray(linear - quad - error)
 
 
 def _quadratic_upper_bounds(F: FloatArray, w: FloatArray, w_error: FloatArray, floor: float) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Dense samples of two shapes matched at a pose: two-way nearest neighbours, or a one-to-one assignment."""
+"""Dense samples of two shapes matched at a pose: nearest neighbours both ways."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import linear_sum_assignment
 
 from data_tools.arrays import FloatArray, IntArray, as_floats, as_points, read_only
 from data_tools.errors import InputError
@@ -60,22 +59,6 @@ class DensePoints:
         return float(np.sqrt(((self.points - self.points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DensePairs:
-    """Matched points; in partial matching those that take part.
-
-    Attributes
-    ----------
-    of_target, of_source : ndarray of int, shape (p,)
-    num_left_out : int
-        Pairs that cost the penalty instead.
-    """
-
-    of_target: IntArray
-    of_source: IntArray
-    num_left_out: int
-
-
 class DenseMatcher:
     """Matches the dense samples of two shapes at any pose.
 
@@ -84,26 +67,10 @@ class DenseMatcher:
     target, source : DensePoints
     normal_weight : float
         Weight of the unit normals, in units of the target; 0 leaves them out.
-    one_to_one : bool
-        Assignment of as many points as the smaller shape has, instead of nearest neighbours both ways.
-    unmatched_penalty : float
-        Pairs that cost more are left out.
-    matched_share : float
-        Share of the pairs that takes part, those that cost least.
     """
 
-    def __init__(
-        self,
-        target: DensePoints,
-        source: DensePoints,
-        *,
-        normal_weight: float = 0.0,
-        one_to_one: bool = False,
-        unmatched_penalty: float = np.inf,
-        matched_share: float = 1.0,
-    ) -> None:
+    def __init__(self, target: DensePoints, source: DensePoints, *, normal_weight: float = 0.0) -> None:
         self.target, self.source = target, source
-        self.penalty, self.share, self.one_to_one = unmatched_penalty, matched_share, one_to_one
         has_normals = target.normals is not None and source.normals is not None
         self._normal_weight = normal_weight if has_normals else 0.0
         self._target_features = np.hstack([target.points, *self._fixed_features(target)])
@@ -112,34 +79,12 @@ class DenseMatcher:
             [self._target_features, (self._target_features**2).sum(axis=1)[:, None], ones]
         )
 
-    def pair_up(self, pose: Similarity) -> DensePairs:
-        """Return the matched points at a pose."""
-        features = self._moved_features(pose)
-        if self.one_to_one:
-            costs = self._target_factor @ _cost_factor(features).T
-            of_target, of_source = linear_sum_assignment(np.minimum(costs, self.penalty))
-        else:
-            of_target, of_source = self._nearest(features)
-        if self.penalty == np.inf and self.share >= 1.0:
-            return DensePairs(of_target=of_target, of_source=of_source, num_left_out=0)
-        costs = ((self._target_features[of_target] - features[of_source]) ** 2).sum(axis=1)
-        kept = costs <= self.penalty
-        if self.share < 1.0:
-            num = max(len(self.target.points[0]), round(self.share * len(costs)))
-            kept[np.argsort(costs, kind="stable")[num:]] = False
-            return DensePairs(of_target=of_target[kept], of_source=of_source[kept], num_left_out=0)
-        return DensePairs(
-            of_target=of_target[kept], of_source=of_source[kept], num_left_out=int(len(costs) - kept.sum())
-        )
-
-    def mean_cost(self, pairs: DensePairs, pose: Similarity) -> float:
+    def mean_cost(self, pairs: tuple[IntArray, IntArray], pose: Similarity) -> float:
         """Return the mean over the pairs of squared distance of points and of invariants; normals are left out."""
-        gaps = self.target.points[pairs.of_target] - pose.apply(self.source.points[pairs.of_source])
-        other = self.target.invariants[pairs.of_target] - self.source.invariants[pairs.of_source]
-        total = (gaps**2).sum() + (other**2).sum()
-        if pairs.num_left_out:
-            total += pairs.num_left_out * self.penalty
-        return float(total / max(len(gaps) + pairs.num_left_out, 1))
+        of_target, of_source = pairs
+        gaps = self.target.points[of_target] - pose.apply(self.source.points[of_source])
+        other = self.target.invariants[of_target] - self.source.invariants[of_source]
+        return float(((gaps**2).sum() + (other**2).sum()) / len(gaps))
 
     def _fixed_features(self, shape: DensePoints, turn: FloatArray | None = None) -> list[FloatArray]:
         if not self._normal_weight or shape.normals is None:
@@ -147,11 +92,9 @@ class DenseMatcher:
         normals = shape.normals if turn is None else shape.normals @ turn.T
         return [shape.invariants, self._normal_weight * normals]
 
-    def _moved_features(self, pose: Similarity) -> FloatArray:
-        return np.hstack([pose.apply(self.source.points), *self._fixed_features(self.source, pose.rotation)])
-
-    def _nearest(self, features: FloatArray) -> tuple[IntArray, IntArray]:
-        """Return nearest neighbours both ways, in slabs of source points."""
+    def pair_up(self, pose: Similarity) -> tuple[IntArray, IntArray]:
+        """Return indices on target and source of nearest neighbours both ways at a pose, in slabs of the source."""
+        features = np.hstack([pose.apply(self.source.points), *self._fixed_features(self.source, pose.rotation)])
         num_target, num_source = len(self._target_factor), len(features)
         factor = _cost_factor(features)
         slab = max(1, _CHUNK_ENTRIES // num_target)

@@ -20,10 +20,11 @@ from numpy.typing import ArrayLike
 from data_tools.errors import InputError, OptionsError
 from pairwise.dense.points import DensePoints
 from pairwise.dense.refine import RefinedPose, refine_pose
-from pairwise.options import DenseOptions, MatchOptions
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate
 
+#: Normals pull bent limbs off the pose that most of a shape agrees on; more steps than these let bent shapes drift.
+_NORMAL_WEIGHT, _MAX_ITERATIONS = 0.0, 8
 #: Dense points of one shape: points (l, d), with their normals or not.
 DenseLike: TypeAlias = "DensePoints | ArrayLike | tuple[ArrayLike, ArrayLike]"
 
@@ -62,8 +63,6 @@ def refine_candidates(
     candidates: Iterable[Candidate],
     problem: Problem,
     dense: tuple[DensePoints, DensePoints],
-    options: MatchOptions,
-    dense_options: DenseOptions,
 ) -> tuple[Candidate, ...]:
     """Return the candidates with their refined poses, ranked by the product of both energies.
 
@@ -71,52 +70,26 @@ def refine_candidates(
     ----------
     candidates : iterable of Candidate
     problem : Problem
-        In partial matching its share of matches holds for the dense points as well, and its penalty times the number
-        of source points over that of dense points: squared spacings of a surface's samples fall so.
     dense : pair of DensePoints
         Of target and source, in the coordinates of the rotation block and the units of the samples.
-    options : MatchOptions
-        Says whether a scale is estimated.
-    dense_options : DenseOptions
 
     Returns
     -------
     tuple of Candidate
     """
-    refined = [replace(c, refined=_refine(c, problem, dense, options, dense_options)) for c in candidates]
+    refined = [replace(c, refined=_refine(c, problem, dense)) for c in candidates]
     return tuple(sorted(refined, key=_both_energies))
 
 
-def _refine(
-    candidate: Candidate,
-    problem: Problem,
-    dense: tuple[DensePoints, DensePoints],
-    options: MatchOptions,
-    dense_options: DenseOptions,
-) -> RefinedPose:
+def _refine(candidate: Candidate, problem: Problem, dense: tuple[DensePoints, DensePoints]) -> RefinedPose:
     block = problem.pattern.rotation_block
-    is_penalised = problem.max_unmatched == problem.num_source
-    share = 1.0 if is_penalised else 1.0 - problem.max_unmatched / problem.num_source
-    shift = candidate.translation
-    if shift is None and problem.max_unmatched:
-        shift = np.zeros(problem.dim)  # the centroids of overlapping parts differ
     return refine_pose(
-        dense[0],
-        dense[1],
+        *dense,
         candidate.R_target_source[:block, :block],
-        scale=candidate.scale,
-        translation=None if shift is None else shift[:block],
-        method=dense_options.method,
-        estimate_scale=options.estimate_scale,
-        normal_weight=dense_options.normal_weight,
-        unmatched_penalty=_dense_penalty(problem, dense[1]) if is_penalised else np.inf,
-        matched_share=share,
-        max_iterations=dense_options.max_iterations,
+        estimate_scale=False,
+        normal_weight=_NORMAL_WEIGHT,
+        max_iterations=_MAX_ITERATIONS,
     )
-
-
-def _dense_penalty(problem: Problem, source: DensePoints) -> float:
-    return problem.unmatched_cost * min(1.0, problem.num_source / len(source.points))
 
 
 def _both_energies(candidate: Candidate) -> tuple[float, float]:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-from pairwise.local.freedom import RIGID, Freedom
 from pairwise.problem.problem import Problem
 
 #: Entries of the cost matrices that are held at once: what fits the processor's cache is fastest.
@@ -29,12 +28,7 @@ class LocalMinima:
     ----------
     rotations : ndarray, shape (m, d, d)
     maps : ndarray of int, shape (m, k)
-        -1 where a source point stays unmatched.
     energies : ndarray, shape (m,)
-    scales : ndarray, shape (m,)
-        Factor of the source points; 1 unless it was estimated.
-    shifts : ndarray, shape (m, d)
-        Added to the turned source points; 0 unless it was estimated.
     origins : ndarray of str, shape (m,)
         What gave the start whose run ended here.
     """
@@ -42,8 +36,6 @@ class LocalMinima:
     rotations: FloatArray
     maps: IntArray
     energies: FloatArray
-    scales: FloatArray
-    shifts: FloatArray
     origins: NDArray[np.str_]
 
     def __len__(self) -> int:
@@ -55,8 +47,6 @@ class LocalMinima:
             rotations=self.rotations[index],
             maps=self.maps[index],
             energies=self.energies[index],
-            scales=self.scales[index],
-            shifts=self.shifts[index],
             origins=self.origins[index],
         )
 
@@ -71,15 +61,13 @@ class MatchingCosts:
         self.problem = problem
         fixed = problem.weights * (problem.target**2).sum(axis=1)[:, None] + problem.constant_cost
         self._fixed = np.where(problem.allowed, fixed, np.inf)[:, :, None]
-        self.chunk = max(1, _CHUNK_ENTRIES // (problem.num_source * (problem.num_target + problem.max_unmatched)))
+        self.chunk = max(1, _CHUNK_ENTRIES // (problem.num_source * problem.num_target))
 
-    def __call__(self, rotations: FloatArray, scales: FloatArray, shifts: FloatArray | None = None) -> FloatArray:
-        """Return costs of shape (n, k, m) for rotations (m, d, d), scales (m,) and shifts (m, d)."""
+    def __call__(self, rotations: FloatArray) -> FloatArray:
+        """Return costs of shape (n, k, m) for rotations (m, d, d)."""
         problem = self.problem
         m, d = rotations.shape[:2]
-        moved = ((rotations * scales[:, None, None]).reshape(m * d, d) @ problem.source.T).reshape(m, d, -1)
-        if shifts is not None:
-            moved += shifts[:, :, None]
+        moved = (rotations.reshape(m * d, d) @ problem.source.T).reshape(m, d, -1)
         weights = problem.weights[:, None]
         moved = np.ascontiguousarray(moved.transpose(1, 2, 0))
         squares = weights * (moved**2).sum(axis=0)
@@ -89,92 +77,42 @@ class MatchingCosts:
         costs += squares
         return costs
 
-    def assign(self, rotations: FloatArray, scales: FloatArray, shifts: FloatArray | None = None) -> IntArray:
+    def assign(self, rotations: FloatArray) -> IntArray:
         """Return the best map of each pose, shape (m, k), by exact assignment."""
-        problem = self.problem
-        maps = np.empty((len(rotations), problem.num_source), dtype=np.int64)
+        maps = np.empty((len(rotations), self.problem.num_source), dtype=np.int64)
         for first in range(0, len(rotations), self.chunk):
-            part = slice(first, first + self.chunk)
-            costs = self(rotations[part], scales[part], None if shifts is None else shifts[part])
-            for row, cost in enumerate(self._prepared(costs), start=first):
+            costs = self(rotations[first : first + self.chunk])
+            for row, cost in enumerate(_prepared(costs), start=first):
                 maps[row] = linear_sum_assignment(cost)[1]
-        if problem.max_unmatched:
-            maps[maps >= problem.num_target] = -1
         return maps
 
-    def _prepared(self, costs: FloatArray) -> FloatArray:
-        """Return costs (m, k, n + unmatched) with the same best maps that the assignment solver is faster at.
 
-        Source points are rows, which is what the solver wants. Rows and, where every column is used, columns are
-        reduced by their minima: the solver starts from dual variables zero, and these are better ones. Columns for
-        staying unmatched are appended; where the number of matches is fixed these are cheaper than any match, so that
-        all of them are used.
-        """
-        spare = self.problem.max_unmatched
-        if not spare:
-            costs -= costs.min(axis=0)
-            if costs.shape[0] == costs.shape[1]:
-                costs -= costs.min(axis=1, keepdims=True)
-            return np.ascontiguousarray(costs.transpose(2, 1, 0))
-        is_fixed = spare < self.problem.num_source
-        price = np.min(costs, initial=0.0) - 1.0 if is_fixed else self.problem.unmatched_cost
-        columns = np.full((costs.shape[2], costs.shape[1], spare), price)
-        return np.concatenate([costs.transpose(2, 1, 0), columns], axis=2)
+def _prepared(costs: FloatArray) -> FloatArray:
+    """Return costs (m, k, n) with the same best maps that the assignment solver is faster at.
 
-
-def procrustes(problem: Problem, maps: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return the best rotation for each map, shape (m, d, d), and scales of 1, shape (m,)."""
-    rotations, scales, _ = similarities(problem, maps)
-    return rotations, scales
-
-
-def similarities(
-    problem: Problem, maps: IntArray, freedom: Freedom = RIGID, mirrored: BoolArray | None = None
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the best pose for each map (Umeyama 1991): rotations (m, d, d), scales (m,), shifts (m, d).
-
-    Parameters
-    ----------
-    problem : Problem
-    maps : ndarray of int, shape (m, k)
-    freedom : Freedom
-        Scales are 1 and shifts 0 unless they are free.
-    mirrored : ndarray of bool, shape (m,), optional
-        Chirality of each pose, see :meth:`pairwise.problem.pattern.RotationPattern.project`; the group's by default.
+    Source points are rows, which is what the solver wants. Rows and, where every column is used, columns are reduced
+    by their minima: the solver starts from dual variables zero, and these are better ones.
     """
-    weights = np.where(maps >= 0, problem.weights, 0.0)
-    images = problem.target[maps] * weights[:, :, None]
-    moments = np.swapaxes(images, 1, 2) @ problem.source
-    scales, shifts = np.ones(len(maps)), np.zeros((len(maps), problem.dim))
-    if freedom == RIGID:
-        return problem.pattern.project(moments, mirrored), scales, shifts
-    size = (weights * (problem.source**2).sum(axis=1)).sum(axis=1)
-    if freedom.translate:
-        mass = np.maximum(weights.sum(axis=1), np.finfo(float).tiny)[:, None]
-        mean_image = images.sum(axis=1) / mass
-        mean_source = weights @ problem.source / mass
-        moments -= mass[:, :, None] * mean_image[:, :, None] * mean_source[:, None, :]
-        size -= mass[:, 0] * (mean_source**2).sum(axis=1)
-    rotations = problem.pattern.project(moments, mirrored)
-    if freedom.scale_range is not None:
-        overlap = (rotations * moments).sum(axis=(1, 2))
-        scales = np.clip(np.divide(overlap, size, out=scales, where=size > 0), *freedom.scale_range)
-    if freedom.translate:
-        turned = (rotations @ mean_source[:, :, None])[:, :, 0]
-        shifts = mean_image - scales[:, None] * turned
-    return rotations, scales, shifts
+    costs -= costs.min(axis=0)
+    if costs.shape[0] == costs.shape[1]:
+        costs -= costs.min(axis=1, keepdims=True)
+    return np.ascontiguousarray(costs.transpose(2, 1, 0))
 
 
-def energies_of(
-    problem: Problem, rotations: FloatArray, maps: IntArray, scales: FloatArray, shifts: FloatArray | None = None
-) -> FloatArray:
+def procrustes(problem: Problem, maps: IntArray, mirrored: BoolArray | None = None) -> FloatArray:
+    """Return the best rotation for each map (m, k), shape (m, d, d).
+
+    Their chirality is the group's, or ``mirrored`` (m,): :meth:`pairwise.problem.pattern.RotationPattern.project`.
+    """
+    images = problem.target[maps] * problem.weights[:, None]
+    return problem.pattern.project(np.swapaxes(images, 1, 2) @ problem.source, mirrored)
+
+
+def energies_of(problem: Problem, rotations: FloatArray, maps: IntArray) -> FloatArray:
     """Return the energy of every pose and map from the differences themselves, shape (m,)."""
-    moved = problem.source @ np.swapaxes(rotations * scales[:, None, None], 1, 2)
-    if shifts is not None:
-        moved += shifts[:, None, :]
+    moved = problem.source @ np.swapaxes(rotations, 1, 2)
     squares = ((moved - problem.target[maps]) ** 2).sum(axis=2) * problem.weights
-    constant = problem.constant_cost[maps, np.arange(problem.num_source)]
-    return np.where(maps >= 0, squares + constant, problem.unmatched_cost).sum(axis=1)
+    return np.asarray((squares + problem.constant_cost[maps, np.arange(problem.num_source)]).sum(axis=1))
 
 
 def minimise(
@@ -182,8 +120,6 @@ def minimise(
     rotations: FloatArray,
     *,
     max_iterations: int = 100,
-    freedom: Freedom = RIGID,
-    shifts: FloatArray | None = None,
     hold_chirality: bool = False,
     origins: str | NDArray[np.str_] = "start",
 ) -> LocalMinima:
@@ -198,10 +134,6 @@ def minimise(
         The starts.
     max_iterations : int
         Most alternations of a run.
-    freedom : Freedom
-        What is estimated beside the rotation.
-    shifts : ndarray, shape (m, d), optional
-        The shifts to start with; 0 by default.
     hold_chirality : bool
         Where the group has reflections: keep every run to the chirality of its start.
     origins : str or ndarray of str, shape (m,)
@@ -215,10 +147,9 @@ def minimise(
     costs = MatchingCosts(problem)
     num, seen = len(rotations), _SeenMaps(problem.pattern.mirrored(rotations) if hold_chirality else None)
     active = np.arange(num)
-    scales, shifts = np.ones(num), np.zeros(rotations.shape[:2]) if shifts is None else shifts
     ends: list[tuple[IntArray, IntArray]] = []
     for iteration in range(1, max_iterations + 1):
-        maps = costs.assign(rotations, scales, shifts if freedom.translate else None)
+        maps = costs.assign(rotations)
         is_own, is_new = seen.claim(maps, active)
         goes_on = is_new & (iteration < max_iterations)
         ended = is_own & ~goes_on
@@ -228,15 +159,13 @@ def minimise(
         active = active[goes_on]
         if not len(active):
             break
-        rotations, scales, shifts = similarities(problem, maps[goes_on], freedom, seen.chirality(active))
+        rotations = procrustes(problem, maps[goes_on], seen.chirality(active))
     runs, maps = (np.concatenate(column) for column in zip(*ends, strict=True))
-    rotations, scales, shifts = similarities(problem, maps, freedom, seen.chirality(runs))
+    rotations = procrustes(problem, maps, seen.chirality(runs))
     found = LocalMinima(
         rotations=rotations,
         maps=maps,
-        energies=energies_of(problem, rotations, maps, scales, shifts),
-        scales=scales,
-        shifts=shifts,
+        energies=energies_of(problem, rotations, maps),
         origins=np.broadcast_to(np.asarray(origins, dtype=np.str_), num)[runs],
     )
     return found.take(np.argsort(found.energies, kind="stable"))
@@ -277,8 +206,6 @@ def merge(parts: list[LocalMinima]) -> LocalMinima:
         rotations=np.concatenate([p.rotations for p in parts]),
         maps=np.concatenate([p.maps for p in parts]),
         energies=np.concatenate([p.energies for p in parts]),
-        scales=np.concatenate([p.scales for p in parts]),
-        shifts=np.concatenate([p.shifts for p in parts]),
         origins=np.concatenate([p.origins for p in parts]),
     )
     order = np.argsort(joined.energies, kind="stable")

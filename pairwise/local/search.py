@@ -13,8 +13,7 @@ import numpy as np
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.threads import one_blas_thread
-from pairwise.local.freedom import RIGID, Freedom
-from pairwise.local.local_search import LocalMinima, MatchingCosts, merge, minimise, similarities
+from pairwise.local.local_search import LocalMinima, MatchingCosts, merge, minimise, procrustes
 from pairwise.local.rotation_sets import principal_frame, rotation_set, sign_rotations, small_rotations
 from pairwise.local.screening import screen
 from pairwise.problem.pattern import RotationPattern
@@ -30,14 +29,12 @@ _MAX_COVERED_DIM = 3
 _UNCOVERED_STEPS = 1
 #: Poses closer than this are one.
 _SAME_RAD = np.deg2rad(4.0)
-#: Share of the rotations that meet exact assignment where they cover what is searched, and where they do not (shifts,
-#: higher dimensions); for so many steps; share of these that are minimised to the end.
+#: Share of the rotations that meet exact assignment where they cover what is searched, and where they do not (higher
+#: dimensions); for so many steps; share of these that are minimised to the end.
 _TRIED, _TRIED_UNCOVERED, _TRIAL_STEPS, _KEPT = 0.07, 0.16, 1, 0.25
 _LEAST_TRIED, _LEAST_KEPT = 20, 20
 #: Of two chiralities, each has at least this share of the poses that go on.
 _CHIRALITY_SHARE = 0.25
-#: Steps of nearest-neighbour ICP where a shift is estimated as well.
-_SHIFTED_STEPS = 6
 #: The second look: around how many distinct minima, up to which multiple of the least energy, with how many rotations
 #: each, by which angle.
 _NUM_CENTRES, _CENTRE_FACTOR, _NUM_AROUND, _ANGLE_AROUND_RAD = 6, 1.25, 12, np.deg2rad(15.0)
@@ -71,7 +68,7 @@ def leading_problem(problem: Problem) -> Problem:
 
 
 @one_blas_thread()
-def explore(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
+def explore(problem: Problem, *, seed: int = 0) -> LocalMinima:
     """Return local minima found from the principal axes and an even set of rotations.
 
     Lower bounds rank all rotations; the most promising ones take a step with exact assignment; the best distinct ones
@@ -82,33 +79,20 @@ def explore(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom:
     ----------
     problem : Problem
         Where its group has reflections, both chiralities are searched.
-    num_rotations : int
-        Size of the set of rotations of each chirality; 0 sets it by the dimension of the rotation block.
     seed : int
         For rotation blocks of more than three dimensions.
-    freedom : Freedom
-        What is estimated beside the rotation.
     """
     lead = leading_problem(problem)
-    num = num_rotations or _NUM_ROTATIONS.get(lead.dim, _NUM_ROTATIONS_ABOVE)
+    num = _NUM_ROTATIONS.get(lead.dim, _NUM_ROTATIONS_ABOVE)
     axes, even = initial_rotations(lead, num, seed=seed)
-    is_covered = lead.dim <= _MAX_COVERED_DIM and not freedom.translate
+    is_covered = lead.dim <= _MAX_COVERED_DIM
     num_tried = max(_LEAST_TRIED, round((_TRIED if is_covered else _TRIED_UNCOVERED) * num))
-    tried, shifts = _screened(lead, axes, even, num_tried, freedom)
-    starts, shifts = np.concatenate([axes, tried]), np.concatenate([np.zeros(axes.shape[:2]), shifts])
+    tried = _screened(lead, axes, even, num_tried)
+    starts = np.concatenate([axes, tried])
     origins = np.repeat(["axes", "search"], [len(axes), len(tried)])
     if lead is not problem:
-        maps = MatchingCosts(lead).assign(starts, np.ones(len(starts)), shifts)
-        starts, _, shifts = similarities(problem, maps, freedom, lead.pattern.mirrored(starts))
-    trials = minimise(
-        problem,
-        starts,
-        max_iterations=_TRIAL_STEPS,
-        freedom=freedom,
-        shifts=shifts,
-        hold_chirality=True,
-        origins=origins,
-    )
+        starts = procrustes(problem, MatchingCosts(lead).assign(starts), lead.pattern.mirrored(starts))
+    trials = minimise(problem, starts, max_iterations=_TRIAL_STEPS, hold_chirality=True, origins=origins)
     num_kept = max(_LEAST_KEPT, round(_KEPT * num_tried))
     kept = distinct(
         trials.rotations[:, : lead.dim, : lead.dim],
@@ -116,14 +100,7 @@ def explore(problem: Problem, *, num_rotations: int = 0, seed: int = 0, freedom:
         num_kept,
         mirrored=problem.pattern.mirrored(trials.rotations),
     )
-    return minimise(
-        problem,
-        trials.rotations[kept],
-        freedom=freedom,
-        shifts=trials.shifts[kept],
-        hold_chirality=True,
-        origins=trials.origins[kept],
-    )
+    return minimise(problem, trials.rotations[kept], hold_chirality=True, origins=trials.origins[kept])
 
 
 def initial_rotations(problem: Problem, num: int, *, seed: int = 0) -> tuple[FloatArray, FloatArray]:
@@ -164,22 +141,13 @@ def _turns_around(dim: int, seed: int) -> FloatArray:
     return read_only(small_rotations(dim, _NUM_AROUND, _ANGLE_AROUND_RAD, seed=seed))
 
 
-def _screened(
-    problem: Problem, axes: FloatArray, even: FloatArray, num: int, freedom: Freedom
-) -> tuple[FloatArray, FloatArray]:
-    """Return the most promising rotations and their shifts."""
-    if freedom.translate:
-        rotations, shifts, _ = _screen_shifted(problem, even, freedom)
-    elif problem.dim <= _MAX_COVERED_DIM:
-        rotations, shifts, _ = screen(problem, even)
-    else:
-        rotations, shifts, _ = screen(problem, np.concatenate([axes, even]), num_steps=_UNCOVERED_STEPS)
-    mirrored = problem.pattern.mirrored(rotations)
-    if freedom.translate or problem.dim > _MAX_COVERED_DIM:
-        chosen = distinct(rotations, _SAME_RAD, num, mirrored=mirrored)
-    else:
-        chosen = _first(num, len(rotations), mirrored)
-    return rotations[chosen], shifts[chosen]
+def _screened(problem: Problem, axes: FloatArray, even: FloatArray, num: int) -> FloatArray:
+    """Return the most promising rotations."""
+    if problem.dim <= _MAX_COVERED_DIM:
+        rotations, _ = screen(problem, even)
+        return rotations[_first(num, len(rotations), problem.pattern.mirrored(rotations))]
+    rotations, _ = screen(problem, np.concatenate([axes, even]), num_steps=_UNCOVERED_STEPS)
+    return rotations[distinct(rotations, _SAME_RAD, num, mirrored=problem.pattern.mirrored(rotations))]
 
 
 def _first(num: int, num_all: int, mirrored: BoolArray | None) -> IntArray:
@@ -191,25 +159,8 @@ def _first(num: int, num_all: int, mirrored: BoolArray | None) -> IntArray:
     return np.flatnonzero(goes_on)
 
 
-def _screen_shifted(
-    problem: Problem, rotations: FloatArray, freedom: Freedom
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Screen every rotation at no shift, and at shifts by one standard deviation along the target's axes."""
-    weights = np.ones(problem.num_target)
-    axes = principal_frame(problem.target, weights).T
-    spread = np.sqrt((problem.target @ axes.T).var(axis=0))[:, None]
-    offsets = np.concatenate([np.zeros((1, problem.dim)), spread * axes, -spread * axes])
-    return screen(
-        problem,
-        np.repeat(rotations, len(offsets), axis=0),
-        num_steps=_SHIFTED_STEPS,
-        freedom=freedom,
-        shifts=np.tile(offsets, (len(rotations), 1)),
-    )
-
-
 @one_blas_thread()
-def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0, freedom: Freedom = RIGID) -> LocalMinima:
+def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0) -> LocalMinima:
     """Return the minima and those found by turning the best distinct ones a little: many basins are small.
 
     Parameters
@@ -217,7 +168,7 @@ def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0, freedom
     problem : Problem
     minima : LocalMinima
         Best first; only those not far above the first are worth the look.
-    seed, freedom
+    seed
         As in :func:`explore`.
     """
     block = problem.pattern.rotation_block
@@ -226,8 +177,7 @@ def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0, freedom
     turns = np.tile(np.eye(problem.dim), (_NUM_AROUND, 1, 1))
     turns[:, :block, :block] = _turns_around(block, seed)
     starts = (turns @ minima.rotations[centres, None]).reshape(-1, problem.dim, problem.dim)
-    shifts = np.repeat(minima.shifts[centres], _NUM_AROUND, axis=0)
-    found = minimise(problem, starts, freedom=freedom, shifts=shifts, hold_chirality=True, origins="around")
+    found = minimise(problem, starts, hold_chirality=True, origins="around")
     return merge([minima, found])
 
 

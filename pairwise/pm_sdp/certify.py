@@ -51,7 +51,7 @@ def certify_dual(
     arrays = problem_arrays(problem)
     arrays |= _multiplier_arrays(lifted, y, _symmetrised(quaternions))
     arrays["u"] = u
-    arrays["impossible"] = np.argwhere(problem.allowed & ~_support(problem, data))
+    arrays["impossible"] = np.argwhere(problem.allowed & ~_support(data))
     arrays, bound = _with_safe_bound(problem, data, arrays, F)
     frozen = {name: read_only(np.array(values)) for name, values in arrays.items()}
     return Certificate(kind="pm-sdp", arrays=frozen, problem_hash=hash_problem(problem), bound=bound)
@@ -61,9 +61,9 @@ def _symmetrised(matrices: FloatArray) -> FloatArray:
     return 0.5 * (matrices + np.swapaxes(matrices, -1, -2))
 
 
-def _support(problem: Problem, data: RelaxationData) -> BoolArray:
+def _support(data: RelaxationData) -> BoolArray:
     """Return the allowed matches (n, k) that some assignment uses."""
-    return data.scatter(data.valid.astype(np.float64))[: problem.num_target] > 0.0
+    return data.scatter(data.valid.astype(np.float64)) > 0.0
 
 
 def _close_constraints(
@@ -125,25 +125,17 @@ def _potentials(problem: Problem, data: RelaxationData, arrays: dict[str, NDArra
         inverse_factor = np.linalg.inv(np.linalg.cholesky(arrays["F"]))
         w = vectors[..., 1:] - arrays["u"][:, None, :]
         costs -= ((w @ np.swapaxes(inverse_factor, 1, 2)) ** 2).sum(axis=2)
-    costs = np.where(_support(problem, data), costs.T + problem.constant_cost, np.inf)
-    if problem.max_unmatched:
-        unmatched = problem.unmatched_cost - problem.weights * (problem.source**2).sum(axis=1)
-        if size:
-            whitened = (inverse_factor @ arrays["u"][:, :, None])[..., 0]
-            unmatched = unmatched - (whitened**2).sum(axis=1)
-        costs = np.vstack([costs, unmatched])
-    return optimal_assignment(costs, data.capacity)[1]
+    costs = np.where(_support(data), costs.T + problem.constant_cost, np.inf)
+    return optimal_assignment(costs)[1]
 
 
-def optimal_assignment(costs: FloatArray, capacity: IntArray) -> tuple[IntArray, FloatArray]:
+def optimal_assignment(costs: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return the cheapest assignment and optimal row potentials beta <= 0, by shortest paths from it.
 
     Parameters
     ----------
     costs : ndarray, shape (n, k)
         Infinite where forbidden; every column is assigned.
-    capacity : ndarray of int, shape (n,)
-        Columns that each row may take.
 
     Returns
     -------
@@ -152,10 +144,9 @@ def optimal_assignment(costs: FloatArray, capacity: IntArray) -> tuple[IntArray,
     beta : ndarray, shape (n,)
     """
     n, k = costs.shape
-    row_of_copy = np.repeat(np.arange(n), np.minimum(capacity, k))
-    copies, columns = linear_sum_assignment(costs[row_of_copy])
+    taken, columns = linear_sum_assignment(costs)
     rows = np.empty(k, dtype=np.int64)
-    rows[columns] = row_of_copy[copies]
+    rows[columns] = taken
     extra = costs - costs[rows, np.arange(k)]
     beta = np.zeros(n)
     for _ in range(n):

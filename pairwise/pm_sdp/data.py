@@ -6,7 +6,7 @@ part. The relaxation over X, B, M reads
 
     min  sum_ij cost_ij X_ij - 2 <v_ij, B_ij> + constant
     s.t. C >= sum_i B_ij B_ij^T / X_ij,   sum_i B_ij = E[rho],   sum_i X_ij = 1   for every source point j,
-         sum_j X_ij <= capacity_i (= for rows that are always full),   <A_m, M> = 0,   Y(R) >= 0,
+         sum_j X_ij <= 1 (= for rows that are always full),   <A_m, M> = 0,   Y(R) >= 0,
 
 which is the paper's (10)-(12) without its redundant first row. ``v_ij`` is w_j vec(q_i p_j^T) in terms of rho.
 """
@@ -43,8 +43,6 @@ class RelaxationData:
         Linear cost of each match, zero where padded.
     vectors : ndarray, shape (k, c, s)
         v_ij of each match.
-    capacity : ndarray of int, shape (n,)
-        How many source points a row may take.
     equality : ndarray of bool, shape (n,)
         Rows that are always full; elsewhere the row sum is an inequality.
     constant : float
@@ -56,14 +54,13 @@ class RelaxationData:
     valid: BoolArray
     cost: FloatArray
     vectors: FloatArray
-    capacity: IntArray
     equality: BoolArray
     constant: float
 
     @property
     def num_rows(self) -> int:
-        """Number of rows n (target points, and one more where points may stay unmatched)."""
-        return len(self.capacity)
+        """Number n of target points."""
+        return len(self.equality)
 
     @cached_property
     def is_full(self) -> bool:
@@ -118,7 +115,7 @@ class RelaxationData:
         return full
 
     def with_linear_energy(self, direction: FloatArray) -> RelaxationData:
-        """Return the relaxation with ``<direction, rho>`` beside its energy; no point may stay unmatched.
+        """Return the relaxation with ``<direction, rho>`` beside its energy.
 
         That is the mean over j of ``sum_i <direction, B_ij>``.
         """
@@ -137,7 +134,6 @@ class RelaxationData:
         Parameters
         ----------
         problem : Problem
-            Where source points may stay unmatched, there is one more row for them, the last, with v = 0.
         cross_products : bool
             See :meth:`LiftedRotation.build`.
 
@@ -147,11 +143,7 @@ class RelaxationData:
             If no assignment is allowed, or squared coordinates overflow.
         """
         lifted = LiftedRotation.build(problem.pattern, cross_products=cross_products)
-        allowed, capacity = problem.allowed, np.ones(problem.num_target, dtype=np.int64)
-        if problem.max_unmatched:
-            allowed = np.vstack([allowed, np.ones((1, problem.num_source), dtype=bool)])
-            capacity = np.append(capacity, problem.max_unmatched)
-        support = assignment_support(allowed, capacity)
+        support = assignment_support(problem.allowed)
         index, valid = _match_lists(support.allowed)
         with np.errstate(over="ignore", invalid="ignore"):
             cost, vectors = _match_costs(problem, lifted)
@@ -165,7 +157,6 @@ class RelaxationData:
             valid=valid,
             cost=np.where(valid, cost[index, source], 0.0),
             vectors=np.where(valid[..., None], vectors[index, source], 0.0),
-            capacity=capacity,
             equality=support.always_full,
             constant=constant,
         )
@@ -181,15 +172,10 @@ def _match_lists(allowed: BoolArray) -> tuple[IntArray, BoolArray]:
 
 
 def _match_costs(problem: Problem, lifted: LiftedRotation) -> tuple[FloatArray, FloatArray]:
-    """Return the linear costs (n, k) and the vectors v (n, k, s), with the unmatched row appended where asked."""
+    """Return the linear costs (n, k) and the vectors v (n, k, s)."""
     rows, cols = problem.pattern.entries
     weighted = problem.weights[:, None] * problem.source
     lifted_vectors = (problem.target[:, None, rows] * weighted[None, :, cols]) @ lifted.basis
     squares = (problem.target**2).sum(axis=1)
     cost = problem.weights * squares[:, None] + problem.constant_cost - 2.0 * lifted_vectors[..., 0]
-    vectors = lifted_vectors[..., 1:]
-    if problem.max_unmatched:
-        saved = problem.weights * (problem.source**2).sum(axis=1)
-        cost = np.vstack([cost, problem.unmatched_cost - saved])
-        vectors = np.concatenate([vectors, np.zeros((1, *vectors.shape[1:]))])
-    return cost, vectors
+    return cost, lifted_vectors[..., 1:]

@@ -144,7 +144,7 @@ class _InteriorPoint:
         self.dual_value, self.multipliers, outside = self._dual_objective(dual)
         self.dual_value += data.constant
         self.value = self._primal_objective(primal) + data.constant
-        rows = data.row_sums(primal.x) + primal.slack - data.capacity
+        rows = data.row_sums(primal.x) + primal.slack - 1.0
         misses = (rows, primal.x.sum(axis=1) - 1.0, primal.B.sum(axis=1) - primal.R)
         self.violations = {
             "primal": max(float(np.abs(miss).max()) for miss in misses),
@@ -160,7 +160,7 @@ class _InteriorPoint:
         data, basis = self.data, self.basis
         multipliers, outside = basis.split(basis.sum_of_points(data.lifted, point.F, point.u, point.Y))
         traces = float(np.einsum("qaa->", point.Y))
-        value = float(point.alpha.sum() + data.capacity @ point.beta + multipliers @ basis.constants) - 0.25 * traces
+        value = float(point.alpha.sum() + point.beta.sum() + multipliers @ basis.constants) - 0.25 * traces
         return value, multipliers, float(np.abs(outside).max(initial=0.0))
 
     def _error(self) -> float:

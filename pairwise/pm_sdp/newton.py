@@ -118,7 +118,7 @@ class NewtonSystem:
     def _row_residual(self, targets: Targets, dx: FloatArray, dbeta: FloatArray) -> FloatArray:
         """Return what the rows' new sums, their new slack included, miss of the capacities."""
         data, primal = self.data, self.primal
-        residual = data.capacity - data.row_sums(primal.x + dx) - primal.slack
+        residual = 1.0 - data.row_sums(primal.x + dx) - primal.slack
         open_rows = ~data.equality
         change = targets.slacks[open_rows] + primal.slack[open_rows] * dbeta[open_rows]
         residual[open_rows] += change / self.dual.beta[open_rows]

@@ -20,7 +20,7 @@ def starting_points(data: RelaxationData, basis: MomentBasis) -> tuple[PrimalPoi
     counts = np.bincount(lifted.variable[lifted.variable > 0], minlength=s + 1)[1:].astype(np.float64)
     moments = lifted.interior_moments
     size = 2.0 * max(float(np.sqrt((spread**2).sum(axis=2)).max()), 1e-3) / np.sqrt(np.diag(moments).min())
-    slack = np.where(data.equality, 0.0, np.maximum(data.capacity - data.row_sums(x), 0.5))
+    slack = np.where(data.equality, 0.0, np.maximum(1.0 - data.row_sums(x), 0.5))
     while True:
         F = np.tile(size * np.diag(counts), (k, 1, 1))
         mu = size * float((counts * np.diag(moments)).mean())

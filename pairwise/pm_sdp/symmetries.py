@@ -197,8 +197,6 @@ class _Draws:
 def _check_isolated(problem: Problem) -> None:
     if (problem.weights == 0).any():
         raise InputError("weights: exact solutions need positive weights; leave points of weight zero out")
-    if problem.max_unmatched:
-        raise InputError("num_matches, unmatched_penalty: exact solutions match every source point")
     for component in problem.pattern.components:
         points = problem.source[:, component]
         rank = int(np.linalg.matrix_rank(points, tol=1e-9 * max(float(np.abs(points).max()), 1e-300)))

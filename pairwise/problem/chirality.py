@@ -20,7 +20,7 @@ def mirror(dim: int) -> FloatArray:
     return signs
 
 
-def chiralities(problem: Problem, *, partial: bool = False) -> list[tuple[bool, Problem]]:
+def chiralities(problem: Problem) -> list[tuple[bool, Problem]]:
     """Split a problem over SO(d) or O(d) into problems over SO(d), ``(reflected, problem)``.
 
     The source of the reflected one is ``source * mirror(d)``, so that its R stands for ``R diag(mirror)``.
@@ -28,14 +28,11 @@ def chiralities(problem: Problem, *, partial: bool = False) -> list[tuple[bool, 
     Raises
     ------
     OptionsError
-        If R has zeros, more than one rotation block or a dimension other than 2 and 3, or for partial matching unless
-        that is ``partial``.
+        If R has zeros, more than one rotation block or a dimension other than 2 and 3.
     """
     pattern, dim = problem.pattern, problem.dim
     if dim not in (2, 3) or not pattern.mask.all() or pattern.special_blocks not in ((), ((0, dim),)):
         raise OptionsError("this needs points in dimension 2 or 3 and a full matrix R in SO(d) or O(d)")
-    if problem.max_unmatched and not partial:
-        raise OptionsError("this does not handle partial matching (num_matches, unmatched_penalty)")
     proper = replace(problem, pattern=RotationPattern(pattern.mask, ((0, dim),)))
     if pattern.special_blocks:
         return [(False, proper)]

@@ -3,8 +3,6 @@
     minimise  E(R, map) = sum_j w_j |R p_j - q_map(j)|^2 + sum_j c[map(j), j]
 
 over R in the group with the given pattern and allowed injective maps (Maron et al. 2016, eq. 1-2).
-In two-way partial matching ``max_unmatched`` source points may stay unmatched (map -1) at ``unmatched_cost`` each, as
-if the target had one more row of that capacity and constant cost; unmatched target points are free.
 Points are rows here and everywhere else; the paper's d x n matrices P and Q are ``source.T`` and ``target.T``.
 """
 
@@ -28,7 +26,6 @@ from data_tools.arrays import (
     as_weights,
     read_only,
 )
-from data_tools.checks import former_arguments
 from data_tools.errors import InputError, OptionsError
 from pairwise.problem.pattern import PatternLike, RotationPattern
 
@@ -48,8 +45,6 @@ class ProblemArguments(TypedDict, total=False):
     rotation_pattern: PatternLike
     invariants: tuple[ArrayLike, ArrayLike] | None
     weights: ArrayLike | None
-    num_matches: int | None
-    unmatched_penalty: float | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,10 +65,6 @@ class Problem:
         w_j, non-negative.
     constant_cost : ndarray, shape (n, k)
         c_ij, what a match costs whatever R is (weighted squared differences of invariants).
-    max_unmatched : int
-        How many source points may stay unmatched at most; 0 outside partial matching.
-    unmatched_cost : float
-        What each source point that stays unmatched costs.
     """
 
     target: FloatArray
@@ -82,11 +73,8 @@ class Problem:
     allowed: BoolArray
     weights: FloatArray
     constant_cost: FloatArray
-    max_unmatched: int = 0
-    unmatched_cost: float = 0.0
 
     @classmethod
-    @former_arguments(candidates="allowed")
     def from_user(
         cls,
         target: ArrayLike,
@@ -97,8 +85,6 @@ class Problem:
         rotation_pattern: PatternLike = None,
         invariants: tuple[ArrayLike, ArrayLike] | None = None,
         weights: ArrayLike | None = None,
-        num_matches: int | None = None,
-        unmatched_penalty: float | None = None,
     ) -> Problem:
         """Check what callers give.
 
@@ -116,19 +102,12 @@ class Problem:
             Rotation-invariant coordinates of both shapes: a block of the embedding whose R is the identity.
         weights : array_like, shape (k,), optional
             Weight of each source point.
-        num_matches : int, optional
-            Two-way partial matching: match exactly that many source points and leave the rest out at no cost.
-        unmatched_penalty : float, optional
-            Two-way partial matching: leave out any number of source points at this cost each, in squared units of
-            the points. Excludes ``num_matches``.
 
         Raises
         ------
         InputError
             If coordinates are beyond :data:`LARGEST_COORDINATE` or all tiny, if shapes disagree, k > n,
             no injective map is allowed, or the points look like columns.
-        OptionsError
-            If both forms of partial matching are asked for, or one of them with an impossible value.
         """
         q = as_points(target, "target")
         p = as_points(source, "source", dim=q.shape[1])
@@ -149,8 +128,7 @@ class Problem:
         w = as_weights(weights, "weights", num=k)
         pattern = RotationPattern.from_user(rotation_pattern, q.shape[1], group)
         mask = np.ones((n, k), bool) if allowed is None else as_mask(allowed, "allowed", shape=(n, k))
-        max_unmatched = _max_unmatched(k, num_matches, unmatched_penalty)
-        _check_feasible(mask, max_unmatched)
+        _check_feasible(mask)
         constant = np.zeros((n, k)) if invariants is None else _invariant_cost(invariants, n, k)
         return cls(
             target=read_only(q),
@@ -159,8 +137,6 @@ class Problem:
             allowed=read_only(mask),
             weights=read_only(w),
             constant_cost=read_only(constant * w),
-            max_unmatched=max_unmatched,
-            unmatched_cost=float(unmatched_penalty or 0.0),
         )
 
     @property
@@ -202,18 +178,15 @@ class Problem:
         ----------
         rotation : ndarray, shape (d, d)
         point_map : ndarray of int, shape (k,)
-            Index on the target of each source point, -1 where it stays unmatched.
+            Index on the target of each source point.
         """
-        matched = np.flatnonzero(point_map >= 0)
-        images = point_map[matched]
-        squares = ((self.source[matched] @ rotation.T - self.target[images]) ** 2).sum(axis=1)
-        total = (self.weights[matched] * squares).sum() + self.constant_cost[images, matched].sum()
-        return float(total + self.unmatched_cost * (self.num_source - len(matched)))
+        squares = ((self.source @ rotation.T - self.target[point_map]) ** 2).sum(axis=1)
+        constant = self.constant_cost[point_map, np.arange(self.num_source)]
+        return float((self.weights * squares).sum() + constant.sum())
 
     def procrustes(self, point_map: IntArray) -> FloatArray:
         """Return the best R for a map, shape (d, d): orthogonal Procrustes within the pattern's blocks."""
-        weights = np.where(point_map >= 0, self.weights, 0.0)
-        return self.pattern.project(self.target[point_map].T @ (weights[:, None] * self.source))
+        return self.pattern.project(self.target[point_map].T @ (self.weights[:, None] * self.source))
 
 
 def energy_scale(problem: Problem) -> float:
@@ -232,27 +205,13 @@ def _invariant_cost(invariants: tuple[ArrayLike, ArrayLike], n: int, k: int) -> 
     return ((h[:, None, :] - g[None, :, :]) ** 2).sum(axis=2)
 
 
-def _max_unmatched(k: int, num_matches: int | None, unmatched_penalty: float | None) -> int:
-    if num_matches is not None and unmatched_penalty is not None:
-        raise OptionsError("num_matches and unmatched_penalty exclude each other: give one of them")
-    if unmatched_penalty is not None:
-        if not (np.isfinite(unmatched_penalty) and unmatched_penalty >= 0):
-            raise OptionsError(f"unmatched_penalty: expected a finite number >= 0, got {unmatched_penalty}")
-        return k
-    if num_matches is None:
-        return 0
-    if not 1 <= num_matches <= k:
-        raise OptionsError(f"num_matches: expected 1 to {k} (the source points), got {num_matches}")
-    return k - int(num_matches)
-
-
-def _check_feasible(allowed: BoolArray, max_unmatched: int) -> None:
+def _check_feasible(allowed: BoolArray) -> None:
     if allowed.all():
         return
     empty = np.flatnonzero(~allowed.any(axis=0))
-    if len(empty) > max_unmatched:
+    if len(empty):
         raise InputError(f"allowed: source point {empty[0]} has none ({len(empty)} such points)")
     matched: Any = maximum_bipartite_matching(csr_array(allowed), perm_type="row")
     stuck = int((matched < 0).sum())
-    if stuck > max_unmatched:
+    if stuck:
         raise InputError(f"allowed: no injective map fits them, {stuck} source points are always left over")

@@ -24,14 +24,14 @@ class Support:
     allowed : ndarray of bool, shape (n, k)
         Matches that occur in at least one feasible assignment.
     always_full : ndarray of bool, shape (n,)
-        Rows that every feasible assignment fills to their capacity.
+        Rows that every feasible assignment fills.
     """
 
     allowed: BoolArray
     always_full: BoolArray
 
 
-def assignment_support(allowed: BoolArray, capacity: IntArray | None = None) -> Support:
+def assignment_support(allowed: BoolArray) -> Support:
     """Prune a mask to the matches that some feasible assignment uses.
 
     Alternating cycles through one feasible assignment: a match can occur iff its two ends lie in the same strongly
@@ -42,8 +42,6 @@ def assignment_support(allowed: BoolArray, capacity: IntArray | None = None) -> 
     ----------
     allowed : ndarray of bool, shape (n, k)
         Column j may go to row i. Every column must be assigned.
-    capacity : ndarray of int, shape (n,), optional
-        How many columns a row may take; one by default.
 
     Raises
     ------
@@ -51,32 +49,24 @@ def assignment_support(allowed: BoolArray, capacity: IntArray | None = None) -> 
         If no assignment fits.
     """
     n, k = allowed.shape
-    copies = np.ones(n, dtype=np.int64) if capacity is None else np.minimum(capacity, k)
-    row_of_copy = np.repeat(np.arange(n), copies)
-    expanded = allowed[row_of_copy]
-    matched = maximum_bipartite_matching(csr_array(expanded), perm_type="row").astype(np.int64)
+    matched = maximum_bipartite_matching(csr_array(allowed), perm_type="row").astype(np.int64)
     if (matched < 0).any():
         raise InputError(f"allowed: no assignment fits them, {int((matched < 0).sum())} points are left over")
-    column_label, copy_label, free_label = _residual_components(expanded, matched)
-    usable = expanded & (copy_label[:, None] == column_label[None, :])
+    column_label, row_label, free_label = _residual_components(allowed, matched)
+    usable = allowed & (row_label[:, None] == column_label[None, :])
     usable[matched, np.arange(k)] = True
-    taken = np.zeros(len(row_of_copy), dtype=bool)
+    taken = np.zeros(n, dtype=bool)
     taken[matched] = True
-    full_copy = taken & (copy_label != free_label)
-    always_full = np.ones(n, dtype=bool)
-    np.logical_and.at(always_full, row_of_copy, full_copy)
-    pruned = np.zeros((n, k), dtype=bool)
-    np.logical_or.at(pruned, row_of_copy, usable)
-    return Support(pruned, always_full)
+    return Support(usable, taken & (row_label != free_label))
 
 
-def _residual_components(expanded: BoolArray, matched: IntArray) -> tuple[IntArray, IntArray, int]:
-    """Return the strongly connected components of columns, row copies and the node "free"."""
-    num_copies, k = expanded.shape
-    free = k + num_copies
-    taken = np.zeros(num_copies, dtype=bool)
+def _residual_components(allowed: BoolArray, matched: IntArray) -> tuple[IntArray, IntArray, int]:
+    """Return the strongly connected components of columns, rows and the node "free"."""
+    n, k = allowed.shape
+    free = k + n
+    taken = np.zeros(n, dtype=bool)
     taken[matched] = True
-    rows, cols = np.nonzero(expanded)
+    rows, cols = np.nonzero(allowed)
     tails = [cols, k + matched, k + np.flatnonzero(~taken), np.full(k, free)]
     heads = [k + rows, np.arange(k), np.full(int((~taken).sum()), free), k + matched]
     tail, head = np.concatenate(tails), np.concatenate(heads)

@@ -24,7 +24,6 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.errors import OptionsError
 from pairwise.problem.problem import Problem
 from pairwise.reference.constraints import (
     cross_product_equations,
@@ -127,8 +126,6 @@ def solve_reference(
 
 def build_model(problem: Problem, *, cross_products: bool = False) -> Model:
     """Write PM-SDP of a problem in CVXPY, in the reduced form of the module's docstring."""
-    if problem.max_unmatched:
-        raise OptionsError("the CVXPY relaxation matches every source point: leave num_matches and penalties out")
     cp = cvxpy_module()
     j, i = np.nonzero(problem.allowed.T)
     r, m = problem.pattern.num_entries, len(i)

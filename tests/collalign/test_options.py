@@ -4,8 +4,7 @@ import joblib
 import pytest
 
 from collalign.engine.options import RunOptions
-from collalign.former_options import FORMER, flat_names
-from collalign.options import AlignOptions, options_from_record
+from collalign.options import AlignOptions
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 
@@ -53,11 +52,5 @@ def test_there_are_as_many_workers_as_asked_for_but_no_more_than_cores(monkeypat
 
 
 def test_there_are_no_more_options_than_anybody_reads() -> None:
-    assert len(list(flat_names(dataclasses.asdict(AlignOptions())))) <= 35
-
-
-@pytest.mark.parametrize(("group", "name"), [name.split(".") for name in FORMER if "." in name])
-def test_names_of_earlier_versions_are_answered(group: str, name: str) -> None:
-    with pytest.raises(OptionsError, match=f"{group}.{name}: not an option of collections any more; .{{20}}"):
-        options_from_record({group: {name: 1}})
-    assert not hasattr(getattr(AlignOptions(), group), name)
+    flat = [value if isinstance(value, dict) else [value] for value in dataclasses.asdict(AlignOptions()).values()]
+    assert sum(map(len, flat)) <= 35

@@ -4,7 +4,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from data_tools.checks import check_choice, check_count, check_flag, check_number, former_arguments
+from data_tools.checks import check_choice, check_count, check_flag, check_number
 from data_tools.errors import OptionsError
 
 at_least_two = partial(check_count, lower=2)
@@ -49,16 +49,3 @@ def test_impossible_values_are_refused_by_name(
 ) -> None:
     with pytest.raises(OptionsError, match=f"^name: expected .*{words}"):
         check("name", value)
-
-
-def test_former_arguments_are_answered_with_the_new_name() -> None:
-    @former_arguments(old="new")
-    def doubled(new: int, other: int = 0) -> int:
-        return 2 * new + other
-
-    assert doubled(3, other=1) == 7
-    assert doubled(new=3) == 6
-    with pytest.raises(OptionsError, match="old: this argument is called new now"):
-        doubled(old=3)  # type: ignore[call-arg]
-    with pytest.raises(TypeError):
-        doubled(older=3)  # type: ignore[call-arg]

@@ -73,42 +73,12 @@ def test_the_answer_is_refined_on_dense_samples(files: tuple[Path, Path, np.ndar
     assert plain["transform"] == plain["candidates"][0]["transform"]
 
 
-def test_estimated_scale_and_shift_are_part_of_the_transform(
-    files: tuple[Path, Path, np.ndarray], tmp_path: Path
-) -> None:
-    """In the unit of the files the matcher has to find the scale; the energy says how far apart the samples are."""
-    target, source, _ = files
-    shape = read_shape(target)
-    write_mesh(source, Shape.from_arrays(1.25 * shape.vertices + [1.0, 2.0, 3.0], shape.faces))
-    flags = ["--sampling.normalisation", "none", "--embedding.kind", "xyz", "--sampling.num-points", "24"]
-    flags += ["--matching.estimate-scale", "--matching.estimate-translation", "--out", str(tmp_path / "out")]
-    assert main(["match", str(target), str(source), *flags]) == 0
-    record = json.loads((tmp_path / "out" / "match.json").read_text())
-    best = record["candidates"][0]
-    transform = np.array(best["transform"])
-    sources = read_shape(source).vertices[record["source_vertices"]]
-    moved = sources @ transform[:3, :3].T + transform[:3, 3]
-    apart = ((moved - shape.vertices[best["map_target_source"]]) ** 2).sum()
-    assert apart == pytest.approx(best["energy"], abs=1e-6 * (shape.vertices**2).sum())
-    assert np.cbrt(np.linalg.det(transform[:3, :3])) == pytest.approx(0.8, rel=0.02)
-
-
 def test_certify_reaches_the_pair(files: tuple[Path, Path, np.ndarray], tmp_path: Path) -> None:
     target, source, _ = files
     flags = ["--certify", "--certify-pair-s", "1", "--sampling.num-points", "8", "--out", str(tmp_path / "out")]
     assert main(["match", str(target), str(source), *flags]) == 0
     record = json.loads((tmp_path / "out" / "match.json").read_text())
     assert record["lower_bound"] <= record["energy"] * (1 + 1e-9)
-
-
-def test_partial_match_leaves_samples_out(
-    files: tuple[Path, Path, np.ndarray], capsys: pytest.CaptureFixture[str]
-) -> None:
-    target, source, _ = files
-    flags = ["--json", "--num-matches", "12", "--sampling.num-points", "20", "--embedding.kind", "xyz"]
-    assert main(["match", str(target), str(source), *flags]) == 0
-    found = json.loads(capsys.readouterr().out)["candidates"][0]["map_target_source"]
-    assert sum(vertex >= 0 for vertex in found) == 12
 
 
 def test_nonrigid_match_writes_a_map_of_all_vertices(
@@ -149,30 +119,6 @@ def test_bad_files_exit_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[str
         assert ".ply" in capsys.readouterr().err
 
 
-def test_an_overlap_in_part_is_proven_with_its_shift(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rng = np.random.default_rng(0)
-    points = rng.standard_normal((9, 3))
-    turn = random_rotation(rng)
-    np.savetxt(tmp_path / "a.xyz", points[:8])
-    np.savetxt(tmp_path / "b.xyz", points[1:] @ turn + [3.0, 0.0, 0.0])
-    flags = ["--unmatched-penalty", "0.02", "--matching.estimate-translation", "--matching.gap-tol", "0.1"]
-    flags += [
-        "--certify",
-        "--sampling.num-points",
-        "8",
-        "--sampling.normalisation",
-        "none",
-        "--embedding.kind",
-        "xyz",
-    ]
-    assert main(["match", str(tmp_path / "a.xyz"), str(tmp_path / "b.xyz"), "--json", "--no-refine", *flags]) == 0
-    record = json.loads(capsys.readouterr().out)
-    assert record["status"] == "PROVEN_OPTIMAL"
-    assert 0.9 * record["energy"] - 1e-6 <= record["lower_bound"] <= record["energy"]
-    np.testing.assert_allclose(np.array(record["transform"])[:3, :3], turn, atol=1e-6)
-    assert record["candidates"][0]["map_target_source"].count(-1) == 1
-
-
 def test_surfaces_that_overlap_in_part_are_matched_and_say_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -193,5 +139,5 @@ def test_surfaces_that_overlap_in_part_are_matched_and_say_so(
     found = match_in_part(*files, options=TwoShapeOptions(group="O"))
     assert found.transforms.shape == (len(found.poses), 4, 4)
     assert "of it on" in repr(found)
-    assert main(["match", *files, "--partial", "--num-matches", "3"]) == 2
+    assert main(["match", *files, "--partial", "--certify"]) == 2
     assert "--partial works on surfaces" in capsys.readouterr().err

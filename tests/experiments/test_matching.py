@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 
 from collalign.engine.store.store import Store
-from data_tools.datasets.public import read_shrec07_class
+from data_tools.datasets.public import read_range_scans, read_shrec07_class
 from data_tools.datasets.synthetic_shapes import blob
+from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments import load_experiment
-from experiments.experiment import Bench, Cell
-from experiments.pairs import matching_energies, matching_table, partial_scans
+from experiments.experiment import Bench
+from experiments.pairs import matching_energies, matching_table
+from experiments.pairs.incomplete_sets import overlap_share
 from experiments.pairs.posed_samples import TEETH_MIXED, TEETH_ONE_SIDE, posed_pairs
 from experiments.write import write_experiment
 from pairwise.matching import match_problem
@@ -53,7 +55,7 @@ def layouts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-@pytest.mark.parametrize("name", ["matching_table", "matching_energies", "partial_scans"])
+@pytest.mark.parametrize("name", ["matching_table", "matching_energies"])
 def test_quick_run_writes_tables(name: str, layouts: Path, tmp_path: Path) -> None:
     experiment = load_experiment(name)
     with Store.memory() as store:
@@ -143,15 +145,14 @@ def test_energies_count_what_is_worse() -> None:
 
 
 def test_scans_overlap_as_much_as_they_were_cut_to(layouts: Path) -> None:
-    settings = {"points": 40, "scans": 3, "dense": 300, "seed": 0}
-    record = partial_scans.measure_scans(Cell(data=layouts, settings=settings))
-    shares = {(t, s): o for t, s, o in zip(record["target"], record["source"], record["overlap"], strict=True)}
-    assert shares["left", "middle"] == pytest.approx(7 / 8, abs=0.06)
-    assert shares["left", "right"] == pytest.approx(6 / 8, abs=0.08)
-    rows = partial_scans.summary_rows(40, record)
-    assert sum(row["pairs"] for row in rows) == 3 == len(partial_scans.scan_rows(40, record))
+    scans = read_range_scans(layouts / "stanford_bunny_scans")
+    sampling = SamplingOptions(num_points=40, metric="euclidean", normalisation="none", num_dense_points=300)
+    samples = [sample_shape(scans.shape(i), sampling, EmbeddingOptions(kind="xyz")) for i in range(len(scans))]
+    left, middle, right = (scans.names.index(name) for name in SCANS)
+    assert overlap_share(scans, samples, left, middle) == pytest.approx(7 / 8, abs=0.06)
+    assert overlap_share(scans, samples, left, right) == pytest.approx(6 / 8, abs=0.08)
 
 
 def test_scans_without_poses_are_refused(layouts: Path) -> None:
     with pytest.raises(InputError, match="poses of the scans"):
-        partial_scans.overlap_share(read_shrec07_class(layouts / "shrec07_dev" / "teddy"), [], 0, 1)
+        overlap_share(read_shrec07_class(layouts / "shrec07_dev" / "teddy"), [], 0, 1)

@@ -80,14 +80,11 @@ def judge(problem: Problem, forged: Certificate, states_problem: bool) -> str:
 
 def in_own_unit(problem: Problem) -> tuple[int, Problem]:
     """Return a power of two and the problem with energies in its unit, which brute force can add without overflow."""
-    exponent = int(
-        np.frexp(max(problem.weights.max(), np.abs(problem.constant_cost).max(), problem.unmatched_cost))[1]
-    )
+    exponent = int(np.frexp(max(problem.weights.max(), np.abs(problem.constant_cost).max()))[1])
     return exponent, replace(
         problem,
         weights=np.ldexp(problem.weights, -exponent),
         constant_cost=np.ldexp(problem.constant_cost, -exponent),
-        unmatched_cost=float(np.ldexp(problem.unmatched_cost, -exponent)),
     )
 
 
@@ -113,8 +110,7 @@ def honest() -> tuple[tuple[Problem, Certificate], ...]:
         source += 0.1 * unit * rng.standard_normal((k, d))
         problem = Problem.from_user(target, source, **options)
         plain = [solve_pm_sdp(problem), prove(problem, tol=1e-2, record=True)]
-        partial = replace(problem, max_unmatched=2, unmatched_cost=0.02 * unit**2)
-        pairs += [(problem, result.certificate) for result in plain] + [(partial, solve_pm_sdp(partial).certificate)]
+        pairs += [(problem, result.certificate) for result in plain]
     points = rng.random((4, 5))
     blocks = Problem.from_user(points, points[::-1] + 0.1, rotation_pattern=[3, 2])
     line = Problem.from_user(points[:, :1], points[:3, 1:2])

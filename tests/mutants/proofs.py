@@ -12,7 +12,6 @@ VERIFIERS: tuple[Mutant, ...] = (
     *faults(
         "pairwise/certificates/verify_pm_sdp.py",
         (_C + "test_verify_pm_sdp.py", _C + "test_hostile.py"),
-        ("pm_sdp_bound", "capacity[n] = problem.max_unmatched", "capacity[n] = 1.0"),
         ("pm_sdp_bound", "(F, columns, rows, Y4)):", "(columns, rows, Y4)):"),
         ("pm_sdp_bound", "(F, columns, rows, Y4)):", "(F, rows, Y4)):"),
         ("pm_sdp_bound", "(F, columns, rows, Y4)):", "(F, columns, rows)):"),
@@ -33,11 +32,8 @@ VERIFIERS: tuple[Mutant, ...] = (
             "if (maximum_bipartite_matching(csr_array(rest)",
             "if False and (maximum_bipartite_matching(csr_array(rest)",
         ),
-        ("_possible_matches", "np.ones((problem.max_unmatched,", "np.ones((0,"),
         ("_cost_lower_bounds", "if not floor >= _SMALLEST:", "if False:"),
         ("_cost_lower_bounds", "- 2.0 * v[:, 0]", "- v[:, 0]"),
-        ("_unmatched_lower_bounds", "problem.unmatched_cost - saved", "problem.unmatched_cost"),
-        ("_unmatched_lower_bounds", "linear - quad - error", "linear - error"),
         ("_quadratic_upper_bounds", "main + 1.0001 * (main_error + tail)", "main"),
         ("_quaternion_slope", "2 * (y[1, 2] - y[0, 3])", "2 * (y[1, 2] + y[0, 3])"),
         ("_add_cofactor", "] -= half", "] += half"),
@@ -57,10 +53,7 @@ VERIFIERS: tuple[Mutant, ...] = (
         (MODULE, "_COST_TOL = 1e-12", "_COST_TOL = 1e-9"),
         ("read_problem", "or hash_problem(problem) != certificate.problem_hash", ""),
         ("build_problem", "(weights < 0).any() or ", ""),
-        ("build_problem", "> max_unmatched", "> k"),
-        ("_unmatched", "number < 1 or ", ""),
-        ("_unmatched", "(costs < 0).any() or ", ""),
-        ("_unmatched", " or (costs != costs[0]).any()", ""),
+        ("build_problem", "if _num_left_over(problem.allowed):", "if False:"),
         ("_check_blocks", "(taken & inside).any() or ", ""),
         ("_check_blocks", "start >= stop or ", ""),
         ("cost_deviation", "other += [n for n in ours", "ours = {}; other += [n for n in ours"),
@@ -87,6 +80,12 @@ VERIFIERS: tuple[Mutant, ...] = (
 MATCHING: tuple[Mutant, ...] = (
     *faults(
         "pairwise/matching.py",
+        ("tests/pairwise/test_matching.py",),
+        ("match", "c.R_target_source @ centres[1]", "centres[1]"),
+        ("_about_centroids", "problem.source - centres[1]", "problem.source - centres[0]"),
+    ),
+    *faults(
+        "pairwise/matching.py",
         _STATUS,
         ("_proven", "(1.0 - options.gap_tol) *", "(1.0 - 100.0 * options.gap_tol) *"),
         ("_proven", "if bound >= (", "if True or bound >= ("),
@@ -107,8 +106,7 @@ MATCHING: tuple[Mutant, ...] = (
     ),
     *faults(
         "pairwise/pm_sdp/data.py",
-        ("tests/pairwise/pm_sdp/test_pm_sdp_interior_point.py", "tests/pairwise/test_partial_matching.py"),
-        ("_match_costs", "problem.unmatched_cost - saved", "problem.unmatched_cost"),
+        ("tests/pairwise/pm_sdp/test_pm_sdp_interior_point.py",),
         ("_match_costs", "- 2.0 * lifted_vectors[..., 0]", "- lifted_vectors[..., 0]"),
         ("RelaxationData.from_problem", "equality=support.always_full", "equality=~support.always_full"),
     ),
@@ -153,11 +151,8 @@ MATCHING: tuple[Mutant, ...] = (
         ("tests/pairwise/problem/test_problem.py",),
         ("Problem.assignment_costs", "- 2.0 * cross", "- cross"),
         ("Problem.assignment_costs", "np.where(self.allowed, costs, np.inf)", "costs"),
-        ("Problem.energy", "(self.num_source - len(matched))", "len(matched)"),
-        ("Problem.procrustes", "np.where(point_map >= 0, self.weights, 0.0)", "self.weights"),
-        ("_max_unmatched", "return k - int(num_matches)", "return int(num_matches)"),
-        ("_max_unmatched", "unmatched_penalty >= 0", "unmatched_penalty >= -1"),
-        ("_check_feasible", "if stuck > max_unmatched:", "if stuck > max_unmatched + 1:"),
+        ("_check_feasible", "if stuck:", "if stuck > 1:"),
+        ("Problem.procrustes", "(self.weights[:, None] * self.source)", "self.source"),
     ),
     *faults(
         "pairwise/problem/pattern.py",
@@ -185,8 +180,6 @@ MATCHING: tuple[Mutant, ...] = (
     *faults(
         "pairwise/dense/rank.py",
         ("tests/pairwise/dense/test_dense_rank.py",),
-        ("_dense_penalty", "min(1.0, problem.num_source / len(source.points))", "1.0"),
-        ("_refine", "1.0 - problem.max_unmatched / problem.num_source", "1.0"),
         ("refine_candidates", "sorted(refined, key=_both_energies)", "refined"),
     ),
 )

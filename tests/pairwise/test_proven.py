@@ -61,7 +61,7 @@ def test_banded_patterns_have_no_bound_for_their_poses() -> None:
 
 
 def test_the_pose_that_the_dense_points_prefer_is_not_the_one_that_is_proven(problem, monkeypatch) -> None:
-    options = MatchOptions(certify=True, candidate_factor=100.0, num_rotations=60)
+    options = MatchOptions(certify=True, candidate_factor=100.0)
     dense = (None, None)
     module = __import__("sys").modules["pairwise.matching"]
     monkeypatch.setattr(module, "refine_candidates", lambda ranked, *_: ranked[::-1])

@@ -64,9 +64,7 @@ def sign_starts(
     """
     problem = embedded_problem(target, source, source_samples, allowed, NUM_SIGNS)
     signs = np.array(list(product((1.0, -1.0), repeat=NUM_SIGNS)))
-    maps = np.unique(
-        MatchingCosts(problem).assign(signs[:, :, None] * np.eye(NUM_SIGNS), np.ones(len(signs))), axis=0
-    )
+    maps = np.unique(MatchingCosts(problem).assign(signs[:, :, None] * np.eye(NUM_SIGNS)), axis=0)
     return descend_maps(target, source, source_samples, allowed, maps, "signs")
 
 
@@ -83,7 +81,7 @@ def descend_maps(
     """Improve maps of the samples by local minimisation in more and more functions."""
     for dim in sizes:
         problem = embedded_problem(target, source, source_samples, allowed, dim)
-        minima = minimise(problem, procrustes(problem, maps)[0], max_iterations=20, origins=origin)
+        minima = minimise(problem, procrustes(problem, maps), max_iterations=20, origins=origin)
         maps = minima.maps[:NUM_KEPT]
     return minima
 

@@ -67,5 +67,5 @@ def rounded_maps(problem: Problem, relaxed: RelaxationResult, *, num_draws: int,
     """
     draws = draw_rotations(problem, relaxed, num_draws, np.random.default_rng(seed))
     projected = problem.pattern.project(np.concatenate([appendix_starts(problem, relaxed), draws]))
-    by_rotation = MatchingCosts(problem).assign(projected, np.ones(len(projected)))
+    by_rotation = MatchingCosts(problem).assign(projected)
     return np.unique(np.vstack([nearest_map(problem, relaxed.X), by_rotation]), axis=0)

@@ -29,7 +29,6 @@ from data_tools.io.shapes import read_shape
 from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.percent import percent
 from data_tools.rotations import rotation_angle_deg
-from pairwise.options import DenseOptions
 from pairwise.status import Status
 
 #: The command whose files these are, in the manifest of an output folder.
@@ -45,10 +44,7 @@ def match(
     json: Annotated[bool, Parameter(negative=())] = False,
     nonrigid: Annotated[bool, Parameter(negative=())] = False,
     partial: Annotated[bool, Parameter(negative=())] = False,
-    num_matches: int | None = None,
-    unmatched_penalty: float | None = None,
     options: Annotated[TwoShapeOptions, Parameter(name="*")] = TwoShapeOptions(),  # noqa: B008
-    dense: DenseOptions = DenseOptions(),  # noqa: B008
     deformation: NonrigidOptions = NonrigidOptions(),  # noqa: B008
     surface: SurfaceOptions = SurfaceOptions(),  # noqa: B008
 ) -> int:
@@ -72,10 +68,6 @@ def match(
     partial
         Match the surfaces by what has a counterpart: rotations, shifts and sizes are searched (sizes stay with
         --sampling.normalisation none), and the overlap of both is said.
-    num_matches
-        Partial shapes: match so many samples only, and leave the others out on both sides.
-    unmatched_penalty
-        Partial shapes: what leaving a sample out costs, in squares of the centroid size of the samples.
     """
     out = out or (Path("map") if nonrigid else None)
     if out is not None:
@@ -83,14 +75,10 @@ def match(
         if nonrigid:
             return _match_nonrigid(target, source, out, deformation, surface)
     if partial:
-        if num_matches is not None or unmatched_penalty is not None or options.certify:
-            raise OptionsError(
-                "--partial works on surfaces: --num-matches, --unmatched-penalty and --certify are for samples"
-            )
+        if options.certify:
+            raise OptionsError("--partial works on surfaces: --certify is for samples")
         return _match_partial(target, source, out, options, json=json)
-    found = match_rigid(
-        target, source, num_matches=num_matches, unmatched_penalty=unmatched_penalty, options=options, dense=dense
-    )
+    found = match_rigid(target, source, options=options)
     text = json_text.dumps(found.record(), indent=1)
     print(text if json else _summary(found))
     if out is not None:

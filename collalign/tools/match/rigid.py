@@ -18,7 +18,6 @@ from data_tools.poses import Similarity
 from data_tools.threads import one_blas_thread
 from pairwise.dense.refine import RefinedPose
 from pairwise.matching import match_problem
-from pairwise.options import DenseOptions
 from pairwise.results import Candidate, MatchResult
 
 
@@ -96,7 +95,7 @@ class RigidMatch:
             "energy": candidate.energy,
             "refined": None if candidate.refined is None else self._refined_record(candidate.refined),
             "reflected": candidate.reflected,
-            "map_target_source": [int(vertices[i]) if i >= 0 else -1 for i in candidate.map_target_source],
+            "map_target_source": vertices[candidate.map_target_source].tolist(),
         }
 
     def _refined_record(self, found: RefinedPose) -> dict[str, Any]:
@@ -112,8 +111,7 @@ class RigidMatch:
 
 def _pose_of(candidate: Candidate) -> Similarity:
     """Return the pose of the samples in space."""
-    shift = np.zeros(3) if candidate.translation is None else candidate.translation[:3]
-    return Similarity(rotation=candidate.R_target_source[:3, :3], scale=candidate.scale, shift=shift)
+    return Similarity(rotation=candidate.R_target_source[:3, :3], scale=1.0, shift=np.zeros(3))
 
 
 @one_blas_thread()
@@ -121,23 +119,14 @@ def match_rigid(
     target: ShapeLike,
     source: ShapeLike,
     *,
-    num_matches: int | None = None,
-    unmatched_penalty: float | None = None,
     options: TwoShapeOptions | None = None,
-    dense: DenseOptions | None = None,
 ) -> RigidMatch:
     """Match two shapes rigidly, up to scale: the best pose of the source on the target, and its alternatives.
 
     Parameters
     ----------
     target, source : file, array (n, 3), pair (V, F), or trimesh or Open3D object
-    num_matches : int, optional
-        Partial shapes: match so many samples only.
-    unmatched_penalty : float, optional
-        Partial shapes: what leaving a sample out costs, in squares of the centroid size of the samples.
     options : TwoShapeOptions, optional
-    dense : DenseOptions, optional
-        How poses are refined on dense samples.
 
     Raises
     ------
@@ -164,10 +153,10 @@ def match_rigid(
         )
         for origin in origins
     )
-    problem = pair_problem(to, of, options.group, num_matches=num_matches, unmatched_penalty=unmatched_penalty)
+    problem = pair_problem(to, of, options.group)
     clouds = None
     if options.refine and options.sampling.num_dense_points:
         clouds = dense_points(to), dense_points(of)
-    result = match_problem(problem, options.seeded(), dense=clouds, dense_options=dense)
+    result = match_problem(problem, options.seeded(), dense=clouds)
     target_file, source_file = (location(origin) for origin in origins)
     return RigidMatch(target_file=target_file, source_file=source_file, target=to, source=of, result=result)

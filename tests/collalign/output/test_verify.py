@@ -101,7 +101,7 @@ def test_certificates_hold_and_the_rest_is_called_a_word(folder: Path, certified
     assert found.holds
     assert (found.num_stated, found.num_proven) == (2, 1)
     (pair,) = found.pairs
-    assert (pair.target, pair.source, pair.kind) == ("=sum", "c", "quaternion")
+    assert (pair.target, pair.source, pair.kind) == ("=sum", "c", "pm-sdp")
     assert pair.proven == pytest.approx(certified.pairs[1].lower_bound, rel=1e-9)
     assert "1 certificates, all hold" in found.table()
     assert json.loads(json.dumps(found.as_dict()))["num_proven"] == 1

@@ -16,12 +16,8 @@ def random_costs(k, size, kind, rng, num=6):
         allowed = rng.random((k, size)) < 0.4
         allowed[np.arange(k), rng.permutation(size)[:k]] = True
         fixed[~allowed] = np.inf
-    source = np.zeros((k, 4))
-    source[:, :3] = -2.0 * (np.round(points.T[:k]) if kind == "ties" else rng.standard_normal((k, 3)))
-    points = np.vstack([points, np.ones(size)])
-    turns = np.repeat(np.eye(4)[None], num, axis=0)
-    if kind != "ties":
-        turns[:, :3, :3] = random_rotations(3, num, rng)
+    source = -2.0 * (np.round(points.T[:k]) if kind == "ties" else rng.standard_normal((k, 3)))
+    turns = np.repeat(np.eye(3)[None], num, axis=0) if kind == "ties" else random_rotations(3, num, rng)
     return fixed, source, points, turns, fixed + (source @ np.swapaxes(turns, 1, 2)) @ points
 
 

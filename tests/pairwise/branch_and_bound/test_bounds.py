@@ -16,7 +16,7 @@ def evaluate(problem, rotations, radii, threshold=np.inf):
     """Bounds from zero potentials."""
     bounds = QuasiBounds(problem)
     zeros = np.zeros(len(rotations), dtype=np.int64)
-    return bounds(rotations, radii, threshold, np.zeros((1, bounds.num_columns)), zeros)
+    return bounds(rotations, radii, threshold, np.zeros((1, problem.num_target)), zeros)
 
 
 def least_energy(problem, rotation):
@@ -27,7 +27,7 @@ def least_energy(problem, rotation):
 
 @pytest.mark.parametrize("seed", range(24))
 def test_quasi_bounds_are_below_every_procrustes_pose_in_the_ball(seed):
-    _, problem = chiralities(rigid_problem(seed), partial=True)[-1]
+    _, problem = chiralities(rigid_problem(seed))[-1]
     rng = np.random.default_rng(seed)
     energies, poses, _ = every_pose(problem)
     rotations = np.concatenate([random_rotations(problem.dim, 12, rng), poses[rng.integers(len(poses), size=4)]])
@@ -42,9 +42,8 @@ def test_the_loss_is_all_that_a_turn_about_the_shortest_axis_costs():
     points = np.array([[3.0, 0, 0], [-3.0, 0, 0], [0, 2.0, 0], [0, -2.0, 0], [0, 0, 1.0], [0, 0, -1.0]])
     for angle in (1e-3, 0.02, 0.2):
         turn = Rotation.from_euler("z", angle).as_matrix()
-        for source, unmatched in ((points, {}), (points[:2], {"num_matches": 1})):
-            found = evaluate(Problem.from_user(points, source, **unmatched), turn[None], np.array([angle]))
-            assert found.bounds[0] == pytest.approx(0.0, abs=1e-9)
+        found = evaluate(Problem.from_user(points, points), turn[None], np.array([angle]))
+        assert found.bounds[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_what_a_mask_forbids_is_not_what_is_bounded():

@@ -14,7 +14,7 @@ from tests.rigid_problems import is_pointed, planted_cube, rigid_problem
 def missed_poses(problem, poses):
     """Rotations of poses of at most the list's energy that no region holds, by brute force."""
     missed = []
-    for reflected, part in chiralities(problem, partial=True):
+    for reflected, part in chiralities(problem):
         energies, rotations, _ = every_pose(part)
         signs = np.sign(part.source.sum() / problem.source.sum()) if reflected else 1.0
         for rotation in rotations[energies <= poses.energy - 1e-9 * energy_scale(problem)]:

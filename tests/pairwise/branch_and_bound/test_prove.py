@@ -22,14 +22,13 @@ def test_small_problems_are_proven_and_agree_with_brute_force(seed):
     assert proof.lower_bound <= optimum + 1e-12 * scale
     assert proof.candidate.energy == pytest.approx(optimum, rel=2e-4, abs=1e-8 * scale)
     pose = proof.candidate
-    for mirrored, part in chiralities(problem, partial=True):
+    for mirrored, part in chiralities(problem):
         bound = proof.reflected_bound if mirrored else proof.proper_bound
         assert proof.lower_bound <= bound <= brute_force(part).energy + 1e-12 * scale
-    if not problem.max_unmatched:
-        assert check_pose(problem, pose.R_target_source, pose.map_target_source, pose.energy) == []
+    assert check_pose(problem, pose.R_target_source, pose.map_target_source, pose.energy) == []
     if proof.is_chirality_proven:
         assert problem.pattern.special_blocks == ()
-        worse = [p for mirrored, p in chiralities(problem, partial=True) if mirrored != pose.reflected]
+        worse = [p for mirrored, p in chiralities(problem) if mirrored != pose.reflected]
         assert brute_force(worse[0]).energy > pose.energy
 
 

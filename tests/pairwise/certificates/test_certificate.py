@@ -89,7 +89,6 @@ def test_the_problem_that_a_caller_states_is_compared(rng: np.random.Generator) 
         "pattern": {"invariants": invariants, "rotation_pattern": [2, 1]},
         "candidates": {"invariants": invariants, "allowed": masked},
         "weights": {"invariants": invariants, "weights": [1.0, 2.0, 1.0, 1.0]},
-        "max_unmatched, unmatched_costs": {"invariants": invariants, "unmatched_penalty": 0.1},
     }
     for name, options in others.items():
         stated = Problem.from_user(target, source, **options)

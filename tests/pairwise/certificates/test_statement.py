@@ -25,11 +25,8 @@ def built(problem: Problem, **arrays) -> Problem:
 
 
 def test_a_problem_survives_its_arrays(problem: Problem) -> None:
-    partial = replace(problem, max_unmatched=2, unmatched_cost=0.3)
-    for one in (problem, partial):
-        again = build_problem(one.target, one.source, problem_arrays(one))
-        assert hash_problem(again) == hash_problem(one)
-        assert (again.max_unmatched, again.unmatched_cost) == (one.max_unmatched, one.unmatched_cost)
+    again = build_problem(problem.target, problem.source, problem_arrays(problem))
+    assert hash_problem(again) == hash_problem(problem)
 
 
 @pytest.mark.parametrize(
@@ -61,23 +58,6 @@ def test_singular_patterns_are_refused(problem: Problem) -> None:
         built(problem, pattern=pattern, special_blocks=np.zeros((0, 2), dtype=np.int64))
 
 
-def test_one_point_too_many_may_not_stay_unmatched(problem: Problem) -> None:
-    candidates = np.zeros((5, 4), dtype=bool)
-    candidates[0] = True  # three of four source points are left over
-    unmatched = {"unmatched_costs": np.full(4, 0.1), "candidates": candidates}
-    assert built(problem, **unmatched, max_unmatched=np.array(3)).max_unmatched == 3
-    with pytest.raises(InputError, match="no injective map"):
-        built(problem, **unmatched, max_unmatched=np.array(2))
-
-
-@pytest.mark.parametrize(
-    ("costs", "number"), [([0.1] * 4, 0), ([-0.1] * 4, 1), ([0.1, 0.1, 0.1, 0.2], 1), ([0.1] * 4, 5), ([0.1] * 4, -1)]
-)
-def test_unmatched_points_are_described_in_one_way(problem: Problem, costs: list[float], number: int) -> None:
-    with pytest.raises(InputError, match="unmatched"):
-        built(problem, unmatched_costs=np.array(costs), max_unmatched=np.array(number))
-
-
 def test_the_hash_sees_every_field(problem: Problem) -> None:
     allowed, cost = problem.allowed.copy(), problem.constant_cost.copy()
     allowed[0, 0], cost[0, 0] = False, 1e-300
@@ -89,8 +69,6 @@ def test_the_hash_sees_every_field(problem: Problem) -> None:
         replace(problem, constant_cost=cost),
         replace(problem, pattern=RotationPattern(problem.pattern.mask)),
         replace(problem, pattern=RotationPattern(np.eye(3, dtype=bool), problem.pattern.special_blocks)),
-        replace(problem, max_unmatched=1),
-        replace(problem, max_unmatched=1, unmatched_cost=1e-300),
     ]
     assert len({hash_problem(one) for one in [problem, *others]}) == 1 + len(others)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -16,7 +14,6 @@ from pairwise.certificates.verify_pm_sdp import (
     _quaternion_slope,
     _rotation_basis,
     _rotation_maximum,
-    _unmatched_lower_bounds,
 )
 from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations
 from pairwise.problem.pattern import RotationPattern
@@ -190,58 +187,3 @@ def test_huge_potentials_do_not_round_the_bound_upwards(solved) -> None:
             assert proven_bound(problem, "pm-sdp", {**arrays, "beta": beta}) <= optimum
             beta = arrays["beta"] - 10.0**exponent * rng.random()
             assert proven_bound(problem, "pm-sdp", {**arrays, "beta": beta}) <= optimum
-
-
-@pytest.mark.parametrize("max_unmatched", [1, 2, 4])
-def test_any_dual_point_of_partial_matching_gives_a_valid_bound(max_unmatched: int) -> None:
-    rng = np.random.default_rng(11)
-    for seed in range(3):
-        problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)) + (3.0 if seed == 2 else 0.0))
-        problem = replace(problem, max_unmatched=max_unmatched, unmatched_cost=0.05)
-        result = solve_pm_sdp(problem)
-        optimum = brute_force(problem).energy
-        arrays = dict(result.certificate.arrays)
-        assert proven_bound(problem, "pm-sdp", arrays) <= optimum
-        for size in (1e-2, 1.0):
-            for _ in range(10):
-                beta = arrays["beta"].copy()
-                beta[-1] -= 10.0 * size * rng.random()
-                u = arrays["u"] + size * rng.standard_normal(arrays["u"].shape)
-                assert proven_bound(problem, "pm-sdp", {**arrays, "beta": beta}) <= optimum
-                assert proven_bound(problem, "pm-sdp", {**arrays, "beta": beta, "u": u}) <= optimum
-
-
-def test_a_match_that_leaves_others_unmatched_is_possible() -> None:
-    rng = np.random.default_rng(12)
-    allowed = np.array([[1, 1, 0], [0, 1, 1], [0, 1, 0]], dtype=bool)  # 2 to 1 leaves only 0 and 1 for rows 0, 2
-    problem = Problem.from_user(rng.random((3, 3)), rng.random((3, 3)), allowed=allowed)
-    arrays = dict(solve_pm_sdp(replace(problem, max_unmatched=1, unmatched_cost=0.1)).certificate.arrays)
-    for i, j in np.argwhere(allowed):
-        with pytest.raises(InputError, match="possible match"):
-            proven_bound(
-                replace(problem, max_unmatched=1, unmatched_cost=0.1),
-                "pm-sdp",
-                {**arrays, "impossible": np.array([[i, j]])},
-            )
-
-
-@pytest.mark.parametrize("unmatched_cost", [0.01, 0.3])
-def test_bounds_of_partial_matching_are_close_where_nothing_turns(unmatched_cost: float) -> None:
-    rng = np.random.default_rng(13)
-    diagonal = RotationPattern(np.eye(3, dtype=bool), ((0, 1), (1, 2), (2, 3)))  # R is the identity
-    problem = Problem.from_user(rng.random((5, 3)), rng.random((4, 3)), rotation_pattern=diagonal)
-    problem = replace(problem, max_unmatched=2, unmatched_cost=unmatched_cost)
-    result = solve_pm_sdp(problem)
-    optimum = brute_force(problem).energy
-    assert optimum * (1 - 1e-9) <= result.lower_bound <= optimum
-
-
-def test_what_staying_unmatched_costs_at_least() -> None:
-    rng = np.random.default_rng(14)
-    problem = replace(Problem.from_user(rng.random((4, 3)), rng.random((4, 3))), max_unmatched=1, unmatched_cost=0.3)
-    F = np.stack([A @ A.T + np.eye(9) for A in rng.standard_normal((4, 9, 9))])
-    u = rng.standard_normal((4, 9))
-    exact = 0.3 - (problem.source**2).sum(axis=1) - np.einsum("ja,ja->j", u, np.linalg.solve(F, u[..., None])[..., 0])
-    lows = _unmatched_lower_bounds(problem, F, u)
-    assert (lows <= exact + 1e-15).all()
-    np.testing.assert_allclose(lows, exact, rtol=1e-9)

@@ -12,8 +12,8 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.normals import outward_normals
 from data_tools.surface.shape import Shape
-from pairwise import DenseOptions, DensePoints, MatchOptions, match
-from pairwise.dense.rank import _dense_penalty, refine_candidates
+from pairwise import DensePoints, MatchOptions, match
+from pairwise.dense.rank import refine_candidates
 from pairwise.matching import match_problem
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate
@@ -48,9 +48,7 @@ def test_dense_points_decide_between_candidates(shape: Shape, rng: np.random.Gen
     dense = DensePoints.from_user(shape.vertices), DensePoints.from_user(shape.vertices @ turn)
     problem = Problem.from_user(shape.vertices[:3], shape.vertices[:3] @ turn)
     wrong = turn @ Rotation.from_rotvec([np.pi, 0, 0]).as_matrix()
-    ranked = refine_candidates(
-        [candidate(wrong, 0.9), candidate(turn, 1.0)], problem, dense, MatchOptions(), DenseOptions()
-    )
+    ranked = refine_candidates([candidate(wrong, 0.9), candidate(turn, 1.0)], problem, dense)
     assert [c.energy for c in ranked] == [1.0, 0.9]
     first, second = (c.refined for c in ranked)
     assert first is not None
@@ -58,15 +56,15 @@ def test_dense_points_decide_between_candidates(shape: Shape, rng: np.random.Gen
     assert first.energy < 1e-9 < second.energy <= second.initial_energy
 
 
-def test_the_samples_count_as_well(shape: Shape) -> None:
+def test_the_samples_count_as_well(shape: Shape, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the dense points see no difference, the order by the samples stays; the test above can fail so."""
     dense = DensePoints.from_user(shape.vertices), DensePoints.from_user(shape.vertices)
     problem = Problem.from_user(shape.vertices[:3], shape.vertices[:3])
     wiggle = Rotation.from_rotvec([0.0, 1e-3, 0]).as_matrix()
-    options = DenseOptions(max_iterations=1)
+    monkeypatch.setattr("pairwise.dense.rank._MAX_ITERATIONS", 1)
     order = [candidate(wiggle, 0.5), candidate(wiggle.T, 5.0)]
     for given in (order, order[::-1]):
-        assert [c.energy for c in refine_candidates(given, problem, dense, MatchOptions(), options)] == [0.5, 5.0]
+        assert [c.energy for c in refine_candidates(given, problem, dense)] == [0.5, 5.0]
 
 
 def test_the_result_says_both_energies_and_the_samples_stay_consistent(
@@ -126,23 +124,6 @@ def test_a_proof_is_not_claimed_for_another_pose(shape: Shape, rng: np.random.Ge
     assert same.energy == plain.energy
 
 
-def test_partial_matching_reaches_the_dense_points(rng: np.random.Generator) -> None:
-    points = rng.random((500, 3)) - 0.5
-    order = np.argsort(points[:, 0])
-    target, source = points[order[:400]], points[order[100:]]
-    turn = random_rotation(rng)
-    few = slice(None, None, 20)
-    for partial in ({"unmatched_penalty": 0.01}, {"num_matches": 15}):
-        options = MatchOptions(num_rotations=50)
-        problem = Problem.from_user(target[few], source[few] @ turn, **partial)
-        found = [candidate(turn @ Rotation.from_rotvec([0.02, -0.02, 0.01]).as_matrix(), 1.0)]
-        dense = DensePoints.from_user(target), DensePoints.from_user(source @ turn)
-        refined = refine_candidates(found, problem, dense, options, DenseOptions())[0].refined
-        assert refined is not None
-        assert rotation_angle_deg(refined.pose.rotation, turn) < 0.5
-        np.testing.assert_allclose(refined.pose.shift, 0.0, atol=0.01)
-
-
 def test_only_the_rotation_of_space_is_refined(shape: Shape, rng: np.random.Generator) -> None:
     target = np.hstack([shape.vertices[:12], rng.standard_normal((12, 2))])
     result = match(target, target, rotation_pattern=(3, 2), dense=(shape.vertices, shape.vertices))
@@ -158,12 +139,3 @@ def test_bad_input_is_refused(shape: Shape) -> None:
         match(points, points, dense=(points, points[:, :2]))
     with pytest.raises(InputError, match="invariants"):
         match(points, points, dense=(DensePoints.from_user(points, invariants=points), points))
-    for name, value in {"method": "guess", "normal_weight": -1.0, "max_iterations": 0}.items():
-        with pytest.raises(OptionsError, match=name):
-            DenseOptions(**{name: value})
-
-
-def test_penalties_shrink_with_the_spacing_of_dense_points_and_never_grow(shape: Shape) -> None:
-    problem = Problem.from_user(shape.vertices[:50], shape.vertices[:40], unmatched_penalty=0.5)
-    for num, expected in ((400, 0.05), (40, 0.5), (10, 0.5)):
-        assert _dense_penalty(problem, DensePoints.from_user(shape.vertices[:num])) == pytest.approx(expected)

@@ -7,7 +7,6 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 
 from experiments.pairs.matching_energies import of_chirality
-from pairwise.local.freedom import Freedom
 from pairwise.local.local_search import LocalMinima, MatchingCosts, energies_of, merge, minimise, procrustes
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.problem.problem import Problem
@@ -74,36 +73,11 @@ def test_origins_name_the_starts(rng: np.random.Generator) -> None:
     assert found.origins[0] == "near"
 
 
-def test_the_scale_is_estimated_within_its_limits(rng: np.random.Generator) -> None:
-    points = rng.standard_normal((14, 3))
-    turn = random_rotations(3, 1, rng)
-    problem = Problem.from_user(points, 1.5 * points @ turn[0])
-    free = minimise(problem, turn, freedom=Freedom(scale_range=(0.5, 2.0)))
-    assert free.scales[0] == pytest.approx(1 / 1.5)
-    assert free.energies[0] == pytest.approx(0.0, abs=1e-12)
-    bounded = minimise(problem, turn, freedom=Freedom(scale_range=(0.8, 2.0)))
-    assert bounded.scales[0] == 0.8
-    assert minimise(problem, turn).scales[0] == 1.0
-    assert free.energies[0] <= bounded.energies[0] <= minimise(problem, turn).energies[0]
-
-
-def test_shift_and_scale_are_estimated_together(rng: np.random.Generator) -> None:
-    points, shift = rng.standard_normal((14, 3)), np.array([0.3, -0.2, 0.1])
-    turn = random_rotations(3, 1, rng)
-    problem = Problem.from_user(1.2 * points @ turn[0].T + shift, points)
-    found = minimise(problem, turn, freedom=Freedom(scale_range=(0.5, 2.0), translate=True))
-    assert found.energies[0] == pytest.approx(0.0, abs=1e-12)
-    assert found.scales[0] == pytest.approx(1.2)
-    np.testing.assert_allclose(found.shifts[0], shift, atol=1e-9)
-    assert not minimise(problem, turn).shifts.any()
-
-
 def test_energies_come_from_the_differences_themselves(rng: np.random.Generator) -> None:
     problem = planted(rng, rng.random((9, 3)) + 1e6)
     rotations, maps = random_rotations(3, 3, rng), np.stack([rng.permutation(9) for _ in range(3)])
-    best, scales = procrustes(problem, maps)
-    np.testing.assert_allclose(best, [problem.procrustes(m) for m in maps])
-    found = energies_of(problem, rotations, maps, scales)
+    np.testing.assert_allclose(procrustes(problem, maps), [problem.procrustes(m) for m in maps])
+    found = energies_of(problem, rotations, maps)
     np.testing.assert_allclose(found, [problem.energy(r, m) for r, m in zip(rotations, maps, strict=True)])
 
 

@@ -38,7 +38,7 @@ def test_search_is_no_worse_than_many_random_starts(
 
 def test_a_second_look_never_loses(rng: np.random.Generator) -> None:
     problem = planted(rng, rng.random((20, 3)) - 0.5, noise=0.4)
-    first = explore(problem, num_rotations=10)
+    first = explore(problem)
     second = look_around(problem, first)
     assert second.energies[0] <= first.energies[0]
     assert {m.tobytes() for m in first.maps} <= {m.tobytes() for m in second.maps}

@@ -111,5 +111,3 @@ def test_a_rotation_without_freedom_is_verified_all_the_same() -> None:
     found = exact_solutions(points, points[::-1])
     assert [pose.map_target_source.tolist() for pose in found.solutions] == [[2, 1, 0]]
     assert exact_solutions(points, -points).solutions == ()
-    with pytest.raises(InputError, match="num_matches"):
-        exact_solutions(points, points, num_matches=2)

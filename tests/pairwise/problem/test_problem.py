@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError, OptionsError
-from pairwise import all_poses, exact_solutions, match, solve_relaxation
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 
@@ -125,36 +124,6 @@ def test_forbidden_matches_cost_infinitely_much(rng: np.random.Generator) -> Non
     allowed[np.arange(5), np.arange(5)] = True
     costs = some_problem(rng, allowed=allowed).assignment_costs(np.eye(3))
     np.testing.assert_array_equal(np.isinf(costs), ~allowed)
-
-
-def test_unmatched_points_cost_their_penalty_and_turn_nothing(rng: np.random.Generator) -> None:
-    problem = some_problem(rng, unmatched_penalty=10.0)
-    assert problem.max_unmatched == 5
-    point_map = np.array([4, -1, 2, -1, 0])
-    rotation = problem.procrustes(point_map)
-    kept = point_map >= 0
-    part = Problem.from_user(problem.target, problem.source[kept])
-    np.testing.assert_allclose(rotation, part.procrustes(point_map[kept]), atol=1e-12)
-    energy = part.energy(rotation, point_map[kept])
-    assert problem.energy(rotation, point_map) == pytest.approx(energy + 2 * 10.0)
-    assert problem.energy(rotation, np.full(5, -1)) == 50.0
-
-
-def test_as_many_points_as_asked_for_are_matched(rng: np.random.Generator) -> None:
-    assert some_problem(rng, num_matches=4).max_unmatched == 1
-    assert some_problem(rng, num_matches=1).max_unmatched == 4
-    for options in ({"num_matches": 0}, {"num_matches": 6}, {"unmatched_penalty": -0.5}):
-        with pytest.raises(OptionsError, match=next(iter(options))):
-            some_problem(rng, **options)
-    with pytest.raises(OptionsError, match="exclude each other"):
-        some_problem(rng, num_matches=4, unmatched_penalty=1.0)
-
-
-def test_the_former_name_of_the_allowed_matches_is_answered_with_the_new_one() -> None:
-    points = np.eye(3)
-    for call in (Problem.from_user, match, solve_relaxation, all_poses, exact_solutions):
-        with pytest.raises(OptionsError, match="candidates: this argument is called allowed now"):
-            call(points, points, candidates=np.eye(3, dtype=bool))
 
 
 def test_coordinates_whose_powers_overflow_are_refused_and_others_answered(rng: np.random.Generator) -> None:

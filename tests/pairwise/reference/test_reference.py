@@ -100,9 +100,6 @@ def test_wrong_options_are_refused(rng: np.random.Generator) -> None:
     for options in ({"solver": "mosek"}, {"tol": 0.0}, {"max_iterations": 0}, {"time_limit_s": -1.0}):
         with pytest.raises(OptionsError, match=next(iter(options))):
             solve_reference(problem, **options)
-    partial = Problem.from_user(rng.random((3, 3)), rng.random((3, 3)), num_matches=2)
-    with pytest.raises(OptionsError, match="num_matches"):
-        solve_reference(partial)
 
 
 def test_primal_residual_sees_violations(rng: np.random.Generator) -> None:
