@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from pairwise.dense.refine import refine_pose
     from pairwise.matching import match
     from pairwise.options import MatchOptions
-    from pairwise.pm_sdp.symmetries import exact_solutions
     from pairwise.problem.problem import Problem
     from pairwise.relaxations import solve_relaxation
     from pairwise.status import Status
@@ -27,7 +26,6 @@ __all__ = [
     "Proof",
     "Status",
     "all_poses",
-    "exact_solutions",
     "match",
     "prove",
     "refine_pose",
@@ -46,7 +44,6 @@ _HOMES = {
     "Proof": "pairwise.branch_and_bound.prove",
     "Status": "pairwise.status",
     "all_poses": "pairwise.branch_and_bound.poses",
-    "exact_solutions": "pairwise.pm_sdp.symmetries",
     "match": "pairwise.matching",
     "prove": "pairwise.branch_and_bound.prove",
     "refine_pose": "pairwise.dense.refine",

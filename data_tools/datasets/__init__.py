@@ -1,1 +1,1 @@
-"""Public collections and generated ones."""
+"""Generated collections."""

@@ -13,12 +13,12 @@ import numpy as np
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.engine.store.records import Record
 from collalign.output.write import alignment_record
-from data_tools.datasets.public import read_teeth
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.surface.shape import Shape
 from experiments.clock import stopwatch
 from experiments.collections.posed import PosedCollection
+from experiments.datasets import read_teeth
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.peers.peer_tools import TOOLS
 from experiments.tables import Column, Table

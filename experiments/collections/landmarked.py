@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from data_tools.datasets.public import (
+from experiments.datasets import (
     Dataset,
     read_landmark_archive,
     read_landmarked_folder,

@@ -11,10 +11,10 @@ import numpy as np
 
 from collalign.engine.store.records import Record
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.datasets.public import Dataset
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from experiments.datasets import Dataset
 
 #: A pair beyond this angle is called gross.
 GROSS_DEG = 30.0

@@ -12,10 +12,10 @@ import numpy as np
 
 from collalign.engine.store.records import Record
 from data_tools.arrays import IntArray
-from data_tools.datasets.public import Dataset, read_teeth
 from data_tools.errors import InputError
 from data_tools.rotations import landmark_rotation, rotation_angle_deg
 from experiments.collections.posed import pose_collection
+from experiments.datasets import Dataset, read_teeth
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.peers.peer_tools import TOOLS
 from experiments.peers.peers import choose

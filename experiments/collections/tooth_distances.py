@@ -19,12 +19,12 @@ from collalign.tools.classify.surface_distance import (
     surface_distances,
 )
 from data_tools.arrays import FloatArray
-from data_tools.datasets.public import Dataset, read_teeth
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
 from data_tools.surface.shape import Shape
 from experiments.clock import stopwatch
+from experiments.datasets import Dataset, read_teeth
 from experiments.experiment import Cell
 from experiments.peers.principal_axes import normalised_points
 from pairwise.dense.points import DensePoints

@@ -11,8 +11,8 @@ from collalign.engine.store.records import Record
 from data_tools.arrays import FloatArray
 from data_tools.rotations import random_rotation
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
+from experiments.figures.exact_solutions import exact_solutions
 from experiments.tables import Column, Table
-from pairwise.pm_sdp.symmetries import exact_solutions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

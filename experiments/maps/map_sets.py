@@ -12,13 +12,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from data_tools.arrays import IntArray
-from data_tools.datasets.public import (
-    Dataset,
-    read_faust,
-    read_registered_archive,
-    read_registered_folder,
-    read_shrec07_class,
-)
 from data_tools.datasets.synthetic import shuffled
 from data_tools.errors import InputError
 from data_tools.io.files import existing_file
@@ -26,6 +19,13 @@ from data_tools.io.shapes import read_shape
 from data_tools.surface.cleaning import clean
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import face_areas
+from experiments.datasets import (
+    Dataset,
+    read_faust,
+    read_registered_archive,
+    read_registered_folder,
+    read_shrec07_class,
+)
 
 #: Classes of SHREC07 on which the paper shows maps.
 SHREC07_CLASSES = ("ant", "teddy", "glasses")

@@ -21,7 +21,6 @@ from collalign.engine.store.records import Record
 from collalign.options import ALL, AUTO, NEVER, AlignOptions
 from collalign.products.collection import DOUBT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-from data_tools.datasets.public import Dataset, read_range_scans
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.embedding.surface_points import surface_points
 from data_tools.errors import InputError
@@ -32,6 +31,7 @@ from data_tools.surface.shape import Shape
 from experiments.clock import stopwatch
 from experiments.collections.landmarked import RIGHT_DEG, read_dataset
 from experiments.collections.posed import PosedCollection, pose_collection
+from experiments.datasets import Dataset, read_range_scans
 from experiments.experiment import Cell
 from experiments.pairs.invariants import without_share
 from experiments.tables import Column, Row

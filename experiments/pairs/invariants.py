@@ -12,7 +12,6 @@ import numpy as np
 from collalign.engine.store.records import Record
 from collalign.products.matching_input import pair_problem
 from data_tools.arrays import FloatArray
-from data_tools.datasets.public import read_registered_archive
 from data_tools.datasets.synthetic import deformed_family, point_cloud
 from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.embedding.embedding import sample_shape
@@ -20,6 +19,7 @@ from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from experiments.collections.landmarked import CLASSES_FOLDER, RIGHT_DEG, TEETH_FOLDER, read_dataset
+from experiments.datasets import read_registered_archive
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.tables import Column, Row, Table
 from pairwise.matching import match_problem

@@ -12,12 +12,12 @@ import numpy as np
 
 from collalign.products.matching_input import dense_points, pair_problem
 from data_tools.arrays import FloatArray, read_only
-from data_tools.datasets.public import Dataset
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from experiments.collections.landmarked import CLASSES, read_dataset
+from experiments.datasets import Dataset
 from pairwise.dense.points import DensePoints
 from pairwise.problem.problem import Problem
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from collalign.engine.store.records import Record
 from data_tools.arrays import FloatArray
-from data_tools.datasets.public import Dataset, read_teeth
 from data_tools.embedding.sampling import farthest_points
 from experiments.collections.landmarked import TEETH_FOLDER
+from experiments.datasets import Dataset, read_teeth
 from experiments.experiment import Cell
 from experiments.figures.planted import planted_problem
 from pairwise.branch_and_bound.poses import list_poses

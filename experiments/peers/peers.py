@@ -11,9 +11,9 @@ import numpy as np
 
 from collalign.engine.store.records import Record
 from data_tools.arrays import IntArray
-from data_tools.datasets.public import Dataset
 from experiments.collections.landmarked import CLASSES_FOLDER, TEETH_FOLDER, read_dataset
 from experiments.collections.posed import PosedCollection, pose_collection
+from experiments.datasets import Dataset
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.peers.peer_tools import TOOLS, Answer, Tool, largest_difference_deg
 from experiments.tables import Column, Table

@@ -13,7 +13,7 @@ which is the paper's (10)-(12) without its redundant first row. ``v_ij`` is w_j 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -113,14 +113,6 @@ class RelaxationData:
         source, slot = np.nonzero(self.valid)
         full[self.index[source, slot], source] = values[source, slot]
         return full
-
-    def with_linear_energy(self, direction: FloatArray) -> RelaxationData:
-        """Return the relaxation with ``<direction, rho>`` beside its energy.
-
-        That is the mean over j of ``sum_i <direction, B_ij>``.
-        """
-        tilt = direction / (2.0 * len(self.index))
-        return replace(self, vectors=np.where(self.valid[..., None], self.vectors - tilt, 0.0))
 
     @classmethod
     def from_problem(

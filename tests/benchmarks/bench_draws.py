@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from data_tools.datasets.public import Dataset, read_registered_archive, read_shrec07_class
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
+from experiments.datasets import Dataset, read_registered_archive, read_shrec07_class
 from pairwise import MatchOptions
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations, sign_rotations

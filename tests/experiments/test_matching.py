@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from collalign.engine.store.store import Store
-from data_tools.datasets.public import read_range_scans, read_shrec07_class
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import InputError
@@ -17,6 +16,7 @@ from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments import load_experiment
+from experiments.datasets import read_range_scans, read_shrec07_class
 from experiments.experiment import Bench
 from experiments.pairs import matching_energies, matching_table
 from experiments.pairs.incomplete_sets import overlap_share

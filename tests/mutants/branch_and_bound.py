@@ -23,8 +23,6 @@ BRANCH_AND_BOUND: tuple[Mutant, ...] = (
         "pairwise/branch_and_bound/bounds.py",
         _BOUNDS,
         ("QuasiBounds.__call__", "values - self._allowance - loss", "values - self._allowance - 0.9 * loss"),
-        ("QuasiBounds._loss_of_matches", "_chord(radii) if", "0.9 * _chord(radii) if"),
-        ("QuasiBounds.__init__", "-np.sqrt(squares * weights)", "-squares"),
         ("QuasiBounds.__init__", "np.where(problem.allowed, costs, np.inf)", "costs"),
         ("_chord", "4.0 * np.sin", "3.6 * np.sin"),
         ("_curvature", "len(target), 2)", "len(target), 1)"),

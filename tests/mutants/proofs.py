@@ -175,7 +175,7 @@ MATCHING: tuple[Mutant, ...] = (
         ("rank", "max(ranked[0].energy, rounding_energy)", "ranked[0].energy"),
         ("with_better", "options, problem.rounding_energy", "options"),
         ("with_better", "if better.energy >= ranked[0].energy:", "if False:"),
-        ("with_better", ">= angle_rad", "< angle_rad"),
+        ("with_better", ">= np.deg2rad(SAME_DEG)", "< np.deg2rad(SAME_DEG)"),
     ),
     *faults(
         "pairwise/dense/rank.py",

@@ -20,7 +20,6 @@ from collalign.stages.chirality.pilot import KEPT_UNMIRRORED, chirality_energies
 from collalign.stages.pairs.graph import all_pairs
 from collalign.stages.trust.assess import EITHER_SIDE
 from data_tools.arrays import FloatArray
-from data_tools.datasets.public import Dataset, read_shrec07_class, read_teeth
 from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
 from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.embedding.embedding import sample_shape
@@ -28,6 +27,7 @@ from data_tools.io.shapes import read_folder, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 from experiments.collections.posed import PosedCollection, pose_collection
+from experiments.datasets import Dataset, read_shrec07_class, read_teeth
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
 ONE = RunOptions(jobs=1)

@@ -13,13 +13,13 @@ from collalign.nonrigid.surface.spectral import SpectralShape
 from collalign.tools.match.nonrigid import match_prepared, match_shapes
 from collalign.tools.match.pictures import draw_match, transferred_colours
 from collalign.tools.match.prepare import prepare_file, prepare_shape
-from data_tools.datasets.public import read_registered_archive
 from data_tools.datasets.synthetic import bent, mirrored, point_cloud, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
+from experiments.datasets import read_registered_archive
 from experiments.maps.evaluation import MapEvaluator
 from pairwise.status import Status
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from data_tools.datasets.public import read_teeth
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import OptionsError
+from experiments.datasets import read_teeth
 from pairwise.branch_and_bound.prove import _proof, can_certify, certify, prove, searches_of
 from pairwise.problem.chirality import chiralities
 from pairwise.problem.problem import Problem, energy_scale

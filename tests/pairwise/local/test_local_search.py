@@ -25,8 +25,8 @@ def test_costs_and_maps_are_those_of_the_problem(known) -> None:
     rotations = starts_for(problem, 5)
     costs = MatchingCosts(problem)
     expected = np.swapaxes(problem.assignment_costs(rotations), 1, 2)
-    np.testing.assert_allclose(costs(rotations, np.ones(5)).transpose(2, 1, 0), expected, atol=1e-12)
-    maps = costs.assign(rotations, np.ones(5))
+    np.testing.assert_allclose(costs(rotations).transpose(2, 1, 0), expected, atol=1e-12)
+    maps = costs.assign(rotations)
     for cost, point_map in zip(expected, maps, strict=True):
         rows, cols = linear_sum_assignment(cost)
         assert cost[rows, point_map].sum() == pytest.approx(cost[rows, cols].sum())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError, OptionsError
-from pairwise.pm_sdp.symmetries import exact_solutions
+from experiments.figures.exact_solutions import exact_solutions
 from pairwise.status import Status
 from tests.oracles import check_pose, isometries
 from tests.problems import KnownProblem, catalogue, chair, planted, table

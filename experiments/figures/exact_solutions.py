@@ -106,16 +106,10 @@ def exact_solutions(
     Raises
     ------
     InputError
-        If a weight is zero, points may stay unmatched, or the source spans so few dimensions that exact solutions
+        If a weight is zero, or the source spans so few dimensions that exact solutions
         form a continuous family.
     OptionsError
         If a number is out of range.
-
-    Examples
-    --------
-    >>> square = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-    >>> len(pairwise.exact_solutions(square, square).solutions)
-    4
     """
     problem = Problem.from_user(target, source, **problem_arguments)
     if not 0 < tol < 1 or max_draws < 1 or patience < 1:
@@ -140,6 +134,12 @@ def exact_solutions(
     return _result(problem, found, count, status if found else Status.FAILED)
 
 
+def with_linear_energy(data: RelaxationData, direction: FloatArray) -> RelaxationData:
+    """Return the relaxation with ``<direction, rho>`` beside its energy, by the B_ij."""
+    tilt = direction / (2.0 * len(data.index))
+    return replace(data, vectors=np.where(data.valid[..., None], data.vectors - tilt, 0.0))
+
+
 class _Draws:
     """The relaxation with a small linear energy of R that is drawn anew for every solve.
 
@@ -158,7 +158,7 @@ class _Draws:
             return self.verified(self.problem.pattern.unpack(lifted.basis[:, 0]))
         direction = self.rng.standard_normal(lifted.num_variables)
         direction *= LINEAR_ENERGY * scale / np.linalg.norm(direction)
-        solution = solve_dual(self.data.with_linear_energy(direction), tol=SOLVED_TOL)
+        solution = solve_dual(with_linear_energy(self.data, direction), tol=SOLVED_TOL)
         self.impossible = solution.dual_value > scale * (LINEAR_ENERGY * math.sqrt(self.problem.dim) + IMPOSSIBLE_TOL)
         entries = lifted.basis @ np.concatenate([[1.0], solution.primal.R])
         return self.verified(self.problem.pattern.project(self.problem.pattern.unpack(entries)))
