@@ -4,13 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from data_tools.datasets import public as datasets
 from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import landmark_rotation, random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from experiments import datasets
 
 
 @pytest.fixture
