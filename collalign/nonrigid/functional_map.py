@@ -1,4 +1,4 @@
-"""Functional maps: from matched samples to all vertices, by ICP or ZoomOut in the eigenfunctions of both shapes.
+"""Functional maps: from matched samples to all vertices, by ZoomOut in the eigenfunctions of both shapes.
 
 A functional map takes functions on the target to functions on the source by composition with the point map:
 ``C_source_target`` (m, m) takes coefficients on the target to coefficients on the source, so that
@@ -19,7 +19,6 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError, OptionsError
-from data_tools.rotations import nearest_orthogonal
 
 #: Rows of a distance matrix that are held at once.
 _BLOCK_ROWS = 128
@@ -81,50 +80,6 @@ def _nearest(points: FloatArray, queries: FloatArray, *, both: bool) -> tuple[In
             backward[nearer] = first + closeness[:, nearer].argmax(axis=0)
             closest[nearer] = best[nearer]
     return forward, backward
-
-
-def icp(
-    basis_target: FloatArray,
-    basis_source: FloatArray,
-    rotation_target_source: FloatArray,
-    *,
-    tol: float = 1e-10,
-    max_iterations: int = 1000,
-) -> FunctionalMap:
-    """Refine a rotation of the eigenfunctions by nearest neighbours and orthogonal projection in turn.
-
-    Functional-map ICP (Ovsjanikov et al. 2012, section 6; Maron et al. 2016, section 6.1).
-
-    Parameters
-    ----------
-    basis_target, basis_source : ndarray, shapes (u, d) and (v, d)
-        Eigenfunctions at the vertices used, as many as the rotation has columns.
-    rotation_target_source : ndarray, shape (d, d)
-        Where to start.
-    tol : float
-        Ends when no entry of the rotation changes by more.
-    max_iterations : int
-
-    Returns
-    -------
-    FunctionalMap
-        With ``C_source_target`` the transpose of the final rotation.
-    """
-    _check_bases(basis_target, basis_source, len(rotation_target_source))
-    rotation = rotation_target_source
-    iterations, change = 0, np.inf
-    while change > tol and iterations < max_iterations:
-        iterations += 1
-        point_map = nearest_rows(basis_target, basis_source @ rotation.T)
-        before, rotation = rotation, nearest_orthogonal(basis_target[point_map].T @ basis_source)
-        change = float(np.abs(rotation - before).max())
-    moved = basis_source @ rotation.T
-    return FunctionalMap(
-        C_source_target=np.ascontiguousarray(rotation.T),
-        map_target_source=nearest_rows(basis_target, moved),
-        map_source_target=nearest_rows(moved, basis_target),
-        iterations=iterations,
-    )
 
 
 class ZoomOut:

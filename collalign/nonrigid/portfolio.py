@@ -8,21 +8,18 @@ import numpy as np
 
 from collalign.confidence.map_model import Evidence
 from collalign.nonrigid.evidence import MIXED_ORIENTATION, judge
-from collalign.nonrigid.functional_map import FunctionalMap, icp, mutual_nearest_rows
+from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
 from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.nonrigid.refine import Refiner
 from collalign.nonrigid.starts.eigenfunctions import descriptor_start, sign_starts
-from collalign.nonrigid.starts.masks import candidate_mask
-from collalign.nonrigid.starts.relaxed import relaxation_starts
+from collalign.nonrigid.starts.masks import WAVE_SHARE, candidate_mask, wave_gaps
 from collalign.nonrigid.starts.smooth import SmoothMapper
 from collalign.nonrigid.surface.posed import NUM_FUNCTIONS, NUM_POINTS, first_samples, sampled_surface
 from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import FloatArray
-from data_tools.rotations import nearest_orthogonal
 from pairwise.local.local_search import LocalMinima, merge
-from pairwise.status import Status
 
 #: Distinct starts that are refined on few samples, and how few.
 NUM_SCREENED, NUM_SCREEN_SAMPLES = 12, 400
@@ -43,8 +40,8 @@ SAME_START, NUM_START_COMPARED = 1.0, 8
 SAME_MAP = 1.2
 #: Functions in which a map is composed with a symmetry, and in which full refinement begins.
 NUM_COMPOSED = 30
-#: Functions of the paper's ICP.
-ICP_DIM = 30
+#: Samples of the source that are matched to all samples of the target where a search starts.
+NUM_SOURCE = 50
 #: Functions in which maps are compared with each other.
 NUM_COMPARED = 20
 
@@ -63,35 +60,30 @@ class Refined:
         return self.evidence.score + (POSED_HANDICAP if self.origin == FROM_POSES else 0.0)
 
 
-def find_candidates(
-    target: SpectralShape, source: SpectralShape, options: NonrigidOptions
-) -> tuple[list[Refined], Status]:
-    """Return distinct refined candidates, best evidence first, and how the search ended.
+def find_candidates(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> list[Refined]:
+    """Return distinct refined candidates, best evidence first.
 
     Those of :func:`candidates_from_within` and, where there are normals, maps that start from poses and from tips of
     limbs: shapes of a class may look alike where their insides differ.
     """
-    own, status = candidates_from_within(target, source, options)
+    own = candidates_from_within(target, source, options)
     if not has_normals(target, source):
-        return own, status
+        return own
     mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
     few = at_few_samples(mapper)
-    others = _finished(target, source, posed_candidates(few, options), options)
-    if not options.ends_with_icp:
-        others += finish_smoothly(target, source, smooth_candidates(few, options))
+    others = finish_by_zoomout(target, source, posed_candidates(few, options))
+    others += finish_smoothly(target, source, smooth_candidates(few, options))
     fresh = [candidate for candidate in others if not _is_among(candidate, own)]
-    return distinct_maps([with_pose_evidence(mapper, candidate, options) for candidate in [*own, *fresh]]), status
+    return distinct_maps([with_pose_evidence(mapper, candidate, options) for candidate in [*own, *fresh]])
 
 
-def candidates_from_within(
-    target: SpectralShape, source: SpectralShape, options: NonrigidOptions
-) -> tuple[list[Refined], Status]:
-    """Return distinct refined candidates that no pose takes part in, best evidence first, and how the search ended.
+def candidates_from_within(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> list[Refined]:
+    """Return distinct refined candidates that no pose takes part in, best evidence first.
 
     At most ``options.num_candidates`` are kept. Starts are screened with few samples and functions; the best of
     them, and of what becomes of them by the target's self-maps, are refined with all.
     """
-    starts, status = portfolio_starts(target, source, options)
+    starts = portfolio_starts(target, source)
     screen = screening_refiner(target, source)
     screened: list[Refined] = []
     for i in distinct_starts(starts, NUM_SCREENED):
@@ -99,15 +91,7 @@ def candidates_from_within(
         screened += [judged(target, source, refined, str(starts.origins[i])) for refined in maps]
     turned = composed(target, source, of_both_orientations(distinct_maps(screened), 2 * NUM_TURNED), screen)
     best = of_both_orientations(distinct_maps([*screened, *turned]), options.num_candidates)
-    return distinct_maps(_finished(target, source, best, options)), status
-
-
-def _finished(
-    target: SpectralShape, source: SpectralShape, coarse: list[Refined], options: NonrigidOptions
-) -> list[Refined]:
-    """Return coarse candidates refined on all samples."""
-    finish = finish_by_icp if options.ends_with_icp else finish_by_zoomout
-    return finish(target, source, coarse)
+    return distinct_maps(finish_by_zoomout(target, source, best))
 
 
 def posed_candidates(few: PoseMapper, options: NonrigidOptions) -> list[Refined]:
@@ -211,37 +195,11 @@ def full_harmonic(target: SpectralShape, source: SpectralShape) -> HarmonicRefin
     return HarmonicRefiner(target, source, num_dense=num_dense, num_functions=len(target.eigenvalues) + 1)
 
 
-def finish_by_icp(target: SpectralShape, source: SpectralShape, screened: list[Refined]) -> list[Refined]:
-    """Refine by functional-map ICP in 30 functions on all dense samples."""
-    refined = []
-    for candidate in screened:
-        start = nearest_orthogonal(candidate.functional_map.C_source_target[1 : ICP_DIM + 1, 1 : ICP_DIM + 1]).T
-        refined.append(judged(target, source, icp_map(target, source, start), candidate.origin))
-    return refined
-
-
-def icp_map(target: SpectralShape, source: SpectralShape, rotation_target_source: FloatArray) -> FunctionalMap:
-    """Return functional-map ICP on the dense samples, with the constant function put in front of its map."""
-    dim = len(rotation_target_source)
-    on_target, on_source = target.functions[target.dense, :dim], source.functions[source.dense, :dim]
-    found = icp(on_target, on_source, rotation_target_source)
-    c_source_target = np.eye(dim + 1)
-    c_source_target[1:, 1:] = found.C_source_target
-    return replace(found, C_source_target=c_source_target)
-
-
-def portfolio_starts(
-    target: SpectralShape, source: SpectralShape, options: NonrigidOptions
-) -> tuple[LocalMinima, Status]:
-    """Return the minima that all ways to start lead to, best energy first, and how the relaxation ended if used."""
-    samples = source.samples[: options.num_source]
-    allowed = candidate_mask(target, source, samples, options)
-    parts = [sign_starts(target, source, samples, allowed), descriptor_start(target, source, samples, allowed)]
-    status = Status.CONVERGED
-    if options.use_relaxation:
-        relaxed, status = relaxation_starts(target, source, samples, allowed, options)
-        parts.append(relaxed)
-    return merge(parts), status
+def portfolio_starts(target: SpectralShape, source: SpectralShape) -> LocalMinima:
+    """Return the minima that all ways to start lead to, best energy first."""
+    samples = source.samples[: min(NUM_SOURCE, len(target.samples))]
+    allowed = candidate_mask(wave_gaps(target, source, samples), WAVE_SHARE)
+    return merge([sign_starts(target, source, samples, allowed), descriptor_start(target, source, samples, allowed)])
 
 
 def distinct_starts(starts: LocalMinima, num: int) -> list[int]:

@@ -47,7 +47,7 @@ def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
         settings: dict[str, Any] = {"set": name, "variant": "original", "surface": QUICK_SURFACE if quick else {}}
         settings |= {"target": target, "source": source, "points": NUM_EVALUATED}
         to, of = prepared(data, settings, target), prepared(data, settings, source)
-        found, _ = find_candidates(to.spectral, of.spectral, options)
+        found = find_candidates(to.spectral, of.spectral, options)
 
         def images(candidate: Refined) -> IntArray:
             forward, _ = full_harmonic(to.spectral, of.spectral).of_all_vertices(candidate.functional_map)  # noqa: B023

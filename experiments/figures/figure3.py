@@ -10,7 +10,7 @@ import numpy as np
 
 from collalign.engine.store.records import Record
 from collalign.nonrigid.options import SurfaceOptions
-from collalign.nonrigid.starts.masks import descriptor_gaps
+from collalign.nonrigid.starts.masks import wave_gaps
 from collalign.nonrigid.surface.spectral import SpectralShape, prepare_surface
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.datasets.synthetic import bent
@@ -21,6 +21,7 @@ from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.maps.map_cells import map_set
 from experiments.maps.map_sets import FOLDERS, MapSet
 from experiments.maps.map_trials import SEED, some_pairs
+from experiments.maps.paper_chain import agd_gaps
 from experiments.tables import Column, Row, Table
 
 if TYPE_CHECKING:
@@ -56,7 +57,8 @@ def measure_pair(cell: Cell) -> Record:
     points, places = true_pairs(maps, settings, source)
     true_samples = nearest_samples(target, target.to_working[places])
     working = source.to_working[points]
-    return {kind: true_ranks(descriptor_gaps(kind, target, source, working), true_samples) for kind in DESCRIPTORS}
+    gaps = {"agd": agd_gaps(target, source, working), "wks": wave_gaps(target, source, working)}
+    return {kind: true_ranks(gaps[kind], true_samples) for kind in DESCRIPTORS}
 
 
 def true_pairs(maps: MapSet, settings: dict[str, Any], source: SpectralShape) -> tuple[IntArray, IntArray]:
@@ -104,7 +106,7 @@ def measure_picture(cell: Cell) -> Record:
     pair = (shape, bent(shape, rng))
     options = SurfaceOptions(num_functions=20, num_samples=NUM_TARGET, num_dense=100)
     first, second = (prepare_surface(one, options) for one in pair)
-    gaps = descriptor_gaps("agd", second, first, first.samples[:1])[:, 0]
+    gaps = agd_gaps(second, first, first.samples[:1])[:, 0]
     near = gaps.argsort(kind="stable")[: round(_SHOWN_SHARE * len(gaps) / 100)]
     return {
         "faces": first.faces,

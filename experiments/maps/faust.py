@@ -42,7 +42,7 @@ def trials_of(maps: MapSet, *, quick: bool) -> list[Trial]:
         for bodies, pairs in (("two bodies", other), ("one body", same))
         if pairs
     ]
-    chain = {"strategy": "fast" if quick else "paper", "mask": "agd", "mask_share": 0.4}
+    chain = {"strategy": "fast" if quick else "paper", "mask_share": 0.4}
     trials += [
         Trial(
             label=f"{kind}, the paper's chain",

@@ -11,17 +11,21 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.store.records import Record
-from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.options import SurfaceOptions
 from collalign.nonrigid.portfolio import screening_refiner
 from collalign.nonrigid.refine import dense_point_maps
 from collalign.nonrigid.surface.spectral import SpectralShape
 from collalign.tools.match.nonrigid import match_prepared
 from collalign.tools.match.prepare import prepare_shape
+from collalign.tools.match.result import NonrigidMatch
 from data_tools.arrays import IntArray
 from data_tools.embedding.sampling import farthest_points
 from experiments.experiment import Cell
 from experiments.maps.evaluation import MapErrors, MapEvaluator
+from experiments.maps.graph_operator import graph_spectrum_of
 from experiments.maps.map_sets import LANDMARKED, Copy, MapSet, read_map_set, vary
+from experiments.maps.paper_chain import PAPER_SHARE, PaperChain, match_by_paper
+from pairwise.status import Status
 
 #: Points at which maps between registered meshes are evaluated.
 NUM_EVALUATED = 200
@@ -61,7 +65,7 @@ def measure_map(cell: Cell) -> Record:
     maps = map_set(cell.data, settings["set"])
     shapes = [prepared(cell.data, settings, settings[role]) for role in ("target", "source")]
     started = time.process_time()
-    match = match_prepared(shapes[0].spectral, shapes[1].spectral, NonrigidOptions(**settings["options"]))
+    match, status = _matched(shapes[0].spectral, shapes[1].spectral, settings["options"])
     seconds = time.process_time() - started
     mirror = mirror_of(cell.data, settings) if maps.data.vertices_correspond else None
     errors = evaluate(maps, settings, match.point_map_target_source, (shapes[0].copy, shapes[1].copy), mirror)
@@ -72,10 +76,20 @@ def measure_map(cell: Cell) -> Record:
         "confidence": match.confidence,
         "orientation": match.orientation,
         "origin": match.candidates[0].origin,
-        "status": match.status.name,
+        "status": status.name,
         "seconds": seconds,
         "prepare_s": [shape.seconds for shape in shapes],
     }
+
+
+def _matched(
+    target: SpectralShape, source: SpectralShape, options: Mapping[str, Any]
+) -> tuple[NonrigidMatch, Status]:
+    """Match by default, or by the paper's chain where the options name its strategy."""
+    if "strategy" not in options:
+        return match_prepared(target, source), Status.CONVERGED
+    chain = PaperChain(is_fast=options["strategy"] == "fast", share=options.get("mask_share", PAPER_SHARE))
+    return match_by_paper(target, source, chain)
 
 
 def errors_of(record: Record) -> MapErrors:
@@ -159,7 +173,9 @@ def map_set(data: Path, name: str) -> MapSet:
 def _prepared(data: Path, set_name: str, variant: str, name: str, surface: str) -> Prepared:
     copy = vary(map_set(data, set_name), name, variant)
     started = time.process_time()
-    spectral = prepare_shape(copy.shape, SurfaceOptions(**json.loads(surface)))
+    options = json.loads(surface)
+    spectrum_of = graph_spectrum_of if options.pop("operator", "auto") == "graph" else None
+    spectral = prepare_shape(copy.shape, SurfaceOptions(**options), spectrum_of=spectrum_of)
     return Prepared(copy=copy, spectral=spectral, seconds=time.process_time() - started)
 
 

@@ -34,9 +34,9 @@ class Trial:
     variant : str
         Of both shapes, see :data:`experiments.maps.map_sets.VARIANTS`.
     options : dict
-        Of :class:`collalign.nonrigid.options.NonrigidOptions`, where they are not the defaults.
+        Of the paper's chain: its ``strategy``, "paper" or "fast", and a ``mask_share``; none for the default.
     surface : dict
-        Of :class:`collalign.nonrigid.options.SurfaceOptions`, likewise.
+        Of :class:`collalign.nonrigid.options.SurfaceOptions`, where they are not the defaults, and the ``operator``.
     """
 
     label: str

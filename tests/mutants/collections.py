@@ -236,7 +236,7 @@ NONRIGID: tuple[Mutant, ...] = (
         ("tip_matchings", "- source.remoteness) ** 2", "- source.remoteness)"),
     ),
     *faults(
-        "collalign/nonrigid/surface/graph_operator.py",
+        "experiments/maps/graph_operator.py",
         ("tests/collalign/nonrigid/test_nonrigid_evidence.py",),
         ("graph_spectrum", "weights = np.maximum(weights, weights.T)", "weights = weights.T"),
         ("graph_spectrum", "4.0 * np.pi * num", "np.pi * num"),
@@ -246,8 +246,7 @@ NONRIGID: tuple[Mutant, ...] = (
         "collalign/nonrigid/starts/masks.py",
         ("tests/collalign/nonrigid/test_nonrigid_evidence.py",),
         ("candidate_mask", "min(1.0, 1.5 * share)", "min(1.0, 4.5 * share)"),
-        ("candidate_mask", "gaps <= options.mask_threshold", "gaps < 0.5 * options.mask_threshold"),
-        ("descriptor_gaps", "np.abs(differences).mean(axis=2)", "np.abs(differences).max(axis=2)"),
+        ("wave_gaps", "np.abs(differences).mean(axis=2)", "np.abs(differences).max(axis=2)"),
     ),
 )
 

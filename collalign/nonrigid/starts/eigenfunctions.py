@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from collalign.nonrigid.starts.masks import descriptor_gaps
+from collalign.nonrigid.starts.masks import wave_gaps
 from collalign.nonrigid.surface.spectral import SpectralShape
 from data_tools.arrays import BoolArray, IntArray
 from pairwise.local.local_search import LocalMinima, MatchingCosts, minimise, procrustes
@@ -31,8 +31,6 @@ def embedded_problem(
     source_samples: IntArray,
     allowed: BoolArray,
     dim: int,
-    *,
-    bandwidth: int | None = None,
 ) -> Problem:
     """Return the Procrustes matching problem of the samples in the lowest ``dim`` eigenfunctions.
 
@@ -42,15 +40,12 @@ def embedded_problem(
     source_samples : ndarray of int, shape (k,)
     allowed : ndarray of bool, shape (n, k)
     dim : int
-    bandwidth : int, optional
-        Half-width of the band of R; a full R without it.
     """
     return Problem.from_user(
         target.functions[target.samples, :dim],
         source.functions[source_samples, :dim],
         group="O",
         allowed=allowed,
-        rotation_pattern=bandwidth,
     )
 
 
@@ -90,6 +85,6 @@ def descriptor_start(
     target: SpectralShape, source: SpectralShape, source_samples: IntArray, allowed: BoolArray
 ) -> LocalMinima:
     """Return the local minimum that the assignment of wave kernel signatures leads to."""
-    gaps = descriptor_gaps("wks", target, source, source_samples)
+    gaps = wave_gaps(target, source, source_samples)
     _, point_map = linear_sum_assignment(np.where(allowed, gaps, np.inf).T)
     return descend_maps(target, source, source_samples, allowed, point_map[None], "descriptors")

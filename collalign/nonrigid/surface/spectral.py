@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign.nonrigid.options import SurfaceOptions
 from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature
-from collalign.nonrigid.surface.graph_operator import graph_spectrum
 from collalign.nonrigid.surface.tips import NUM_TIPS, Tips
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.invariants import NUM_SPECTRUM, wave_kernel_signature
@@ -27,6 +28,9 @@ NUM_WAVES = 40
 NUM_ORIENTATION = 12
 #: Heat times of the curvature that is compared, at unit area.
 CURVATURE_TIMES = (0.0001, 0.0003)
+
+#: What gives the eigenfunctions of a surface.
+SpectrumOf: TypeAlias = Callable[[WorkingSurface, IntArray, int], Spectrum]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,7 +104,9 @@ class SpectralShape:
         return Shape.from_arrays(self.vertices, self.faces, name=self.name)
 
 
-def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> SpectralShape:
+def prepare_surface(
+    shape: Shape, options: SurfaceOptions | None = None, *, spectrum_of: SpectrumOf | None = None
+) -> SpectralShape:
     """Prepare everything but the self-maps, which are found with the help of the rest.
 
     Parameters
@@ -109,6 +115,8 @@ def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> Spec
         A mesh or point cloud as stored: several components, isolated vertices, holes and non-manifold edges are
         allowed; the largest component is used.
     options : SurfaceOptions, optional
+    spectrum_of : callable, optional
+        Eigenfunctions of another operator: takes the surface, its dense samples and how many functions.
 
     Raises
     ------
@@ -126,7 +134,7 @@ def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> Spec
             f"{options.num_samples} samples need more: refine the mesh, or lower num_functions and num_samples"
         )
     dense = farthest_points(working, min(options.num_dense, num), metric="euclidean")
-    eigen = _eigen(surface, dense, options)
+    eigen = (spectrum_of or _spectrum)(surface, dense, options.num_functions)
     samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_TIPS), solver=surface.geodesics)
     in_file = np.arange(len(shape.vertices)) if shape.source_indices is None else shape.source_indices
     to_working = np.full(int(in_file.max()) + 1, -1, dtype=np.int64)
@@ -177,10 +185,8 @@ def _largest_part(shape: Shape) -> tuple[Shape, IntArray, list[str]]:
     return part, kept, notes
 
 
-def _eigen(surface: WorkingSurface, dense: IntArray, options: SurfaceOptions) -> Spectrum:
-    if options.operator == "graph":
-        return graph_spectrum(surface.shape, surface.geodesics, dense, options.num_functions)
-    return surface.eigenfunctions(options.num_functions)
+def _spectrum(surface: WorkingSurface, dense: IntArray, num: int) -> Spectrum:
+    return surface.eigenfunctions(num)
 
 
 def _outside(

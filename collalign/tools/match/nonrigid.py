@@ -9,13 +9,12 @@ import numpy as np
 from collalign.confidence.map_model import map_confidence
 from collalign.nonrigid.evidence import MIXED_ORIENTATION
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.paper import paper_candidates
 from collalign.nonrigid.portfolio import FROM_POSES, Refined, find_candidates, full_harmonic
-from collalign.nonrigid.refine import between_files, dense_point_maps
+from collalign.nonrigid.refine import between_files
 from collalign.nonrigid.surface.spectral import SpectralShape
 from collalign.tools.match.prepare import prepare_file
 from collalign.tools.match.result import NonrigidCandidate, NonrigidMatch
-from data_tools.arrays import read_only
+from data_tools.arrays import IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.rotations import nearest_orthogonal
@@ -85,31 +84,38 @@ def match_prepared(
         Seconds that preparation took, for the record.
     """
     options = options or NonrigidOptions()
-    _check_fit(target, source, options)
+    _check_fit(target, source)
     started = time.perf_counter()
-    if options.is_portfolio:
-        found, status = find_candidates(target, source, options)
-        found = chosen_first(found, options)
-    else:
-        found, status = paper_candidates(target, source, options)
+    found = chosen_first(find_candidates(target, source, options), options)
     searched = time.perf_counter()
-    c_source_target = found[0].functional_map.C_source_target
-    if options.ends_with_icp:
-        forward, backward = dense_point_maps(target, source, c_source_target)
-    else:
-        forward, backward = full_harmonic(target, source).of_all_vertices(found[0].functional_map)
+    maps = full_harmonic(target, source).of_all_vertices(found[0].functional_map)
     finished = time.perf_counter()
+    times_s = {"prepare": prepared_s, "candidates": searched - started, "vertices": finished - searched}
+    kept = found[: options.num_candidates]
+    return match_of(target, source, kept, maps, confidence=confidence(found, options), times_s=times_s)
+
+
+def match_of(
+    target: SpectralShape,
+    source: SpectralShape,
+    found: list[Refined],
+    maps: tuple[IntArray, IntArray],
+    *,
+    confidence: float,
+    times_s: dict[str, float] | None = None,
+) -> NonrigidMatch:
+    """Return candidates, the chosen one first, and its maps of all working vertices both ways as a match of files."""
+    forward, backward = maps
     return NonrigidMatch(
         target_name=target.name,
         source_name=source.name,
         point_map_target_source=read_only(between_files(forward, target.to_original, source.to_working)),
         point_map_source_target=read_only(between_files(backward, source.to_original, target.to_working)),
-        functional_map=read_only(c_source_target),
-        candidates=tuple(_public(target, source, candidate) for candidate in found[: options.num_candidates]),
+        functional_map=read_only(found[0].functional_map.C_source_target),
+        candidates=tuple(_public(target, source, candidate) for candidate in found),
         dense_source=read_only(source.to_original[source.dense]),
-        confidence=confidence(found, options),
-        status=status,
-        times_s={"prepare": prepared_s, "candidates": searched - started, "vertices": finished - searched},
+        confidence=confidence,
+        times_s=times_s or {},
         notes=tuple(f"{s.name}: {note}" for s in (target, source) for note in s.notes),
     )
 
@@ -157,14 +163,9 @@ def _public(target: SpectralShape, source: SpectralShape, candidate: Refined) ->
     )
 
 
-def _check_fit(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> None:
+def _check_fit(target: SpectralShape, source: SpectralShape) -> None:
     if len(target.eigenvalues) != len(source.eigenvalues):
         raise InputError(
             f"{target.name} has {len(target.eigenvalues)} eigenfunctions, {source.name} {len(source.eigenvalues)}: "
             "prepare both with the same options"
-        )
-    if options.num_source > min(len(target.samples), len(source.samples)):
-        raise InputError(
-            f"num_source is {options.num_source}, but the shapes have {len(target.samples)} and "
-            f"{len(source.samples)} samples"
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from collalign.nonrigid.options import SurfaceOptions
-from collalign.nonrigid.surface.spectral import SpectralShape, prepare_surface
+from collalign.nonrigid.surface.spectral import SpectralShape, SpectrumOf, prepare_surface
 from collalign.tools.match.symmetry import self_maps
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
@@ -15,15 +15,17 @@ from data_tools.threads import one_blas_thread
 
 
 @one_blas_thread()
-def prepare_shape(shape: Shape, options: SurfaceOptions | None = None) -> SpectralShape:
-    """Prepare a shape for non-rigid matching, its symmetries included.
+def prepare_shape(
+    shape: Shape, options: SurfaceOptions | None = None, *, spectrum_of: SpectrumOf | None = None
+) -> SpectralShape:
+    """Prepare a shape for non-rigid matching, its symmetries included; see :func:`prepare_surface`.
 
     Raises
     ------
     InputError
         If the largest component has too few vertices for the functions or samples asked for.
     """
-    prepared = prepare_surface(shape, options)
+    prepared = prepare_surface(shape, options, spectrum_of=spectrum_of)
     return replace(prepared, self_maps=self_maps(prepared))
 
 

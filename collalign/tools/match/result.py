@@ -18,7 +18,6 @@ from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
 from data_tools.options import AS_STORED
 from data_tools.percent import percent
-from pairwise.status import Status
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,7 +78,6 @@ class NonrigidMatch:
         Vertices of the source file at which the candidates are given.
     confidence : float
         In [0, 1]: near 1 where the evidence is good and no other candidate of the same orientation comes near it.
-    status : Status
     times_s : dict of str to float
     notes : tuple of str
     """
@@ -92,7 +90,6 @@ class NonrigidMatch:
     candidates: tuple[NonrigidCandidate, ...]
     dense_source: IntArray
     confidence: float
-    status: Status
     times_s: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
@@ -163,7 +160,6 @@ class NonrigidMatch:
             candidate_orientations=np.array([c.evidence.orientation for c in self.candidates]),
             candidate_origins=np.array([c.origin for c in self.candidates]),
             confidence=self.confidence,
-            status=self.status.name,
             notes=np.array(self.notes, dtype=np.str_),
         )
         return buffer.getvalue()

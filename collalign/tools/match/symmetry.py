@@ -34,7 +34,7 @@ def self_maps(shape: SpectralShape) -> FloatArray:
     functions alone.
     """
     own = replace(shape, self_maps=read_only(np.empty((0, 0, 0))))
-    searched, _ = candidates_from_within(own, own, NonrigidOptions(num_candidates=NUM_SELF_MAPS))
+    searched = candidates_from_within(own, own, NonrigidOptions(num_candidates=NUM_SELF_MAPS))
     candidates = distinct_maps([*searched, *_negations(own)])
     maps = [candidate.functional_map.C_source_target for candidate in candidates]
     size = min([NUM_COMPOSED, *(len(c) for c in maps)])

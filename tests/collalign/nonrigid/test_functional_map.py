@@ -7,13 +7,11 @@ import pytest
 
 from collalign.nonrigid.functional_map import (
     ZoomOut,
-    icp,
     mutual_nearest_rows,
     nearest_rows,
     zoomout_sizes,
 )
 from data_tools.errors import InputError, OptionsError
-from tests.problems import random_rotation
 
 
 def circle_basis(angles: np.ndarray, num: int) -> np.ndarray:
@@ -79,19 +77,6 @@ def test_descriptors_decide_between_symmetric_maps(rng: np.random.Generator) -> 
     assert np.abs(marked.map_target_source - np.arange(120)).max() <= 1
 
 
-def test_icp_finds_the_rotation(rng: np.random.Generator) -> None:
-    target = rng.standard_normal((150, 4)) * [3.0, 2.0, 1.0, 0.5]
-    rotation = random_rotation(rng, 4)
-    order = rng.permutation(150)
-    source = target[order] @ rotation
-    tilt = np.eye(4)
-    tilt[:2, :2] = [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]]
-    found = icp(target, source, tilt @ rotation)
-    assert np.abs(found.C_source_target.T - rotation).max() < 1e-9
-    assert np.array_equal(found.map_target_source, order)
-    assert icp(target, source, tilt @ rotation, max_iterations=1).iterations == 1
-
-
 def test_sizes_grow_to_the_last() -> None:
     assert zoomout_sizes(5, 9, factor=1.0) == [5, 6, 7, 8, 9]
     assert zoomout_sizes(20, 20) == [20]
@@ -111,5 +96,3 @@ def test_wrong_input_is_refused(rng: np.random.Generator) -> None:
         ZoomOut(basis, basis, [5, 10])
     with pytest.raises(InputError, match="too few"):
         ZoomOut(basis[:8], basis[:8], [9])
-    with pytest.raises(InputError, match="12 functions"):
-        icp(basis, basis, np.eye(12))

@@ -9,13 +9,13 @@ import pytest
 
 from collalign.confidence.map_model import FLOOR, STRETCH_WEIGHT, Evidence
 from collalign.nonrigid.evidence import _commutativity_gap, _curvature_gap, paired_forms
-from collalign.nonrigid.options import NonrigidOptions
-from collalign.nonrigid.starts.masks import candidate_mask, descriptor_gaps
-from collalign.nonrigid.surface.graph_operator import GAUSSIAN_WIDTH, NUM_NEIGHBOURS, _weights, graph_spectrum
+from collalign.nonrigid.starts.masks import candidate_mask, wave_gaps
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.embedding.sampling import farthest_points
 from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.shape import Shape
+from experiments.maps.graph_operator import GAUSSIAN_WIDTH, NUM_NEIGHBOURS, _weights, graph_spectrum
+from experiments.maps.paper_chain import agd_gaps
 
 
 def evidence(**values: float) -> Evidence:
@@ -75,22 +75,16 @@ def test_masks_are_widened_by_half_until_a_map_fits() -> None:
     # Every source sample resembles the same target samples: only a mask as wide as the shape has an injective map.
     num = 20
     target, source = shapes(num, np.arange(float(num)), np.zeros(num))
-    allowed = candidate_mask(target, source, np.arange(num), NonrigidOptions(mask="agd", mask_share=0.2))
+    allowed = candidate_mask(agd_gaps(target, source, np.arange(num)), 0.2)
     assert (allowed.sum(axis=0) == num).all()
     # 5 source samples need 5 targets: shares .05, .075, .1125, .169, .253 allow 1, 2, 2, 3, 5 of 20
-    few = candidate_mask(target, source, np.arange(5), NonrigidOptions(mask="agd", mask_share=0.05))
+    few = candidate_mask(agd_gaps(target, source, np.arange(5)), 0.05)
     assert (few.sum(axis=0) == 5).all()
-
-
-def test_a_threshold_includes_its_own_value() -> None:
-    target, source = shapes(4, np.arange(4.0), np.arange(4.0))
-    allowed = candidate_mask(target, source, np.arange(4), NonrigidOptions(mask="agd", mask_threshold=1.0))
-    assert np.array_equal(allowed, np.abs(np.subtract.outer(np.arange(4), np.arange(4))) <= 1)
 
 
 def test_wave_descriptors_differ_by_the_mean() -> None:
     target, source = shapes(4, np.zeros(4), np.zeros(4))
-    gaps = descriptor_gaps("wks", target, source, np.arange(4))
+    gaps = wave_gaps(target, source, np.arange(4))
     expected = np.abs(target.waves[1] - source.waves[2]).mean()
     assert gaps[1, 2] == pytest.approx(expected)
 

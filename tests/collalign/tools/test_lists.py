@@ -21,7 +21,7 @@ from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 
 OPTIONS = MapOptions(
-    matching=NonrigidOptions(num_source=30),
+    matching=NonrigidOptions(),
     surface=SurfaceOptions(num_functions=45, num_samples=60, num_dense=300),
 )
 

@@ -10,10 +10,10 @@ import pytest
 
 from collalign.nonrigid.evidence import judge, paired_forms
 from collalign.nonrigid.functional_map import FunctionalMap
-from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.options import SurfaceOptions
 from collalign.nonrigid.portfolio import of_both_orientations
 from collalign.nonrigid.refine import Refiner
-from collalign.nonrigid.starts.masks import candidate_mask, descriptor_gaps
+from collalign.nonrigid.starts.masks import WAVE_SHARE, candidate_mask, wave_gaps
 from collalign.nonrigid.surface.geometry import (
     orientation_form,
     outward,
@@ -21,7 +21,6 @@ from collalign.nonrigid.surface.geometry import (
     smoothed_curvature,
     vertex_normals,
 )
-from collalign.nonrigid.surface.graph_operator import graph_spectrum
 from collalign.nonrigid.surface.spectral import SpectralShape, prepare_surface
 from data_tools.datasets.synthetic import mirrored
 from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
@@ -31,6 +30,8 @@ from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.laplacian import cotangent_laplacian
 from data_tools.surface.shape import Shape
 from experiments.maps.evaluation import MapErrors, MapEvaluator, cumulative_curve, draw_curves, summary
+from experiments.maps.graph_operator import graph_spectrum
+from experiments.maps.paper_chain import PAPER_SHARE, agd_gaps
 
 SMALL = SurfaceOptions(num_functions=40, num_samples=40, num_dense=300)
 
@@ -127,21 +128,18 @@ def test_oriented_refinement_gives_either_orientation(body: SpectralShape) -> No
 
 def test_masks_hold_a_share_and_leave_a_map(body: SpectralShape) -> None:
     samples = body.samples[:20]
-    for kind, share in (("agd", 0.3), ("wks", 0.15)):
-        allowed = candidate_mask(body, body, samples, NonrigidOptions(mask=kind))
+    for gaps, share in ((agd_gaps(body, body, samples), PAPER_SHARE), (wave_gaps(body, body, samples), WAVE_SHARE)):
+        allowed = candidate_mask(gaps, share)
         assert allowed.shape == (40, 20)
         assert (allowed.sum(axis=0) >= round(share * 40)).all()
         assert allowed[np.arange(20), np.arange(20)].all()
-        assert descriptor_gaps(kind, body, body, samples)[np.arange(20), np.arange(20)] == pytest.approx(0.0)
-    assert candidate_mask(body, body, samples, NonrigidOptions(mask="none")).all()
-    near = candidate_mask(body, body, samples, NonrigidOptions(mask="agd", mask_threshold=0.05))
-    gaps = descriptor_gaps("agd", body, body, samples)
-    assert near[gaps <= 0.05].all()
+        assert gaps[np.arange(20), np.arange(20)] == pytest.approx(0.0)
+    assert candidate_mask(gaps, 1.0).all()
 
 
 def test_impossible_masks_are_widened(body: SpectralShape) -> None:
     alike = replace(body, agd=np.round(body.agd * 2.0))
-    allowed = candidate_mask(alike, alike, body.samples[:20], NonrigidOptions(mask="agd", mask_share=0.02))
+    allowed = candidate_mask(agd_gaps(alike, alike, body.samples[:20]), 0.02)
     assert allowed.sum() > 20
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
 from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.laplacian import Spectrum, vertex_areas
@@ -13,6 +14,11 @@ from data_tools.surface.shape import Shape
 
 #: Neighbours of each sample, and the width of the Gaussian relative to sqrt(area) (Maron et al. 2016, section 6.1).
 NUM_NEIGHBOURS, GAUSSIAN_WIDTH = 20, 0.1
+
+
+def graph_spectrum_of(surface: WorkingSurface, samples: IntArray, num: int) -> Spectrum:
+    """Return the spectrum of a surface's graph of dense samples."""
+    return graph_spectrum(surface.shape, surface.geodesics, samples, num)
 
 
 def graph_spectrum(shape: Shape, geodesics: GeodesicSolver, samples: IntArray, num: int) -> Spectrum:

@@ -1,0 +1,153 @@
+"""The paper's own chain (section 6.1): PM-SDP, local minimisation in 30 functions, functional-map ICP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from collalign.nonrigid.functional_map import FunctionalMap, nearest_rows
+from collalign.nonrigid.options import NonrigidOptions
+from collalign.nonrigid.portfolio import Refined, judged
+from collalign.nonrigid.refine import dense_point_maps
+from collalign.nonrigid.starts.eigenfunctions import descend_maps
+from collalign.nonrigid.starts.masks import candidate_mask
+from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.tools.match.nonrigid import confidence, match_of
+from collalign.tools.match.result import NonrigidMatch
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.rotations import nearest_orthogonal
+from pairwise.local.local_search import LocalMinima, MatchingCosts
+from pairwise.pm_sdp.rounding import appendix_starts, nearest_map
+from pairwise.problem.problem import Problem
+from pairwise.relaxations import solve_pm_sdp
+from pairwise.results import RelaxationResult
+from pairwise.status import Status
+
+#: Share of the target's samples that each sample may match, by average geodesic distance.
+PAPER_SHARE = 0.3
+#: Functions of the relaxation with a banded R, and with a diagonal one in the fast chain; half-width of the band.
+BANDED_DIM, DIAGONAL_DIM, BANDWIDTH = 17, 30, 2
+#: Relative gap at which the relaxation stops: its rounding does not change any more.
+GAP_TOL = 1e-3
+#: ICP has settled when no entry of the rotation changes by more, or after so many steps.
+_SETTLED, _MOST_STEPS = 1e-10, 1000
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperChain:
+    """The paper's settings.
+
+    Attributes
+    ----------
+    is_fast : bool
+        Its fast version: a diagonal R in 30 functions in place of a 5-diagonal one in 17.
+    num_source : int
+        Samples of the source that are matched to all samples of the target; the paper's k.
+    share : float
+        Of the target's samples that each sample may match, by average geodesic distance.
+    num_candidates : int
+        Local minima that are refined.
+    bandwidth : int
+        Half-width of the band of R.
+    time_limit_s : float, optional
+        Of the relaxation.
+    """
+
+    is_fast: bool = False
+    num_source: int = 50
+    share: float = PAPER_SHARE
+    num_candidates: int = 6
+    bandwidth: int = BANDWIDTH
+    time_limit_s: float | None = None
+
+
+def match_by_paper(target: SpectralShape, source: SpectralShape, chain: PaperChain) -> tuple[NonrigidMatch, Status]:
+    """Return the map of the paper's chain, and how the relaxation ended; there is no judgement between candidates.
+
+    PM-SDP on 50 samples of the source and 100 of the target, local minimisation in 30 functions, and functional-map
+    ICP on the dense samples; the minimum of least energy is the answer.
+    """
+    samples = source.samples[: chain.num_source]
+    allowed = candidate_mask(agd_gaps(target, source, samples), chain.share)
+    minima, status = relaxation_starts(target, source, samples, allowed, chain)
+    origin = "fast" if chain.is_fast else "paper"
+    found: list[Refined] = [
+        judged(target, source, icp_map(target, source, rotation), origin)
+        for rotation in minima.rotations[: chain.num_candidates]
+    ]
+    maps = dense_point_maps(target, source, found[0].functional_map.C_source_target)
+    return match_of(target, source, found, maps, confidence=confidence(found, NonrigidOptions())), status
+
+
+def agd_gaps(target: SpectralShape, source: SpectralShape, source_samples: IntArray) -> FloatArray:
+    """Return how much the average geodesic distances of samples differ, in units of sqrt(area), shape (n, k)."""
+    return np.abs(target.agd[target.samples][:, None] - source.agd[source_samples])
+
+
+def relaxation_starts(
+    target: SpectralShape, source: SpectralShape, source_samples: IntArray, allowed: BoolArray, chain: PaperChain
+) -> tuple[LocalMinima, Status]:
+    """Return the local minima that roundings of PM-SDP lead to, best energy first, and how its solver ended.
+
+    They come from the four roundings of the paper's appendix A, first in the relaxation's functions, then in 30.
+    """
+    dim, bandwidth = (DIAGONAL_DIM, 0) if chain.is_fast else (BANDED_DIM, chain.bandwidth)
+    problem = Problem.from_user(
+        target.functions[target.samples, :dim],
+        source.functions[source_samples, :dim],
+        group="O",
+        allowed=allowed,
+        rotation_pattern=bandwidth,
+    )
+    relaxed = solve_pm_sdp(problem, tol=GAP_TOL, time_limit_s=chain.time_limit_s)
+    maps, sizes = rounded_maps(problem, relaxed), (dim, DIAGONAL_DIM)
+    return descend_maps(target, source, source_samples, allowed, maps, "relaxation", sizes=sizes), relaxed.status
+
+
+def rounded_maps(problem: Problem, relaxed: RelaxationResult) -> IntArray:
+    """Return distinct maps of the samples, shape (m, k): the one nearest to X, and those of the appendix's starts."""
+    by_rotation = MatchingCosts(problem).assign(problem.pattern.project(appendix_starts(problem, relaxed)))
+    return np.unique(np.vstack([nearest_map(problem, relaxed.X), by_rotation]), axis=0)
+
+
+def icp_map(target: SpectralShape, source: SpectralShape, rotation_target_source: FloatArray) -> FunctionalMap:
+    """Return functional-map ICP on the dense samples, with the constant function put in front of its map."""
+    dim = len(rotation_target_source)
+    on_target, on_source = target.functions[target.dense, :dim], source.functions[source.dense, :dim]
+    found = icp(on_target, on_source, rotation_target_source)
+    c_source_target = np.eye(dim + 1)
+    c_source_target[1:, 1:] = found.C_source_target
+    return replace(found, C_source_target=c_source_target)
+
+
+def icp(basis_target: FloatArray, basis_source: FloatArray, rotation_target_source: FloatArray) -> FunctionalMap:
+    """Refine a rotation of the eigenfunctions by nearest neighbours and orthogonal projection in turn.
+
+    Functional-map ICP (Ovsjanikov et al. 2012, section 6; Maron et al. 2016, section 6.1).
+
+    Parameters
+    ----------
+    basis_target, basis_source : ndarray, shapes (u, d) and (v, d)
+        Eigenfunctions at the vertices used, as many as the rotation has columns.
+    rotation_target_source : ndarray, shape (d, d)
+        Where to start.
+
+    Returns
+    -------
+    FunctionalMap
+        With ``C_source_target`` the transpose of the final rotation.
+    """
+    rotation, iterations, change = rotation_target_source, 0, np.inf
+    while change > _SETTLED and iterations < _MOST_STEPS:
+        iterations += 1
+        point_map = nearest_rows(basis_target, basis_source @ rotation.T)
+        before, rotation = rotation, nearest_orthogonal(basis_target[point_map].T @ basis_source)
+        change = float(np.abs(rotation - before).max())
+    moved = basis_source @ rotation.T
+    return FunctionalMap(
+        C_source_target=np.ascontiguousarray(rotation.T),
+        map_target_source=nearest_rows(basis_target, moved),
+        map_source_target=nearest_rows(moved, basis_target),
+        iterations=iterations,
+    )
