@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_tools.arrays import FloatArray, as_floats, as_points
+from data_tools.arrays import FloatArray, as_floats
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
 
@@ -83,33 +83,6 @@ def nearest_orthogonal(matrices: FloatArray, *, determinant: float | None = None
     if determinant is not None:
         u[..., -1] *= (np.sign(np.linalg.det(u @ vt)) * determinant)[..., None]
     return np.asarray(u @ vt)
-
-
-def landmark_rotation(target: ArrayLike, source: ArrayLike, *, group: str = "SO") -> FloatArray:
-    """Return the R_target_source that brings corresponding landmarks together best, shape (3, 3).
-
-    Orthogonal Procrustes of the centred landmarks (Kabsch 1976); scale does not matter.
-
-    Parameters
-    ----------
-    target, source : array_like, shape (l, 3)
-        Row i of one corresponds to row i of the other; rows with NaN (missing landmarks) are left out.
-    group : {"SO", "O"}
-
-    Raises
-    ------
-    InputError
-        If the shapes differ, or fewer than three landmarks are common.
-    """
-    check_choice("group", group, ("SO", "O"))
-    q, p = np.asarray(target, dtype=np.float64), np.asarray(source, dtype=np.float64)
-    if q.shape != p.shape or q.ndim != 2:
-        raise InputError(f"landmarks: expected two arrays of one shape (l, 3), got {q.shape} and {p.shape}")
-    common = ~(np.isnan(q).any(axis=1) | np.isnan(p).any(axis=1))
-    q = as_points(q[common], "common landmarks of the target", min_points=3)
-    p = as_points(p[common], "common landmarks of the source", min_points=3)
-    moment = (q - q.mean(axis=0)).T @ (p - p.mean(axis=0))
-    return nearest_orthogonal(moment, determinant=1.0 if group == "SO" else None)
 
 
 def spread_directions(num: int) -> FloatArray:

@@ -20,10 +20,9 @@ from data_tools.errors import InputError
 from data_tools.io.files import existing_file, natural_key
 from data_tools.io.shapes import read_folder, read_shape
 from data_tools.landmarks.files import read_landmarks
-from data_tools.landmarks.mirror_pairs import read_symmetry, read_vertex_indices
 from data_tools.options import AS_STORED
-from data_tools.rotations import landmark_rotation
 from data_tools.surface.shape import Shape
+from experiments.ground_truth import landmark_rotation, read_symmetry, read_vertex_indices
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

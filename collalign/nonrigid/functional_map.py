@@ -47,38 +47,28 @@ class FunctionalMap:
     iterations: int
 
 
-def nearest_rows(points: FloatArray, queries: FloatArray) -> IntArray:
-    """Return for each query the index of the nearest point, both given as rows; ties go to the first.
-
-    By matrix products in blocks: in thirty and more dimensions that beats any tree. Single precision is enough for
-    large sets, because the functions themselves carry errors of the discretisation.
-    """
-    return _nearest(points, queries, both=False)[0]
-
-
 def mutual_nearest_rows(target: FloatArray, source: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return the nearest target row of each source row and the nearest source row of each target row."""
-    return _nearest(target, source, both=True)
+    """Return the nearest target row of each source row and the nearest source row of each target row.
 
-
-def _nearest(points: FloatArray, queries: FloatArray, *, both: bool) -> tuple[IntArray, IntArray]:
-    """Maximise ``-|point - query|^2 / 2``, a product of rows with two more columns, in blocks that fit caches."""
-    dtype: Any = np.float32 if len(points) * len(queries) > _SINGLE_PRECISION_ENTRIES else np.float64
-    columns = np.vstack([points.T, -0.5 * (points**2).sum(axis=1), np.ones(len(points))]).astype(dtype)
-    squares = -0.5 * (queries**2).sum(axis=1, keepdims=True)
-    rows = np.hstack([queries, np.ones((len(queries), 1)), squares]).astype(dtype)
-    forward = np.empty(len(queries), dtype=np.int64)
-    backward, closest = np.zeros(len(points), dtype=np.int64), np.full(len(points), -np.inf, dtype=dtype)
-    buffer: Any = np.empty((_BLOCK_ROWS, len(points)), dtype=dtype)
-    for first in range(0, len(queries), _BLOCK_ROWS):
+    Ties go to the first. Maximises ``-|t - s|^2 / 2``, a product of rows with two more columns, in blocks that fit
+    caches: in thirty and more dimensions that beats any tree. Single precision is enough for large sets, because the
+    functions themselves carry errors of the discretisation.
+    """
+    dtype: Any = np.float32 if len(target) * len(source) > _SINGLE_PRECISION_ENTRIES else np.float64
+    columns = np.vstack([target.T, -0.5 * (target**2).sum(axis=1), np.ones(len(target))]).astype(dtype)
+    squares = -0.5 * (source**2).sum(axis=1, keepdims=True)
+    rows = np.hstack([source, np.ones((len(source), 1)), squares]).astype(dtype)
+    forward = np.empty(len(source), dtype=np.int64)
+    backward, closest = np.zeros(len(target), dtype=np.int64), np.full(len(target), -np.inf, dtype=dtype)
+    buffer: Any = np.empty((_BLOCK_ROWS, len(target)), dtype=dtype)
+    for first in range(0, len(source), _BLOCK_ROWS):
         block = rows[first : first + _BLOCK_ROWS]
         closeness = np.dot(block, columns, out=buffer[: len(block)])
         forward[first : first + len(block)] = closeness.argmax(axis=1)
-        if both:
-            best = closeness.max(axis=0)
-            nearer = np.flatnonzero(best > closest)
-            backward[nearer] = first + closeness[:, nearer].argmax(axis=0)
-            closest[nearer] = best[nearer]
+        best = closeness.max(axis=0)
+        nearer = np.flatnonzero(best > closest)
+        backward[nearer] = first + closeness[:, nearer].argmax(axis=0)
+        closest[nearer] = best[nearer]
     return forward, backward
 
 

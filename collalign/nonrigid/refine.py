@@ -94,22 +94,6 @@ def descriptors(target: SpectralShape, source: SpectralShape) -> tuple[FloatArra
     return _standardised(target), _standardised(source)
 
 
-def dense_point_maps(
-    target: SpectralShape, source: SpectralShape, c_source_target: FloatArray
-) -> tuple[IntArray, IntArray]:
-    """Return the point maps between all working vertices that belong to a functional map, in both directions.
-
-    Curvature is left out here: it steers the fit of the map as a whole, but for single vertices it can jump.
-
-    Returns
-    -------
-    map_target_source : ndarray of int, shape (w_source,)
-    map_source_target : ndarray of int, shape (w_target,)
-    """
-    size = len(c_source_target)
-    return mutual_nearest_rows(target.basis[:, :size], source.basis[:, :size] @ c_source_target)
-
-
 def between_files(working_map: IntArray, to_original: IntArray, to_working: IntArray) -> IntArray:
     """Return a map between working vertices as one between the vertices of the files, -1 where there is none.
 

@@ -13,47 +13,6 @@ from data_tools.errors import InputError
 from data_tools.io.files import existing_file
 
 
-def read_vertex_indices(path: Path | str, *, num_vertices: int) -> IntArray:
-    """Read the first column of a table as vertex indices, shape (l,) (``.pid`` files).
-
-    Raises
-    ------
-    InputError
-        If an index is missing or out of range.
-    """
-    words = [line.split() for line in _lines(path) if line.strip()]
-    if not words or not all(row[0].isdecimal() and int(row[0]) < num_vertices for row in words):
-        raise InputError(f"{path}: expected a vertex index below {num_vertices} first in each line")
-    return np.array([int(row[0]) for row in words], dtype=np.int64)
-
-
-def read_symmetry(path: Path | str, *, num_landmarks: int) -> IntArray:
-    """Read the mirror pairs of landmarks (``.sym.info``) as a permutation, shape (l,).
-
-    Each line holds the two indices of a pair, or one index of a landmark on the mirror plane; others map to
-    themselves.
-
-    Raises
-    ------
-    InputError
-        If a line holds anything else, or a landmark is in two pairs.
-    """
-    partner = np.arange(num_landmarks)
-    seen: set[int] = set()
-    for number, line in enumerate(_lines(path), start=1):
-        words = line.split()
-        if not words:
-            continue
-        if len(words) > 2 or not all(w.isdecimal() and int(w) < num_landmarks for w in words):
-            raise InputError(f"{path}: line {number}: expected one or two landmarks below {num_landmarks}")
-        pair = [int(w) for w in words]
-        if seen & set(pair):
-            raise InputError(f"{path}: line {number}: landmark {pair} is in two orbits")
-        seen |= set(pair)
-        partner[pair] = pair[::-1]
-    return partner
-
-
 def read_landmark_pairs(path: Path | str, labels: Sequence[str]) -> tuple[tuple[str, str], ...]:
     """Read pairs of landmarks, left and right, one pair a row of a CSV file; a header is allowed.
 

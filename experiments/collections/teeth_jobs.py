@@ -13,10 +13,11 @@ import numpy as np
 from collalign.engine.store.records import Record
 from data_tools.arrays import IntArray
 from data_tools.errors import InputError
-from data_tools.rotations import landmark_rotation, rotation_angle_deg
+from data_tools.rotations import rotation_angle_deg
 from experiments.collections.posed import pose_collection
 from experiments.datasets import Dataset, read_teeth
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
+from experiments.ground_truth import landmark_rotation
 from experiments.peers.peer_tools import TOOLS
 from experiments.peers.peers import choose
 from experiments.tables import Column, Table

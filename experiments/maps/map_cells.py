@@ -13,7 +13,6 @@ from typing import Any
 from collalign.engine.store.records import Record
 from collalign.nonrigid.options import SurfaceOptions
 from collalign.nonrigid.portfolio import screening_refiner
-from collalign.nonrigid.refine import dense_point_maps
 from collalign.nonrigid.surface.spectral import SpectralShape
 from collalign.tools.match.nonrigid import match_prepared
 from collalign.tools.match.prepare import prepare_shape
@@ -24,7 +23,7 @@ from experiments.experiment import Cell
 from experiments.maps.evaluation import MapErrors, MapEvaluator
 from experiments.maps.graph_operator import graph_spectrum_of
 from experiments.maps.map_sets import LANDMARKED, Copy, MapSet, read_map_set, vary
-from experiments.maps.paper_chain import PAPER_SHARE, PaperChain, match_by_paper
+from experiments.maps.paper_chain import PAPER_SHARE, PaperChain, dense_point_maps, match_by_paper
 from pairwise.status import Status
 
 #: Points at which maps between registered meshes are evaluated.

@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from collalign.nonrigid.functional_map import FunctionalMap, nearest_rows
+from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.options import NonrigidOptions
 from collalign.nonrigid.portfolio import Refined, judged
-from collalign.nonrigid.refine import dense_point_maps
 from collalign.nonrigid.starts.eigenfunctions import descend_maps
 from collalign.nonrigid.starts.masks import candidate_mask
 from collalign.nonrigid.surface.spectral import SpectralShape
@@ -141,13 +140,29 @@ def icp(basis_target: FloatArray, basis_source: FloatArray, rotation_target_sour
     rotation, iterations, change = rotation_target_source, 0, np.inf
     while change > _SETTLED and iterations < _MOST_STEPS:
         iterations += 1
-        point_map = nearest_rows(basis_target, basis_source @ rotation.T)
+        point_map = mutual_nearest_rows(basis_target, basis_source @ rotation.T)[0]
         before, rotation = rotation, nearest_orthogonal(basis_target[point_map].T @ basis_source)
         change = float(np.abs(rotation - before).max())
-    moved = basis_source @ rotation.T
+    forward, backward = mutual_nearest_rows(basis_target, basis_source @ rotation.T)
     return FunctionalMap(
         C_source_target=np.ascontiguousarray(rotation.T),
-        map_target_source=nearest_rows(basis_target, moved),
-        map_source_target=nearest_rows(moved, basis_target),
+        map_target_source=forward,
+        map_source_target=backward,
         iterations=iterations,
     )
+
+
+def dense_point_maps(
+    target: SpectralShape, source: SpectralShape, c_source_target: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """Return the point maps between all working vertices that belong to a functional map, in both directions.
+
+    Curvature is left out here: it steers the fit of the map as a whole, but for single vertices it can jump.
+
+    Returns
+    -------
+    map_target_source : ndarray of int, shape (w_source,)
+    map_source_target : ndarray of int, shape (w_target,)
+    """
+    size = len(c_source_target)
+    return mutual_nearest_rows(target.basis[:, :size], source.basis[:, :size] @ c_source_target)

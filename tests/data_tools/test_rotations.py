@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from data_tools.errors import InputError, OptionsError
+from data_tools.errors import OptionsError
 from data_tools.rotations import (
-    landmark_rotation,
     nearest_orthogonal,
     random_rotation,
     rotation_angle_deg,
@@ -43,34 +42,6 @@ def test_angles_of_known_turns(angle: float) -> None:
 def test_no_angle_between_hands() -> None:
     assert np.isnan(rotation_angle_deg(-np.eye(3)))
     assert rotation_angle_deg(-np.eye(3), -np.eye(3)) == 0
-
-
-def test_landmarks_give_back_the_planted_rotation(rng: np.random.Generator) -> None:
-    source = rng.standard_normal((8, 3))
-    for group in ("SO", "O"):
-        truth = random_rotation(rng, group=group)
-        target = 3.0 * source @ truth.T + [1, 2, 3]
-        target[2] = np.nan
-        np.testing.assert_allclose(landmark_rotation(target, source, group=group), truth, atol=1e-12)
-
-
-def test_mirrored_landmarks_differ_by_group(rng: np.random.Generator) -> None:
-    source = rng.standard_normal((8, 3))
-    target = source * [-1, 1, 1]
-    assert np.linalg.det(landmark_rotation(target, source)) == pytest.approx(1)
-    np.testing.assert_allclose(landmark_rotation(target, source, group="O"), np.diag([-1.0, 1, 1]), atol=1e-12)
-
-
-def test_landmarks_are_checked(rng: np.random.Generator) -> None:
-    points = rng.standard_normal((4, 3))
-    with pytest.raises(InputError, match="one shape"):
-        landmark_rotation(points, points[:3])
-    missing = points.copy()
-    missing[:2] = np.nan
-    with pytest.raises(InputError, match="2 points, at least 3"):
-        landmark_rotation(points, missing)
-    with pytest.raises(OptionsError, match="group"):
-        landmark_rotation(points, points, group="so")
 
 
 def test_angles_between_chiralities_are_half_a_turn() -> None:

@@ -306,8 +306,19 @@ SHAPES: tuple[Mutant, ...] = (
         ),
         ("nearest_orthogonal", "u[..., -1] *=", "u[..., 0] *="),
         ("random_rotation", 'group == "SO" and ', ""),
+    ),
+    *faults(
+        "experiments/ground_truth.py",
+        ("tests/experiments/test_ground_truth.py",),
         ("landmark_rotation", '1.0 if group == "SO" else None', "None"),
         ("landmark_rotation", "~(np.isnan(q).any(axis=1) | np.isnan(p).any(axis=1))", "~np.isnan(q).any(axis=1)"),
+        ("read_symmetry", "partner[pair] = pair[::-1]", "partner[pair] = pair"),
+    ),
+    *faults(
+        "experiments/maps/paper_chain.py",
+        ("tests/experiments/test_paper_chain.py",),
+        ("icp", "while change > _SETTLED", "while change > 1e3"),
+        ("icp_map", "c_source_target[1:, 1:] = found.C_source_target", "pass"),
     ),
     *faults(
         "data_tools/arrays.py",

@@ -19,9 +19,10 @@ from data_tools.datasets.synthetic import (
 from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_folder, read_shape
-from data_tools.rotations import landmark_rotation, rotation_angle_deg
+from data_tools.rotations import rotation_angle_deg
 from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.topology import mesh_edges
+from experiments.ground_truth import landmark_rotation
 
 
 def test_bumps_have_the_stated_size_and_keep_the_mesh(rng: np.random.Generator) -> None:
