@@ -29,7 +29,6 @@ _BASIC = frozenset(
         "--jobs",
         "--labels",
         "--nonrigid",
-        "--num-matches",
         "--num-shapes",
         "--num-points",
         "--num-seeds",
@@ -46,7 +45,7 @@ _BASIC = frozenset(
 #: Title of each further group, and how the names of its options begin.
 _GROUPS = {
     "Sampling": ("--sampling.", "--embedding.", "--cleaning."),
-    "Matching": ("--pairs", "--refine", "--certify", "--matching.", "--dense.", "--unmatched-penalty"),
+    "Matching": ("--pairs", "--refine", "--certify", "--matching."),
     "Non-rigid matching": ("--deformation.", "--surface."),
     "Running": ("--jobs", "--store", "--scheduler", "--shape-time", "--pair-time", "--memory", "--strict", "--seed"),
 }

@@ -10,6 +10,7 @@ from data_tools.rotations import rotation_angles
 from pairwise import MatchOptions, match
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations
+from pairwise.candidates import SAME_DEG
 from pairwise.matching import match_problem
 from pairwise.portfolio import wants_relaxation
 from pairwise.problem.problem import Problem
@@ -56,7 +57,7 @@ def test_candidates_are_distinct_ordered_and_near_the_best() -> None:
     np.testing.assert_array_equal(result.R_target_source, result.candidates[0].R_target_source)
     turns = np.stack([c.R_target_source for c in result.candidates])
     for i, turn in enumerate(turns):
-        assert (rotation_angles(turns[:i], turn) >= np.deg2rad(20.0)).all()
+        assert (rotation_angles(turns[:i], turn) >= np.deg2rad(SAME_DEG)).all()
 
 
 def test_symmetric_shapes_keep_every_pose() -> None:

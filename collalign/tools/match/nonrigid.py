@@ -56,7 +56,7 @@ def match_shapes(
     --------
     >>> from data_tools.datasets.synthetic_shapes import figure
     >>> body = figure(resolution=1)
-    >>> small = collalign.nonrigid.SurfaceOptions(num_functions=30, num_dense=100)
+    >>> small = collalign.SurfaceOptions(num_functions=30, num_dense=100)
     >>> found = collalign.match_shapes(body, body, surface_options=small)
     >>> len(found.point_map_target_source) == len(body.vertices)
     True

@@ -100,12 +100,3 @@ def test_support_agrees_with_brute_force(rng: np.random.Generator) -> None:
         used, always_full = brute_support(allowed)
         assert np.array_equal(support.allowed, used)
         assert np.array_equal(support.always_full, always_full)
-
-
-def test_support_with_capacities() -> None:
-    allowed = np.array([[True, True, True], [True, False, False]])
-    support = assignment_support(allowed, np.array([2, 1]))
-    assert np.array_equal(support.allowed, [[False, True, True], [True, False, False]])
-    assert support.always_full.all()
-    with pytest.raises(InputError, match="no assignment"):
-        assignment_support(allowed, np.array([1, 1]))
