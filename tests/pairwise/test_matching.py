@@ -8,9 +8,9 @@ import pytest
 from data_tools.errors import InputError, OptionsError
 from data_tools.rotations import rotation_angles
 from pairwise import MatchOptions, match
+from pairwise.candidates import SAME_DEG
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations
-from pairwise.candidates import SAME_DEG
 from pairwise.matching import match_problem
 from pairwise.portfolio import wants_relaxation
 from pairwise.problem.problem import Problem

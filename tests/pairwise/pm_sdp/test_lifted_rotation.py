@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data_tools.errors import InputError
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.support import assignment_support

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError, OptionsError
+from pairwise import match, solve_relaxation
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 
