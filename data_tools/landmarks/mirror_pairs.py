@@ -1,4 +1,4 @@
-"""Which landmarks are mirror images of each other, and the vertex lists of shape benchmarks."""
+"""Which landmarks are mirror images of each other."""
 
 from __future__ import annotations
 
