@@ -7,6 +7,7 @@ depend on strides or on the caller's dtype, and later changes by the caller chan
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,30 @@ BoolArray = NDArray[np.bool_]
 
 #: Largest ``|R^T R - I|`` entry accepted as an orthogonal matrix given by a user.
 ORTHOGONAL_TOL = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Holds:
+    """What a field holds beside its type, as ``Annotated[FloatArray, Holds(shape="k 3")]``.
+
+    Attributes
+    ----------
+    shape : str
+        Lengths of an array: numbers, ``_`` for any, and names, which stand for the same length in all fields of a
+        dataclass; with ``?`` behind it the first may also be 0. Empty for any shape.
+    rotations : bool
+        Whether an array holds orthogonal matrices.
+    lower : int
+        No index is smaller.
+    nan, positive : bool
+        Whether a number may be NaN; whether it has to be positive and finite.
+    """
+
+    shape: str = ""
+    rotations: bool = False
+    lower: int = 0
+    nan: bool = False
+    positive: bool = False
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:

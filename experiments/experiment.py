@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from collalign.engine.jobs.job import Job, Wanted
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.options import RunOptions
 from collalign.engine.session import Session
-from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
 from collalign.engine.store.store import Store
 from data_tools.errors import CollectionError, InputError
@@ -46,19 +46,13 @@ class Cell:
     settings: dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """A cell and the function that measures it, on its way to a worker."""
-
-    function: Callable[[Cell], Record]
-    cell: Cell
-    machine: str
-
-
-def measure_cell(task: Measurement) -> Record:
+def measure_cell(function: Callable[[Cell], Record], cell: Cell, machine: str) -> Record:
     """Measure a cell; the record says when and where that was."""
-    value = task.function(task.cell)
-    return {"value": value, "date": datetime.date.today().isoformat(), "machine": task.machine}
+    return {"value": function(cell), "date": datetime.date.today().isoformat(), "machine": machine}
+
+
+def _whole(record: Record, name: str) -> Record:
+    return record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,21 +188,29 @@ class Bench:
             If a cell failed; all others are kept.
         """
         name = f"{function.__module__}.{function.__qualname__}"
-        keys = {fingerprint(f"{name} {version}", settings): label for label, settings in cells.items()}
+        job = Job(kind="measurements", version=f"{name} {version}", run=measure_cell, reader=_whole)
         machine = describe_machine()
-        tasks = {
-            key: (label, Measurement(function, Cell(data=self.data, settings=dict(cells[label])), machine))
-            for key, label in keys.items()
+        wanted = {
+            label: Wanted(
+                key=job.key(settings),
+                label=label,
+                arguments={
+                    "function": function,
+                    "cell": Cell(data=self.data, settings=dict(settings)),
+                    "machine": machine,
+                },
+            )
+            for label, settings in cells.items()
         }
         session = Session.around(
             self.store, None, RunOptions(jobs=1 if apart else self.num_workers), None if self.quiet else ProgressBar
         )
-        self.num_reused += session.num_reused("measurements", keys)
-        failures = session.compute("measurements", measure_cell, tasks, time_limit_s=None, retry="all")
-        if failures:
-            lines = "".join(f"\n  {keys[key]}: {failure.reason}" for key, failure in failures.items())
+        self.num_reused += session.num_reused("measurements", {one.key for one in wanted.values()})
+        found = session.compute(job, wanted, time_limit_s=None, retry="all")
+        if found.failures:
+            lines = "".join(f"\n  {label}: {reason}" for label, reason in found.failures.items())
             raise CollectionError(f"cells that failed:{lines}")
-        return {label: self._remember(self.store.require("measurements", key)) for key, label in keys.items()}
+        return {label: self._remember(record) for label, record in found.items()}
 
     def _remember(self, record: Record) -> Record:
         value: Record = record["value"]

@@ -68,6 +68,6 @@ def test_the_checks_can_fail() -> None:
     assert not exists("collalign/nowhere.py")
     assert exists("tools/export/")
     assert not defined("no_such_function")
-    assert defined("pair_from_record")
+    assert defined("match_pair")
     with pytest.raises(AssertionError):
         section("No such heading")

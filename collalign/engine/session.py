@@ -9,10 +9,11 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
+from collalign.engine.jobs.job import Job, K, Results, Runner, T, Wanted, table_of_stored
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.jobs.run import JobResult, SharedTable, end_runs, run_jobs
 from collalign.engine.options import RunOptions
-from collalign.engine.store.layout import KINDS, STAGE, Failure
+from collalign.engine.store.layout import KINDS, STAGE
 from collalign.engine.store.store import Store
 from data_tools.errors import InputError, SolveFailed
 
@@ -116,34 +117,27 @@ class Session(Generic[OptionsT]):
         """Return for how many of the keys the store held a result before this run."""
         return sum(key in self.stored[kind] for key in keys)
 
-    def shared_table(self, kind: str, keys: Iterable[str]) -> SharedTable:
-        """Return a table of the records of some keys, for the tasks of another stage; use it in a ``with`` block."""
-        return SharedTable.create((key, self.store.require(kind, key)) for key in sorted(set(keys)))
-
     def compute(
         self,
-        kind: str,
-        function: Callable[..., Any],
-        tasks: Mapping[str, tuple[str, Any]],
+        job: Job[T],
+        wanted: Mapping[K, Wanted],
         *,
         time_limit_s: float | None,
         shared: SharedTable | None = None,
         retry: Literal["crashed", "all"] = "crashed",
         strict: bool = False,
-    ) -> dict[str, Failure]:
-        """Compute what the store lacks, put every result into it, and return the failures by key.
+    ) -> Results[K, T]:
+        """Compute what the store lacks, put every result into it, and return all of them.
 
         Parameters
         ----------
-        kind : str
-            One of :data:`collalign.engine.store.layout.KINDS`.
-        function : callable
-            Of a module; see :func:`collalign.engine.jobs.run.run_jobs`.
-        tasks : mapping of key to (label, payload)
+        job : Job
+        wanted : mapping of any name to Wanted
             All that the run wants.
         time_limit_s : float or None
             Per task; None for neither this limit nor that of the memory, and so inside this process with one worker.
         shared : SharedTable, optional
+            Where arguments are not of the store.
         retry : {"crashed", "all"}
             Which failures of earlier runs are tried again; all with ``strict``.
         strict : bool
@@ -154,68 +148,75 @@ class Session(Generic[OptionsT]):
         InputError
             With ``strict``, at the first failure.
         """
-        self.store.plan(kind, {key: label for key, (label, _) in tasks.items()})
-        missing = self.store.missing(kind, tasks, retry="all" if strict else retry)
-        with self._display(kind, len(tasks), len(missing)) as report:
-            jobs = run_jobs(
-                function,
-                ((key, tasks[key][1]) for key in missing),
+        by_key = {one.key: one for one in wanted.values()}
+        self.store.plan(job.kind, {key: one.label for key, one in by_key.items()})
+        missing = self.store.missing(job.kind, by_key, retry="all" if strict else retry)
+        own = table_of_stored(self.store, (by_key[key].arguments for key in missing)) if shared is None else None
+        with nullcontext() if own is None else own, self._display(job.kind, len(by_key), len(missing)) as report:
+            outcomes = run_jobs(
+                Runner(job.run, is_kept=True),
+                ((key, by_key[key].arguments) for key in missing),
                 num_jobs=self.run.num_workers,
                 time_limit_s=time_limit_s,
                 memory_limit_bytes=None if time_limit_s is None else self.run.memory_limit_bytes,
                 scheduler=self.run.scheduler,
-                shared=shared,
+                shared=own if shared is None else shared,
                 progress=report,
             )
-            for job in jobs:
-                self._keep(kind, tasks[job.key][0], job)
-                if strict and job.failure is not None:
-                    jobs.close()
-                    raise InputError(f"{tasks[job.key][0]}: {job.failure}")
-        done, failures = self.store.keys(kind), self.store.failures(kind)
-        return {key: failures[key] for key in tasks if key not in done}
+            for outcome in outcomes:
+                label = by_key[outcome.key].label
+                self._keep(job.kind, label, outcome)
+                if strict and outcome.failure is not None:
+                    outcomes.close()
+                    raise InputError(f"{label}: {outcome.failure}")
+        done, failures = self.store.keys(job.kind), self.store.failures(job.kind)
+        reasons = {name: failures[one.key].reason for name, one in wanted.items() if one.key not in done}
+        return Results(self.store, job, wanted, reasons)
 
     def spread(
         self,
         kind: str,
-        function: Callable[..., Any],
-        tasks: Mapping[str, Any],
+        run: Callable[..., Any],
+        tasks: Mapping[K, Mapping[str, Any]],
         *,
         shared: SharedTable | None = None,
-    ) -> dict[str, Any]:
-        """Compute results that are not kept, on all workers, and return them by key.
+    ) -> dict[K, Any]:
+        """Compute results that are not kept, on all workers, and return them by name, in the order of the tasks.
 
         Parameters
         ----------
         kind : str
             What is counted, for the progress display.
-        function : callable
-            Of a module; see :func:`collalign.engine.jobs.run.run_jobs`. It is not expected to fail.
-        tasks : mapping of key to payload
+        run : callable
+            Of a module, as that of a :class:`collalign.engine.jobs.job.Job`; it is not expected to fail.
+        tasks : mapping of any name to arguments
+            As those of :class:`collalign.engine.jobs.job.Wanted`.
         shared : SharedTable, optional
+            Where arguments are not of the store.
 
         Raises
         ------
         SolveFailed
             If a task fails nevertheless.
         """
-        results = {}
-        with self._display(kind, len(tasks), len(tasks)) as report:
-            jobs = run_jobs(
-                function,
-                tasks.items(),
+        names, results = {str(name): name for name in tasks}, dict[K, Any]()
+        own = table_of_stored(self.store, tasks.values()) if shared is None else None
+        with nullcontext() if own is None else own, self._display(kind, len(tasks), len(tasks)) as report:
+            outcomes = run_jobs(
+                Runner(run, is_kept=False),
+                ((str(name), arguments) for name, arguments in tasks.items()),
                 num_jobs=self.run.num_workers,
                 scheduler=self.run.scheduler,
-                shared=shared,
+                shared=own if shared is None else shared,
                 batch_size=self._batch_size(len(tasks)),
                 progress=report,
             )
-            for job in jobs:
-                if job.failure is not None:
-                    jobs.close()
-                    raise SolveFailed(f"{kind}, {job.key}: {job.failure}")
-                results[job.key] = job.value
-        return results
+            for outcome in outcomes:
+                if outcome.failure is not None:
+                    outcomes.close()
+                    raise SolveFailed(f"{kind}, {outcome.key}: {outcome.failure}")
+                results[names[outcome.key]] = outcome.value
+        return {name: results[name] for name in tasks}
 
     def _batch_size(self, num_tasks: int) -> int:
         """Return how many short tasks go to a worker in one message."""

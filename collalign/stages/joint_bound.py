@@ -18,26 +18,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.engine.jobs.run import SharedTable
-from collalign.engine.store.keys import fingerprint
-from collalign.engine.store.records import Record
+from collalign.engine.jobs.job import Job, Wanted
 from collalign.options import AlignSession
 from collalign.products.joint_bound import JointBound
 from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.stored_types import samples_from_record, tilted_from_record, tilted_to_record
+from collalign.stages.shapes import SAMPLING
 from collalign.synchronization.bound.arrangement import Arrangement, PairEnergies
 from collalign.synchronization.bound.master import JointMaster
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.checks import check_number
+from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError, OptionsError
 from pairwise.branch_and_bound.prove import can_certify
 from pairwise.branch_and_bound.tilted import TiltedProof, prove_tilted
 from pairwise.problem.problem import energy_scale
 
-#: Changes whenever the same pair and multipliers would give another bound.
-JOINT_VERSION = "joint-1"
 #: How exactly each pair is bounded, as a share of the mean energy of a pair: what the joint bound loses to it.
 _GAP = 5e-4
 #: The rounds end when what the columns promise exceeds what is proven by no more than this share of the energy.
@@ -75,26 +72,21 @@ class CertifyOptions:
         check_number("budget_s", self.budget_s, positive=True)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TiltTask:
-    """What a worker needs to bound one pair."""
-
-    target_key: str
-    source_key: str
-    group: str
-    tilt: FloatArray
-    known: FloatArray
-    gap: float
-    time_limit_s: float
-
-
-def bound_pair(task: TiltTask, shared: SharedTable) -> Record:
+def bound_pair(
+    target: Samples,
+    source: Samples,
+    group: str,
+    tilt: FloatArray,
+    known: FloatArray,
+    gap: float,
+    time_limit_s: float,
+) -> TiltedProof:
     """Bound a pair's energy less a linear function of its rotation; runs inside a worker."""
-    target, source = (shared.made(key, samples_from_record) for key in (task.target_key, task.source_key))
-    problem = pair_problem(target, source, task.group)
-    return tilted_to_record(
-        prove_tilted(problem, task.tilt, task.known, gap=task.gap, time_limit_s=task.time_limit_s)
-    )
+    return prove_tilted(pair_problem(target, source, group), tilt, known, gap=gap, time_limit_s=time_limit_s)
+
+
+#: Bounds a pair. The version changes whenever the same pair and multipliers would give another bound.
+BOUNDING = Job(kind="proofs", version="joint-1", run=bound_pair, reader=TiltedProof)
 
 
 def bound_collection(
@@ -236,30 +228,28 @@ class _Bounder:
         CollectionError
             If one of them failed.
         """
-        keys, tasks = [], {}
-        for (i, j), tilt, some in zip(self.edges.tolist(), tilts, known, strict=True):
-            task = self._task(i, j, tilt, some)
-            keys.append(_key(task))
-            tasks[keys[-1]] = (self.shapes.label(i, j), task)
-        with self.session.shared_table("shapes", self.shapes.keys) as table:
-            failures = self.session.compute("proofs", bound_pair, tasks, time_limit_s=None, shared=table)
-        for key, failure in failures.items():
-            raise CollectionError(f"{tasks[key][0]}: its energy could not be bounded ({failure.reason})")
-        return [tilted_from_record(self.session.store.require("proofs", key), tasks[key][0]) for key in keys]
+        wanted = {
+            (i, j): self._wanted(i, j, np.ascontiguousarray(tilt), np.ascontiguousarray(some))
+            for (i, j), tilt, some in zip(self.edges.tolist(), tilts, known, strict=True)
+        }
+        found = self.session.compute(BOUNDING, wanted, time_limit_s=None)
+        for ends, reason in found.failures.items():
+            raise CollectionError(f"{wanted[ends].label}: its energy could not be bounded ({reason})")
+        return list(found.values())
 
-    def _task(self, i: int, j: int, tilt: FloatArray, known: FloatArray) -> TiltTask:
-        return TiltTask(
-            target_key=self.shapes.keys[i],
-            source_key=self.shapes.keys[j],
-            group=self.session.options.group,
-            tilt=np.ascontiguousarray(tilt),
-            known=np.ascontiguousarray(known),
-            gap=self.gap,
-            time_limit_s=self.session.run.pair_time_limit_s,
+    def _wanted(self, i: int, j: int, tilt: FloatArray, known: FloatArray) -> Wanted:
+        group, ends = self.session.options.group, (self.shapes.keys[i], self.shapes.keys[j])
+        arrays = (hashlib.sha256(array.tobytes()).hexdigest() for array in (tilt, known))
+        return Wanted(
+            key=BOUNDING.key({"group": group, "gap": self.gap}, *ends, *arrays),
+            label=self.shapes.label(i, j),
+            arguments={
+                "target": SAMPLING.shared(ends[0]),
+                "source": SAMPLING.shared(ends[1]),
+                "group": group,
+                "tilt": tilt,
+                "known": known,
+                "gap": self.gap,
+                "time_limit_s": self.session.run.pair_time_limit_s,
+            },
         )
-
-
-def _key(task: TiltTask) -> str:
-    arrays = (hashlib.sha256(array.tobytes()).hexdigest() for array in (task.tilt, task.known))
-    settings = {"group": task.group, "gap": task.gap}
-    return fingerprint(JOINT_VERSION, settings, task.target_key, task.source_key, *arrays)

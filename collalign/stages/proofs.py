@@ -10,31 +10,30 @@ Every proof is written down as a certificate, which anybody can check without th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
-from collalign.engine.jobs.run import SharedTable
-from collalign.engine.store.keys import fingerprint
-from collalign.engine.store.records import Record
+from collalign.engine.jobs.job import Job, Wanted
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.pairs.match import pair_key
 from collalign.stages.poses.synchronize import synchronize_pairs
-from collalign.stages.stored_types import proof_from_record, proof_to_record, samples_from_record
+from collalign.stages.shapes import SAMPLING
 from collalign.stages.surface_gap import surface_gaps
 from collalign.synchronization import SynchronizationResult
 from collalign.synchronization.resolve import SAME_POSE_RAD
-from data_tools.arrays import BoolArray, FloatArray
+from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray
+from data_tools.embedding.embedding import Samples
 from data_tools.rotations import rotation_angles
-from pairwise.branch_and_bound.poses import list_poses
+from pairwise.branch_and_bound.poses import PoseList, list_poses
+from pairwise.certificates.certificate import Certificate
 from pairwise.status import Status
 
-#: Changes whenever the same pair would give another proof.
-PROOF_VERSION = "proof-4"
 #: Relative gap between energy and bound at which a pose counts as proven.
 GAP_TOL = 1e-3
 #: A second pose within this factor of the best energy makes a pair worth proving.
@@ -45,20 +44,35 @@ LISTED_WITHIN = 1.2
 CONTRADICTION_RAD = np.deg2rad(30.0)
 #: A worker that takes so many times its time hangs, and is given up.
 GIVEN_UP_FACTOR = 10
+#: Most listed poses and regions of a pair: more candidates would make synchronization slow.
+MOST_LISTED = 32
 #: Pairs named in a note.
 _MOST_NAMED = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ProofTask:
-    """What a worker needs to prove one pair's best pose."""
+class PairProof:
+    """What was proven of a pair: its best pose with a bound, and the ``listed`` poses that are nearly as good.
 
-    target_key: str
-    source_key: str
-    group: str
-    rotations: FloatArray
-    gap_tol: float
-    time_limit_s: float
+    Fields of the same names are those of :class:`collalign.products.pair.Pair`; where there is a certificate, the
+    bound is what that proves.
+    """
+
+    lower_bound: float
+    status: Status
+    energy: float
+    rotation: Annotated[FloatArray, Holds(shape="d d", rotations=True)]
+    map: Annotated[IntArray, Holds(shape="k")]
+    gap: Annotated[float, Holds(nan=True)]
+    chirality_proven: bool
+    certificate: Certificate | None
+    listed_energies: Annotated[FloatArray, Holds(shape="m")]
+    listed_rotations: Annotated[FloatArray, Holds(shape="m d d", rotations=True)]
+    listed_maps: Annotated[IntArray, Holds(shape="m k", lower=-1)]
+    listed_gaps: Annotated[FloatArray, Holds(shape="m")]
+    complete_within: Annotated[float, Holds(nan=True)]
+    regions: Annotated[FloatArray, Holds(shape="r d d", rotations=True)]
+    region_radii_rad: Annotated[FloatArray, Holds(shape="r")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,23 +119,45 @@ class CertificationReport:
         )
 
 
-def prove_pair(task: ProofTask, shared: SharedTable) -> Record:
+def prove_pair(
+    target: Samples, source: Samples, group: str, rotations: FloatArray, gap_tol: float, time_limit_s: float
+) -> PairProof:
     """Prove the best pose of one pair and list its rivals as far as the time allows; runs inside a worker."""
-    target, source = (shared.made(key, samples_from_record) for key in (task.target_key, task.source_key))
-    problem = pair_problem(target, source, task.group)
-    poses = list_poses(
-        problem,
-        task.rotations,
-        within=LISTED_WITHIN,
-        tol=task.gap_tol,
-        time_limit_s=task.time_limit_s,
-        record=True,
+    problem = pair_problem(target, source, group)
+    poses = list_poses(problem, rotations, within=LISTED_WITHIN, tol=gap_tol, time_limit_s=time_limit_s, record=True)
+    return pair_proof(poses, lambda rotations: surface_gaps(target, source, rotations))
+
+
+def pair_proof(poses: PoseList, gaps_at: Callable[[FloatArray], FloatArray]) -> PairProof:
+    """Return what was proven of a pair: at most :data:`MOST_LISTED` poses, with balls if the list is complete."""
+    proof = poses.proof
+    pose, certificate = proof.candidate, proof.certificate
+    shape, size = pose.R_target_source.shape, len(pose.map_target_source)
+    is_complete = poses.is_resolved and len(poses.regions) <= MOST_LISTED
+    listed = poses.candidates[:MOST_LISTED]
+    balls = [region.ball for region in poses.regions] if is_complete else []
+    rotations = np.array([one.R_target_source for one in listed]).reshape(-1, *shape)
+    return PairProof(
+        lower_bound=float(min(proof.lower_bound if certificate is None else certificate.bound, pose.energy)),
+        status=proof.status,
+        energy=float(pose.energy),
+        rotation=pose.R_target_source,
+        map=pose.map_target_source.astype(np.int32),
+        gap=float(gaps_at(pose.R_target_source[None])[0]),
+        chirality_proven=bool(proof.is_chirality_proven),
+        certificate=certificate,
+        listed_energies=np.array([one.energy for one in listed], dtype=np.float64),
+        listed_rotations=rotations,
+        listed_maps=np.array([one.map_target_source for one in listed]).reshape(-1, size).astype(np.int32),
+        listed_gaps=gaps_at(rotations),
+        complete_within=LISTED_WITHIN if is_complete else float("nan"),
+        regions=np.array([centre for centre, _ in balls]).reshape(-1, *shape),
+        region_radii_rad=np.array([radius for _, radius in balls], dtype=np.float64),
     )
-    record = proof_to_record(poses, LISTED_WITHIN)
-    return record | {
-        "gap": float(surface_gaps(target, source, record["rotation"][None])[0]),
-        "listed_gaps": surface_gaps(target, source, record["listed_rotations"]),
-    }
+
+
+#: Proves a pair. The version changes whenever the same pair would give another proof.
+PROVING = Job(kind="proofs", version="proof-4", run=prove_pair, reader=PairProof)
 
 
 def certify_pairs(
@@ -154,22 +190,15 @@ def certify_pairs(
     solution = solution or synchronize_pairs(options, len(shapes.names), pairs)
     wanted = worth_proving(pairs, solution.edge_inlier)
     affordable = max(1, int(options.certify_budget_s * session.run.num_workers / options.certify_pair_s))
-    keys = {e: _proof_key(shapes, pairs[e], options) for e in wanted[:affordable]}
-    with session.shared_table(
-        "shapes", (shapes.keys[end] for e in keys for end in (pairs[e].target, pairs[e].source))
-    ) as table:
-        failures = session.compute(
-            "proofs",
-            prove_pair,
-            {key: (_label(shapes, pairs[e]), _task(shapes, pairs[e], options)) for e, key in keys.items()},
-            time_limit_s=GIVEN_UP_FACTOR * options.certify_pair_s,
-            strict=options.strict,
-            shared=table,
-        )
-    proven, tried = list(pairs), [e for e, key in keys.items() if key not in failures]
-    for e in tried:
-        record = session.store.require("proofs", keys[e])
-        proven[e] = with_proof(pairs[e], proof_from_record(record, _label(shapes, pairs[e])))
+    found = session.compute(
+        PROVING,
+        {e: _wanted(shapes, pairs[e], options) for e in wanted[:affordable]},
+        time_limit_s=GIVEN_UP_FACTOR * options.certify_pair_s,
+        strict=options.strict,
+    )
+    proven, tried = list(pairs), list(found)
+    for e, proof in found.items():
+        proven[e] = with_proof(pairs[e], proof)
     report = CertificationReport(
         num_wanted=len(wanted),
         num_tried=len(tried),
@@ -200,22 +229,22 @@ def worth_proving(pairs: Sequence[Pair], inlier: BoolArray) -> list[int]:
     return [int(e) for e in order if not inlier[e] or rivals[e] <= RIVAL_FACTOR]
 
 
-def with_proof(pair: Pair, proof: Record) -> Pair:
+def with_proof(pair: Pair, proof: PairProof) -> Pair:
     """Return the pair with the proof's bound and status, and with its poses among the candidates, best first."""
     pair = replace(
         pair,
-        lower_bound=float(proof["lower_bound"]),
-        status=str(proof["status"]),
-        chirality_proven=bool(proof["chirality_proven"]),
-        certificate=proof["certificate"],
-        complete_within=float(proof["complete_within"]),
-        regions=proof["regions"],
-        region_radii_rad=proof["region_radii_rad"],
+        lower_bound=proof.lower_bound,
+        status=proof.status.name,
+        chirality_proven=proof.chirality_proven,
+        certificate=proof.certificate,
+        complete_within=proof.complete_within,
+        regions=proof.regions,
+        region_radii_rad=proof.region_radii_rad,
     )
-    rotations = np.concatenate([proof["rotation"][None], proof["listed_rotations"]])
-    maps = np.concatenate([proof["map"][None], proof["listed_maps"]])
-    energies = np.concatenate([[proof["energy"]], proof["listed_energies"]])
-    gaps = np.concatenate([[proof["gap"]], proof["listed_gaps"]])
+    rotations = np.concatenate([proof.rotation[None], proof.listed_rotations])
+    maps = np.concatenate([proof.map[None], proof.listed_maps])
+    energies = np.concatenate([[proof.energy], proof.listed_energies])
+    gaps = np.concatenate([[proof.gap], proof.listed_gaps])
     for pose in np.argsort(energies, kind="stable"):
         near = rotation_angles(pair.rotations, rotations[pose]) <= SAME_POSE_RAD
         if near.any() and energies[pose] >= pair.energies[near].min() * (1 - 1e-6):
@@ -255,22 +284,18 @@ def contradictions(names: Sequence[str], pairs: Sequence[Pair], frames: FloatArr
     )
 
 
-def _label(shapes: Shapes, pair: Pair) -> str:
-    return shapes.label(pair.target, pair.source)
-
-
-def _proof_key(shapes: Shapes, pair: Pair, options: AlignOptions) -> str:
+def _wanted(shapes: Shapes, pair: Pair, options: AlignOptions) -> Wanted:
+    ends = shapes.keys[pair.target], shapes.keys[pair.source]
     settings = {"tol": GAP_TOL, "time_limit_s": options.certify_pair_s}
-    key = pair_key(shapes.keys[pair.target], shapes.keys[pair.source], options)
-    return fingerprint(PROOF_VERSION, settings, key)
-
-
-def _task(shapes: Shapes, pair: Pair, options: AlignOptions) -> ProofTask:
-    return ProofTask(
-        target_key=shapes.keys[pair.target],
-        source_key=shapes.keys[pair.source],
-        group=options.group,
-        rotations=pair.rotations,
-        gap_tol=GAP_TOL,
-        time_limit_s=options.certify_pair_s,
+    return Wanted(
+        key=PROVING.key(settings, pair_key(*ends, options)),
+        label=shapes.label(pair.target, pair.source),
+        arguments={
+            "target": SAMPLING.shared(ends[0]),
+            "source": SAMPLING.shared(ends[1]),
+            "group": options.group,
+            "rotations": pair.rotations,
+            "gap_tol": GAP_TOL,
+            "time_limit_s": options.certify_pair_s,
+        },
     )

@@ -7,40 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from collalign.engine.store.keys import fingerprint
+from collalign.engine.jobs.job import Job, Wanted
 from collalign.engine.store.layout import NUM_FILES
-from collalign.engine.store.records import Record
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.shapes import Excluded, Shapes
-from collalign.stages.stored_types import samples_from_record, samples_to_record
+from data_tools.embedding.embedding import Samples
 from data_tools.embedding.sampled_file import sample_file
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import FolderListing
 from data_tools.io.source import Origin, Source, hash_source
-from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 
-#: Changes whenever the same file and options would give other samples.
-SHAPE_VERSION = "shape-8"
 #: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
 SMALLEST_SHARE = 0.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class ShapeTask:
-    """What a worker needs to prepare one shape.
-
-    Attributes
-    ----------
-    digest : str or None
-        Of the content that the key of the result stands for: a file that has changed since is refused.
-    """
-
-    path: Origin
-    name: str
-    digest: str | None
-    cleaning: CleaningOptions
-    sampling: SamplingOptions
-    embedding: EmbeddingOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,16 +30,8 @@ class KeyedFile:
     key: str
 
 
-def prepare_shape(task: ShapeTask) -> Record:
-    """Read, clean, sample and embed one shape; runs inside a worker.
-
-    Returns
-    -------
-    dict
-        The fields of :class:`data_tools.embedding.embedding.Samples` as a record, without the name.
-    """
-    samples = sample_file(task.path, task.cleaning, task.sampling, task.embedding, name=task.name, digest=task.digest)
-    return samples_to_record(samples)
+#: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
+SAMPLING = Job(kind="shapes", version="shape-8", run=sample_file, reader=Samples)
 
 
 def prepare_shapes(session: AlignSession, listing: FolderListing) -> Shapes:
@@ -131,37 +101,30 @@ def _prepare(session: AlignSession, listing: FolderListing, options: AlignOption
     """Read, clean, sample and embed every file, each at as many points as asked for or as it has."""
     keyed, excluded = shape_keys(listing, options)
     session.store.set_note(NUM_FILES, str(len(keyed)))
-    tasks = {
-        item.key: (
-            item.file.name,
-            ShapeTask(
-                path=item.file.absolute(),
-                name=name,
-                digest=item.digest,
-                cleaning=options.cleaning,
-                sampling=options.sampling,
-                embedding=options.embedding,
-            ),
+    wanted = {
+        name: Wanted(
+            key=item.key,
+            label=item.file.name,
+            arguments={
+                "file": item.file.absolute(),
+                "cleaning": options.cleaning,
+                "sampling": options.sampling,
+                "embedding": options.embedding,
+                "name": name,
+                "digest": item.digest,
+            },
         )
         for name, item in keyed.items()
     }
-    failures = session.compute(
-        "shapes",
-        prepare_shape,
-        tasks,
-        time_limit_s=session.run.shape_time_limit_s,
-        strict=options.strict,
-    )
-    good = {name: item for name, item in keyed.items() if item.key not in failures}
-    excluded += [_excluded(item.file, failures[item.key].reason) for item in keyed.values() if item.key in failures]
+    found = session.compute(SAMPLING, wanted, time_limit_s=session.run.shape_time_limit_s, strict=options.strict)
+    excluded += [_excluded(keyed[name].file, reason) for name, reason in found.failures.items()]
+    good = [keyed[name] for name in found]
     return Shapes(
-        names=tuple(good),
-        files=tuple(item.file.absolute() for item in good.values()),
-        digests=tuple(item.digest for item in good.values()),
-        keys=tuple(item.key for item in good.values()),
-        samples=tuple(
-            samples_from_record(session.store.require("shapes", item.key), name) for name, item in good.items()
-        ),
+        names=tuple(found),
+        files=tuple(item.file.absolute() for item in good),
+        digests=tuple(item.digest for item in good),
+        keys=tuple(item.key for item in good),
+        samples=tuple(replace(samples, name=name) for name, samples in found.items()),
         excluded=tuple(excluded),
     )
 
@@ -186,6 +149,6 @@ def shape_keys(listing: FolderListing, options: AlignOptions) -> tuple[dict[str,
             excluded.append(_excluded(file, str(error)))
             continue
         # The reader depends on the suffix as well as on the content.
-        key = fingerprint(SHAPE_VERSION, settings | {"suffix": file.suffix.lower()}, digest)
+        key = SAMPLING.key(settings | {"suffix": file.suffix.lower()}, digest)
         keyed[name] = KeyedFile(file=file, digest=digest, key=key)
     return keyed, excluded

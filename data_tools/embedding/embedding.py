@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.invariants import NUM_SPECTRUM, heat_kernel_signature, standardised
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
@@ -60,18 +61,23 @@ class Samples:
     """
 
     name: str
-    vertex_indices: IntArray
-    positions: FloatArray
-    coordinates: FloatArray
+    vertex_indices: Annotated[IntArray, Holds(shape="k")]
+    positions: Annotated[FloatArray, Holds(shape="k 3")]
+    coordinates: Annotated[FloatArray, Holds(shape="k d")]
     block_sizes: tuple[int, ...]
-    invariants: FloatArray
-    offset: FloatArray
-    scale: float
-    dense_indices: IntArray
-    dense_positions: FloatArray
-    dense_normals: FloatArray
-    dense_invariants: FloatArray
+    invariants: Annotated[FloatArray, Holds(shape="k m")]
+    offset: Annotated[FloatArray, Holds(shape="3")]
+    scale: Annotated[float, Holds(positive=True)]
+    dense_indices: Annotated[IntArray, Holds(shape="l")]
+    dense_positions: Annotated[FloatArray, Holds(shape="l 3")]
+    dense_normals: Annotated[FloatArray, Holds(shape="l? 3")]
+    dense_invariants: Annotated[FloatArray, Holds(shape="l m")]
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        blocks, dim = self.block_sizes, self.coordinates.shape[1]
+        if blocks[:1] != (3,) or len(blocks) > 2 or min(blocks) < 1 or sum(blocks) != dim:
+            raise InputError(f"block_sizes: expected (3,) or (3, m) of {dim} coordinates, got {blocks}")
 
 
 @one_blas_thread()

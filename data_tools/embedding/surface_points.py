@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import BoolArray, FloatArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, Holds, read_only
 from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.options import SamplingOptions
@@ -40,9 +41,9 @@ class SurfacePoints:
         Whether all normals point outwards; else their signs mean nothing.
     """
 
-    points: FloatArray
-    normals: FloatArray
-    on_rim: BoolArray
+    points: Annotated[FloatArray, Holds(shape="l 3")]
+    normals: Annotated[FloatArray, Holds(shape="l 3")]
+    on_rim: Annotated[BoolArray, Holds(shape="l")]
     oriented: bool
 
 

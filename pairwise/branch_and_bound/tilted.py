@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from data_tools.arrays import FloatArray, read_only
+from data_tools.arrays import FloatArray, Holds, read_only
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import deadline_of, finish, searches_of
 from pairwise.local.local_search import minimise
@@ -42,8 +43,8 @@ class TiltedProof:
     """
 
     lower_bound: float
-    rotations: FloatArray
-    energies: FloatArray
+    rotations: Annotated[FloatArray, Holds(shape="m d d", rotations=True)]
+    energies: Annotated[FloatArray, Holds(shape="m")]
 
 
 @one_blas_thread()

@@ -36,9 +36,9 @@ WORKERS = (2, 16, 64, 256)
 #: Shapes that are aligned first, uncounted.
 NUM_FIRST = 8
 #: Work that does not grow with the collection: the pilot looks at so many shapes, sheet and overview show so many.
-CONSTANT = ("compare_kinds", "write_document")
+CONSTANT = ("chirality_energies", "write_document")
 #: Tasks of a message: of jobs whose results are kept, and of many short ones.
-KEPT, BATCH, LARGE_BATCH = ("prepare_shape", "match_pair"), 8, 64
+KEPT, BATCH, LARGE_BATCH = ("sample_file", "match_pair"), 8, 64
 #: Tasks that do nothing, and the records of a table of 40 MB.
 NUM_EMPTY, NUM_RECORDS = 2000, 1000
 
@@ -63,7 +63,7 @@ class Counter:
     def __call__(
         self, function: Callable[..., Any], tasks: Any, shared: SharedTable | None = None, **options: Any
     ) -> Generator[JobResult]:
-        kind = self.kinds.setdefault(function.__name__, Kind())
+        kind = self.kinds.setdefault(getattr(function, "run", function).__name__, Kind())
         if shared is not None:
             content = shared.path.read_bytes()
             digest = hashlib.sha256(content).digest()

@@ -7,15 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from collalign.engine.store.keys import fingerprint
-from collalign.engine.store.records import encode
+from collalign.engine.store.records import Record, encode
 from collalign.engine.store.store import Store
-from collalign.stages.stored_types import poses_to_record, samples_to_record
+from collalign.engine.store.typed import to_record
+from collalign.stages.pairs.match import match_pair
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.io.shapes import WRITABLE, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
-from pairwise import match, solve_relaxation
+from pairwise import solve_relaxation
+from pairwise.options import MatchOptions
 
 CONFIG = """
 group = "O"
@@ -65,8 +67,11 @@ def shape_files(folder: Path) -> dict[str, bytes]:
 def records() -> dict[str, bytes]:
     """Return the record of a shape and of a pair."""
     samples = _samples()
-    poses = poses_to_record(match(samples[0].positions, samples[1].positions))
-    return {"shape.record": encode(samples_to_record(samples[0])), "pair.record": encode(poses)}
+    return {"shape.record": encode(to_record(samples[0])), "pair.record": encode(_pair(samples))}
+
+
+def _pair(samples: list[Samples]) -> Record:
+    return to_record(match_pair(samples[0], samples[1], "SO", MatchOptions()))
 
 
 def _samples() -> list[Samples]:
@@ -81,8 +86,8 @@ def store_file(folder: Path) -> bytes:
     keys = [fingerprint("1", {}, str(i)) for i in range(3)]
     with Store.open(path) as store:
         for key, item in zip(keys, samples, strict=False):
-            store.put("shapes", key, samples_to_record(item), label=item.name, seconds=0.1)
-        store.put("pairs", keys[0], poses_to_record(match(samples[0].positions, samples[1].positions)), label="a - b")
+            store.put("shapes", key, to_record(item), label=item.name, seconds=0.1)
+        store.put("pairs", keys[0], _pair(samples), label="a - b")
         store.put_failure("pairs", keys[1], "took too long", label="a - c", crashed=True)
         store.plan("pairs", dict.fromkeys(keys, "pair"))
     return path.read_bytes()

@@ -10,8 +10,9 @@ from pathlib import Path
 from collalign.cli import main
 from collalign.engine.store.records import decode
 from collalign.engine.store.store import Store
-from collalign.stages.stored_types import pair_from_record, samples_from_record
-from data_tools.embedding.embedding import sample_shape
+from collalign.engine.store.typed import from_record
+from collalign.stages.pairs.match import PairPoses
+from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.options import SamplingOptions
@@ -35,11 +36,11 @@ def read_store(payload: tuple[str, bytes]) -> int:
     with _as_file(payload) as path:
         with Store.open(path, read_only=True) as store:
             store.status()
-            for kind, check in (("shapes", samples_from_record), ("pairs", pair_from_record)):
+            for kind, reader in (("shapes", Samples), ("pairs", PairPoses)):
                 store.failures(kind)
                 store.costs(kind)
                 for key in sorted(store.keys(kind)):
-                    check(store.require(kind, key), key)
+                    from_record(reader, store.require(kind, key), key)
         with Store.open(path) as store:
             store.put("pairs", "new", {"x": 1})
             return len(store.keys("pairs"))
@@ -48,8 +49,7 @@ def read_store(payload: tuple[str, bytes]) -> int:
 def read_record(payload: tuple[str, bytes]) -> int:
     """Decode a record whose digest would fit, as a forger could arrange, and check its fields."""
     name, data = payload
-    check = samples_from_record if name == "shape.record" else pair_from_record
-    check(decode(data, name), name)
+    from_record(Samples if name == "shape.record" else PairPoses, decode(data, name), name)
     return len(data)
 
 

@@ -90,7 +90,7 @@ SURFACES: tuple[Mutant, ...] = (
     *faults(
         "collalign/stages/deformation/places.py",
         ("tests/collalign/stages/test_deformation.py",),
-        ("places_on_reference", ".on(reference.vertices)", ".on(fitted)"),
+        ("places_on_reference", ".on(to.vertices)", ".on(fitted)"),
         ("_goals", "np.arange(len(from_reference)), to_reference", "to_reference, np.arange(len(from_reference))"),
     ),
     *faults(

@@ -9,13 +9,14 @@ from __future__ import annotations
 import os
 import struct
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from io import FileIO
 from pathlib import Path
 from typing import Any, TypeVar
 
 from collalign.engine.jobs.scratch import remove_scratch, scratch_directory
 from collalign.engine.store.records import Record, decode, encode
+from collalign.engine.store.typed import Reader, from_record
 from data_tools.errors import StoreError
 
 Made = TypeVar("Made")
@@ -43,7 +44,7 @@ class SharedTable(Mapping[str, Record]):
         self._file: FileIO | None = None
         self._index: dict[str, list[int]] = {}
         self._kept_bytes = 0.0
-        self._cache: OrderedDict[tuple[str, Callable[[Record, str], Any]], tuple[Any, float]] = OrderedDict()
+        self._cache: OrderedDict[tuple[str, Reader[Any]], tuple[Any, float]] = OrderedDict()
 
     @classmethod
     def create(cls, records: Iterable[tuple[str, Record]], *, directory: Path | None = None) -> SharedTable:
@@ -78,29 +79,30 @@ class SharedTable(Mapping[str, Record]):
         """Return a record with read-only arrays; the ones used last are kept decoded."""
         return self.made(key, _itself)
 
-    def made(self, key: str, make: Callable[[Record, str], Made], *, growth: float = 1.0) -> Made:
-        """Return what a function makes of a record and its key; what was made of the ones used last is kept.
+    def made(self, key: str, reader: Reader[Made], *, growth: float = 1.0) -> Made:
+        """Return what is made of a record; what was made of the ones used last is kept.
 
         Parameters
         ----------
         key : str
-        make : callable
-            Of a module. Several tasks get the same object, which none of them may change.
+        reader : type or callable
+            See :func:`collalign.engine.store.typed.from_record`, and of a module. Several tasks get the same object,
+            which none of them may change.
         growth : float
             About how many times the record's bytes that object takes.
         """
-        if (key, make) in self._cache:
-            self._cache.move_to_end((key, make))
+        if (key, reader) in self._cache:
+            self._cache.move_to_end((key, reader))
         else:
             file = self._open()
             start, size = self._index[key]
-            made = make(decode(_part(file, start, size), f"{self.path}: {key}"), key)
-            self._cache[key, make] = made, growth * size
+            made = from_record(reader, decode(_part(file, start, size), f"{self.path}: {key}"), key)
+            self._cache[key, reader] = made, growth * size
             self._kept_bytes += growth * size
             while self._kept_bytes > _MAX_KEPT_BYTES and len(self._cache) > 1:
                 _, (_, dropped) = self._cache.popitem(last=False)
                 self._kept_bytes -= dropped
-        found: Made = self._cache[key, make][0]
+        found: Made = self._cache[key, reader][0]
         return found
 
     def __iter__(self) -> Iterator[str]:

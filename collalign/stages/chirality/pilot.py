@@ -16,14 +16,12 @@ from typing import Literal
 import numpy as np
 
 from collalign.confidence.side_model import MIN_SHAPES, Sides, find_sides
-from collalign.engine.jobs.run import SharedTable
-from collalign.engine.store.records import Record
+from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.pairs.graph import all_pairs
 from collalign.stages.pairs.match import match_pairs
-from collalign.stages.stored_types import samples_from_record, samples_to_record
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from pairwise.dense.points import DensePoints
@@ -120,12 +118,16 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
     def energies_of(nearest: IntArray) -> tuple[list[tuple[int, int]], FloatArray]:
         pairs, _ = match_pairs(both_kinds, shapes, nearest)
         matched = {(pair.target, pair.source): pair for pair in pairs}
-        tasks = {f"{i} {j}": pair for (i, j), pair in matched.items() if (i, j) not in compared}
-        for key, found in session.spread("mirror images", compare_kinds, tasks, shared=table).items():
-            compared[tasks[key].target, tasks[key].source] = (found["plain"], found["mirrored"])
+        tasks = {
+            (i, j): {"pair": pair, "target": samples[i], "source": samples[j]}
+            for (i, j), pair in matched.items()
+            if (i, j) not in compared
+        }
+        compared.update(session.spread("mirror images", chirality_energies, tasks, shared=table))
         return list(matched), np.array([compared[pair] for pair in matched])
 
-    with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(shapes.samples)) as table:
+    samples = [Shared(key=str(i), reader=Samples) for i in range(num)]
+    with table_of_values(shapes.samples) as table:
         sides, energies = staged_sides(edges, descriptors, energies_of)
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
     is_open = sides.are_likely and not sides.are_clear
@@ -193,15 +195,8 @@ def nearest_pairs(edges: IntArray, descriptors: FloatArray, num_partners: int) -
     return edges[kept]
 
 
-def compare_kinds(pair: Pair, shared: SharedTable) -> Record:
-    """Return :func:`chirality_energies` of a pair, ``plain`` and ``mirrored``; runs inside a worker."""
-    target, source = (shared.made(str(i), samples_from_record) for i in (pair.target, pair.source))
-    plain, mirrored = chirality_energies(pair, target, source)
-    return {"plain": plain, "mirrored": mirrored}
-
-
 def chirality_energies(pair: Pair, target: Samples, source: Samples) -> tuple[float, float]:
-    """Return the least energy of a pair's poses of determinant +1, and of -1; NaN where there is none.
+    """Return the least energy of a pair's poses of determinant +1, and of -1, NaN for none; runs in a worker.
 
     Where the shapes have dense samples, the best pose of either kind is refined and measured on these: the energies
     of few samples are mostly due to where on the surfaces the samples happen to lie.

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from collalign.confidence.candidate_model import EVIDENCE
-from collalign.engine.jobs.run import SharedTable
-from collalign.engine.store.records import Record
+from collalign.engine.jobs.job import Job
 from collalign.nonrigid.evidence import MIXED_ORIENTATION
 from collalign.nonrigid.portfolio import is_same_map
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.refine import Refiner
 from collalign.nonrigid.surface.posed import first_samples
 from collalign.stages.evidence.candidates import PoseWeigher
-from collalign.stages.evidence.surfaces import surface_from_record
-from collalign.stages.stored_types import samples_from_record
-from data_tools.arrays import FloatArray
+from collalign.stages.evidence.surfaces import StoredSurface
+from data_tools.arrays import FloatArray, Holds
+from data_tools.embedding.embedding import Samples
 
 #: Dense samples and eigenfunctions of candidate maps: few, so that one takes some 20 ms.
 NUM_SCREEN_POINTS, NUM_SCREEN_FUNCTIONS = 400, 60
@@ -28,42 +28,29 @@ FIRST_SIZE, GROWTH = 30, 1.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CandidatesTask:
-    """Poses of a pair that start maps, shape (m, 3, 3); surfaces and samples come from the shared table, by key."""
+class CandidateMaps:
+    """``C_source_target`` of candidate maps, shape (m, k, k), the likeliest first, and their log-odds, shape (m,)."""
 
-    target_key: str
-    source_key: str
-    target_surface: str
-    source_surface: str
-    starts: FloatArray
+    maps: Annotated[FloatArray, Holds(shape="m k k")]
+    log_odds: Annotated[FloatArray, Holds(shape="m")]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RefinementTask:
-    """A coarse functional map ``C_source_target`` of a pair that is refined on all samples."""
+class RefinedMap:
+    """``C_source_target`` in all functions, shape (k, k)."""
 
-    target_surface: str
-    source_surface: str
-    coarse: FloatArray
+    map: Annotated[FloatArray, Holds(shape="k k")]
 
 
-def candidate_maps(task: CandidatesTask, shared: SharedTable) -> Record:
-    """Return the maps that poses of a pair lead to, weighed by all evidence; runs inside a worker.
-
-    Returns
-    -------
-    dict
-        ``maps`` (m, k, k), ``C_source_target`` of each candidate, the likeliest first, and their ``log_odds`` (m,).
-    """
-    target, source = (
-        first_samples(surface_from_record(shared[key], key), NUM_SCREEN_POINTS, NUM_SCREEN_FUNCTIONS)
-        for key in (task.target_surface, task.source_surface)
-    )
-    samples = [shared.made(key, samples_from_record) for key in (task.target_key, task.source_key)]
-    mapper = PoseMapper(target, source)
-    weigher = PoseWeigher(samples[0], samples[1], mapper)
+def candidate_maps(
+    target: Samples, source: Samples, surfaces: tuple[StoredSurface, StoredSurface], starts: FloatArray
+) -> CandidateMaps:
+    """Return the maps that poses (m, 3, 3) of a pair lead to, weighed by all evidence; runs inside a worker."""
+    to, of = (first_samples(surface.posed, NUM_SCREEN_POINTS, NUM_SCREEN_FUNCTIONS) for surface in surfaces)
+    mapper = PoseMapper(to, of)
+    weigher = PoseWeigher(target, source, mapper)
     found = []
-    for start in task.starts:
+    for start in starts:
         chirality = float(np.sign(np.linalg.det(start)))
         plain = mapper.map_from(start)
         for candidate in (plain, mapper.oriented(plain, preserving=chirality > 0)):
@@ -77,14 +64,12 @@ def candidate_maps(task: CandidatesTask, shared: SharedTable) -> Record:
         if not any(is_same_map(c, other) for _, other in kept):
             kept.append((score, c))
     best = kept[:MAX_CANDIDATES]
-    return {"maps": np.stack([c for _, c in best]), "log_odds": np.array([score for score, _ in best])}
+    return CandidateMaps(maps=np.stack([c for _, c in best]), log_odds=np.array([score for score, _ in best]))
 
 
-def refine_map(task: RefinementTask, shared: SharedTable) -> Record:
-    """Return the ``map`` (k, k) in all functions that a coarse one leads to on all samples; runs inside a worker."""
-    target, source = (
-        surface_from_record(shared[key], key).spectral for key in (task.target_surface, task.source_surface)
-    )
+def refine_map(surfaces: tuple[StoredSurface, StoredSurface], coarse: FloatArray) -> RefinedMap:
+    """Return what a coarse ``C_source_target`` leads to on all samples; runs inside a worker."""
+    target, source = (surface.spectral for surface in surfaces)
     refiner = Refiner(
         target,
         source,
@@ -93,4 +78,11 @@ def refine_map(task: RefinementTask, shared: SharedTable) -> Record:
         last=min(len(target.eigenvalues), len(source.eigenvalues)) + 1,
         factor=GROWTH,
     )
-    return {"map": refiner.from_functional_map(task.coarse).C_source_target}
+    return RefinedMap(map=refiner.from_functional_map(coarse).C_source_target)
+
+
+#: Map a pair. The version changes whenever the same surfaces and starts would give other maps.
+CANDIDATES, REFINING = (
+    Job(kind="evidence", version="consistent-1", run=candidate_maps, reader=CandidateMaps),
+    Job(kind="evidence", version="consistent-1", run=refine_map, reader=RefinedMap),
+)

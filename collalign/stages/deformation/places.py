@@ -2,55 +2,48 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from collalign.engine.jobs.run import SharedTable
-from collalign.engine.store.records import Record
 from collalign.nonrigid.functional_map import mutual_nearest_rows
 from collalign.registration.fit import fitted_by_map
 from collalign.registration.pieces import MapGoals
+from collalign.stages.deformation.surfaces import VertexSurface
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class VertexTask:
-    """Two surfaces of the shared table and their common bases; the first is the reference."""
-
-    reference: str
-    surface: str
-    bases: FloatArray
-
-
-def places_on_reference(task: VertexTask, shared: SharedTable) -> Record:
-    """Return the ``places`` (v, 3) of a file's vertices on the reference, NaN for none; runs inside a worker.
+def places_on_reference(reference: VertexSurface, shape: VertexSurface, bases: FloatArray) -> FloatArray:
+    """Return the places (v, 3) of a file's vertices on the reference, NaN for none; runs inside a worker.
 
     The functions say which vertices belong to each other as far as their number resolves; the reference is laid onto
     the shape by that, and each vertex belongs to the point of the laid surface that is closest to it.
+
+    Parameters
+    ----------
+    reference, shape : VertexSurface
+    bases : ndarray, shape (2, m, n)
+        The common functions of each.
     """
-    reference, shape = (_working_surface(shared[key], key) for key in (task.reference, task.surface))
-    if task.reference == task.surface:
-        places = shape.vertices
+    to, of = _working_surface(reference), _working_surface(shape)
+    if reference.name == shape.name:
+        places = of.vertices
     else:
-        goals = _goals(shape, *_vertex_maps(task, shared))
-        fitted = fitted_by_map(shape, reference, goals)
-        places = SurfaceLocator(fitted, reference.faces).closest(shape.vertices).on(reference.vertices)
-    to_working = shared[task.surface]["to_working"]
-    return {"places": np.where((to_working >= 0)[:, None], places[to_working], np.nan)}
+        goals = _goals(of, *_vertex_maps(reference, shape, bases))
+        fitted = fitted_by_map(of, to, goals)
+        places = SurfaceLocator(fitted, to.faces).closest(of.vertices).on(to.vertices)
+    return np.where((shape.to_working >= 0)[:, None], places[shape.to_working], np.nan)
 
 
-def _working_surface(record: Record, key: str) -> Shape:
-    return Shape.from_arrays(record["working_vertices"], record["working_faces"].astype(np.int64), name=key)
+def _working_surface(surface: VertexSurface) -> Shape:
+    return Shape.from_arrays(surface.working_vertices, surface.working_faces, name=surface.name)
 
 
-def _vertex_maps(task: VertexTask, shared: SharedTable) -> tuple[IntArray, IntArray]:
+def _vertex_maps(reference: VertexSurface, shape: VertexSurface, bases: FloatArray) -> tuple[IntArray, IntArray]:
     """Return the reference's vertex nearest to each of the shape in the common functions, and the other way."""
     of_reference, of_shape = (
-        np.asarray(shared[key]["basis"][:, : task.bases.shape[-1]], dtype=np.float64) @ basis
-        for key, basis in zip((task.reference, task.surface), task.bases, strict=True)
+        np.asarray(surface.basis[:, : bases.shape[-1]], dtype=np.float64) @ basis
+        for surface, basis in zip((reference, shape), bases, strict=True)
     )
     return mutual_nearest_rows(of_reference, of_shape)
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import networkx as nx
 import numpy as np
 
-from collalign.engine.jobs.run import SharedTable
-from collalign.engine.store.keys import fingerprint
-from collalign.engine.store.records import Record
+from collalign.engine.jobs.job import Job, Results, T, Wanted
 from collalign.nonrigid.collection.bases import CommonBases, common_bases
 from collalign.nonrigid.collection.choice import choose_maps
 from collalign.nonrigid.options import SurfaceOptions
@@ -18,21 +17,15 @@ from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.deformation.pairs import (
-    FIRST_SIZE,
-    CandidatesTask,
-    RefinementTask,
-    candidate_maps,
-    refine_map,
-)
-from collalign.stages.deformation.places import VertexTask, places_on_reference
-from collalign.stages.deformation.surfaces import prepare_all_detailed, table_of_samples, table_of_vertices
+from collalign.stages.deformation.pairs import CANDIDATES, FIRST_SIZE, REFINING, CandidateMaps, RefinedMap
+from collalign.stages.deformation.places import places_on_reference
+from collalign.stages.deformation.surfaces import VertexSurface, prepare_all_detailed
+from collalign.stages.evidence.surfaces import StoredSurface
 from collalign.stages.poses.refinement import local_pairs
+from collalign.stages.shapes import SAMPLING
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.rotations import rotation_angle_deg
 
-#: Changes whenever the same surfaces and starts would give other maps.
-CONSISTENT_VERSION = "consistent-1"
 #: Poses that start maps of a pair: the common one, and candidates of the pair that are this far apart.
 MAX_STARTS, APART_DEG = 5, 25.0
 #: Shapes whose maps disagree this many times as much as the median shape's are named.
@@ -59,33 +52,32 @@ def map_vertices(
     rotations : ndarray, shape (N, 3, 3)
         ``R_common_shape``.
     """
-    keys, reasons = prepare_all_detailed(session, shapes, SurfaceOptions())
-    able = [pair for pair in pairs if pair.inlier and pair.target not in reasons and pair.source not in reasons]
+    surfaces = prepare_all_detailed(session, shapes, SurfaceOptions())
+    able = [pair for pair in pairs if pair.inlier and pair.target in surfaces and pair.source in surfaces]
     members, chosen = _linked(_similar(len(shapes.names), able))
     if not chosen:
         return None
-    with table_of_samples(session, shapes, {i: keys[i] for i in members}) as table:
-        stage = _PairStage(session=session, shapes=shapes, surfaces=keys, table=table)
-        found = stage.candidates(chosen, rotations)
-        members, chosen = _linked([pair for pair in chosen if _ends(pair) in found])
-        if not chosen:
-            return None
-        records = [found[_ends(pair)] for pair in chosen]
-        _, coarse = choose_maps(
-            _edges(members, chosen),
-            [one["maps"] for one in records],
-            [one["log_odds"] for one in records],
-            len(members),
-        )
-        trust = dict(zip(map(_ends, chosen), 1.0 / np.maximum(coarse.residuals, _SMALLEST), strict=True))
-        refined = stage.refined(chosen, _edges(members, chosen), coarse)
+    stage = _PairStage(session=session, shapes=shapes, surfaces=surfaces)
+    found = stage.candidates(chosen, rotations)
+    members, chosen = _linked([pair for pair in chosen if _ends(pair) in found])
+    if not chosen:
+        return None
+    candidates = [found[_ends(pair)] for pair in chosen]
+    _, coarse = choose_maps(
+        _edges(members, chosen),
+        [one.maps for one in candidates],
+        [one.log_odds for one in candidates],
+        len(members),
+    )
+    trust = dict(zip(map(_ends, chosen), 1.0 / np.maximum(coarse.residuals, _SMALLEST), strict=True))
+    refined = stage.refined(chosen, _edges(members, chosen), coarse)
     members, chosen = _linked([pair for pair in chosen if _ends(pair) in refined])
     if not chosen:
         return None
     edges, ends = _edges(members, chosen), [_ends(pair) for pair in chosen]
-    maps = np.stack([refined[end]["map"] for end in ends])
+    maps = np.stack([refined[end].map for end in ends])
     fine = common_bases(edges, maps, len(members), np.array([trust[end] for end in ends]))
-    return _vertices(session, shapes, members, edges, fine, {i: keys[i] for i in members}, reasons)
+    return _vertices(session, shapes, members, edges, fine, surfaces)
 
 
 def _similar(num: int, pairs: Sequence[Pair]) -> list[Pair]:
@@ -120,61 +112,44 @@ class _PairStage:
 
     session: AlignSession
     shapes: Shapes
-    surfaces: Sequence[str]
-    table: SharedTable
+    surfaces: Results[int, StoredSurface]
 
-    def candidates(self, pairs: Sequence[Pair], rotations: FloatArray) -> dict[tuple[int, int], Record]:
+    def candidates(self, pairs: Sequence[Pair], rotations: FloatArray) -> Results[tuple[int, int], CandidateMaps]:
         """Return the weighed candidate maps of pairs."""
-        tasks = {}
+        wanted = {}
         for pair in pairs:
             starts = _starts(pair, rotations[pair.target].T @ rotations[pair.source])
-            tasks[_ends(pair)] = CandidatesTask(
-                target_key=self.shapes.keys[pair.target],
-                source_key=self.shapes.keys[pair.source],
-                target_surface=self.surfaces[pair.target],
-                source_surface=self.surfaces[pair.source],
-                starts=starts,
-            )
-        return self._computed(candidate_maps, tasks, {ends: task.starts for ends, task in tasks.items()})
+            samples = {
+                "target": SAMPLING.shared(self.shapes.keys[pair.target]),
+                "source": SAMPLING.shared(self.shapes.keys[pair.source]),
+            }
+            wanted[_ends(pair)] = self._wanted(CANDIDATES, pair, starts, samples | {"starts": starts})
+        return self._computed(CANDIDATES, wanted)
 
-    def refined(self, pairs: Sequence[Pair], edges: IntArray, coarse: CommonBases) -> dict[tuple[int, int], Record]:
+    def refined(
+        self, pairs: Sequence[Pair], edges: IntArray, coarse: CommonBases
+    ) -> Results[tuple[int, int], RefinedMap]:
         """Return the maps of pairs in all functions, refined from those that the common basis asks for."""
         size = min(FIRST_SIZE, coarse.bases.shape[-1])
-        tasks = {}
+        wanted = {}
         for pair, (target, source) in zip(pairs, edges.tolist(), strict=True):
-            asked = (coarse.bases[source] @ coarse.bases[target].T)[:size, :size]
-            tasks[_ends(pair)] = RefinementTask(
-                target_surface=self.surfaces[pair.target],
-                source_surface=self.surfaces[pair.source],
-                coarse=np.ascontiguousarray(asked),
-            )
-        return self._computed(refine_map, tasks, {ends: task.coarse for ends, task in tasks.items()})
+            asked = np.ascontiguousarray((coarse.bases[source] @ coarse.bases[target].T)[:size, :size])
+            wanted[_ends(pair)] = self._wanted(REFINING, pair, asked, {"coarse": asked})
+        return self._computed(REFINING, wanted)
 
-    def _computed(
-        self,
-        function: Callable[..., Record],
-        tasks: Mapping[tuple[int, int], CandidatesTask | RefinementTask],
-        starts: Mapping[tuple[int, int], FloatArray],
-    ) -> dict[tuple[int, int], Record]:
-        keys = {
-            ends: fingerprint(
-                CONSISTENT_VERSION,
-                {"function": function.__name__, "start": starts[ends].tolist()},
-                task.target_surface,
-                task.source_surface,
-            )
-            for ends, task in tasks.items()
-        }
-        failures = self.session.compute(
-            "evidence",
-            function,
-            {key: (self.shapes.label(*ends), tasks[ends]) for ends, key in keys.items()},
-            time_limit_s=self.session.run.pair_time_limit_s,
-            strict=self.session.options.strict,
-            shared=self.table,
+    def _wanted(self, job: Job[T], pair: Pair, start: FloatArray, arguments: Mapping[str, Any]) -> Wanted:
+        surfaces = self.surfaces.shared(pair.target), self.surfaces.shared(pair.source)
+        settings = {"function": job.run.__name__, "start": start.tolist()}
+        return Wanted(
+            key=job.key(settings, *(surface.key for surface in surfaces)),
+            label=self.shapes.label(*_ends(pair)),
+            arguments={"surfaces": surfaces, **arguments},
         )
-        require = self.session.store.require
-        return {ends: require("evidence", key) for ends, key in keys.items() if key not in failures}
+
+    def _computed(self, job: Job[T], wanted: Mapping[tuple[int, int], Wanted]) -> Results[tuple[int, int], T]:
+        return self.session.compute(
+            job, wanted, time_limit_s=self.session.run.pair_time_limit_s, strict=self.session.options.strict
+        )
 
 
 def _starts(pair: Pair, common: FloatArray) -> FloatArray:
@@ -195,32 +170,30 @@ def _vertices(
     members: Sequence[int],
     edges: IntArray,
     fine: CommonBases,
-    surfaces: dict[int, str],
-    reasons: dict[int, str],
+    surfaces: Results[int, StoredSurface],
 ) -> VertexMaps:
     """Return the maps of all vertices that the bases give, through the most central shape."""
     own = [fine.residuals[(edges == position).any(axis=1)] for position in range(len(members))]
     residuals = np.array([float(np.median(values)) for values in own])
     centre = int(np.argmin(residuals))
     tasks = {
-        str(position): VertexTask(
-            reference=surfaces[members[centre]],
-            surface=surfaces[shape],
-            bases=np.stack([fine.bases[centre], fine.bases[position]]),
-        )
+        shape: {
+            "reference": surfaces.shared(members[centre], VertexSurface),
+            "shape": surfaces.shared(shape, VertexSurface),
+            "bases": np.stack([fine.bases[centre], fine.bases[position]]),
+        }
         for position, shape in enumerate(members)
     }
-    with table_of_vertices(session, surfaces) as table:
-        found = session.spread("maps of all vertices", places_on_reference, tasks, shared=table)
+    found = session.spread("maps of all vertices", places_on_reference, tasks)
     left_out = {
-        i: reasons.get(i, "no trusted pair connects it to the others")
+        i: surfaces.failures.get(i, "no trusted pair connects it to the others")
         for i in range(len(shapes.names))
         if i not in set(members)
     }
     return VertexMaps(
         names=tuple(shapes.names[i] for i in members),
         reference=shapes.names[members[centre]],
-        places=tuple(read_only(found[str(n)]["places"]) for n in range(len(members))),
+        places=tuple(read_only(found[shape]) for shape in members),
         residuals=read_only(residuals),
         left_out=tuple((shapes.names[i], reason) for i, reason in left_out.items()),
     )

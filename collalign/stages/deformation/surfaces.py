@@ -3,100 +3,86 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 
-from collalign.engine.jobs.run import SharedTable
-from collalign.engine.store.keys import fingerprint
+from collalign.engine.jobs.job import Job, Results, Wanted
 from collalign.engine.store.records import Record
+from collalign.engine.store.typed import to_record
 from collalign.nonrigid.options import SurfaceOptions
-from collalign.nonrigid.surface.geometry import vertex_normals
+from collalign.nonrigid.surface.posed import sampled_surface
 from collalign.nonrigid.surface.spectral import prepare_surface
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
-from collalign.stages.evidence.surfaces import SURFACE_ROWS
+from collalign.stages.evidence.surfaces import StoredSurface
+from data_tools.arrays import FloatArray, Holds, IntArray
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import AS_STORED
 
-#: Changes whenever the same file would give another surface.
-DETAILED_VERSION = "detailed-2"
-#: Fields that maps of samples do not need: per vertex, and large.
-_OF_VERTICES = ("basis", "to_working", "working_vertices", "working_faces")
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VertexSurface:
+    """A surface at all its working vertices.
 
-@dataclass(frozen=True, kw_only=True)
-class DetailTask:
-    """What a worker needs to prepare one surface; a file that has changed since its digest was taken is refused."""
+    Attributes
+    ----------
+    name : str
+    basis : ndarray of float32, shape (w, m + 1)
+        Functions at the working vertices, the constant one first.
+    working_vertices : ndarray, shape (w, 3)
+    working_faces : ndarray of int, shape (f, 3)
+    to_working : ndarray of int, shape (v,)
+        The working vertex of each vertex of the file, -1 for none.
+    """
 
-    path: Origin
     name: str
-    digest: str
-    options: SurfaceOptions
+    basis: Annotated[NDArray[np.float32], Holds(shape="w _")]
+    working_vertices: Annotated[FloatArray, Holds(shape="w 3")]
+    working_faces: Annotated[IntArray, Holds(shape="_ 3")]
+    to_working: Annotated[IntArray, Holds(shape="_", lower=-1)]
 
 
-def prepare_detailed(task: DetailTask) -> Record:
-    """Read and prepare one surface; runs inside a worker.
+def prepare_detailed(path: Origin, name: str, digest: str, options: SurfaceOptions) -> Record:
+    """Read and prepare one surface, unless it has changed since its digest was taken; runs inside a worker.
 
     Returns
     -------
     dict
-        What :func:`collalign.stages.evidence.surfaces.surface_from_record` reads, at the dense samples; ``basis``
-        (w, m + 1) at all working vertices in single precision, the working surface, and its vertex for each of the
-        file's.
+        The fields of :class:`collalign.stages.evidence.surfaces.StoredSurface` and of :class:`VertexSurface`.
     """
-    shape = read_shape(task.path, AS_STORED, name=task.name, digest=task.digest)
+    shape = read_shape(path, AS_STORED, name=name, digest=digest)
     if not shape.is_mesh:
         raise InputError(f"{shape.file or shape.name}: maps of all vertices need a mesh")
-    prepared = prepare_surface(shape, task.options)
-    dense = prepared.dense
-    rows = {name: getattr(prepared, name)[dense] for name in SURFACE_ROWS if name != "orientation"}
-    return rows | {
-        "orientation": prepared.orientation,
-        "mass": rows["mass"] / rows["mass"].sum(),
-        "vertices": prepared.vertices[dense],
-        "normals": vertex_normals(prepared.working_shape)[dense],
-        "eigenvalues": prepared.eigenvalues,
-        "area": float(prepared.area),
-        "basis": prepared.basis.astype(np.float32),
-        "to_working": prepared.to_working.astype(np.int32),
-        "working_vertices": prepared.vertices,
-        "working_faces": prepared.faces.astype(np.int32),
-    }
+    prepared = prepare_surface(shape, options)
+    sampled = sampled_surface(prepared)
+    at_vertices = VertexSurface(
+        name=name,
+        basis=prepared.basis.astype(np.float32),
+        working_vertices=prepared.vertices,
+        working_faces=prepared.faces.astype(np.int32),
+        to_working=prepared.to_working.astype(np.int32),
+    )
+    return to_record(StoredSurface.of(sampled.spectral, sampled.normals)) | to_record(at_vertices)
+
+
+#: Prepares a surface in full. The version changes whenever the same file would give another one.
+DETAILING = Job(kind="surfaces", version="detailed-2", run=prepare_detailed, reader=StoredSurface)
 
 
 def prepare_all_detailed(
     session: AlignSession, shapes: Shapes, options: SurfaceOptions
-) -> tuple[list[str], dict[int, str]]:
-    """Prepare the surfaces that the store lacks; return the keys of all shapes, and why some have no surface."""
-    keys = [
-        fingerprint(DETAILED_VERSION, {"options": options, "name": name}, digest)
-        for name, digest in zip(shapes.names, shapes.digests, strict=True)
-    ]
-    failures = session.compute(
-        "surfaces",
-        prepare_detailed,
-        {
-            key: (name, DetailTask(path=path, name=name, digest=digest, options=options))
-            for key, name, path, digest in zip(keys, shapes.names, shapes.files, shapes.digests, strict=True)
-        },
-        time_limit_s=session.run.shape_time_limit_s,
-    )
-    return keys, {i: failures[key].reason for i, key in enumerate(keys) if key in failures}
-
-
-def table_of_samples(session: AlignSession, shapes: Shapes, keys: dict[int, str]) -> SharedTable:
-    """Return a table of what the maps of samples need, by key of the surface and of the shape's own record."""
-    records = ((key, session.store.require("surfaces", key)) for key in keys.values())
-    slim = (
-        (key, {name: value for name, value in record.items() if name not in _OF_VERTICES}) for key, record in records
-    )
-    own = ((shapes.keys[i], session.store.require("shapes", shapes.keys[i])) for i in keys)
-    return SharedTable.create((*slim, *own))
-
-
-def table_of_vertices(session: AlignSession, keys: dict[int, str]) -> SharedTable:
-    """Return a table of the surfaces and the functions at all their vertices, by key of the surface."""
-    records = ((key, session.store.require("surfaces", key)) for key in keys.values())
-    return SharedTable.create((key, {name: record[name] for name in _OF_VERTICES}) for key, record in records)
+) -> Results[int, StoredSurface]:
+    """Prepare the surfaces that the store lacks, and return them by position of the shape."""
+    wanted = {
+        i: Wanted(
+            key=DETAILING.key({"options": options, "name": name}, digest),
+            label=name,
+            arguments={"path": path, "name": name, "digest": digest, "options": options},
+        )
+        for i, (name, path, digest) in enumerate(zip(shapes.names, shapes.files, shapes.digests, strict=True))
+    }
+    return session.compute(DETAILING, wanted, time_limit_s=session.run.shape_time_limit_s)

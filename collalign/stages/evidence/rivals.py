@@ -16,7 +16,7 @@ from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.candidates import SAME_CANDIDATE_DEG
-from collalign.stages.evidence.weigh import weigh_starts, weighed_poses, with_candidates
+from collalign.stages.evidence.weigh import weigh_starts, with_candidates
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray
@@ -78,12 +78,11 @@ def try_rivals(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> 
     for _ in range(MAX_ROUNDS):
         starts = missing_poses(tried, solution.rotations)
         grown = False
-        for e, record in weigh_starts(session, shapes, tried, starts, is_first=False).items() if starts else ():
-            pair = tried[e]
-            found = weighed_poses(record, pair.maps.shape[1], shapes.label(pair.target, pair.source))
-            fresh = [candidate for candidate in found if not _is_known(pair, candidate.rotation, SAME_CANDIDATE_DEG)]
+        for e, found in weigh_starts(session, shapes, tried, starts, is_first=False).items() if starts else ():
+            known = [_is_known(tried[e], rotation, SAME_CANDIDATE_DEG) for rotation in found.rotations]
+            fresh = [pose for pose, is_known in enumerate(known) if not is_known]
             if fresh:
-                tried[e], grown = with_candidates(pair, fresh), True
+                tried[e], grown = with_candidates(tried[e], found.some(fresh)), True
         if not grown:
             break
         solution = synchronize_pairs(session.options, len(shapes.names), tried)

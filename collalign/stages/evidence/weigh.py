@@ -8,68 +8,79 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from collalign.confidence.candidate_model import EVIDENCE, evidence_score
-from collalign.engine.jobs.run import SharedTable
-from collalign.engine.store.keys import fingerprint
-from collalign.engine.store.records import Record
+from collalign.engine.jobs.job import Job, Results, Wanted
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.evidence.candidates import PoseWeigher, WeighedPose, distinct
-from collalign.stages.evidence.surfaces import prepare_surfaces, surface_from_record
-from collalign.stages.record_fields import checked
-from collalign.stages.stored_types import samples_from_record
-from data_tools.arrays import FloatArray, as_floats, as_indices, as_rotations, read_only
+from collalign.stages.evidence.candidates import PoseWeigher, distinct
+from collalign.stages.evidence.surfaces import StoredSurface, prepare_surfaces
+from collalign.stages.shapes import SAMPLING
+from data_tools.arrays import FloatArray, Holds, IntArray, read_only
+from data_tools.embedding.embedding import Samples
 from data_tools.errors import InputError
-
-#: Changes whenever the same surfaces and poses would give other candidates.
-EVIDENCE_VERSION = "evidence-2"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EvidenceTask:
-    """What a worker needs to weigh poses of one pair; samples and surfaces come from the shared table.
+class PairEvidence:
+    """The poses that maps of a pair ask for, the best first; fields as of ``WeighedPose``, stacked."""
 
-    ``starts`` are the poses that start maps, shape (m, 3, 3); ``is_first`` adds those of the principal axes, and
-    the maps that eigenfunctions start.
+    rotations: Annotated[FloatArray, Holds(shape="m 3 3", rotations=True)]
+    maps: Annotated[IntArray, Holds(shape="m k")]
+    evidence: Annotated[FloatArray, Holds(shape=f"m {len(EVIDENCE)}")]
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.maps.max(initial=-1) < self.maps.shape[1]:
+            raise InputError(f"maps: holds no pose, or indices of more than {self.maps.shape[1]} samples")
+
+    def some(self, chosen: Sequence[int]) -> PairEvidence:
+        """Return some of the poses, at least one."""
+        rows = list(chosen)
+        return PairEvidence(rotations=self.rotations[rows], maps=self.maps[rows], evidence=self.evidence[rows])
+
+
+def weigh_pair(
+    target: Samples,
+    source: Samples,
+    surfaces: tuple[StoredSurface, StoredSurface],
+    group: str,
+    starts: FloatArray,
+    is_first: bool,
+) -> PairEvidence:
+    """Weigh poses of one pair and find those of its maps; runs inside a worker.
+
+    Parameters
+    ----------
+    target, source : Samples
+    surfaces : (StoredSurface, StoredSurface)
+    group : {"SO", "O"}
+    starts : ndarray, shape (m, 3, 3)
+        Poses that start maps.
+    is_first : bool
+        Start from those of the principal axes, and from signs of eigenfunctions, as well.
     """
-
-    target_key: str
-    source_key: str
-    target_surface: str
-    source_surface: str
-    group: str
-    starts: FloatArray
-    is_first: bool
-
-
-def weigh_pair(task: EvidenceTask, shared: SharedTable) -> Record:
-    """Weigh the poses of one pair and find those of its maps; runs inside a worker.
-
-    Returns
-    -------
-    dict
-        ``rotations`` (m, 3, 3), ``maps`` (m, k), ``evidence`` (m, 7), the best candidate first.
-    """
-    samples = [shared.made(key, samples_from_record) for key in (task.target_key, task.source_key)]
-    surfaces = [surface_from_record(shared[key], key) for key in (task.target_surface, task.source_surface)]
-    weigher = PoseWeigher(samples[0], samples[1], PoseMapper(surfaces[0], surfaces[1]))
-    mirrored, starts = task.group == "O", task.starts
-    if task.is_first:
-        starts = np.concatenate([starts, axis_poses(surfaces[0], surfaces[1], mirrored=mirrored)])
+    to, of = (surface.posed for surface in surfaces)
+    weigher = PoseWeigher(target, source, PoseMapper(to, of))
+    if is_first:
+        starts = np.concatenate([starts, axis_poses(to, of, mirrored=group == "O")])
     candidates = [weigher.candidate_from(start) for start in starts]
-    if task.is_first:
-        candidates += weigher.candidates_from_signs(mirrored=mirrored)
+    if is_first:
+        candidates += weigher.candidates_from_signs(mirrored=group == "O")
     found = distinct(candidates)
-    return {
-        "rotations": np.stack([candidate.rotation for candidate in found]),
-        "maps": np.stack([candidate.point_map for candidate in found]).astype(np.int32),
-        "evidence": np.stack([candidate.evidence for candidate in found]),
-    }
+    return PairEvidence(
+        rotations=np.stack([candidate.rotation for candidate in found]),
+        maps=np.stack([candidate.point_map for candidate in found]).astype(np.int32),
+        evidence=np.stack([candidate.evidence for candidate in found]),
+    )
+
+
+#: Weighs poses of a pair. The version changes whenever the same surfaces and poses would give other candidates.
+WEIGHING = Job(kind="evidence", version="evidence-2", run=weigh_pair, reader=PairEvidence)
 
 
 def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> list[Pair]:
@@ -86,16 +97,15 @@ def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) ->
         With their first, rigid candidates.
     """
     own = {e: np.ascontiguousarray(pair.rotations[:, :3, :3]) for e, pair in enumerate(pairs)}
-    records = weigh_starts(session, shapes, pairs, own, is_first=True)
     weighed = [by_energy(pair) for pair in pairs]
-    for e, record in records.items():
-        weighed[e] = with_evidence(pairs[e], record, shapes.label(pairs[e].target, pairs[e].source))
+    for e, found in weigh_starts(session, shapes, pairs, own, is_first=True).items():
+        weighed[e] = with_evidence(pairs[e], found)
     return weighed
 
 
 def weigh_starts(
     session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], starts: Mapping[int, FloatArray], *, is_first: bool
-) -> dict[int, Record]:
+) -> Results[int, PairEvidence]:
     """Return what maps of some pairs make of some poses, by position of the pair, as :func:`weigh_pair` does.
 
     Parameters
@@ -109,32 +119,27 @@ def weigh_starts(
         Start from the pairings of the principal axes and from signs of eigenfunctions as well.
     """
     surfaces = prepare_surfaces(session, shapes)
-    tasks = {}
+    group, wanted = session.options.group, {}
     for e, poses in starts.items():
-        pair = pairs[e]
-        if pair.target in surfaces and pair.source in surfaces:
-            tasks[e] = EvidenceTask(
-                target_key=shapes.keys[pair.target],
-                source_key=shapes.keys[pair.source],
-                target_surface=surfaces[pair.target],
-                source_surface=surfaces[pair.source],
-                group=session.options.group,
-                starts=poses,
-                is_first=is_first,
+        i, j = pairs[e].target, pairs[e].source
+        if i in surfaces and j in surfaces:
+            ends = surfaces.shared(i), surfaces.shared(j)
+            settings = {"group": group, "starts": poses.tolist(), "is_first": is_first}
+            wanted[e] = Wanted(
+                key=WEIGHING.key(settings, *(end.key for end in ends)),
+                label=shapes.label(i, j),
+                arguments={
+                    "target": SAMPLING.shared(shapes.keys[i]),
+                    "source": SAMPLING.shared(shapes.keys[j]),
+                    "surfaces": ends,
+                    "group": group,
+                    "starts": poses,
+                    "is_first": is_first,
+                },
             )
-    keys = {e: _key(task) for e, task in tasks.items()}
-    require = session.store.require
-    used = [("shapes", set(shapes.keys)), ("surfaces", set(surfaces.values()))]
-    with SharedTable.create((key, require(kind, key)) for kind, names in used for key in sorted(names)) as table:
-        failures = session.compute(
-            "evidence",
-            weigh_pair,
-            {keys[e]: (shapes.label(pairs[e].target, pairs[e].source), task) for e, task in tasks.items()},
-            time_limit_s=session.run.pair_time_limit_s,
-            strict=session.options.strict,
-            shared=table,
-        )
-    return {e: require("evidence", key) for e, key in keys.items() if key not in failures}
+    return session.compute(
+        WEIGHING, wanted, time_limit_s=session.run.pair_time_limit_s, strict=session.options.strict
+    )
 
 
 def by_energy(pair: Pair) -> Pair:
@@ -144,64 +149,22 @@ def by_energy(pair: Pair) -> Pair:
     return replace(pair, log_odds=read_only(evidence_score(evidence)), evidence=read_only(evidence))
 
 
-def with_evidence(pair: Pair, record: Record, label: str) -> Pair:
-    """Return the pair with the candidates of its maps behind its own, which no longer take part.
-
-    Parameters
-    ----------
-    pair : Pair
-        With its rigid candidates alone.
-    record : dict
-        From :func:`weigh_pair`, or anything else.
-    label : str
-        Names the pair in the message.
-
-    Raises
-    ------
-    StoreError
-        If a field of the record is missing, of another shape, or impossible.
-    """
+def with_evidence(pair: Pair, found: PairEvidence) -> Pair:
+    """Return a pair of rigid candidates with those of its maps behind its own, which no longer take part."""
     silent = replace(by_energy(pair), log_odds=read_only(np.full(len(pair.energies), -np.inf)))
-    return with_candidates(silent, weighed_poses(record, pair.maps.shape[1], label))
+    return with_candidates(silent, found)
 
 
-def with_candidates(pair: Pair, found: Sequence[WeighedPose]) -> Pair:
+def with_candidates(pair: Pair, found: PairEvidence) -> Pair:
     """Return a weighed pair with further candidates at its end."""
-    rotations = np.tile(np.eye(pair.rotations.shape[-1]), (len(found), 1, 1))
-    rotations[:, :3, :3] = [candidate.rotation for candidate in found]
-    evidence = np.stack([candidate.evidence for candidate in found])
-    energies = evidence[:, EVIDENCE.index("energy")]
+    rotations = np.tile(np.eye(pair.rotations.shape[-1]), (len(found.rotations), 1, 1))
+    rotations[:, :3, :3] = found.rotations
+    energies = found.evidence[:, EVIDENCE.index("energy")]
     return replace(
         pair,
         rotations=read_only(np.concatenate([pair.rotations, rotations])),
-        maps=read_only(np.concatenate([pair.maps, [candidate.point_map for candidate in found]])),
+        maps=read_only(np.concatenate([pair.maps, found.maps])),
         energies=read_only(np.concatenate([pair.energies, energies])),
-        log_odds=read_only(np.concatenate([pair.log_odds, evidence_score(evidence)])),
-        evidence=read_only(np.concatenate([pair.evidence, evidence])),
+        log_odds=read_only(np.concatenate([pair.log_odds, evidence_score(found.evidence)])),
+        evidence=read_only(np.concatenate([pair.evidence, found.evidence])),
     )
-
-
-def weighed_poses(record: Record, num_samples: int, label: str) -> list[WeighedPose]:
-    """Check a record of :func:`weigh_pair` and return its poses, at least one.
-
-    Raises
-    ------
-    StoreError
-        If a field is missing, of another shape, or impossible.
-    """
-    with checked(f"evidence of {label}"):
-        evidence = as_floats(record["evidence"], "evidence", shape=(None, len(EVIDENCE)))
-        num = len(evidence)
-        poses = as_rotations(as_floats(record["rotations"], "rotations", shape=(num, 3, 3)), "rotations")
-        maps = as_indices(record["maps"], "maps", upper=num_samples, shape=(num, num_samples))
-        if not num:
-            raise InputError("holds no pose")
-    return [
-        WeighedPose(rotation=pose, point_map=point_map, evidence=row)
-        for pose, point_map, row in zip(poses, maps, evidence, strict=True)
-    ]
-
-
-def _key(task: EvidenceTask) -> str:
-    settings = {"group": task.group, "starts": task.starts.tolist(), "is_first": task.is_first}
-    return fingerprint(EVIDENCE_VERSION, settings, task.target_surface, task.source_surface)

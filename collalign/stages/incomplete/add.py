@@ -17,7 +17,7 @@ from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair
 from collalign.products.shapes import Constraints, Shapes
 from collalign.products.trust import KINDS, Trust
-from collalign.stages.incomplete.place import PlaceTask, nearest_labels, place_shape, pose_certainty
+from collalign.stages.incomplete.place import nearest_labels, place_shape, pose_certainty
 from collalign.stages.incomplete.surfaces import prepare_points
 from collalign.stages.poses.placement import common_positions
 from data_tools.arrays import FloatArray, IntArray, read_only
@@ -77,22 +77,20 @@ def place_on(
     constraints: Constraints,
 ) -> dict[int, Record]:
     """Return what :func:`place_shape` finds for some shapes on partners (n,) that lie at transforms (n, 4, 4)."""
-    options = session.options
-    with prepare_points(session, shapes, sorted({*chosen, *partners.tolist()})) as table:
-        tasks = {}
-        for i in chosen:
-            others = partners != i
-            tasks[str(i)] = PlaceTask(
-                shape=i,
-                partners=tuple(partners[others].tolist()),
-                transforms=transforms[others],
-                group=options.group,
-                estimate_scale=options.scaling == "similarity",
-                fixed=constraints.fixed.get(i),
-                fixed_transform=constraints.fixed_transforms.get(i),
-            )
-        found = session.spread("incomplete shapes", place_shape, tasks, shared=table)
-    return {i: found[str(i)] for i in chosen}
+    surfaces = prepare_points(session, shapes, sorted({*chosen, *partners.tolist()}))
+    tasks = {}
+    for i in chosen:
+        others = partners != i
+        tasks[i] = {
+            "shape": surfaces.shared(i),
+            "partners": tuple(surfaces.shared(j) for j in partners[others].tolist()),
+            "transforms": transforms[others],
+            "group": session.options.group,
+            "estimate_scale": session.options.scaling == "similarity",
+            "fixed": constraints.fixed.get(i),
+            "fixed_transform": constraints.fixed_transforms.get(i),
+        }
+    return session.spread("incomplete shapes", place_shape, tasks)
 
 
 def _partners(shapes: Shapes, complete: Collection, at: IntArray) -> IntArray:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -11,14 +10,13 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.spatial import cKDTree
 
 from collalign.confidence.incomplete_model import BEYOND, MISSING_SHARE
-from collalign.engine.jobs.run import SharedTable
-from collalign.engine.store.records import Record
+from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
 from collalign.products.collection import Collection
-from collalign.stages.incomplete.surfaces import posed_points
-from data_tools.arrays import BoolArray, FloatArray
+from collalign.stages.incomplete.surfaces import surface_from_record
+from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
-from data_tools.embedding.surface_points import cloud_rim, plane_normals
+from data_tools.embedding.surface_points import SurfacePoints, cloud_rim, plane_normals
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.percent import percent
@@ -61,14 +59,6 @@ def told_incomplete(options: AlignOptions, names: Sequence[str], found: Iterable
     return {names.index(name): TOLD for name in sorted(set(asked))}
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShareTask:
-    """What a worker needs to look beyond the rim of one shape; surfaces come from the shared table, by position."""
-
-    shape: int
-    partners: tuple[int, ...]
-
-
 def find_incomplete(session: AlignSession, samples: Sequence[Samples], aligned: Collection) -> dict[int, str]:
     """Return the shapes beyond whose rim those that match them best go on, and how far.
 
@@ -86,38 +76,20 @@ def find_incomplete(session: AlignSession, samples: Sequence[Samples], aligned: 
     bends = aligned.search_gain is not None
     if bends or len(samples) < MIN_SHAPES or not all(len(item.dense_positions) >= _NUM_POINTS for item in samples):
         return {}
-    nearest, has_rim = _nearest(aligned, len(samples)), set[int]()
-    with SharedTable.create(_posed_records(samples, aligned, has_rim)) as table:
+    nearest = _nearest(aligned, len(samples))
+    posed = [posed_samples(item, pose) for item, pose in zip(samples, aligned.transforms, strict=True)]
+    with table_of_values(posed) as table:
+        surfaces = [Shared(key=str(i), reader=surface_from_record, growth=_GRID_GROWTH) for i in range(len(samples))]
         tasks = {
-            str(i): ShareTask(shape=i, partners=tuple(nearest[i]))
+            i: {"surface": surfaces[i], "partners": tuple(surfaces[j] for j in nearest[i])}
             for i in _neighbours_together(nearest)
-            if nearest[i] and i in has_rim
+            if nearest[i] and posed[i].on_rim.any()
         }
-        shares = session.spread("incomplete shapes", share_beyond_rim, tasks, shared=table)
-    missing = [i for i in range(len(samples)) if shares.get(str(i), 0.0) >= MISSING_SHARE and _may_be_cut(aligned, i)]
+        shares = session.spread("incomplete shapes", share_beyond, tasks, shared=table)
+    missing = [i for i in range(len(samples)) if shares.get(i, 0.0) >= MISSING_SHARE and _may_be_cut(aligned, i)]
     if len(missing) > MOST_MISSING * len(samples):
         return {}
-    return {i: f"{percent(shares[str(i)])} of the shapes most like it lie beyond its rim" for i in missing}
-
-
-def _posed_records(
-    samples: Sequence[Samples], aligned: Collection, has_rim: set[int]
-) -> Iterator[tuple[str, Record]]:
-    """Yield the shapes at their poses, by position as text; those that have a rim are put into ``has_rim``."""
-    for i, (item, pose) in enumerate(zip(samples, aligned.transforms, strict=True)):
-        points, normals, on_rim = posed_samples(item, pose)
-        if on_rim.any():
-            has_rim.add(i)
-        rim = on_rim.astype(np.int64)
-        yield str(i), {"points": points, "normals": normals, "on_rim": rim, "oriented": _is_oriented(item)}
-
-
-def share_beyond_rim(task: ShareTask, shared: SharedTable) -> float:
-    """Return :func:`share_beyond` of a shape; runs inside a worker."""
-    surface, *partners = (
-        shared.made(str(i), posed_points, growth=_GRID_GROWTH) for i in (task.shape, *task.partners)
-    )
-    return share_beyond(surface, partners)
+    return {i: f"{percent(shares[i])} of the shapes most like it lie beyond its rim" for i in missing}
 
 
 def _neighbours_together(nearest: Sequence[Sequence[int]]) -> list[int]:
@@ -134,24 +106,18 @@ def _may_be_cut(aligned: Collection, shape: int) -> bool:
     return not found.is_mesh or is_open_surface(found.vertices, found.faces)
 
 
-def _is_oriented(samples: Samples) -> bool:
-    return len(samples.dense_normals) > 0
-
-
-def posed_samples(samples: Samples, transform: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return the dense samples of a shape at its transform (4, 4), their normals, and which are on its rim.
-
-    What has wide gaps around it is the rim.
-    """
+def posed_samples(samples: Samples, transform: FloatArray) -> SurfacePoints:
+    """Return the dense samples of a shape at its transform (4, 4); what has wide gaps around it is the rim."""
     raw = samples.dense_positions * samples.scale + samples.offset
     points = moved_by(transform, raw)
     turn = transform[:3, :3] / scales_of(transform)
-    normals = samples.dense_normals @ turn.T if _is_oriented(samples) else plane_normals(points, points)
-    return points, normals, cloud_rim(points, normals)
+    is_oriented = len(samples.dense_normals) > 0
+    normals = samples.dense_normals @ turn.T if is_oriented else plane_normals(points, points)
+    return SurfacePoints(points=points, normals=normals, on_rim=cloud_rim(points, normals), oriented=is_oriented)
 
 
 def share_beyond(surface: PartialSurface, partners: Sequence[PartialSurface]) -> float:
-    """Return the share of its partners' points that lie beyond a surface's rim, the median of the partners."""
+    """Return the share of its partners' points that lie beyond a surface's rim, their median; runs in a worker."""
     ranges = [scales_allowed(partner, surface, estimate_scale=True) for partner in partners]
     start = Similarity(rotation=np.eye(3)[None], scale=np.ones(1), shift=np.zeros((1, 3)))
     pose = refine(

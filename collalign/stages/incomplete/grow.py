@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import networkx as nx
 import numpy as np
 
-from collalign.engine.jobs.table import SharedTable
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.collection import ConsistentMaps
@@ -37,6 +36,7 @@ from collalign.stages.incomplete.place import (
 from collalign.stages.incomplete.surfaces import posed_points, prepare_points
 from collalign.stages.poses.placement import common_positions
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.embedding.surface_points import SurfacePoints
 from data_tools.errors import InputError
 from data_tools.poses import Similarity, scales_of
 from data_tools.threads import one_blas_thread
@@ -48,24 +48,14 @@ NUM_SWEEPS = 3
 MOST_SHAPES = 40
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScanTask:
-    """What a worker needs to match two shapes; their surfaces come from the shared table, by position."""
-
-    target: int
-    source: int
-    group: str
-    estimate_scale: bool
-
-
 @one_blas_thread()
-def match_scans(task: ScanTask, shared: SharedTable) -> Record:
+def match_scans(target: SurfacePoints, source: SurfacePoints, group: str, estimate_scale: bool) -> Record:
     """Return ``transforms`` (m, 4, 4) of the source's file coordinates to the target's, and ``energies`` (m,)."""
     found = match_partial(
-        posed_points(shared[str(task.target)], str(task.target)),
-        posed_points(shared[str(task.source)], str(task.source)),
-        group=task.group,
-        estimate_scale=task.estimate_scale,
+        posed_points(target),
+        posed_points(source),
+        group=group,
+        estimate_scale=estimate_scale,
         num_candidates=NUM_PROPOSED,
     )
     transforms = np.stack([one.pose.transform for one in found])
@@ -104,26 +94,30 @@ def align_scans(
             f"{MOST_SHAPES} shapes and without fixed poses"
         )
     estimate_scale = session.options.scaling == "similarity"
-    with prepare_points(session, shapes, range(num)) as table:
-        tasks = {
-            f"{i} {j}": ScanTask(target=i, source=j, group=session.options.group, estimate_scale=estimate_scale)
-            for i, j in itertools.combinations(range(num), 2)
+    surfaces = prepare_points(session, shapes, range(num))
+    tasks = {
+        (i, j): {
+            "target": surfaces.shared(i),
+            "source": surfaces.shared(j),
+            "group": session.options.group,
+            "estimate_scale": estimate_scale,
         }
-        found = session.spread("incomplete shapes", match_scans, tasks, shared=table)
-        records = {i: dict(table[str(i)]) for i in range(num)}
-    transforms, settled = _settled(records, found, constraints.reference, estimate_scale=estimate_scale)
+        for i, j in itertools.combinations(range(num), 2)
+    }
+    found = session.spread("incomplete shapes", match_scans, tasks)
+    points = [surfaces[i] for i in range(num)]
+    transforms, settled = _settled(points, found, constraints.reference, estimate_scale=estimate_scale)
     transforms = _framed(shapes, transforms, session.options.scaling, constraints.reference)
     merged = _collected(shapes, outline, transforms, settled, reasons)
     times_s = outline.run.times_s | {"incomplete shapes": time.perf_counter() - start_s}
     return replace(merged, run=replace(outline.run, times_s=times_s))
 
 
-def tree_transforms(found: Mapping[str, Record], num: int, root: int) -> FloatArray:
+def tree_transforms(found: Mapping[tuple[int, int], Record], num: int, root: int) -> FloatArray:
     """Return poses (N, 4, 4) in the root's coordinates, along the tree of the pairs of least energy."""
     graph = nx.Graph()
     graph.add_nodes_from(range(num))
-    for key, record in found.items():
-        i, j = (int(word) for word in key.split())
+    for (i, j), record in found.items():
         graph.add_edge(i, j, weight=float(record["energies"][0]))
     transforms = np.tile(np.eye(4), (num, 1, 1))
     for parent, child in nx.bfs_edges(nx.minimum_spanning_tree(graph), root):
@@ -131,36 +125,36 @@ def tree_transforms(found: Mapping[str, Record], num: int, root: int) -> FloatAr
     return transforms
 
 
-def _relative(found: Mapping[str, Record], target: int, source: int) -> FloatArray:
+def _relative(found: Mapping[tuple[int, int], Record], target: int, source: int) -> FloatArray:
     """Return what a pair proposes, from source to target, shape (m, 4, 4)."""
     if target < source:
-        return np.asarray(found[f"{target} {source}"]["transforms"])
-    return np.asarray(np.linalg.inv(found[f"{source} {target}"]["transforms"]))
+        return np.asarray(found[target, source]["transforms"])
+    return np.asarray(np.linalg.inv(found[source, target]["transforms"]))
 
 
 @one_blas_thread()
 def _settled(
-    records: Mapping[int, Record], found: Mapping[str, Record], root: int, *, estimate_scale: bool
+    points: Sequence[SurfacePoints], found: Mapping[tuple[int, int], Record], root: int, *, estimate_scale: bool
 ) -> tuple[FloatArray, dict[int, Record]]:
     """Return poses in the root's coordinates, each the best on all others, and what is known of them."""
-    num = len(records)
+    num = len(points)
     transforms = tree_transforms(found, num, root)
     settled: dict[int, Record] = {}
     for sweep in range(NUM_SWEEPS):
-        posed = [posed_points(records[i], str(i), transforms[i]) for i in range(num)]
+        posed = [posed_points(points[i], transforms[i]) for i in range(num)]
         for i in range(num):
             others = [j for j in range(num) if j != i]
             proposed = [transforms[j] @ _relative(found, j, i) for j in others]
-            source, targets = posed_points(records[i], str(i)), [posed[j] for j in others]
+            source, targets = posed_points(points[i]), [posed[j] for j in others]
             poses = Similarity.of_transforms(transforms[i][None])
             if i != root:
                 every = Similarity.of_transforms(np.concatenate([transforms[i][None], *proposed]))
                 poses = settle(targets, source, every, estimate_scale=estimate_scale)
             transforms[i] = poses[0].transform
-            posed[i] = posed_points(records[i], str(i), transforms[i])
+            posed[i] = posed_points(points[i], transforms[i])
             if sweep == NUM_SWEEPS - 1:
                 asked = [Similarity.of_transforms(transforms[j] @ _relative(found, j, i)).rotation for j in others]
-                energies = [found[f"{min(i, j)} {max(i, j)}"]["energies"] for j in others]
+                energies = [found[min(i, j), max(i, j)]["energies"] for j in others]
                 settled[i] = pose_record(targets, source, poses, _padded(asked), _padded(energies))
     return transforms, settled
 

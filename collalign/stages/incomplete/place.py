@@ -7,7 +7,7 @@ differs. What is common to the partners decides: every pose that fits one of the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -15,10 +15,10 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from collalign.confidence.overlap_model import RIVAL_DEG, certainty, rival_margin
-from collalign.engine.jobs.table import SharedTable
 from collalign.engine.store.records import Record
 from collalign.stages.incomplete.surfaces import posed_points
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.embedding.surface_points import SurfacePoints
 from data_tools.poses import Similarity, turn_deg
 from data_tools.threads import one_blas_thread
 from pairwise.partial.match import NUM_POINTS, distinct, match_partial, refine, scales_allowed
@@ -31,14 +31,22 @@ NUM_PROPOSERS, NUM_PROPOSED, NUM_REFINED = 4, 8, 6
 NUM_RIVALS = 3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlaceTask:
-    """What a worker needs to pose one shape; surfaces come from the shared table, by position.
+@one_blas_thread()
+def place_shape(
+    shape: SurfacePoints,
+    partners: tuple[SurfacePoints, ...],
+    transforms: FloatArray,
+    group: str,
+    estimate_scale: bool,
+    fixed: FloatArray | None = None,
+    fixed_transform: FloatArray | None = None,
+) -> Record:
+    """Return the poses of a shape on its partners, the best first; runs inside a worker.
 
-    Attributes
+    Parameters
     ----------
-    shape : int
-    partners : tuple of int
+    shape : SurfacePoints
+    partners : tuple of SurfacePoints
     transforms : ndarray, shape (n, 4, 4)
         File coordinates of the partners to the common frame.
     group : {"SO", "O"}
@@ -47,20 +55,6 @@ class PlaceTask:
         A rotation that a person has decided.
     fixed_transform : ndarray, shape (4, 4), or None
         A whole transform that stays: nothing is searched then.
-    """
-
-    shape: int
-    partners: tuple[int, ...]
-    transforms: FloatArray
-    group: str
-    estimate_scale: bool
-    fixed: FloatArray | None = None
-    fixed_transform: FloatArray | None = None
-
-
-@one_blas_thread()
-def place_shape(task: PlaceTask, shared: SharedTable) -> Record:
-    """Return the poses of a shape on its partners, the best first; runs inside a worker.
 
     Returns
     -------
@@ -70,20 +64,17 @@ def place_shape(task: PlaceTask, shared: SharedTable) -> Record:
         ``proposed`` (q, p, 3, 3) and ``proposed_energies`` (q, p), what each of the first partners alone asks for,
         padded by its best.
     """
-    source = posed_points(shared[str(task.shape)], str(task.shape))
-    targets = [
-        posed_points(shared[str(i)], str(i), transform)
-        for i, transform in zip(task.partners, task.transforms, strict=True)
-    ]
-    if task.fixed_transform is not None:
-        pose = Similarity.of_transforms(task.fixed_transform[None])
+    source = posed_points(shape)
+    targets = [posed_points(one, transform) for one, transform in zip(partners, transforms, strict=True)]
+    if fixed_transform is not None:
+        pose = Similarity.of_transforms(fixed_transform[None])
         return pose_record(targets, source, pose, np.zeros((0, 1, 3, 3)), np.zeros((0, 1)))
     alone = [
         match_partial(
             target,
             source,
-            group=task.group,
-            estimate_scale=task.estimate_scale,
+            group=group,
+            estimate_scale=estimate_scale,
             num_candidates=NUM_PROPOSED,
         )
         for target in targets[:NUM_PROPOSERS]
@@ -98,7 +89,7 @@ def place_shape(task: PlaceTask, shared: SharedTable) -> Record:
     return pose_record(
         targets,
         source,
-        settle(targets, source, proposed, estimate_scale=task.estimate_scale, fixed=task.fixed),
+        settle(targets, source, proposed, estimate_scale=estimate_scale, fixed=fixed),
         np.array([[one.pose.rotation for one in asked] for asked in padded]),
         np.array([[pose.energy for pose in asked] for asked in padded]),
     )

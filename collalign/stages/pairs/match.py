@@ -4,53 +4,75 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from collalign.engine.jobs.run import SharedTable
-from collalign.engine.store.keys import fingerprint, pair_seed
-from collalign.engine.store.records import Record
+from collalign.engine.jobs.job import Job, Wanted
+from collalign.engine.store.keys import pair_seed
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
 from collalign.products.shapes import Excluded, Shapes
-from collalign.stages.stored_types import pair_from_record, poses_to_record, samples_from_record
+from collalign.stages.shapes import SAMPLING
 from collalign.stages.surface_gap import surface_gaps
-from data_tools.arrays import IntArray
-from data_tools.errors import CollectionError
+from data_tools.arrays import FloatArray, Holds, IntArray
+from data_tools.embedding.embedding import Samples
+from data_tools.errors import CollectionError, InputError, SolveFailed
 from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
+from pairwise.status import Status
 
 #: Failed pairs that an error names.
 _MOST_NAMED = 10
-#: Changes whenever the same two shapes and options would give other poses.
-PAIR_VERSION = "pair-5"
 
 
-@dataclass(frozen=True, kw_only=True)
-class PairTask:
-    """What a worker needs to match one pair; the samples come from the shared table."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PairPoses:
+    """The distinct poses of a pair, the best first; energies of rounding size are 0. Fields are those of ``Pair``."""
 
-    target_key: str
-    source_key: str
-    group: str
-    options: MatchOptions
+    rotations: Annotated[FloatArray, Holds(shape="m d d", rotations=True)]
+    maps: Annotated[IntArray, Holds(shape="m k", lower=-1)]
+    energies: Annotated[FloatArray, Holds(shape="m")]
+    gaps: Annotated[FloatArray, Holds(shape="m")]
+    lower_bound: Annotated[float, Holds(nan=True)]
+    status: Status
+
+    def __post_init__(self) -> None:
+        if not len(self.energies):
+            raise InputError("holds no pose")
+
+    def pair(self, target: int, source: int) -> Pair:
+        """Return the pair of two shapes, given by their positions in the collection."""
+        return Pair(target=target, source=source, **vars(self) | {"status": self.status.name})
 
 
-def match_pair(task: PairTask, shared: SharedTable) -> Record:
+def match_pair(target: Samples, source: Samples, group: str, options: MatchOptions) -> PairPoses:
     """Match one pair; runs inside a worker.
 
-    Returns
-    -------
-    dict
-        ``rotations`` (m, d, d), ``maps`` (m, k), ``energies`` (m,), 0 where only rounding errors are left, ``gaps``
-        (m,), ``lower_bound``, ``status``.
+    Raises
+    ------
+    SolveFailed
+        If there is no pose.
     """
-    target, source = (shared.made(key, samples_from_record) for key in (task.target_key, task.source_key))
-    problem = pair_problem(target, source, task.group)
-    record = poses_to_record(match_problem(problem, task.options))
-    energies = np.where(record["energies"] <= problem.rounding_energy, 0.0, record["energies"])
-    return record | {"energies": energies, "gaps": surface_gaps(target, source, record["rotations"])}
+    problem = pair_problem(target, source, group)
+    result = match_problem(problem, options)
+    if not result.candidates:
+        raise SolveFailed(result.status.value, result)
+    rotations = np.array([pose.R_target_source for pose in result.candidates])
+    energies = np.array([pose.energy for pose in result.candidates])
+    return PairPoses(
+        rotations=rotations,
+        maps=np.array([pose.map_target_source for pose in result.candidates], dtype=np.int32),
+        energies=np.where(energies <= problem.rounding_energy, 0.0, energies),
+        gaps=surface_gaps(target, source, rotations),
+        lower_bound=float(result.lower_bound),
+        status=result.status,
+    )
+
+
+#: Matches a pair. The version changes whenever the same two shapes and options would give other poses.
+MATCHING = Job(kind="pairs", version="pair-5", run=match_pair, reader=PairPoses)
 
 
 def match_pairs(session: AlignSession, shapes: Shapes, edges: IntArray) -> tuple[list[Pair], list[Excluded]]:
@@ -78,23 +100,22 @@ def match_pairs(session: AlignSession, shapes: Shapes, edges: IntArray) -> tuple
         If no pair is left.
     """
     options = session.options
-    # Files of equal content give equal keys, so a key may stand for several pairs.
-    keyed = [(pair_key(shapes.keys[i], shapes.keys[j], options), i, j) for i, j in edges.tolist()]
-    with session.shared_table("shapes", shapes.keys) as table:
-        failures = session.compute(
-            "pairs",
-            match_pair,
-            {key: (shapes.label(i, j), _task(shapes, i, j, options)) for key, i, j in keyed},
-            time_limit_s=session.run.pair_time_limit_s,
-            strict=options.strict,
-            shared=table,
+    wanted = {
+        (i, j): Wanted(
+            key=pair_key(shapes.keys[i], shapes.keys[j], options),
+            label=shapes.label(i, j),
+            arguments={
+                "target": SAMPLING.shared(shapes.keys[i]),
+                "source": SAMPLING.shared(shapes.keys[j]),
+                "group": options.group,
+                "options": options.matching.seeded(pair_seed(options.seed, shapes.keys[i], shapes.keys[j])),
+            },
         )
-    pairs = [
-        pair_from_record(session.store.require("pairs", key), shapes.label(i, j), i, j)
-        for key, i, j in keyed
-        if key not in failures
-    ]
-    failed = [Excluded(file=shapes.label(i, j), reason=failures[k].reason) for k, i, j in keyed if k in failures]
+        for i, j in edges.tolist()
+    }
+    found = session.compute(MATCHING, wanted, time_limit_s=session.run.pair_time_limit_s, strict=options.strict)
+    pairs = [poses.pair(i, j) for (i, j), poses in found.items()]
+    failed = [Excluded(file=shapes.label(i, j), reason=reason) for (i, j), reason in found.failures.items()]
     if not pairs:
         reasons = "".join(f"\n  {item.file}: {item.reason}" for item in failed[:_MOST_NAMED])
         raise CollectionError(f"not one of {len(edges)} pairs could be matched{reasons}")
@@ -110,14 +131,4 @@ def num_reused_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair
 def pair_key(target_key: str, source_key: str, options: AlignOptions) -> str:
     """Return the key of a pair's record in the store, from the keys of its shapes; the group is "SO" or "O"."""
     settings = {"group": options.group, "matching": options.matching, "seed": options.seed}
-    return fingerprint(PAIR_VERSION, settings, target_key, source_key)
-
-
-def _task(shapes: Shapes, i: int, j: int, options: AlignOptions) -> PairTask:
-    seed = pair_seed(options.seed, shapes.keys[i], shapes.keys[j])
-    return PairTask(
-        target_key=shapes.keys[i],
-        source_key=shapes.keys[j],
-        group=options.group,
-        options=options.matching.seeded(seed),
-    )
+    return MATCHING.key(settings, target_key, source_key)

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from collalign.engine.jobs.run import SharedTable
+from collalign.engine.jobs.job import Shared, table_of_values
+from collalign.engine.jobs.table import SharedTable
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.synchronize import pair_graph
-from collalign.stages.stored_types import samples_from_record, samples_to_record
 from collalign.stages.surface_gap import surface_gaps
 from collalign.synchronization import SynchronizationResult, synchronize_graph
 from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
@@ -25,21 +26,13 @@ from data_tools.embedding.embedding import Samples
 from data_tools.rotations import rotation_angle_deg
 from pairwise.local.local_search import minimise
 
+Solved = TypeVar("Solved")
+
 #: How often disagreeing pairs are solved again.
 MAX_ROUNDS = 5
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ResolveTask:
-    """What a worker needs to solve one pair again; the samples come from the shared table, by position."""
-
-    target: int
-    source: int
-    group: str
-    start: FloatArray
-
-
-def resolve_pair(task: ResolveTask, shared: SharedTable) -> Record:
+def resolve_pair(target: Samples, source: Samples, group: str, start: FloatArray) -> Record:
     """Return the local minimum of a pair's energy next to a rotation of space; runs inside a worker.
 
     Returns
@@ -47,12 +40,10 @@ def resolve_pair(task: ResolveTask, shared: SharedTable) -> Record:
     dict
         ``rotations`` (1, d, d), ``maps`` (1, k), ``energies`` (1,), ``gaps`` (1,).
     """
-    target, source = (shared.made(str(i), samples_from_record) for i in (task.target, task.source))
-    problem = pair_problem(target, source, task.group)
-    start = task.start
+    problem = pair_problem(target, source, group)
     if problem.dim > 3:
         # The eigenfunctions' block follows in closed form from the map that positions and invariants give.
-        start = problem.procrustes(linear_sum_assignment(_costs(target, source, task.start))[1])
+        start = problem.procrustes(linear_sum_assignment(_costs(target, source, start))[1])
     pose = minimise(problem, start[None])
     gaps = surface_gaps(target, source, pose.rotations)
     return {"rotations": pose.rotations, "maps": pose.maps, "energies": pose.energies, "gaps": gaps}
@@ -91,10 +82,10 @@ def resolve_pairs(
     if options.synchronization != "robust" or any(len(pair.log_odds) for pair in pairs):
         return agreed, solution
     graph = with_room(pair_graph(pairs, len(samples), options.group))
-    with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(samples)) as table:
+    with table_of_values(samples) as table:
         for _ in range(MAX_ROUNDS):
             edges, asked = disagreeing_pairs(graph, solution.rotations)
-            poses = solve_again(session, [pairs[e] for e in edges], asked, table)
+            poses = solve_again(session, [pairs[e] for e in edges], asked, table, resolve_pair)
             resolved = [_with_pose(pairs[edges[n]], pose) for n, pose in enumerate(poses)]
             graph, accepted = with_resolved(
                 graph,
@@ -117,17 +108,19 @@ def solve_again(
     pairs: Sequence[Pair],
     asked: FloatArray,
     table: SharedTable,
-    solve: Callable[[ResolveTask, SharedTable], Record] = resolve_pair,
-) -> list[Record]:
+    solve: Callable[..., Solved],
+) -> list[Solved]:
     """Return what solving pairs again gives, each from the rotation that the collection asks for."""
     tasks = {
-        f"{pair.target} {pair.source}": ResolveTask(
-            target=pair.target, source=pair.source, group=session.options.group, start=start
-        )
+        (pair.target, pair.source): {
+            "target": Shared(key=str(pair.target), reader=Samples),
+            "source": Shared(key=str(pair.source), reader=Samples),
+            "group": session.options.group,
+            "start": start,
+        }
         for pair, start in zip(pairs, asked, strict=True)
     }
-    found = session.spread("pairs again", solve, tasks, shared=table)
-    return [found[key] for key in tasks]
+    return list(session.spread("pairs again", solve, tasks, shared=table).values())
 
 
 def _with_pose(pair: Pair, pose: Record) -> Pair:

@@ -13,13 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from collalign.engine.jobs.run import SharedTable
-from collalign.engine.store.records import Record
+from collalign.engine.jobs.job import table_of_values
 from collalign.options import AlignSession
 from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
-from collalign.stages.poses.agreement import ResolveTask, solve_again
-from collalign.stages.stored_types import samples_from_record, samples_to_record
+from collalign.stages.poses.agreement import solve_again
 from collalign.synchronization import SynchronizationResult
 from collalign.synchronization.problem.geometry import transposed
 from collalign.synchronization.solvers.averaging import average_frames, residuals_deg
@@ -42,20 +40,19 @@ SCATTER_POWER = 3.0
 LEAST_SCATTER_DEG = 0.1
 
 
-def measure_pair(task: ResolveTask, shared: SharedTable) -> Record:
+def measure_pair(target: Samples, source: Samples, group: str, start: FloatArray) -> FloatArray:
     """Minimise the energy of a pair's first samples next to a rotation, for all shares; runs inside a worker.
 
     Returns
     -------
-    dict
-        ``rotations``, shape (s, 3, 3), ``R_target_source``, for each of :func:`numbers_of_samples`.
+    ndarray, shape (s, 3, 3)
+        ``R_target_source``, for each of :func:`numbers_of_samples`.
     """
-    target, source = (samples_from_record(shared[str(i)], str(i)) for i in (task.target, task.source))
     found = []
     for num in numbers_of_samples(len(target.positions)):
-        problem = pair_problem(first_samples(target, num), first_samples(source, num), task.group)
-        found.append(minimise(problem, task.start[None], hold_chirality=True).rotations[0])
-    return {"rotations": np.stack(found)}
+        problem = pair_problem(first_samples(target, num), first_samples(source, num), group)
+        found.append(minimise(problem, start[None], hold_chirality=True).rotations[0])
+    return np.stack(found)
 
 
 def numbers_of_samples(most: int) -> list[int]:
@@ -101,8 +98,8 @@ def bent_poses(
     """
     edges = np.array([(pair.target, pair.source) for pair in pairs])
     asked = np.swapaxes(solution.rotations[edges[:, 0]], 1, 2) @ solution.rotations[edges[:, 1]]
-    with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(samples)) as table:
-        minima = np.stack([one["rotations"] for one in solve_again(session, pairs, asked, table, measure_pair)])
+    with table_of_values(samples) as table:
+        minima = np.stack(solve_again(session, pairs, asked, table, measure_pair))
     maps = np.stack([_nearest_map(pair, pose) for pair, pose in zip(pairs, asked, strict=True)])
     measured = np.concatenate([maps[:, None], minima], axis=1)
     angles = rotation_angle_deg(measured, np.broadcast_to(asked[:, None], measured.shape))

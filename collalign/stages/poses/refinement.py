@@ -8,20 +8,20 @@ on hundreds of points each and synchronized with weights that fall with the squa
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import networkx as nx
 import numpy as np
 
-from collalign.engine.jobs.run import SharedTable
+from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.engine.store.records import Record
+from collalign.engine.store.typed import from_record
 from collalign.options import AlignSession
 from collalign.products.matching_input import dense_points
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.agreement import match_at
 from collalign.stages.poses.bent import bent_poses
-from collalign.stages.stored_types import samples_from_record, samples_to_record
 from collalign.synchronization import PairGraph, SynchronizationResult, synchronize_graph
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
@@ -37,30 +37,23 @@ NUM_ROUNDS = 2
 LOCALITY, ENERGY_RANGE = 2.0, (0.1, 1e3)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RefinementTask:
-    """What a worker needs to refine one pair; the samples come from the shared table, by position."""
-
-    target: int
-    source: int
-    start: FloatArray
-
-
-def refine_pair(task: RefinementTask, shared: SharedTable) -> Record:
+def refine_pair(target: DensePoints, source: DensePoints, start: FloatArray) -> tuple[FloatArray, float]:
     """Refine the pose of one pair on the dense samples; runs inside a worker.
 
     Returns
     -------
-    dict
-        ``rotation`` (3, 3), ``R_target_source``; ``energy``, in squares of the target's radius.
+    rotation : ndarray, shape (3, 3)
+        ``R_target_source``.
+    energy : float
+        In squares of the target's radius.
     """
-    target, source = (shared.made(str(i), _points_from_record) for i in (task.target, task.source))
-    found = refine_pose(target, source, task.start)
-    return {"rotation": found.pose.rotation, "energy": found.energy / target.radius**2}
+    found = refine_pose(target, source, start)
+    return found.pose.rotation, found.energy / target.radius**2
 
 
-def _points_from_record(record: Record, name: str) -> DensePoints:
-    return dense_points(samples_from_record(record, name), invariants=False)
+def points_from_record(record: Record, name: str) -> DensePoints:
+    """Return the dense points of a shape's record, without invariants."""
+    return dense_points(from_record(Samples, record, name), invariants=False)
 
 
 def refine_poses(
@@ -139,21 +132,21 @@ def refine_rotations(
     """
     local = local_pairs(len(samples), edges, energies)
     pattern = RotationPattern.from_user(None, 3, group)
-    with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(samples)) as table:
+    points = [Shared(key=str(i), reader=points_from_record) for i in range(len(samples))]
+    with table_of_values(samples) as table:
         for _ in range(NUM_ROUNDS):
             tasks = {
-                f"{i} {j}": RefinementTask(target=i, source=j, start=rotations[i].T @ rotations[j])
+                (i, j): {"target": points[i], "source": points[j], "start": rotations[i].T @ rotations[j]}
                 for i, j in local.tolist()
             }
-            found = session.spread("refinements", refine_pair, tasks, shared=table)
-            poses = [found[key] for key in tasks]
+            poses = list(session.spread("refinements", refine_pair, tasks, shared=table).values())
             graph = PairGraph.of_candidates(
                 local,
-                [(pose["rotation"][None], np.array([pose["energy"]])) for pose in poses],
+                [(rotation[None], np.array([energy])) for rotation, energy in poses],
                 num_shapes=len(samples),
                 pattern=pattern,
             )
-            weights = _weights(np.array([pose["energy"] for pose in poses]))
+            weights = _weights(np.array([energy for _, energy in poses]))
             rotations = synchronize_graph(replace(graph, weights=weights), fixed=fixed).rotations
     return rotations
 

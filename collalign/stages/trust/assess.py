@@ -9,13 +9,12 @@ import numpy as np
 
 from collalign.confidence.candidate_model import LEAST_COST
 from collalign.confidence.pose_model import pose_confidence
-from collalign.engine.jobs.run import SharedTable
+from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.products.pair import Alternative, Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
-from collalign.stages.stored_types import samples_to_record
-from collalign.stages.trust.rivals import MAX_PARTNERS, Partner, RivalTask, leads_over, pose_costs, rival_poses
+from collalign.stages.trust.rivals import MAX_PARTNERS, Partner, leads_over, pose_costs, rival_poses
 from collalign.stages.trust.symmetry import near_symmetries
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
@@ -156,14 +155,19 @@ def _costs(
 
     :data:`RESOLUTION` is added.
     """
-    tasks = {}
+    tasks, shared = {}, [Shared(key=str(i), reader=Samples) for i in range(len(samples))]
     for i, own in enumerate(partners):
-        chosen = tuple(partner.shape for partner in own[:MAX_PARTNERS])
+        chosen = [partner.shape for partner in own[:MAX_PARTNERS]]
         if chosen:
-            tasks[str(i)] = RivalTask(shape=i, poses=poses[i], partners=chosen, partner_poses=rotations[list(chosen)])
-    with SharedTable.create((str(i), samples_to_record(item)) for i, item in enumerate(samples)) as table:
+            tasks[i] = {
+                "shape": shared[i],
+                "poses": poses[i],
+                "partners": tuple(shared[partner] for partner in chosen),
+                "partner_poses": rotations[chosen],
+            }
+    with table_of_values(samples) as table:
         found = session.spread("poses tried", pose_costs, tasks, shared=table)
-    return [found[str(i)]["costs"] + RESOLUTION if str(i) in found else np.zeros((0, 0)) for i in range(len(samples))]
+    return [found[i] + RESOLUTION if i in found else np.zeros((0, 0)) for i in range(len(samples))]
 
 
 def with_trust(

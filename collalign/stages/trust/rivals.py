@@ -7,9 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.engine.jobs.run import SharedTable
-from collalign.engine.store.records import Record
-from collalign.stages.stored_types import samples_from_record
 from collalign.stages.surface_gap import surface_gap, surface_points
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.embedding.embedding import Samples
@@ -50,25 +47,6 @@ class Partner:
     excess: FloatArray
     log_odds: FloatArray
     energy: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RivalTask:
-    """What a worker needs to compare the poses of one shape; samples come from the shared table, by position.
-
-    Attributes
-    ----------
-    shape : int
-    poses : ndarray, shape (r, 3, 3)
-        ``R_common_shape``, the reported pose first.
-    partners : tuple of int
-    partner_poses : ndarray, shape (p, 3, 3)
-    """
-
-    shape: int
-    poses: FloatArray
-    partners: tuple[int, ...]
-    partner_poses: FloatArray
 
 
 def rival_poses(
@@ -147,18 +125,28 @@ def _representatives(poses: FloatArray, support: FloatArray) -> FloatArray:
     return poses[chosen]
 
 
-def pose_costs(task: RivalTask, shared: SharedTable) -> Record:
-    """Return what every pose costs against every partner; runs inside a worker.
+def pose_costs(
+    shape: Samples, poses: FloatArray, partners: tuple[Samples, ...], partner_poses: FloatArray
+) -> FloatArray:
+    """Return what every pose of a shape costs against every partner; runs inside a worker.
+
+    Parameters
+    ----------
+    shape : Samples
+    poses : ndarray, shape (r, 3, 3)
+        ``R_common_shape``.
+    partners : tuple of Samples
+    partner_poses : ndarray, shape (p, 3, 3)
 
     Returns
     -------
-    dict
-        ``costs``, shape (r, p): mean squared distance of closest points and normals, both ways, in squared radii.
+    ndarray, shape (r, p)
+        Mean squared distance of closest points and normals, both ways, in squared radii.
     """
-    own = surface_points(shared.made(str(task.shape), samples_from_record), first=0)
-    costs = np.empty((len(task.poses), len(task.partners)))
-    for p, (partner, partner_pose) in enumerate(zip(task.partners, task.partner_poses, strict=True)):
-        other = surface_points(shared.made(str(partner), samples_from_record), first=1)
-        for r, pose in enumerate(task.poses):
+    own = surface_points(shape, first=0)
+    costs = np.empty((len(poses), len(partners)))
+    for p, (partner, partner_pose) in enumerate(zip(partners, partner_poses, strict=True)):
+        other = surface_points(partner, first=1)
+        for r, pose in enumerate(poses):
             costs[r, p] = surface_gap(other, own, partner_pose.T @ pose)
-    return {"costs": costs}
+    return costs

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
-from collalign.engine.jobs.table import SharedTable
+from collalign.engine.jobs.job import Job, Results, Shared, Wanted, table_of_values
 from collalign.engine.session import Session
 from collalign.engine.store.keys import fingerprint
-from collalign.engine.store.records import Record
+from collalign.engine.store.typed import to_record
 from collalign.products.deformation import VertexMaps
 from collalign.registration.missing import mean_of_what_is_there, missing_vertices, with_cloud_rim
 from collalign.registration.options import RegistrationOptions
@@ -22,7 +22,7 @@ from collalign.registration.start import bent_by_map, unbent
 from collalign.registration.surface import RegistrationSurface
 from collalign.tools.correspond.map_starts import START_VERSION, MapStart, map_starts
 from collalign.tools.correspond.result import DenseCorrespondence
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollectionError
 from data_tools.io.shapes import read_shape
@@ -30,16 +30,11 @@ from data_tools.options import AS_STORED, CleaningOptions, SamplingOptions
 from data_tools.poses import moved_by
 from data_tools.surface.shape import Shape
 
-#: Changes whenever the same surfaces and options would give another registration.
-DENSE_VERSION = "dense-4"
 #: Registrations of the collection: from its medoid, and then from the mean of those. A third changes the error of
 #: landmarks carried over by less than .5 % (eight mouse skulls).
 NUM_ROUNDS = 2
 #: Larger meshes are decimated to so many triangles before they are registered.
 MAX_FACES = 25_000
-#: Records of this stage in the store, and what each holds.
-KIND = "registrations"
-_PARTS = ("vertices", "residual", "quality", "missing")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,16 +63,38 @@ class PosedFile:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RegistrationTask:
-    """What a worker needs to register a source, which all tasks share under this key, to one file.
+class Registered:
+    """A surface registered to a file.
 
-    Where there is a map between both, the source starts from where the map takes it.
+    Attributes
+    ----------
+    vertices : ndarray, shape (v, 3)
+    residual, quality : ndarray, shape (v,)
+        See :class:`collalign.tools.correspond.result.DenseCorrespondence`.
+    pose : ndarray, shape (4, 4)
+        The similarity that lays the surface onto its registered copy best.
+    missing : ndarray of bool, shape (v,)
+        Vertices of parts that the file lacks.
     """
 
-    target: PosedFile
-    source_key: str
-    options: RegistrationOptions
-    start: MapStart | None = None
+    vertices: Annotated[FloatArray, Holds(shape="v 3")]
+    residual: Annotated[FloatArray, Holds(shape="v")]
+    quality: Annotated[FloatArray, Holds(shape="v")]
+    pose: Annotated[FloatArray, Holds(shape="4 4")]
+    missing: Annotated[BoolArray, Holds(shape="v")]
+
+    @property
+    def unposed(self) -> FloatArray:
+        """The vertices without the similarity: what is averaged differs in shape alone."""
+        return moved_by(np.asarray(np.linalg.inv(self.pose), dtype=np.float64), self.vertices)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SourceSurface:
+    """What is registered: vertices (v, 3) and triangles (f, 3)."""
+
+    vertices: Annotated[FloatArray, Holds(shape="v 3")]
+    faces: Annotated[IntArray, Holds(shape="_ 3")]
 
 
 def correspond(
@@ -108,32 +125,35 @@ def correspond(
     if maps is not None:
         starts = map_starts(maps, stored_shape(files[reference]), source, file_vertices)
     for _ in range(NUM_ROUNDS):
-        found, failed = _register_all(session, files, source, starts)
+        registered = _register_all(session, files, source, starts)
+        found, failed = dict(registered), registered.failures
         if len(found) < 2:
             raise CollectionError("\n".join(["fewer than two shapes could be registered", *failed.values()]))
         mean = _mean(list(found.values()), source, is_bent=bool(starts))
         source = Shape.from_arrays(mean, source.faces, name="mean")
-    parts = {part: np.stack([record[part] for record in found.values()]) for part in _PARTS}
-    missing = parts["missing"] != 0
+    vertices, residual, quality, missing = (
+        np.stack([getattr(one, part) for one in found.values()])
+        for part in ("vertices", "residual", "quality", "missing")
+    )
     return DenseCorrespondence(
         names=tuple(found),
         faces=source.faces,
         mean=source.vertices,
         failed=tuple(failed.items()),
-        vertices=read_only(np.where(missing[..., None], np.nan, parts["vertices"])),
-        completed=read_only(parts["vertices"]),
-        residual=read_only(np.where(missing, np.nan, parts["residual"])),
-        quality=read_only(np.where(missing, 0.0, parts["quality"])),
+        vertices=read_only(np.where(missing[..., None], np.nan, vertices)),
+        completed=read_only(vertices),
+        residual=read_only(np.where(missing, np.nan, residual)),
+        quality=read_only(np.where(missing, 0.0, quality)),
     )
 
 
-def _mean(found: Sequence[Record], source: Shape, *, is_bent: bool) -> FloatArray:
+def _mean(found: Sequence[Registered], source: Shape, *, is_bent: bool) -> FloatArray:
     """Return the mean of registered copies of a source, each where its shape is there; if bent, unbent."""
     centred = source.vertices - source.vertices.mean(axis=0)
-    copies = [unposed(record) for record in found]
+    copies = [one.unposed for one in found]
     return mean_of_what_is_there(
         unbent(source, copies) if is_bent else copies,
-        [record["missing"] != 0 for record in found],
+        [one.missing for one in found],
         source.vertices,
         float(np.sqrt((centred**2).sum(axis=1).mean())),
     )
@@ -144,72 +164,70 @@ def _register_all(
     files: Sequence[PosedFile],
     source: Shape,
     starts: Mapping[str, MapStart],
-) -> tuple[dict[str, Record], dict[str, str]]:
-    """Return the registrations of a source to every file, by name, and why others failed."""
-    record = {"vertices": source.vertices, "faces": source.faces}
-    source_key = fingerprint(DENSE_VERSION, record)
-    every = {
-        file.name: RegistrationTask(
-            target=file, source_key=source_key, options=session.options, start=starts.get(file.name)
+) -> Results[str, Registered]:
+    """Return the registrations of a source to every file, by name."""
+    lent = SourceSurface(vertices=source.vertices, faces=source.faces)
+    source_key = fingerprint(REGISTERING.version, to_record(lent))
+    wanted = {}
+    for file in files:
+        start = starts.get(file.name)
+        wanted[file.name] = Wanted(
+            key=_key(file, source_key, session.options, start),
+            label=file.name,
+            arguments={
+                "source": Shared(key="0", reader=SourceSurface),
+                "target": file,
+                "options": session.options,
+                "start": start,
+            },
         )
-        for file in files
-    }
-    keys = {name: _key(task) for name, task in every.items()}
-    tasks = {keys[name]: (name, task) for name, task in every.items()}
-    with SharedTable.create([(source_key, record)]) as shared:
-        failures = session.compute(
-            KIND, register_file, tasks, time_limit_s=session.run.shape_time_limit_s, shared=shared
-        )
-    failed = {name: failures[key].reason for name, key in keys.items() if key in failures}
-    return {name: session.store.require(KIND, key) for name, key in keys.items() if name not in failed}, failed
+    with table_of_values([lent]) as table:
+        return session.compute(REGISTERING, wanted, time_limit_s=session.run.shape_time_limit_s, shared=table)
 
 
-def _key(task: RegistrationTask) -> str:
-    file = task.target
+def _key(file: PosedFile, source_key: str, options: RegistrationOptions, start: MapStart | None) -> str:
     settings = {
-        "options": task.options,
+        "options": options,
         "cleaning": file.cleaning,
         "suffix": file.path.suffix.lower(),
         "transform": file.transform,
         "incomplete": file.incomplete,
     }
-    if task.start is not None:
-        settings["start"] = fingerprint(START_VERSION, {"onto": task.start.onto, "back": task.start.back})
-    return fingerprint(DENSE_VERSION, settings, file.digest, task.source_key)
+    if start is not None:
+        settings["start"] = fingerprint(START_VERSION, {"onto": start.onto, "back": start.back})
+    return REGISTERING.key(settings, file.digest, source_key)
 
 
-def register_file(task: RegistrationTask, shared: Any) -> Record:
-    """Register the shared source to one file; runs inside a worker."""
-    record = shared[task.source_key]
-    num_points = task.options.num_points
-    shape, _ = posed_shape(task.target)
-    target = RegistrationSurface.from_shape(shape, num_points)
-    if task.target.incomplete:
-        target = with_cloud_rim(target)
-    source = Shape.from_arrays(record["vertices"], record["faces"], name="mean")
-    bent = None
-    if task.start is not None:
-        bent = bent_by_map(shape, source, task.start.goals(stored_shape(task.target)))
-    start = source if bent is None else Shape.from_arrays(bent, source.faces, name="mean")
-    found = register(target, RegistrationSurface.from_shape(start, num_points), task.options)
-    lacks = missing_vertices(target, found.vertices) if task.target.incomplete else np.zeros(len(found.vertices))
-    return {
-        "vertices": found.vertices,
-        "residual": found.residual,
-        "quality": found.quality,
-        "pose": found.pose if bent is None else _pose(found.vertices, source.vertices),
-        "missing": lacks.astype(np.int64),
-    }
+def register_file(
+    source: SourceSurface, target: PosedFile, options: RegistrationOptions, start: MapStart | None
+) -> Registered:
+    """Register a source to one file, from where a map between both takes it if there is one; runs inside a worker."""
+    shape, _ = posed_shape(target)
+    surface = RegistrationSurface.from_shape(shape, options.num_points)
+    if target.incomplete:
+        surface = with_cloud_rim(surface)
+    first = Shape.from_arrays(source.vertices, source.faces, name="mean")
+    bent = None if start is None else bent_by_map(shape, first, start.goals(stored_shape(target)))
+    if bent is not None:
+        first = Shape.from_arrays(bent, source.faces, name="mean")
+    found = register(surface, RegistrationSurface.from_shape(first, options.num_points), options)
+    lacks = missing_vertices(surface, found.vertices) if target.incomplete else np.zeros(len(found.vertices), bool)
+    return Registered(
+        vertices=found.vertices,
+        residual=found.residual,
+        quality=found.quality,
+        pose=found.pose if bent is None else _pose(found.vertices, source.vertices),
+        missing=lacks,
+    )
+
+
+#: Registers a surface. The version changes whenever the same surfaces and options would give another registration.
+REGISTERING = Job(kind="registrations", version="dense-4", run=register_file, reader=Registered)
 
 
 def _pose(vertices: FloatArray, source: FloatArray) -> FloatArray:
     """Return the similarity that lays a source onto its registered copy best, wherever it was registered from."""
     return fitting_similarity(vertices, source, np.ones(len(source)))
-
-
-def unposed(record: Record) -> FloatArray:
-    """Return the vertices of a registration without its similarity: what is averaged differs in shape alone."""
-    return moved_by(np.linalg.inv(record["pose"]), record["vertices"])
 
 
 def posed_shape(file: PosedFile) -> tuple[Shape, IntArray]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Annotated
 
-from collalign.engine.jobs.run import SharedTable
+from collalign.engine.jobs.job import Job, Wanted
 from collalign.engine.session import Session
-from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Record
 from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.surface.spectral import SpectralShape
@@ -16,12 +16,10 @@ from collalign.nonrigid.surface.tips import Tips
 from collalign.products.shapes import Excluded
 from collalign.tools.match.nonrigid import match_prepared
 from collalign.tools.match.prepare import prepare_file
+from data_tools.arrays import Holds
 from data_tools.errors import InputError, StoreError
 from data_tools.io.files import existing_file
 from data_tools.io.source import hash_source
-
-#: Changes whenever the same files and options would give other prepared shapes, or other maps.
-MAP_VERSION = "map-3"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +36,7 @@ class FoundMap:
 
     npz: bytes
     text: bytes
-    confidence: float
+    confidence: Annotated[float, Holds(nan=True)]
 
 
 def read_pairs(path: Path | str, folder: Path | str | None = None) -> list[tuple[Path, Path]]:
@@ -74,27 +72,29 @@ def match_surfaces(session: Session[MapOptions], pairs: Sequence[tuple[Path, Pat
     """Return the map of every pair of files (target, source), or why there is none; no pair stops the others."""
     options, time_limit_s = session.options, session.run.pair_time_limit_s
     files = dict.fromkeys(file for pair in pairs for file in pair)
-    digests = {file: _digest(file) for file in files}
-    keys = {file: _shape_key(file, digests[file], options.surface) for file in files}
-    shape_tasks = {key: (file.name, (file, options.surface, digests[file])) for file, key in keys.items()}
-    bad = session.compute("shapes", _prepare, shape_tasks, time_limit_s=session.run.shape_time_limit_s, retry="all")
-    ends = [(keys[target], keys[source]) for target, source in pairs]
-    pair_keys = [fingerprint(MAP_VERSION, options.matching, *end) for end in ends]
-    labels = [f"{target.name} - {source.name}" for target, source in pairs]
-    tasks = {
-        key: (label, (*end, options.matching))
-        for key, label, end in zip(pair_keys, labels, ends, strict=True)
-        if not bad.keys() & set(end)
-    }
-    with session.shared_table("shapes", keys.values() - bad.keys()) as table:
-        failed = session.compute("pairs", _match, tasks, time_limit_s=time_limit_s, shared=table, retry="all")
-    found: list[FoundMap | Excluded] = []
-    for key, label, end in zip(pair_keys, labels, ends, strict=True):
-        reasons = [failures[k].reason for failures in (bad, failed) for k in (*end, key) if k in failures]
-        found.append(
-            Excluded(file=label, reason=reasons[0]) if reasons else FoundMap(**session.store.require("pairs", key))
-        )
-    return found
+    shapes = session.compute(
+        PREPARING,
+        {file: _wanted_shape(file, options.surface) for file in files},
+        time_limit_s=session.run.shape_time_limit_s,
+        retry="all",
+    )
+    wanted = {}
+    for target, source in pairs:
+        ends = shapes.shared(target), shapes.shared(source)
+        if target in shapes and source in shapes:
+            wanted[target, source] = Wanted(
+                key=MATCHING.key(options.matching, *(end.key for end in ends)),
+                label=_label(target, source),
+                arguments={"target": ends[0], "source": ends[1], "options": options.matching},
+            )
+    maps = session.compute(MATCHING, wanted, time_limit_s=time_limit_s, retry="all")
+    reasons = {pair: shapes.failures[end] for pair in pairs for end in reversed(pair) if end in shapes.failures}
+    reasons |= maps.failures
+    return [Excluded(file=_label(*pair), reason=reasons[pair]) if pair in reasons else maps[pair] for pair in pairs]
+
+
+def _label(target: Path, source: Path) -> str:
+    return f"{target.name} - {source.name}"
 
 
 def _digest(file: Path) -> str | None:
@@ -105,24 +105,26 @@ def _digest(file: Path) -> str | None:
         return None
 
 
-def _shape_key(file: Path, digest: str | None, options: SurfaceOptions) -> str:
-    """Return the key of a prepared shape; a file that cannot be read has one of its own."""
-    content = digest or f"no content {file}"
-    return fingerprint(MAP_VERSION, {"surface": options, "suffix": file.suffix.lower(), "name": file.stem}, content)
+def _wanted_shape(file: Path, options: SurfaceOptions) -> Wanted:
+    """Return what is wanted of a file; one that cannot be read has a key of its own."""
+    digest, settings = _digest(file), {"surface": options, "suffix": file.suffix.lower(), "name": file.stem}
+    return Wanted(
+        key=PREPARING.key(settings, digest or f"no content {file}"),
+        label=file.name,
+        arguments={"file": file, "options": options, "digest": digest},
+    )
 
 
-def _prepare(task: tuple[Path, SurfaceOptions, str | None]) -> Record:
-    file, options, digest = task
+def _prepare(file: Path, options: SurfaceOptions, digest: str | None) -> Record:
     prepared = prepare_file(file, options, digest=digest)
     record = {field.name: getattr(prepared, field.name) for field in fields(prepared) if field.name != "tips"}
     tips = {f"tips_{field.name}": getattr(prepared.tips, field.name) for field in fields(Tips)}
     return record | tips | {"notes": list(prepared.notes)}
 
 
-def _match(task: tuple[str, str, NonrigidOptions], shared: SharedTable) -> Record:
-    target, source = (_prepared(shared[key], key) for key in task[:2])
-    match = match_prepared(target, source, task[2])
-    return {"npz": match.npz_bytes(), "text": match.text_bytes(), "confidence": float(match.confidence)}
+def _match(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> FoundMap:
+    match = match_prepared(target, source, options)
+    return FoundMap(npz=match.npz_bytes(), text=match.text_bytes(), confidence=float(match.confidence))
 
 
 def _prepared(record: Record, key: str) -> SpectralShape:
@@ -133,3 +135,8 @@ def _prepared(record: Record, key: str) -> SpectralShape:
         return SpectralShape(**arrays | {"tips": tips, "notes": tuple(arrays["notes"])})
     except (KeyError, TypeError) as error:
         raise StoreError(f"stored shape {key}: {error}") from None
+
+
+#: Prepare a shape and match two. The version changes whenever the same files and options would give others.
+PREPARING = Job(kind="shapes", version="map-3", run=_prepare, reader=_prepared)
+MATCHING = Job(kind="pairs", version="map-3", run=_match, reader=FoundMap)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
 
 import pytest
 
+from collalign.engine.jobs.job import Job, Wanted, table_of_stored
 from collalign.engine.jobs.run import JobResult
 from collalign.engine.options import RunOptions
 from collalign.engine.session import Session
+from collalign.engine.store.records import Record
 from collalign.engine.store.store import Store
 from data_tools.errors import InputError, SolveFailed
 from tests.job_functions import misbehave
@@ -21,7 +24,15 @@ def root(value: float) -> dict[str, float]:
     return {"root": value**0.5}
 
 
-TASKS = {"a": ("one", 1.0), "b": ("four", 4.0), "c": ("bad", -1.0)}
+def whole(record: Record, name: str) -> Record:
+    return record
+
+
+JOB = Job(kind="measurements", version="1", run=root, reader=whole)
+WANTED = {
+    name: Wanted(key=key, label=name, arguments={"value": value})
+    for key, name, value in (("a", "one", 1.0), ("b", "four", 4.0), ("c", "bad", -1.0), ("b", "four again", 4.0))
+}
 
 
 def session_around(store: Store) -> Session[None]:
@@ -31,23 +42,70 @@ def session_around(store: Store) -> Session[None]:
 def test_results_and_failures_are_kept_and_not_computed_again() -> None:
     with Store.memory() as store:
         first = session_around(store)
-        failures = first.compute("measurements", root, TASKS, time_limit_s=None)
-        assert {key: failure.reason for key, failure in failures.items()} == {"c": "negative"}
-        assert store.require("measurements", "b") == {"root": 2.0}
-        assert first.num_reused("measurements", TASKS) == 0
+        found = first.compute(JOB, WANTED, time_limit_s=None)
+        assert found.failures == {"bad": "negative"}
+        assert dict(found) == {"one": {"root": 1.0}, "four": {"root": 2.0}, "four again": {"root": 2.0}}
+        assert (len(found), "bad" in found, "nobody" in found) == (3, False, False)
+        with pytest.raises(KeyError):
+            found["bad"]
+        assert first.num_reused("measurements", "abc") == 0
         second = session_around(store)
         assert second.num_reused("measurements", ["a", "b", "c", "a"]) == 3
         store.put("measurements", "a", {"root": 7.0})
-        assert second.compute("measurements", root, TASKS, time_limit_s=None).keys() == {"c"}
-        assert store.require("measurements", "a") == {"root": 7.0}
-        with second.shared_table("measurements", ["b", "a", "b"]) as table:
-            assert sorted(table) == ["a", "b"]
+        again = second.compute(JOB, WANTED, time_limit_s=None)
+        assert again.failures.keys() == {"bad"}
+        assert again["one"] == {"root": 7.0}
+
+
+@dataclass(frozen=True)
+class Root:
+    root: float
+
+
+@dataclass(frozen=True)
+class Sum:
+    total: float
+
+
+def add(root: Root, others: tuple[Root, ...], more: float) -> Sum:
+    return Sum(total=root.root + sum(other.root for other in others) + more)
+
+
+def record_fields(record: Record, name: str) -> list[str]:
+    return sorted(record)
+
+
+@pytest.mark.parametrize("num_jobs", [1, 2])
+def test_results_of_one_job_are_arguments_of_another(num_jobs: int) -> None:
+    job = replace(JOB, reader=Root)
+    adding = Job(kind="evidence", version="1", run=add, reader=Sum)
+    with Session.open(None, RunOptions(jobs=num_jobs)) as session:
+        roots = session.compute(job, WANTED, time_limit_s=None)
+        arguments = {"root": roots.shared("one"), "others": (roots.shared("four"), roots.shared("four")), "more": 0.5}
+        sums = session.compute(adding, {"all": Wanted(key="s", label="all", arguments=arguments)}, time_limit_s=None)
+        assert sums["all"] == Sum(total=5.5)
+        assert session.spread("sums", add, {(1, 2): arguments}) == {(1, 2): Sum(total=5.5)}
+        assert session.store.require("evidence", "s") == {"total": 5.5}
+
+
+def test_a_table_holds_what_readers_ask_for_alone() -> None:
+    with Store.memory() as store:
+        for key in ("a", "b"):
+            store.put("shapes", key, {"root": 1.0, "large": 2.0})
+        narrow, wide = ({"x": replace(JOB, kind="shapes").shared("a", reader)} for reader in (Root, record_fields))
+        for tasks, expected in (([narrow], ["root"]), ([narrow, wide], ["large", "root"])):
+            table = table_of_stored(store, tasks)
+            assert table is not None
+            with table:
+                assert list(table) == ["a"]
+                assert table.made("a", record_fields) == expected
+        assert table_of_stored(store, [{"x": 1.0}]) is None
 
 
 def test_a_strict_session_raises_and_keeps_what_is_finished() -> None:
     with Store.memory() as store:
         with pytest.raises(InputError, match="bad: negative"):
-            session_around(store).compute("measurements", root, TASKS, time_limit_s=None, strict=True)
+            session_around(store).compute(JOB, WANTED, time_limit_s=None, strict=True)
         assert store.keys("measurements") == {"a", "b"}
 
 
@@ -67,17 +125,17 @@ def test_results_are_spread_counted_and_not_kept(num_jobs: int) -> None:
         return nullcontext(lambda result: counted.append(result.key))
 
     with Session.open(None, RunOptions(jobs=num_jobs), count) as session:
-        found = session.spread("things", misbehave, {str(i): ("return", i) for i in range(6)})
+        found = session.spread("things", misbehave, {i: {"payload": ("return", i)} for i in range(6)})
         assert session.spread("things", misbehave, {}) == {}
         assert not any(session.store.keys(kind) for kind in ("shapes", "pairs"))
-    assert found == {str(i): i for i in range(6)}
+    assert found == {i: i for i in range(6)}
     assert counted[0] == "things: 0 of 6"
-    assert sorted(counted[1:]) == sorted(found)
+    assert sorted(counted[1:]) == sorted(map(str, found))
 
 
 def test_a_failure_is_an_error_that_names_the_task() -> None:
     with Session.open(None, RunOptions(jobs=1)) as session, pytest.raises(SolveFailed, match="things, b: ValueError"):
-        session.spread("things", misbehave, {"a": ("return", 1), "b": ("raise", 2)})
+        session.spread("things", misbehave, {"a": {"payload": ("return", 1)}, "b": {"payload": ("raise", 2)}})
 
 
 def test_displays_say_when_all_is_done_and_count_steps_without_workers() -> None:
@@ -93,7 +151,7 @@ def test_displays_say_when_all_is_done_and_count_steps_without_workers() -> None
         with session.alone("poses", 2) as advance:
             advance()
             advance()
-        session.expecting(300.0).spread("pairs again", root, {"a": 1.0})
+        session.expecting(300.0).spread("pairs again", root, {"a": {"value": 1.0}})
         session.enter("outputs")
         with session.expecting(7.2).alone("poses"):
             pass

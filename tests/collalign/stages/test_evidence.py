@@ -12,6 +12,7 @@ import pytest
 from collalign.align import align_collection
 from collalign.confidence.candidate_model import EVIDENCE, candidate_chances, evidence_score
 from collalign.engine.options import RunOptions
+from collalign.engine.store.typed import from_record
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.surface.posed import prepare_posed
 from collalign.options import AlignOptions
@@ -19,7 +20,7 @@ from collalign.products.pair import Pair
 from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, WeighedPose, distinct
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.rivals import missing_poses, support, voted_poses, votes_of
-from collalign.stages.evidence.weigh import by_energy, with_evidence
+from collalign.stages.evidence.weigh import PairEvidence, by_energy, with_evidence
 from collalign.stages.poses.synchronize import pair_graph
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
@@ -127,7 +128,7 @@ def test_maps_are_not_asked_where_all_cycles_of_pairs_close() -> None:
 
 
 def test_candidates_of_maps_follow_the_rigid_ones_and_alone_take_part() -> None:
-    pair = with_evidence(a_pair([0.1, 0.2]), a_record(3), "a - b")
+    pair = with_evidence(a_pair([0.1, 0.2]), from_record(PairEvidence, a_record(3), "a - b"))
     assert len(pair.energies) == len(pair.log_odds) == len(pair.evidence) == 5
     graph = pair_graph([pair, replace(by_energy(a_pair([0.1, 0.2])), source=2)], 3, "SO")
     assert graph.present.tolist() == [[False, False, True, True, True], [True, True, False, False, False]]
@@ -138,9 +139,11 @@ def test_candidates_of_maps_follow_the_rigid_ones_and_alone_take_part() -> None:
 def test_damaged_evidence_is_refused(field: str) -> None:
     record = a_record(2)
     with pytest.raises(StoreError, match="a - b"):
-        with_evidence(a_pair([0.1]), {name: value for name, value in record.items() if name != field}, "a - b")
+        from_record(PairEvidence, {name: value for name, value in record.items() if name != field}, "a - b")
     with pytest.raises(StoreError, match="a - b"):
-        with_evidence(a_pair([0.1]), record | {field: np.full((2, 2, 2), np.nan)}, "a - b")
+        from_record(PairEvidence, record | {field: np.full((2, 2, 2), np.nan)}, "a - b")
+    with pytest.raises(StoreError, match="maps"):
+        from_record(PairEvidence, record | {"maps": record["maps"] + record["maps"].shape[1]}, "a - b")
 
 
 def test_bent_figures_are_put_right_by_maps(tmp_path: Path) -> None:

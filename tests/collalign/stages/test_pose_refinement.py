@@ -106,7 +106,7 @@ def test_rounds_start_from_the_poses_of_the_round_before(
     spread = session.spread
 
     def noted(label, function, tasks, **others):
-        starts.append(np.stack([task.start for task in tasks.values()]))
+        starts.append(np.stack([task["start"] for task in tasks.values()]))
         return spread(label, function, tasks, **others)
 
     monkeypatch.setattr(type(session), "spread", staticmethod(noted))

@@ -10,13 +10,22 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from collalign.engine.store.records import decode, encode
+from collalign.engine.store.typed import from_record, to_record
 from collalign.products.pair import Pair
-from collalign.stages.proofs import CertificationReport, contradictions, with_proof, worth_proving
-from collalign.stages.stored_types import proof_from_record, proof_to_record
+from collalign.stages.proofs import (
+    LISTED_WITHIN,
+    CertificationReport,
+    PairProof,
+    contradictions,
+    pair_proof,
+    with_proof,
+    worth_proving,
+)
 from data_tools.errors import StoreError
 from data_tools.rotations import rotation_angles
-from pairwise.branch_and_bound.poses import list_poses
+from pairwise.branch_and_bound.poses import PoseList, list_poses
 from pairwise.problem.problem import Problem
+from pairwise.status import Status
 from tests.rigid_problems import planted_cube
 
 
@@ -40,27 +49,27 @@ def test_rejected_pairs_come_first_then_close_rivals() -> None:
     assert worth_proving(pairs[1:2], inlier[:1]) == []
 
 
-def proof(energy: float, *listed: float, within: float = 1.2) -> dict[str, object]:
-    """The record of a proof whose pose is a half turn; further listed poses are turned by tenths of a turn."""
+def proof(energy: float, *listed: float, within: float = 1.2) -> PairProof:
+    """A proof whose pose is a half turn; further listed poses are turned by tenths of a turn."""
     turns = [0.2 * np.pi * (number + 1) for number in range(len(listed))]
     rotations = [[[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]] for a in turns]
-    return {
-        "listed_rotations": np.array(rotations).reshape(-1, 3, 3),
-        "listed_maps": np.tile([3, 2, 1, 0], (len(listed), 1)),
-        "listed_energies": np.array(listed),
-        "gap": 0.01,
-        "listed_gaps": np.full(len(listed), 0.02),
-        "complete_within": within,
-        "regions": np.array([np.diag([1.0, -1.0, -1.0]), *rotations]),
-        "region_radii_rad": np.full(1 + len(listed), 0.1),
-        "lower_bound": 0.7,
-        "status": "PROVEN_OPTIMAL",
-        "energy": energy,
-        "rotation": np.diag([1.0, -1.0, -1.0]),
-        "map": np.array([1, 0, 2, 3]),
-        "chirality_proven": True,
-        "certificate": None,
-    }
+    return PairProof(
+        listed_rotations=np.array(rotations).reshape(-1, 3, 3),
+        listed_maps=np.tile([3, 2, 1, 0], (len(listed), 1)),
+        listed_energies=np.array(listed),
+        gap=0.01,
+        listed_gaps=np.full(len(listed), 0.02),
+        complete_within=within,
+        regions=np.array([np.diag([1.0, -1.0, -1.0]), *rotations]),
+        region_radii_rad=np.full(1 + len(listed), 0.1),
+        lower_bound=0.7,
+        status=Status.PROVEN_OPTIMAL,
+        energy=energy,
+        rotation=np.diag([1.0, -1.0, -1.0]),
+        map=np.array([1, 0, 2, 3]),
+        chirality_proven=True,
+        certificate=None,
+    )
 
 
 def test_a_proof_adds_its_bound_and_the_poses_that_the_pair_lacks() -> None:
@@ -99,22 +108,27 @@ def test_a_common_pose_far_from_all_listed_poses_contradicts_only_a_complete_lis
     assert "and 3 more" in many[0]
 
 
+def proof_of(poses: PoseList) -> PairProof:
+    return pair_proof(poses, lambda rotations: np.full(len(rotations), 0.1))
+
+
 def test_the_record_of_a_list_is_checked_and_says_whether_it_is_complete() -> None:
     problem = Problem.from_user(*planted_cube(6, 0.3, 2))
-    poses = list_poses(problem, within=1.5, record=True)
-    gaps = {"gap": 0.1, "listed_gaps": np.full(len(poses.candidates), 0.1)}
-    record = decode(encode(proof_to_record(poses, 1.5) | gaps), "pair")
-    found = proof_from_record(record, "pair")
-    assert found["complete_within"] == 1.5
-    assert len(found["regions"]) == len(poses.regions)
-    assert found["listed_energies"].tolist() == [one.energy for one in poses.candidates]
-    assert found["certificate"].bound <= poses.proof.candidate.energy
-    for region, centre, radius in zip(poses.regions, found["regions"], found["region_radii_rad"], strict=True):
+    poses = list_poses(problem, within=LISTED_WITHIN, record=True)
+    record = decode(encode(to_record(proof_of(poses))), "pair")
+    found = from_record(PairProof, record, "pair")
+    assert found.complete_within == LISTED_WITHIN
+    assert len(found.regions) == len(poses.regions) > 0
+    assert found.listed_energies.tolist() == [one.energy for one in poses.candidates]
+    assert found.certificate is not None
+    assert found.certificate.bound <= poses.proof.candidate.energy
+    for region, centre, radius in zip(poses.regions, found.regions, found.region_radii_rad, strict=True):
         assert (rotation_angles(region.rotations, centre) + region.radii_rad <= radius + 1e-12).all()
-    unfinished = replace(poses, is_resolved=False)
-    assert np.isnan(proof_from_record(proof_to_record(unfinished, 1.5) | gaps, "pair")["complete_within"])
-    with pytest.raises(StoreError, match="regions"):
-        proof_from_record(record | {"regions": record["regions"][:-1]}, "pair")
+    assert np.isnan(proof_of(replace(poses, is_resolved=False)).complete_within)
+    with pytest.raises(StoreError, match="region"):
+        from_record(PairProof, record | {"regions": record["regions"][:-1]}, "pair")
+    with pytest.raises(StoreError, match="bound"):
+        from_record(PairProof, record | {"certificate": record["certificate"] | {"bound": "0"}}, "pair")
 
 
 def test_the_report_says_when_the_budget_ended() -> None:

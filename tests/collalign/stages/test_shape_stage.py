@@ -5,18 +5,20 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
 from collalign import AlignOptions, RunOptions
+from collalign.engine.jobs.job import Runner
 from collalign.engine.jobs.worker import Call, Limits, Task, run_in_process
 from collalign.engine.session import Session
 from collalign.engine.store.store import Store
 from collalign.products.shapes import Excluded, Shapes
 from collalign.stages import shapes as stage
-from collalign.stages.shapes import ShapeTask, common_num_points, prepare_shapes
+from collalign.stages.shapes import common_num_points, prepare_shapes
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import read_folder, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
@@ -24,15 +26,9 @@ from data_tools.options import EmbeddingOptions, SamplingOptions
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0))
 
 
-def shape_task(file: Path) -> ShapeTask:
-    return ShapeTask(
-        path=file,
-        name=file.stem,
-        digest=None,
-        cleaning=OPTIONS.cleaning,
-        sampling=OPTIONS.sampling,
-        embedding=OPTIONS.embedding,
-    )
+def arguments(file: Path) -> dict[str, Any]:
+    groups = {"cleaning": OPTIONS.cleaning, "sampling": OPTIONS.sampling, "embedding": OPTIONS.embedding}
+    return {"file": file, "name": file.stem, "digest": None, **groups}
 
 
 @pytest.fixture
@@ -108,10 +104,10 @@ def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_no
     head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nPOINTS 3\nDATA binary_compressed\n"
     (folder / "compressed.pcd").write_text(head)
     monkeypatch.setitem(sys.modules, "open3d", None)
-    call = Call(function=stage.prepare_shape, limits=Limits(), table=None)
+    call = Call(function=Runner(stage.SAMPLING.run, is_kept=True), limits=Limits(), table=None)
     again = {}
     for token, file in enumerate([*sorted(folder.iterdir()), folder / "missing.ply"]):
-        task = Task(token=token, key=file.name, payload=shape_task(file))
+        task = Task(token=token, key=file.name, payload=arguments(file))
         outcome = run_in_process(call, task)
         if outcome.failure is not None:
             again[file.name] = outcome.crashed

@@ -1,0 +1,204 @@
+"""Dataclasses come back from records as they were, and records that cannot be are refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from collalign.engine.store.records import Record, decode, encode
+from collalign.engine.store.typed import fields_of, from_record, to_record
+from collalign.stages.pairs.match import PairPoses, match_pair
+from data_tools.arrays import Holds
+from data_tools.embedding.embedding import Samples
+from data_tools.errors import SolveFailed, StoreError
+from pairwise import match
+from pairwise.options import MatchOptions
+from pairwise.status import Status
+
+
+def make_samples(
+    rng: np.random.Generator, *, num: int = 12, num_functions: int = 0, num_invariants: int = 2
+) -> Samples:
+    positions = rng.standard_normal((num, 3))
+    positions -= positions.mean(axis=0)
+    functions = rng.standard_normal((num, num_functions))
+    return Samples(
+        name="tooth",
+        vertex_indices=rng.permutation(500)[:num],
+        positions=positions,
+        coordinates=np.hstack([positions, functions]),
+        block_sizes=(3, num_functions) if num_functions else (3,),
+        invariants=rng.standard_normal((num, num_invariants)),
+        offset=rng.standard_normal(3),
+        scale=2.5,
+        dense_indices=np.arange(7),
+        dense_positions=rng.standard_normal((7, 3)),
+        dense_normals=rng.standard_normal((7, 3)),
+        dense_invariants=rng.standard_normal((7, num_invariants)),
+        notes=("decimated",),
+    )
+
+
+def through_bytes(record: Record) -> Record:
+    return decode(encode(record), "x")
+
+
+def same(a: Any, b: Any) -> bool:
+    if isinstance(a, np.ndarray):
+        return bool(a.dtype == b.dtype and a.tobytes() == b.tobytes() and not b.flags.writeable)
+    return bool(a == b or (a != a and b != b))
+
+
+def same_fields(a: Any, b: Any, *, without: tuple[str, ...] = ()) -> bool:
+    return all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a) if f.name not in without)
+
+
+@pytest.fixture
+def poses(rng: np.random.Generator) -> PairPoses:
+    return match_pair(make_samples(rng), make_samples(rng), "SO", MatchOptions())
+
+
+@pytest.mark.parametrize("num_functions", [0, 4])
+@pytest.mark.parametrize("num_invariants", [0, 3])
+def test_samples_come_back(rng: np.random.Generator, num_functions: int, num_invariants: int) -> None:
+    samples = make_samples(rng, num_functions=num_functions, num_invariants=num_invariants)
+    back = from_record(Samples, through_bytes(to_record(samples)), "tooth")
+    assert same_fields(samples, back)
+    assert from_record(Samples, to_record(samples), "another").name == "another"
+    assert not same_fields(samples, make_samples(rng), without=("name",))
+
+
+def test_poses_come_back(poses: PairPoses) -> None:
+    back = from_record(PairPoses, through_bytes(to_record(poses)), "a ~ b")
+    assert len(back.energies) > 1
+    assert same_fields(replace(poses, maps=poses.maps.astype(np.int64)), back)
+    assert back.pair(3, 1).status == poses.status.name
+    assert np.isnan(back.lower_bound)
+
+
+def test_a_match_without_a_pose_is_a_failure_and_no_record(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failed = replace(match(rng.random((4, 3)), rng.random((4, 3))), candidates=(), status=Status.FAILED)
+    monkeypatch.setattr("collalign.stages.pairs.match.match_problem", lambda problem, options: failed)
+    with pytest.raises(SolveFailed, match="No usable answer"):
+        match_pair(make_samples(rng), make_samples(rng), "SO", MatchOptions())
+
+
+@dataclass(frozen=True)
+class Part:
+    colour: str
+
+
+@dataclass(frozen=True)
+class Everything:
+    name: str
+    parts: tuple[Part, ...]
+    maybe: Part | None
+    status: Status
+    blob: bytes
+    flags: Annotated[NDArray[np.bool_], Holds(shape="n")]
+    weights: Annotated[NDArray[np.float32], Holds(shape="n? 2")]
+    table: dict[str, NDArray[np.float64]]
+
+
+def test_every_kind_of_field_comes_back_and_a_reader_takes_what_it_names() -> None:
+    value = Everything(
+        name="all",
+        parts=(Part("red"), Part("blue")),
+        maybe=None,
+        status=Status.FAILED,
+        blob=b"abc",
+        flags=np.array([True, False]),
+        weights=np.zeros((0, 2), dtype=np.float32),
+        table={"a": np.ones(3)},
+    )
+    record = through_bytes(to_record(value))
+    assert "name" not in record
+    back = from_record(Everything, record | {"unknown": 1}, "all")
+    assert (back.parts, back.maybe, back.status, back.blob) == (value.parts, None, Status.FAILED, b"abc")
+    assert back.weights.dtype == np.float32
+    assert back.table["a"].tolist() == [1.0] * 3
+    assert from_record(Everything, record | {"maybe": {"colour": "red"}}, "all").maybe == Part("red")
+    assert fields_of(Part) == {"colour"}
+    assert fields_of(lambda record, name: record) is None
+    for change in (
+        {"parts": [{"colour": 1}]},
+        {"parts": "red"},
+        {"maybe": []},
+        {"blob": "abc"},
+        {"flags": np.array([0, 2])},
+        {"weights": np.zeros((1, 2), dtype=np.float32)},
+        {"table": {"a": 1}},
+    ):
+        with pytest.raises(StoreError, match="all"):
+            from_record(Everything, record | change, "all")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"rotations": np.eye(3)[None] * 2},
+        {"rotations": np.full((1, 3, 3), np.nan)},
+        {"rotations": np.full((1, 3, 3), 1e200)},
+        {"rotations": np.eye(3)},
+        {"rotations": "no array"},
+        {"maps": np.full((1, 10), -2, np.int32)},
+        {"maps": np.zeros((1, 10))},
+        {"maps": None},
+        {"maps": np.zeros((2, 10), np.int32)},
+        {"energies": np.array([np.nan])},
+        {
+            "energies": np.zeros(0),
+            "gaps": np.zeros(0),
+            "rotations": np.zeros((0, 3, 3)),
+            "maps": np.zeros((0, 3), np.int32),
+        },
+        {"lower_bound": "1"},
+        {"status": "EXCELLENT"},
+        {"status": ["FAILED"]},
+    ],
+)
+def test_impossible_poses_are_refused(poses: PairPoses, change: dict[str, Any]) -> None:
+    record = to_record(poses)
+    record |= {name: record[name][:1] for name in ("rotations", "maps", "energies", "gaps")}
+    from_record(PairPoses, record, "a ~ b")
+    with pytest.raises(StoreError, match="a ~ b"):
+        from_record(PairPoses, record | change, "a ~ b")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"positions": np.zeros((3, 2))},
+        {"positions": np.full((12, 3), np.inf)},
+        {"coordinates": np.zeros((12, 4))},
+        {"block_sizes": [2]},
+        {"block_sizes": [3, -1]},
+        {"block_sizes": 3},
+        {"vertex_indices": np.full(12, -1)},
+        {"vertex_indices": np.arange(11)},
+        {"scale": 0.0},
+        {"scale": float("nan")},
+        {"scale": True},
+        {"offset": np.zeros(2)},
+        {"dense_indices": np.arange(8)},
+        {"notes": [1]},
+    ],
+)
+def test_impossible_samples_are_refused(rng: np.random.Generator, change: dict[str, Any]) -> None:
+    record = to_record(make_samples(rng))
+    from_record(Samples, record, "tooth")
+    with pytest.raises(StoreError, match="tooth"):
+        from_record(Samples, record | change, "tooth")
+
+
+def test_missing_fields_are_named(rng: np.random.Generator, poses: PairPoses) -> None:
+    for record, kind in ((to_record(make_samples(rng)), Samples), (to_record(poses), PairPoses)):
+        for field in record:
+            with pytest.raises(StoreError, match=f"'{field}' is missing"):
+                from_record(kind, {name: value for name, value in record.items() if name != field}, "x")
