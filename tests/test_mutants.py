@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.mutants.draw import Imports, as_mutant, by_package, changes, draw
+from tests.mutants.equivalent import EQUIVALENT
 from tests.mutants.place import MODULE, Mutant, applied, mutated
 from tests.mutants.places import MUTANTS
 
@@ -62,6 +64,66 @@ def test_faults_are_put_into_one_function_only() -> None:
 def test_faults_that_are_none_are_refused(function: str, old: str, new: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         mutated(SOURCE, fault(function, old, new))
+
+
+def test_drawn_faults_depend_on_the_seed_alone_and_can_be_put_into_the_code() -> None:
+    drawn = draw(ROOT, 40, 7)
+    assert drawn == draw(ROOT, 40, 7)
+    assert not set(map(str, drawn)) & set(map(str, draw(ROOT, 40, 8)))
+    assert len({mutant.file for mutant in drawn}) > 25
+    assert not [str(mutant) for mutant in drawn if not is_there(mutant)]
+    assert all(EQUIVALENT.values())
+
+
+def test_every_operator_number_and_condition_is_a_place() -> None:
+    source = """def grow(items: list[int] | None, most=3):
+    if not items:
+        return -1.5
+    items.clear()
+    while True:
+        if (len(items) + 1) < most and max(items) in (2, 0.0):
+            break
+    return f"{1 + 1}"
+"""
+    found = {(source[one.start : one.end], one.new) for one in changes(source)}
+    assert found >= {("3", "4"), ("not", ""), ("-", ""), ("1.5", "3.0"), ("items.clear()", "pass"), ("True", "False")}
+    assert found >= {
+        ("+", "-"),
+        ("<", "<="),
+        ("and", "or"),
+        ("max", "min"),
+        ("in", "not in"),
+        ("2", "3"),
+        ("0.0", "1.0"),
+    }
+    assert ("not items", "not (not items)") in found
+    assert ("break", "pass") in found
+    assert sum(new == "-" for _, new in found) == 1, "texts and annotations have none"
+
+
+def test_a_drawn_fault_names_lines_that_are_found_again() -> None:
+    source = "def f(a):\n    a += 1\n    a += 1\n    return a\n"
+    seen = set()
+    for change in changes(source):
+        mutant = as_mutant(source, change)
+        assert mutant.function == "f"
+        changed = mutated(source, mutant)
+        assert changed == source[: change.start] + change.new + source[change.end :]
+        seen.add(changed)
+    assert len(seen) == 4
+
+
+def test_the_tests_of_a_module_come_before_those_of_its_users() -> None:
+    tests = Imports(ROOT).tests_of("data_tools/rotations.py")
+    assert "tests/data_tools/test_rotations.py" in tests
+    assert "tests/pairwise/test_matching.py" in tests
+    assert Imports(ROOT).tests_of("collalign/cli/certify.py")
+
+
+def test_killed_ones_are_counted_by_package() -> None:
+    a, b = Mutant("pairwise/a.py", "f", "1", "2", ()), Mutant("collalign/b.py", "f", "1", "2", ())
+    counts = by_package([(a, "killed"), (a, "survived"), (b, "no verdict")])
+    assert counts == {"collalign": (0, 0), "data_tools": (0, 0), "pairwise": (1, 2)}
 
 
 def test_the_runner_tells_killed_from_survived_and_from_tests_that_fail_anyway(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def mutated(source: str, mutant: Mutant) -> str:
         If there is no such function, its text does not hold ``old`` exactly once, or the result is no Python.
     """
     lines = source.splitlines(keepends=True)
-    spans = _spans(ast.parse(source))
+    spans = function_spans(ast.parse(source))
     if mutant.function == MODULE:
         inside = set(range(len(lines)))
         inside -= {i for name, (first, last) in spans.items() for i in range(first, last)}
@@ -72,7 +72,7 @@ def applied(mutant: Mutant, root: Path) -> str:
     return mutated(path.read_text("utf-8"), mutant)
 
 
-def _spans(tree: ast.Module) -> dict[str, tuple[int, int]]:
+def function_spans(tree: ast.Module) -> dict[str, tuple[int, int]]:
     """Return first and last line (exclusive, from 0) of every function by its name, methods with their class."""
     found = {}
     for node in tree.body:

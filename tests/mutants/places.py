@@ -7,6 +7,7 @@ from tests.mutants.collections import COLLECTIONS, ENGINE, NONRIGID, SHAPES
 from tests.mutants.incomplete import INCOMPLETE
 from tests.mutants.proofs import MATCHING, VERIFIERS
 from tests.mutants.surfaces import SURFACES
+from tests.mutants.survivors import SURVIVORS
 from tests.mutants.trust import TRUST
 
 MUTANTS = (
@@ -20,4 +21,5 @@ MUTANTS = (
     *NONRIGID,
     *SHAPES,
     *SURFACES,
+    *SURVIVORS,
 )

@@ -20,6 +20,8 @@ from collalign.nonrigid.surface.tips import UNREACHABLE, Tips
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
+from data_tools.embedding.working_surface import WorkingSurface
+from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 
@@ -163,3 +165,17 @@ def test_a_body_has_its_tips_and_maps_start_from_them() -> None:
     best = min((mapper.evidence(one) for one in smooth.maps_from_tips()), key=lambda one: one.score)
     assert best.orientation > 0.8
     assert best.stretch < 2.0
+
+
+def test_tips_are_remote_and_their_distances_have_no_unit(bodies: tuple[SpectralShape, SpectralShape]) -> None:
+    body = bodies[0]
+    shapes = [Shape.from_arrays(factor * body.vertices, body.faces, name="body") for factor in (1.0, 7.0)]
+    surfaces = [WorkingSurface(shape, SamplingOptions()) for shape in shapes]
+    small, large = (Tips.of(surface, np.arange(50)) for surface in surfaces)
+    assert len(small) >= 4
+    assert (np.diff(small.remoteness) <= 1e-9).all()
+    assert small.remoteness.max() > 0.2
+    np.testing.assert_allclose(small.between, small.between.T, atol=0.1)
+    np.testing.assert_allclose(np.diag(small.between), 0.0, atol=1e-6)
+    for name in ("between", "remoteness", "distances"):
+        np.testing.assert_allclose(getattr(small, name), getattr(large, name), atol=5e-3)

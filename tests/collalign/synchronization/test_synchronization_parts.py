@@ -13,6 +13,7 @@ from collalign.synchronization.clusters import _aligned_parts, pair_affinity, sp
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.geometry import relative, transposed
 from collalign.synchronization.problem.model import (
+    PRIOR_LOG_ODDS,
     EdgeModel,
     _fitted_noise,
     _fitted_power,
@@ -23,7 +24,7 @@ from collalign.synchronization.problem.model import (
     squared_distances,
 )
 from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
-from collalign.synchronization.solvers.blockwise import connectivity_warnings, refinement_weights
+from collalign.synchronization.solvers.blockwise import connectivity_warnings, refinement_weights, restricted
 from collalign.synchronization.solvers.signs import synchronize_signs
 from collalign.synchronization.solvers.turns import (
     FORBIDDEN,
@@ -348,3 +349,31 @@ def test_pairs_within_a_degree_do_not_disagree() -> None:
 def test_unconnected_parts_are_said() -> None:
     assert connectivity_warnings(1) == ()
     assert "2 parts" in connectivity_warnings(2)[0]
+
+
+def test_what_energies_say_of_candidates_is_learnt_from_the_pairs() -> None:
+    rng = np.random.default_rng(4)
+    graph, truth = noisy_graph(12, 3.0)
+    turned = graph.candidates[:, 0] @ np.diag([1.0, -1.0, -1.0])
+    both = np.stack([graph.candidates[:, 0], turned], axis=1)
+    frames = transposed(truth)
+
+    def learnt(energies: np.ndarray) -> EdgeModel:
+        told = PairGraph.from_user(graph.edges, both, energies=energies)
+        return EdgeModel(graph=told).updated(squared_distances(told, frames))
+
+    lower = rng.uniform(0.1, 0.2, (len(both), 1))
+    right, wrong = learnt(np.hstack([lower, 2.0 * lower])), learnt(np.hstack([2.0 * lower, lower]))
+    assert right.best_log_odds + right.energy_slope > PRIOR_LOG_ODDS > wrong.best_log_odds + wrong.energy_slope
+
+
+def test_blocks_above_three_coordinates_are_reflected_where_the_first_may_not_be() -> None:
+    rng = np.random.default_rng(1)
+    edges = complete_edges(4)
+    pairs = np.zeros((len(edges), 7, 7))
+    pairs[:, :3, :3], pairs[:, 3:, 3:] = np.eye(3), np.linalg.qr(rng.standard_normal((len(edges), 4, 4)))[0]
+    for group, allowed in (("SO", True), ("O", False)):
+        graph = PairGraph.from_user(edges, pairs, rotation_pattern=(3, 4), group=group)
+        assert bool(restricted(graph, np.arange(3)).pattern.special_blocks) == allowed
+        assert not restricted(graph, np.arange(3, 7)).pattern.special_blocks
+        assert not restricted(graph, np.arange(2)).pattern.special_blocks

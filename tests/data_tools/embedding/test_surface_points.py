@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.datasets.synthetic_shapes import blob, crown
-from data_tools.embedding.surface_points import surface_points
+from data_tools.embedding.surface_points import RIM_NEIGHBOURS, cloud_rim, surface_points
 from data_tools.surface.shape import Shape
 
 
@@ -34,3 +34,13 @@ def test_a_clouds_rim_is_found_by_its_gaps() -> None:
     lowest = found.points[:, 2] < np.quantile(found.points[:, 2], 0.03)
     assert found.on_rim[lowest].mean() > 0.7
     assert found.on_rim[~lowest].mean() < 0.25
+
+
+def test_the_neighbours_that_count_for_a_rim_are_just_the_nearest() -> None:
+    angles = np.deg2rad([150.0, 210.0, *np.linspace(-90.0, 90.0, RIM_NEIGHBOURS - 2)])
+    radii = np.where(np.arange(RIM_NEIGHBOURS) < 2, 2.0, 1.0)  # the farthest close the gap
+    ring = np.column_stack([radii * np.cos(angles), radii * np.sin(angles), np.zeros(RIM_NEIGHBOURS)])
+    cloud, upwards = np.vstack([np.zeros(3), ring]), np.tile([0.0, 0.0, 1.0], (1 + RIM_NEIGHBOURS, 1))
+    assert not cloud_rim(cloud, upwards)[0]
+    assert cloud_rim(np.delete(cloud, 1, axis=0), upwards[1:])[0]
+    assert cloud_rim(np.vstack([cloud, 0.5 * ring[2:4]]), np.tile(upwards[0], (3 + RIM_NEIGHBOURS, 1)))[0]

@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 
 from data_tools.errors import InputError, OptionsError
 from pairwise import solve_relaxation, verify_certificate
+from pairwise.pm_sdp import interior_point
 from pairwise.pm_sdp.cone_kernels import longest_block_step, longest_dual_step, longest_primal_step
 from pairwise.problem.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
@@ -264,3 +265,20 @@ def test_many_variables_converge_once_rough_operators_no_longer_do(rng: np.rando
     result = solve_pm_sdp(problem, tol=1e-5)
     assert result.status is Status.CONVERGED
     assert check_relaxation(problem, result, 1e-5) == []
+
+
+@pytest.mark.parametrize("stops", ["primal", "dual", "short"])
+def test_a_step_that_arithmetic_does_not_allow_ends_with_the_best_point_so_far(
+    stops: str, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = rng.random((8, 3))
+    if stops == "short":
+        corrected = interior_point._InteriorPoint._corrected_step
+        monkeypatch.setattr(
+            interior_point._InteriorPoint, "_corrected_step", lambda self: (corrected(self)[0], (1e-12, 1e-12))
+        )
+    else:
+        monkeypatch.setattr(interior_point, f"move_{stops}", lambda *arguments: None)
+    result = solve_relaxation(target, target @ random_rotation(rng, 3))
+    assert result.status is Status.STALLED
+    assert result.lower_bound <= 1e-9

@@ -1,0 +1,43 @@
+"""Which shapes the contact sheet draws, and the colours of their places."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign import AlignOptions, RunOptions, align_collection
+from collalign.output import shape_files
+from collalign.output.vertex_maps import PlaceColours
+from collalign.products.deformation import VertexMaps
+from data_tools.datasets.synthetic_shapes import chair
+from data_tools.options import SamplingOptions
+
+
+@pytest.mark.parametrize(("most", "drawn"), [(100, [0, 1, 2, 3, 4]), (3, [0, 2, 4])])
+def test_all_shapes_are_drawn_or_as_many_as_fit_from_the_first_to_the_last(
+    most: int, drawn: list[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shape_files, "_MAX_TILES", most)
+    shapes = {f"chair{i}": chair(np.random.default_rng(i), resolution=1) for i in range(5)}
+    options = AlignOptions(group="SO", sampling=SamplingOptions(num_points=8, num_dense_points=0))
+    collection = align_collection(shapes, options=options, run=RunOptions(jobs=1))
+    parts = shape_files.write_shapes(collection, [tmp_path / f"{name}.ply" for name in collection.names], None)
+    assert [i for i, part in enumerate(parts) if part.tile is not None] == drawn
+    assert len(list(tmp_path.iterdir())) == 5
+
+
+def test_colours_are_the_places_along_the_axes_of_the_reference() -> None:
+    corners = np.stack(np.meshgrid([0.0, 1.0], [5.0, 7.0], [-2.0, 3.0], indexing="ij"), axis=-1).reshape(-1, 3)
+    other = np.array([[0.5, 6.0, 0.5], [np.nan] * 3, [9.0, 9.0, 9.0]])
+    maps = VertexMaps(names=("a", "b"), reference="a", places=(corners, other), residuals=np.zeros(2), left_out=())
+    colours = PlaceColours(maps)
+    of_corners = colours.of_file("a")
+    np.testing.assert_allclose(np.unique(of_corners[:-1].round(9)), [0.08, 0.92])
+    assert len(np.unique(of_corners[:-1].round(9), axis=0)) == 8
+    middle, unknown, outside, none = colours.of_file("b")
+    np.testing.assert_allclose(middle, 0.5)
+    assert set(outside.round(9)) <= {0.08, 0.92}
+    for grey in (unknown, none, of_corners[-1], *colours.of_file("c")):
+        np.testing.assert_array_equal(grey, 0.6)

@@ -1,0 +1,54 @@
+"""Faults drawn at random that no test noticed once."""
+
+from __future__ import annotations
+
+from tests.mutants.place import faults
+
+SURVIVORS = (
+    *faults(
+        "collalign/output/shape_files.py",
+        ("tests/collalign/output/test_shape_files.py",),
+        ("write_shapes", "min(num, _MAX_TILES)", "max(num, _MAX_TILES) // 2"),
+        ("write_shapes", "num - 1, min", "num + 1, min"),
+        ("write_shapes", "drawn=i in drawn", "drawn=i not in drawn"),
+    ),
+    *faults(
+        "collalign/output/vertex_maps.py",
+        ("tests/collalign/output/test_shape_files.py",),
+        ("PlaceColours.of_file", "self._high - self._low", "self._high + self._low"),
+        ("PlaceColours.of_file", "extent > 0, extent, 1.0", "extent > 0, 1.0, extent"),
+        ("PlaceColours.of_file", "name not in", "name in"),
+    ),
+    *faults(
+        "collalign/synchronization/problem/model.py",
+        ("tests/collalign/synchronization/test_synchronization_parts.py",),
+        ("_fitted_candidates", "or not features.any()", "or features.any()"),
+    ),
+    *faults(
+        "collalign/synchronization/solvers/blockwise.py",
+        ("tests/collalign/synchronization/test_synchronization_parts.py",),
+        ("restricted", "start == index[0] and", "start == index[0] or"),
+        ("restricted", "start == index[0]", "start != index[0]"),
+        ("restricted", "index[-1] + 1", "index[-1] - 1"),
+        ("restricted", "any(", "all("),
+    ),
+    *faults(
+        "collalign/nonrigid/surface/tips.py",
+        ("tests/collalign/nonrigid/test_harmonic.py",),
+        ("Tips.of", "surface.agd[tips] / surface", "surface.agd[tips] * surface"),
+        ("Tips.of", "surface.area**0.5", "surface.area**1.5"),
+    ),
+    *faults(
+        "pairwise/pm_sdp/interior_point.py",
+        ("tests/pairwise/pm_sdp/test_pm_sdp_interior_point.py",),
+        ("_InteriorPoint._advance", "new_primal is None or", "new_primal is None and"),
+        ("_InteriorPoint._advance", "new_dual is None or", "new_dual is None and"),
+        ("_InteriorPoint._advance", "max(sizes) <", "max(sizes) >"),
+    ),
+    *faults(
+        "data_tools/embedding/surface_points.py",
+        ("tests/data_tools/embedding/test_surface_points.py",),
+        ("cloud_rim", "RIM_NEIGHBOURS + 1", "RIM_NEIGHBOURS - 1"),
+        ("cloud_rim", "min(RIM", "max(RIM"),
+    ),
+)
