@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_faces, read_only
 from data_tools.errors import InputError
@@ -125,7 +126,7 @@ def _places(vertices: FloatArray) -> tuple[IntArray, IntArray]:
 
     To sort a hash of each row is far quicker than to sort the rows.
     """
-    hashes = (np.ascontiguousarray(vertices).view(np.uint64) * _HASH_FACTORS).sum(axis=1, dtype=np.uint64)
+    hashes = _hashes(vertices)
     order = np.argsort(hashes)
     starts = np.flatnonzero(np.diff(hashes[order], prepend=hashes[order[:1]] + np.uint64(1)))
     first = np.minimum.reduceat(order, starts)
@@ -135,6 +136,13 @@ def _places(vertices: FloatArray) -> tuple[IntArray, IntArray]:
         return first, place
     _, first, place = np.unique(vertices, axis=0, return_index=True, return_inverse=True)  # hashes collide
     return first, place.ravel()
+
+
+def _hashes(vertices: FloatArray) -> NDArray[np.uint64]:
+    """Return an integer of 64 bits for each row."""
+    bits = np.ascontiguousarray(vertices).view(np.uint64)
+    bits = bits ^ (bits >> np.uint64(32))  # the lower bits of what a file holds in single precision are all zero
+    return np.asarray((bits * _HASH_FACTORS).sum(axis=1, dtype=np.uint64))
 
 
 def _drop_degenerate(vertices: FloatArray, faces: IntArray, notes: list[str]) -> tuple[IntArray, FloatArray]:

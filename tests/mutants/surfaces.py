@@ -19,6 +19,7 @@ SURFACES: tuple[Mutant, ...] = (
         ("tests/data_tools/surface/test_cleaning.py",),
         ("_places", "(vertices == vertices[first[place]]).all()", "True"),
         ("_drop_degenerate", "good[doubtful] =", "_ ="),
+        ("_hashes", "bits ^ (bits >> np.uint64(32))", "bits"),
     ),
     *faults(
         "data_tools/surface/decimation.py",

@@ -43,6 +43,11 @@ def test_merging_does_not_depend_on_hashes(
     np.testing.assert_array_equal(cleaned.source_indices, first)
 
 
+def test_hashes_of_coordinates_in_single_precision_differ(rng: np.random.Generator) -> None:
+    points = rng.standard_normal((300_000, 3)).astype(np.float32).astype(np.float64)
+    assert len(np.unique(cleaning._hashes(points))) == len(points)
+
+
 def test_components_and_duplicates_are_kept_on_request() -> None:
     first, faces = sphere_mesh(30)
     two = Shape.from_arrays(np.concatenate([first, first + 5.0]), np.concatenate([faces, faces + 30]))
