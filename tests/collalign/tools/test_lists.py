@@ -61,7 +61,7 @@ def test_pair_lists_are_checked(tmp_path: Path) -> None:
 
 
 def test_the_command_matches_a_list(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    small = ["--deformation.num-source", "30", "--surface.num-functions", "45", "--surface.num-samples", "60"]
+    small = ["--surface.num-functions", "45", "--surface.num-samples", "60"]
     words = ["maps", str(folder / "pairs.txt"), "--out", str(folder / "maps"), "--jobs", "1", *small]
     assert main([*words, "--surface.num-dense", "300"]) == 3
     printed = capsys.readouterr()
