@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 
 from collalign.engine.options import RunOptions
 from collalign.output.browsing import Browsable
 from collalign.output.evidence.file import load_view
 from collalign.output.evidence.gather import part_numbers
-from collalign.output.vertex_maps import load_vertex_maps
-from collalign.output.write import MESH_FOLDER, WRITER, inputs_of, save_collection
-from collalign.products.collection import Collection
-from collalign.products.deformation import VertexMaps
+from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
+from collalign.output.write import CORRESPONDENCES_FILE, MESH_FOLDER, WRITER, inputs_of, save_collection
+from collalign.products.collection import Collection, ConsistentMaps
 from collalign.products.evidence import CollectionView
-from data_tools.arrays import IntArray
+from data_tools.arrays import IntArray, as_indices, read_only
+from data_tools.errors import InputError
+from data_tools.io.archives import load_arrays
 from data_tools.io.output_folder import OutputFolder, file_stems
 from data_tools.io.shapes import read_shape
-from data_tools.io.source import location
+from data_tools.io.source import location, read_source
 from data_tools.options import AS_STORED
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
@@ -102,16 +104,23 @@ class LoadedCollection(Browsable, CollectionView):
         stem = file_stems(self.names)[at]
         return read_shape(self.folder / MESH_FOLDER / f"{stem}.ply", AS_STORED, name=self.names[at])
 
-    @property
-    def vertex_maps(self) -> VertexMaps:
-        """Maps of all vertices between the shapes, as their files count them.
+    @cached_property
+    def maps(self) -> ConsistentMaps:  # type: ignore[override]  # read-only in both, by different means
+        """Correspondences of samples, and of vertices where the result has them, read when first asked for.
 
         Raises
         ------
         InputError
-            If the result has none: it was aligned without ``deformable``.
+            If the result's files of them are missing or damaged.
         """
-        return load_vertex_maps(self.folder)
+        path = self.folder / CORRESPONDENCES_FILE
+        data = load_arrays(read_source(path).content, path.name)
+        if "labels" not in data:
+            raise InputError(f"{path}: holds no labels of samples")
+        labels = as_indices(data["labels"], f"{path}: labels", lower=-1, upper=2**31, shape=(len(self), None))
+        has_vertices = (self.folder / VERTEX_MAPS_FILE).is_file()
+        vertices = load_vertex_maps(self.folder) if has_vertices else None
+        return ConsistentMaps(names=self.names, labels=read_only(labels), vertices=vertices)
 
 
 @one_blas_thread()

@@ -105,7 +105,7 @@ class AlignOptions:
     """Refine the poses on dense samples (``sampling.num_dense_points``) after synchronization."""
 
     deformable: bool = False
-    """Map all vertices between all shapes, consistently around cycles (``collection.maps.vertices``): for meshes that
+    """Map all vertices between all shapes, consistently around cycles (``collection.vertex_maps``): for meshes that
     bend. Takes some seconds a shape and half a second for each of about six pairs a shape."""
 
     reference: str = ""

@@ -6,8 +6,9 @@ depend on strides or on the caller's dtype, and later changes by the caller chan
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,24 @@ class Holds:
     lower: int = 0
     nan: bool = False
     positive: bool = False
+
+
+def one_line(result: Any) -> str:
+    """Return a dataclass in one line, as its ``__repr__``: numbers and words as they are, the rest by its size."""
+    return f"{type(result).__name__}({', '.join(_words(result))})"
+
+
+def _words(result: Any) -> Iterator[str]:
+    for field in fields(result):
+        value = getattr(result, field.name)
+        if isinstance(value, np.ndarray):
+            yield f"{field.name}: {' x '.join(map(str, value.shape))}"
+        elif isinstance(value, tuple | list | dict):
+            yield f"{field.name}: {len(value)}"
+        elif isinstance(value, float):
+            yield f"{field.name}={value:.6g}"
+        elif value is None or isinstance(value, bool | int | str | Enum):
+            yield f"{field.name}={value!r}"
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:

@@ -27,6 +27,12 @@ class InputError(CollalignError, ValueError):
     exit_code = 2
 
 
+class UnknownName(InputError, KeyError):
+    """Nothing has this name."""
+
+    __str__ = Exception.__str__
+
+
 class UnavailableError(InputError):
     """A file cannot be read here and now: it is missing or forbidden, memory is short, a package is not installed.
 

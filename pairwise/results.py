@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray, one_line
 from pairwise.status import Status
 
 if TYPE_CHECKING:
@@ -43,6 +43,8 @@ class Candidate:
     origin: str
     translation: FloatArray | None = None
     refined: RefinedPose | None = None
+
+    __repr__ = one_line
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,6 +89,8 @@ class MatchResult:
     certificate: Certificate | None = None
     refined: RefinedPose | None = None
 
+    __repr__ = one_line
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RelaxationResult:
@@ -127,3 +131,5 @@ class RelaxationResult:
     residuals: dict[str, float]
     times_s: dict[str, float]
     certificate: Certificate | None = None
+
+    __repr__ = one_line

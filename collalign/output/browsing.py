@@ -8,14 +8,15 @@ import io
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, overload
 
 import numpy as np
 
 from collalign.output.contact_sheet import contact_sheet, tile_of
-from collalign.products.collection import DOUBT
+from collalign.products.collection import DOUBT, ConsistentMaps, position_of
+from collalign.products.deformation import VertexMaps
 from collalign.products.pair import Alternative, Pair
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray, one_line
 from data_tools.errors import CollalignError, InputError, OptionsError, UnavailableError
 from data_tools.percent import percent
 from data_tools.poses import scales_of
@@ -52,6 +53,8 @@ class AlignedShape:
     part: int
     alternatives: tuple[Alternative, ...]
 
+    __repr__ = one_line
+
 
 class Browsable(ABC):
     """The part of a result that is the same for one just made and one read from a folder."""
@@ -61,6 +64,7 @@ class Browsable(ABC):
     transforms: FloatArray
     confidence: FloatArray
     pairs: tuple[Pair, ...]
+    maps: ConsistentMaps
     alternatives: tuple[tuple[Alternative, ...], ...]
 
     @abstractmethod
@@ -86,9 +90,25 @@ class Browsable(ABC):
     def __iter__(self) -> Iterator[AlignedShape]:
         return (self[at] for at in range(len(self)))
 
-    def __getitem__(self, shape: str | int) -> AlignedShape:
-        """Return one shape by name or position."""
-        at = self._position(shape)
+    def __contains__(self, shape: object) -> bool:
+        """Whether there is a shape of this name."""
+        return (shape.name if isinstance(shape, AlignedShape) else shape) in self.names
+
+    @overload
+    def __getitem__(self, shape: str | int) -> AlignedShape: ...
+    @overload
+    def __getitem__(self, shape: slice) -> tuple[AlignedShape, ...]: ...
+    def __getitem__(self, shape: str | int | slice) -> AlignedShape | tuple[AlignedShape, ...]:
+        """Return one shape by name or position, or the shapes of a slice.
+
+        Raises
+        ------
+        UnknownName
+            If no shape has the name: a ``KeyError`` and an ``InputError``.
+        """
+        if isinstance(shape, slice):
+            return tuple(self[at] for at in range(len(self))[shape])
+        at = position_of(self.names, shape)
         return AlignedShape(
             name=self.names[at],
             file=self._locations()[at],
@@ -99,14 +119,18 @@ class Browsable(ABC):
             alternatives=self.alternatives[at],
         )
 
-    def _position(self, shape: str | int) -> int:
-        if isinstance(shape, str):
-            if shape not in self.names:
-                raise InputError(f"no shape is called {shape!r}; there are {', '.join(self.names[:5])}, ...")
-            return self.names.index(shape)
-        if not -len(self) <= shape < len(self):
-            raise IndexError(f"shape {shape} of {len(self)}")
-        return range(len(self))[shape]
+    @property
+    def vertex_maps(self) -> VertexMaps:
+        """Maps of all vertices between the shapes, as their files count them.
+
+        Raises
+        ------
+        InputError
+            If the result has none: it was aligned without ``deformable``.
+        """
+        if self.maps.vertices is None:
+            raise InputError("there are no maps of all vertices; align with deformable=True (--deformable)")
+        return self.maps.vertices
 
     def __repr__(self) -> str:
         doubtful = int((self.confidence < DOUBT).sum())
@@ -149,7 +173,9 @@ class Browsable(ABC):
         -------
         matplotlib.figure.Figure
         """
-        return self._sheet([self._position(shape) for shape in (range(len(self)) if shapes is None else shapes)])
+        return self._sheet(
+            [position_of(self.names, shape) for shape in (range(len(self)) if shapes is None else shapes)]
+        )
 
     def aligned_meshes(self, shapes: Iterable[str | int] | None = None) -> dict[str, Any]:
         """Return shapes in the common frame, at full resolution and as cleaned for matching.
@@ -171,7 +197,7 @@ class Browsable(ABC):
         import trimesh
 
         meshes = {}
-        for at in (self._position(shape) for shape in (range(len(self)) if shapes is None else shapes)):
+        for at in (position_of(self.names, shape) for shape in (range(len(self)) if shapes is None else shapes)):
             shape = self._aligned_shape(at)
             kind = trimesh.Trimesh if shape.is_mesh else trimesh.PointCloud
             parts = (shape.vertices, shape.faces) if shape.is_mesh else (shape.vertices,)

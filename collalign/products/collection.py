@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,15 +10,35 @@ import numpy as np
 from collalign.options import AlignOptions
 from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
-from collalign.products.pair import Alternative, Pair
+from collalign.products.pair import Alternative, Pair, Pairs
 from collalign.products.shapes import Excluded
 from collalign.products.trust import Trust
-from data_tools.arrays import BoolArray, FloatArray, IntArray
-from data_tools.errors import InputError
+from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
+from data_tools.errors import UnknownName
 from data_tools.io.source import Origin
 
 #: Poses below this confidence are called doubtful, on the command line, in the contact sheet and in the report.
 DOUBT = 0.95
+
+
+def position_of(names: Sequence[str], shape: str | int) -> int:
+    """Return the position of a shape that is given by its name or position.
+
+    Raises
+    ------
+    UnknownName
+        If no shape has the name: a ``KeyError`` and an ``InputError``.
+    IndexError
+        If there are not so many shapes.
+    """
+    if not isinstance(shape, str):
+        if not -len(names) <= shape < len(names):
+            raise IndexError(f"shape {shape} of {len(names)}")
+        return range(len(names))[shape]
+    if shape not in names:
+        listed = f"{', '.join(names[:5])}{', ...' if len(names) > 5 else ''}"
+        raise UnknownName(f"no shape is called {shape!r}; the collection has {listed}")
+    return names.index(shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,20 +63,13 @@ class ConsistentMaps:
 
     def __getitem__(self, pair: tuple[str | int, str | int]) -> IntArray:
         """Return ``map_a_b``, shape (k,): the sample on a of each sample of b, -1 where there is none."""
-        a, b = (self._position(shape) for shape in pair)
+        a, b = (position_of(self.names, shape) for shape in pair)
         inverse = np.full(int(self.labels.max(initial=-1)) + 2, -1)
         inverse[self.labels[a]] = np.arange(self.labels.shape[1])
         inverse[-1] = -1
         return inverse[self.labels[b]]
 
-    def _position(self, shape: str | int) -> int:
-        if isinstance(shape, str):
-            if shape not in self.names:
-                raise InputError(f"no shape is called {shape!r}; the collection has {', '.join(self.names[:5])}, ...")
-            return self.names.index(shape)
-        if not -len(self.names) <= shape < len(self.names):
-            raise InputError(f"shape {shape} does not exist: the collection has {len(self.names)} shapes")
-        return range(len(self.names))[shape]
+    __repr__ = one_line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,6 +173,9 @@ class Collection:
     trust: Trust | None = None
     incomplete: tuple[Incomplete, ...] = ()
     search_gain: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pairs", Pairs.of(self.pairs, self.names))
 
     @property
     def complete(self) -> bool:

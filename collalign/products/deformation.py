@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import FloatArray, IntArray
-from data_tools.errors import InputError
+from data_tools.arrays import FloatArray, IntArray, one_line
+from data_tools.errors import UnknownName
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,8 +57,10 @@ class VertexMaps:
         known = [np.flatnonzero(np.isfinite(own).all(axis=1)) for own in self.places]
         return tuple((cKDTree(own[rows]), rows) for own, rows in zip(self.places, known, strict=True))
 
+    __repr__ = one_line
+
     def _position(self, name: str) -> int:
         if name not in self.names:
             reason = dict(self.left_out).get(name, "")
-            raise InputError(f"no maps of {name!r}{': ' + reason if reason else ''}")
+            raise UnknownName(f"no maps of {name!r}{': ' + reason if reason else ''}")
         return self.names.index(name)

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from collalign.products.collection import position_of
 from collalign.products.incomplete import Incomplete
-from collalign.products.pair import Alternative, Pair
+from collalign.products.pair import Alternative, Pair, Pairs
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.poses import scales_of
@@ -131,6 +132,7 @@ class CollectionView:
         for one in self.incomplete:
             if not all(0 <= i < num for i in (one.shape, *one.partners.tolist())):
                 raise InputError(f"incomplete: shape {one.shape} or its partners are not among {num} shapes")
+        object.__setattr__(self, "pairs", Pairs.of(self.pairs, self.names))
 
     @property
     def num_shapes(self) -> int:
@@ -209,14 +211,10 @@ class CollectionView:
 
         Raises
         ------
-        InputError
+        UnknownName
             If no shape has that name.
         """
-        if name not in self.names:
-            raise InputError(
-                f"{name}: no shape of this collection has this name; it has {', '.join(self.names[:5])}, ..."
-            )
-        return self.names.index(name)
+        return position_of(self.names, name)
 
 
 def json_types(value: Any) -> Any:

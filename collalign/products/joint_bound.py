@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,6 +55,8 @@ class JointBound:
     bounds: FloatArray
     ended: str
 
+    __repr__ = one_line
+
     @property
     def bound(self) -> float:
         """No arrangement has a smaller energy."""
@@ -88,6 +90,8 @@ class CertifiedCollection:
     joint: JointBound
     changes_deg: FloatArray
     same_chirality: BoolArray
+
+    __repr__ = one_line
 
 
 def share_of(bound: float, energy: float) -> float:

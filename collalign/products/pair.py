@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import FloatArray, IntArray, one_line, read_only
+from data_tools.errors import UnknownName
 from pairwise.certificates.certificate import Certificate
 
 #: Differences of gaps below this say little, in squared radii.
@@ -101,6 +103,8 @@ class Pair:
     map_target_source: IntArray = field(default_factory=_no_map)
     energy: float = float("nan")
 
+    __repr__ = one_line
+
     @property
     def costs(self) -> FloatArray:
         """What speaks against each candidate, shape (m,): the geometric mean of its energy and its gap.
@@ -112,6 +116,36 @@ class Pair:
             return self.energies
         best, gaps = int(np.argmin(self.energies)), self.gaps + SMALLEST_GAP
         return read_only(np.sqrt(self.energies * self.energies[best] * gaps / gaps[best]))
+
+
+class Pairs(tuple[Pair, ...]):
+    """Pairs in order, also by the names of their two shapes, either first: ``pairs["tooth1", "tooth2"]``."""
+
+    names: tuple[str, ...]
+    _places: dict[frozenset[str], int]
+
+    @classmethod
+    def of(cls, pairs: Sequence[Pair], names: tuple[str, ...]) -> Pairs:
+        """Return the pairs of shapes that have these names."""
+        found = cls(pairs)
+        found.names = names
+        found._places = {frozenset((names[pair.target], names[pair.source])): at for at, pair in enumerate(pairs)}
+        return found
+
+    def __getitem__(self, which: Any) -> Any:
+        """Return a pair by position or by two names, or a slice; an ``UnknownName`` is a ``KeyError``."""
+        if not isinstance(which, tuple):
+            return super().__getitem__(which)
+        if frozenset(which) not in self._places:
+            raise UnknownName(f"{' and '.join(map(str, which))} were not matched with each other")
+        return super().__getitem__(self._places[frozenset(which)])
+
+    def __contains__(self, which: object) -> bool:
+        """Whether a pair, or two shapes given by their names, are among them."""
+        return frozenset(which) in self._places if isinstance(which, tuple) else tuple.__contains__(self, which)
+
+    def __reduce__(self) -> Any:
+        return Pairs.of, (tuple(self), self.names)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
@@ -49,10 +50,46 @@ def test_shapes_are_found_by_name_and_position(result: Result, made: collalign.A
     assert result[-1].name == "two"
     assert result["two"].confidence == made.confidence[2]
     assert result["two"].file == ""
-    with pytest.raises(InputError, match="'nobody'"):
-        result["nobody"]
+    assert [shape.name for shape in result[1:]] == ["points", "two"]
+    assert ("two" in result, "nobody" in result, result["two"] in result) == (True, False, True)
+    for error in (InputError, KeyError):
+        with pytest.raises(error, match=r"^no shape is called 'nobody'; the collection has <one>, points, two$"):
+            result["nobody"]
     with pytest.raises(IndexError):
         result[3]
+
+
+def test_maps_poses_and_pairs_are_asked_by_name(result: Result, made: collalign.AlignedCollection) -> None:
+    assert np.array_equal(result.maps["two", "<one>"], made.maps["two", "<one>"])
+    assert np.array_equal(result.maps.labels, made.maps.labels)
+    np.testing.assert_allclose(result.rotations, made.rotations, atol=1e-12)
+    assert np.array_equal(result.reflected, made.reflected)
+    assert result.pairs["two", "<one>"] is result.pairs["<one>", "two"]
+    assert result.pairs["two", "points"].energy == made.pairs["two", "points"].energy
+    assert {("two", "points")} == {pair for pair in (("two", "points"), ("two", "two")) if pair in result.pairs}
+    assert result.pairs[0] in result.pairs
+    assert len(result.pairs[1:]) == 2
+    assert pickle.loads(pickle.dumps(result.pairs))["two", "points"].target == result.pairs["two", "points"].target
+    with pytest.raises(KeyError, match="two and nobody were not matched"):
+        result.pairs["two", "nobody"]
+    with pytest.raises(KeyError, match="'nobody'"):
+        result.maps["nobody", "two"]
+    with pytest.raises(InputError, match="deformable"):
+        result.vertex_maps  # noqa: B018
+    for one in (result.maps, result.pairs[0], result["two"]):
+        assert "\n" not in repr(one)
+        assert len(repr(one)) < 500
+
+
+def test_damaged_maps_of_a_folder_are_refused(made: collalign.AlignedCollection, tmp_path: Path) -> None:
+    made.save(tmp_path / "out", report=False)
+    file = tmp_path / "out" / "correspondences.npz"
+    np.savez_compressed(file, labels=np.zeros((2, 16)))
+    with pytest.raises(InputError, match="labels"):
+        collalign.load(tmp_path / "out").maps  # noqa: B018
+    file.write_bytes(b"no archive")
+    with pytest.raises(InputError, match=r"correspondences\.npz"):
+        collalign.load(tmp_path / "out").maps  # noqa: B018
 
 
 def test_it_introduces_itself_in_a_line_and_in_html(result: Result) -> None:

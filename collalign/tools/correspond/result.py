@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,6 +41,8 @@ class DenseCorrespondence:
     residual: FloatArray
     quality: FloatArray
     failed: tuple[tuple[str, str], ...] = ()
+
+    __repr__ = one_line
 
     @property
     def missing(self) -> BoolArray:

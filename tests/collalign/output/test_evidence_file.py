@@ -82,7 +82,7 @@ def test_views_check_themselves() -> None:
     ):
         with pytest.raises(InputError):
             dataclasses.replace(view, **change)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="no shape of this collection"):
+    with pytest.raises(InputError, match="no shape is called"):
         view.index("nobody")
 
 
