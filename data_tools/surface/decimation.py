@@ -12,7 +12,8 @@ from data_tools.surface.topology import face_areas
 
 #: Edges of a mesh of more triangles are not collapsed one by one before vertices near each other are put together.
 MOST_COLLAPSED = 200_000
-#: Vertices that are left of such a mesh, about: the error of a place is then a tenth of what the collapses leave.
+#: Vertices that are left of such a mesh, about. A generated bone of 600 000 triangles, decimated to 4000, then lies
+#: 3.6e-4 sqrt(area) from the original (root mean square) instead of 3.2e-4.
 _NUM_CLUSTERS = 50_000
 #: The three clusters of a triangle fit into one integer of 64 bits.
 _MOST_KEYED = 2**21
