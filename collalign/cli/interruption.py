@@ -34,10 +34,12 @@ def orderly_interrupts(*, until_exit: bool) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may set handlers, and only it is interrupted
         return
-    former = signal.signal(signal.SIGINT, _first)
+    former, excepthook = signal.signal(signal.SIGINT, _first), threading.excepthook
     try:
         yield
     finally:
+        if not until_exit:
+            threading.excepthook = excepthook
         signal.signal(signal.SIGINT, signal.SIG_IGN if until_exit and was_interrupted() else former)
 
 
@@ -74,6 +76,7 @@ def resumable(store: Path) -> Iterator[None]:
 def _first(number: int, frame: FrameType | None) -> None:
     signal.signal(signal.SIGINT, _second)
     warnings.filterwarnings("ignore", module="joblib")  # it advises to wait for all results
+    threading.excepthook = lambda arguments: None  # what threads of the pool miss now is missing on purpose
     raise KeyboardInterrupt
 
 

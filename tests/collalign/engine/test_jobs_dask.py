@@ -36,7 +36,10 @@ def cluster() -> Iterator[Any]:
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 1, **timeouts}),
         distributed.LocalCluster(silence_logs=logging.CRITICAL, **options) as cluster,
+        pytest.MonkeyPatch.context() as patch,
     ):
+        for name in ("_CONNECT_TIMEOUT_S", "_JOIN_TIMEOUT_S", "_ANSWER_TIMEOUT_S"):
+            patch.setattr(f"collalign.engine.jobs.cluster.{name}", 300.0)
         done = threading.Event()
         replacing = threading.Thread(target=replace_lost_workers, args=(cluster, done))
         replacing.start()

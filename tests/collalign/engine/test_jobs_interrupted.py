@@ -17,6 +17,7 @@ from joblib._parallel_backends import LokyBackend
 from joblib.externals.loky import reusable_executor
 from joblib.externals.loky.backend import fork_exec
 
+from collalign.cli.interruption import orderly_interrupts
 from collalign.engine.jobs.run import run_jobs
 from tests.job_functions import misbehave, nothing
 
@@ -91,6 +92,21 @@ def test_what_else_goes_wrong_in_a_thread_of_the_pool_is_told(caplog: pytest.Log
     future.set_result(1)
     list(results)
     assert "exception calling callback" in caplog.text
+
+
+def test_after_ctrl_c_threads_of_the_pool_fail_without_a_word(capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> None:
+        thread = threading.Thread(target=lambda: {}[1])
+        thread.start()
+        thread.join()
+
+    before = threading.excepthook
+    with orderly_interrupts(until_exit=False):
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        fail()
+    assert capsys.readouterr().err == ""
+    assert threading.excepthook is before
 
 
 def wait_until(holds: Callable[[], bool]) -> None:
