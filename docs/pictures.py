@@ -14,7 +14,10 @@ from matplotlib.figure import Figure
 import collalign
 import pairwise
 from collalign.cli import main as collalign_command
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
 
 HERE = Path(__file__).resolve().parent
 #: Until the report has drawn what has come into view, in ms.
@@ -26,6 +29,51 @@ def contact_sheet() -> None:
     with tempfile.TemporaryDirectory() as folder:
         collalign_command(["demo", "--out", folder])
         shutil.copy(Path(folder) / "aligned" / "contact_sheet.png", HERE / "contact_sheet.png")
+
+
+def report(folder: Path = HERE) -> None:
+    """The gallery of a report: generated skulls in random poses, one of which is a braincase only."""
+    from playwright.sync_api import sync_playwright
+
+    with tempfile.TemporaryDirectory() as made, sync_playwright() as driver:
+        rng = np.random.default_rng(1)
+        family = deformed_family(_skull(2500), 8, rng, rms=0.012)
+        family = (*family[:4], _braincase(family[4]), *family[5:])
+        write_collection(f"{made}/skulls", planted_collection(family, rng))
+        collalign_command(["align", f"{made}/skulls", "--out", f"{made}/out"])
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1000, "height": 780}, color_scheme="light")
+        page.goto(Path(made, "out", "report.html").as_uri())
+        page.wait_for_selector("html[data-ready]", state="attached")
+        page.locator("section", has=page.locator(".tile")).first.scroll_into_view_if_needed()
+        page.wait_for_timeout(_DRAWING_MS)
+        page.screenshot(path=folder / "report.png", clip={"x": 20, "y": 80, "width": 960, "height": 608})
+        browser.close()
+
+
+def _skull(num_vertices: int) -> Shape:
+    """A sphere with a snout, orbits, cheekbones, a crest and a flat base, forward along x and upward along z."""
+    directions, faces = sphere_mesh(num_vertices)
+    radii = np.ones(len(directions))
+    for place, height, width in (
+        ((1.0, 0.0, -0.25), 1.3, 0.36),
+        ((0.75, 0.5, 0.25), -0.5, 0.2),
+        ((0.75, -0.5, 0.25), -0.5, 0.2),
+        ((0.55, 0.85, -0.3), 0.45, 0.22),
+        ((0.55, -0.85, -0.3), 0.45, 0.22),
+        ((-0.6, 0.0, 1.0), 0.18, 0.2),
+        ((0.0, 0.0, -1.0), -0.3, 0.5),
+    ):
+        angles = np.arccos(np.clip(directions @ (np.array(place) / np.linalg.norm(place)), -1.0, 1.0))
+        radii += height * np.exp(-0.5 * (angles / width) ** 2)
+    return Shape.from_arrays(directions * radii[:, None] * [1.1, 0.8, 0.75], faces, name="skull")
+
+
+def _braincase(skull: Shape) -> Shape:
+    """What is left of a skull whose face is broken off."""
+    faces = skull.faces[(skull.vertices[skull.faces][:, :, 0] < 0.1).all(axis=1)]
+    used, faces = np.unique(faces, return_inverse=True)
+    return Shape.from_arrays(skull.vertices[used], faces.reshape(-1, 3), name=skull.name)
 
 
 def correction() -> None:
@@ -151,6 +199,7 @@ def random_rotation_near(rng: np.random.Generator, spread_rad: float) -> np.ndar
 
 if __name__ == "__main__":
     contact_sheet()
+    report()
     correction()
     two_shapes()
     landmarks()

@@ -107,7 +107,7 @@ class RelaxationResult:
     X : ndarray, shape (n, k)
         Probability that source point j goes to target point i.
     C : ndarray, shape (r, r)
-        E[[R][R]^T] over the free entries of R, in column-major order.
+        ``E[[R][R]^T]`` over the free entries of R, in column-major order.
     B : ndarray, shape (k, r, n)
         ``X_ij E[[R] | j -> i]`` of each source point.
     status : Status
