@@ -1,0 +1,90 @@
+"""What makes a release, checked as far as it can be without a forge, conda or Docker."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+RECIPE = yaml.safe_load((ROOT / "packaging" / "conda" / "recipe.yaml").read_text("utf-8"))
+WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
+#: Packages that conda-forge calls otherwise; without their optional parts.
+CONDA_NAMES = {"cvxpy": "cvxpy-base", "matplotlib": "matplotlib-base", "msgpack": "msgpack-python"}
+
+
+def faults(workflow: dict[Any, Any]) -> list[str]:
+    """What a forge would refuse: no trigger (YAML reads ``on`` as true), no machine or steps, unknown needs."""
+    said = [] if workflow.get(True) else ["no trigger"]
+    for name, job in workflow["jobs"].items():
+        if "uses" not in job and not ("runs-on" in job and job.get("steps")):
+            said.append(f"{name}: neither steps on a machine nor another workflow")
+        needs = job.get("needs", [])
+        said += [
+            f"{name} needs {need}"
+            for need in ([needs] if isinstance(needs, str) else needs)
+            if need not in workflow["jobs"]
+        ]
+        said += [f"{name}: {step}" for step in job.get("steps", []) if ("uses" in step) == ("run" in step)]
+        said += [
+            f"{name}: no such file"
+            for _ in [0]
+            if str(job.get("uses", "")).startswith("./") and not (ROOT / job["uses"]).exists()
+        ]
+    return said
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
+def test_workflows_are_whole(path: Path) -> None:
+    assert not faults(yaml.safe_load(path.read_text("utf-8")))
+
+
+def test_a_broken_workflow_is_noticed() -> None:
+    broken = {
+        "jobs": {
+            "a": {"needs": "b", "runs-on": "x", "steps": [{"name": "nothing"}]},
+            "c": {},
+            "d": {"uses": "./no.yml"},
+        }
+    }
+    assert len(faults(broken)) == 5
+
+
+def test_every_python_that_is_declared_is_tried() -> None:
+    declared = {word.rpartition(" ")[2] for word in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", word)}
+    for name in ("tests", "wheels"):
+        jobs = yaml.safe_load((ROOT / ".github" / "workflows" / f"{name}.yml").read_text("utf-8"))["jobs"]
+        (tried,) = [job["strategy"]["matrix"]["python"] for job in jobs.values() if "strategy" in job]
+        assert set(tried) == declared
+
+
+def test_other_files_are_yaml() -> None:
+    for path in (*(ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"), ROOT / ".pre-commit-config.yaml"):
+        assert yaml.safe_load(path.read_text("utf-8")), path
+
+
+def test_the_recipe_asks_for_what_the_wheel_asks_for() -> None:
+    wanted = [re.fullmatch(r"([\w-]+)(>=.*)", text) for text in PROJECT["dependencies"]]
+    expected = {f"{CONDA_NAMES.get(found[1], found[1])} {found[2]}" for found in wanted if found is not None}
+    assert set(RECIPE["requirements"]["run"]) == expected | {f"python {PROJECT['requires-python']}"}
+    assert len(expected) == len(PROJECT["dependencies"])
+
+
+def test_one_version_everywhere() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert {RECIPE["context"]["version"], citation["version"]} == {PROJECT["version"]}
+
+
+def test_the_image_copies_what_there_is_and_what_is_not_ignored() -> None:
+    kept = {line[1:] for line in (ROOT / ".dockerignore").read_text("utf-8").splitlines() if line.startswith("!")}
+    copied = re.findall(
+        r"^COPY (?!--from)(.+) \S+$", (ROOT / "packaging" / "Dockerfile").read_text("utf-8"), re.MULTILINE
+    )
+    names = {name for line in copied for name in line.split()}
+    assert names == kept
+    assert all((ROOT / name).exists() for name in names)
