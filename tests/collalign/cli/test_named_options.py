@@ -22,7 +22,7 @@ CALL = re.compile(r"collalign ([a-z]+)((?: [^`\n|]*)?)")
 OTHERS = {
     *("--config", "--verbose", "--help", "--help-all", "--version"),
     *("--data", "--quick"),
-    *("--only", "--stores", "--shapes", "--certificates", "--kills", "--signals"),
+    *("--only", "--random", "--stores", "--shapes", "--certificates", "--kills", "--signals"),
     *("--nthreads", "--nworkers", "--port", "--check"),
 }
 
