@@ -10,6 +10,13 @@ import numpy as np
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import rotation_angle_deg
 
+#: Rotations nearer than this lead local search to one minimum: they are one candidate.
+SAME_DEG = 15.0
+#: A pose agrees with another one within this: matches of few samples of shapes that differ are as accurate as that.
+AGREE_DEG = 20.0
+#: Poses farther apart than this are different answers, which no refinement takes into each other.
+APART_DEG = 30.0
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Similarity:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from data_tools.arrays import read_only
+from data_tools.poses import SAME_DEG
 from data_tools.rotations import rotation_angles
 from pairwise.local.local_search import LocalMinima
 from pairwise.local.search import distinct
@@ -14,9 +15,6 @@ from pairwise.options import MatchOptions
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate
-
-#: Poses closer than this are the same.
-SAME_DEG = 15.0
 
 
 def distinct_candidates(pattern: RotationPattern, minima: LocalMinima, options: MatchOptions) -> list[Candidate]:

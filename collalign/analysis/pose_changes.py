@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.poses import AGREE_DEG
 from data_tools.rotations import rotation_angle_deg
 
-#: A pose that another alignment turns by at most this stays.
-STAY_DEG = 20.0
 #: Nearest neighbours that are compared, of at least so many others twice over.
 NUM_NEIGHBOURS = 3
 
@@ -17,7 +16,7 @@ def pose_changes(reference: FloatArray, again: FloatArray, part_numbers: IntArra
     """Return by how much each pose differs, and whether it is mirrored as before, in the frame that most agree with.
 
     The common frame of an alignment is arbitrary. So the second one is turned as the shape asks with which most
-    others are within :data:`STAY_DEG`, of several such frames as that with the smallest sum of angles.
+    others are within :data:`AGREE_DEG`, of several such frames as that with the smallest sum of angles.
 
     Parameters
     ----------
@@ -41,7 +40,7 @@ def pose_changes(reference: FloatArray, again: FloatArray, part_numbers: IntArra
         frames = before @ np.swapaxes(after, 1, 2)
         angles = rotation_angle_deg(frames[:, None] @ after[None], before)
         worst = np.nan_to_num(angles, nan=180.0)
-        best = np.lexsort((worst.sum(axis=1), -(worst <= STAY_DEG).sum(axis=1)))[0]
+        best = np.lexsort((worst.sum(axis=1), -(worst <= AGREE_DEG).sum(axis=1)))[0]
         changes_deg[members], same[members] = angles[best], ~np.isnan(angles[best])
     return changes_deg, same
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from data_tools.poses import turn_deg
+from data_tools.poses import AGREE_DEG, turn_deg
 
-#: Poses beyond this angle from the best one are its rivals.
-RIVAL_DEG = 20.0
 #: Log odds of a pose per unit of its margin on one target, and their most. Of 96 pairs of which one lacks a quarter
 #: (ants, fish, teddies, people, glasses and chairs at even positions, 69 % right) slopes of 5, 8, 15 and 30 have mean
 #: log losses of .54, .53, .60 and .88. `python -m experiments calibrate margins` measures such pairs again.
@@ -25,7 +23,7 @@ def rival_margin(turns: FloatArray, energies: FloatArray) -> float:
     energies : ndarray, shape (m, n)
         Of each pose on each target.
     """
-    apart = turn_deg(turns, turns[0]) > RIVAL_DEG
+    apart = turn_deg(turns, turns[0]) > AGREE_DEG
     means = np.log(energies).mean(axis=1)
     return float((means[apart] - means[0]).min(initial=np.inf))
 

@@ -11,7 +11,7 @@ INCOMPLETE: tuple[Mutant, ...] = (
         "collalign/confidence/overlap_model.py",
         ("tests/collalign/confidence/test_overlap_model.py",),
         ("rival_margin", "(means[apart] - means[0]).min", "(means[apart] - means[0]).max"),
-        ("rival_margin", "> RIVAL_DEG", "> 0.0"),
+        ("rival_margin", "> AGREE_DEG", "> 0.0"),
         ("certainty", "np.sqrt(num_targets)", "1.0"),
     ),
     *faults(

@@ -22,7 +22,7 @@ TRUST: tuple[Mutant, ...] = (
     *faults(
         "collalign/stages/trust/assess.py",
         _TESTS,
-        (MODULE, "VOTE_DEG = 20.0", "VOTE_DEG = 180.0"),
+        ("_votes", "<= AGREE_DEG", "<= 9.0 * AGREE_DEG"),
         ("_votes", "partner.poses[0]", "partner.poses[-1]"),
         ("_votes", ".sum() + PRIOR_VOTES)", ".sum())"),
         ("gather_trust", "cost[1:].mean(axis=1) / cost[0].mean()", "cost[0].mean() / cost[1:].mean(axis=1)"),
@@ -49,7 +49,7 @@ TRUST: tuple[Mutant, ...] = (
         ("leads_over", "if are_copies and partner.energy == 0.0 else", "if False else"),
         ("leads_over", "else own.min()", "else 0.0"),
         ("leads_over", "np.maximum(partner.log_odds, LEAST_LOG_ODDS)", "partner.log_odds"),
-        ("_near", "np.deg2rad(SAME_DEG)", "np.deg2rad(0.1 * SAME_DEG)"),
+        ("_near", "np.deg2rad(APART_DEG)", "np.deg2rad(0.1 * APART_DEG)"),
         ("_representatives", "left &= ~near[best]", "left[best] = False"),
         ("pose_costs", "partner_pose.T @ pose", "partner_pose @ pose"),
     ),

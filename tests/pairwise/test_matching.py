@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError, OptionsError
+from data_tools.poses import SAME_DEG
 from data_tools.rotations import rotation_angles
 from pairwise import MatchOptions, match
-from pairwise.candidates import SAME_DEG
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.matching import match_problem

@@ -13,14 +13,12 @@ from collalign.products.evidence import CollectionView
 from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.source import location
-from data_tools.poses import keep_apart, turn_deg
+from data_tools.poses import AGREE_DEG, keep_apart, turn_deg
 from data_tools.rotations import rotation_angles
 from data_tools.threads import one_blas_thread
 
 #: Cycles of three pairs looked at, spread evenly over all of them.
 MOST_CYCLES = 20_000
-#: Poses of a pair closer than this are one and the same to a person.
-DISTINCT_PAIR_DEG = 20.0
 #: Poses kept per pair.
 MOST_PAIR_POSES = 4
 
@@ -153,16 +151,16 @@ def distinct_poses(rotations: FloatArray, energies: FloatArray, choice: int) -> 
     Returns
     -------
     kept : list of int
-        Lowest energy first, at least :data:`DISTINCT_PAIR_DEG` apart, at most :data:`MOST_PAIR_POSES`, but always one
+        Lowest energy first, at least :data:`AGREE_DEG` apart, at most :data:`MOST_PAIR_POSES`, but always one
         near the chosen pose.
     choice : int
         Index into ``kept``, -1 for none.
     """
     order = np.argsort(energies, kind="stable")
-    kept = order[keep_apart(rotations[order], DISTINCT_PAIR_DEG)].tolist()
+    kept = order[keep_apart(rotations[order], AGREE_DEG)].tolist()
     if choice < 0:
         return kept[:MOST_PAIR_POSES], -1
-    near = next(at for at in kept if turn_deg(rotations[at], rotations[choice]) <= DISTINCT_PAIR_DEG)
+    near = next(at for at in kept if turn_deg(rotations[at], rotations[choice]) <= AGREE_DEG)
     shown = kept[:MOST_PAIR_POSES]
     if near not in shown:
         shown[-1] = near

@@ -9,11 +9,9 @@ import numpy as np
 from collalign.products.evidence import CollectionView
 from collalign.products.pair import Alternative
 from data_tools.arrays import FloatArray
-from data_tools.poses import keep_apart
+from data_tools.poses import APART_DEG, keep_apart
 from data_tools.rotations import rotation_angle_deg
 
-#: Poses closer than this are not offered twice.
-DISTINCT_DEG = 30.0
 #: Poses offered per shape.
 MOST_POSES = 6
 
@@ -28,7 +26,7 @@ def offered_poses(view: CollectionView) -> tuple[tuple[Alternative, ...], ...]:
     for R, poses in zip(view.rotations, view.alternatives, strict=True):
         known = (*poses, *(Alternative(rotation=turn @ R, origin="half turn") for turn in turns))
         rotations = np.stack([R, *(one.rotation for one in known)])
-        offered.append(tuple(known[at - 1] for at in keep_apart(rotations, DISTINCT_DEG, num=MOST_POSES + 1)[1:]))
+        offered.append(tuple(known[at - 1] for at in keep_apart(rotations, APART_DEG, num=MOST_POSES + 1)[1:]))
     return tuple(offered)
 
 

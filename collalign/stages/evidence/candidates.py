@@ -14,10 +14,8 @@ from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.pose_maps import PoseMapper
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
-from data_tools.poses import keep_apart
+from data_tools.poses import SAME_DEG, keep_apart
 
-#: Rotations of maps within this angle are one candidate, the one that more speaks for.
-SAME_CANDIDATE_DEG = 15.0
 #: Candidates kept, the ones that most speaks for.
 MAX_CANDIDATES = 10
 
@@ -100,4 +98,4 @@ def distinct(candidates: Sequence[WeighedPose]) -> list[WeighedPose]:
     """Return the candidates that most speaks for, best first, of each set of nearly equal rotations only one."""
     ranked = sorted(candidates, key=lambda c: -c.score)
     rotations = np.stack([candidate.rotation for candidate in ranked])
-    return [ranked[at] for at in keep_apart(rotations, SAME_CANDIDATE_DEG, num=MAX_CANDIDATES)]
+    return [ranked[at] for at in keep_apart(rotations, SAME_DEG, num=MAX_CANDIDATES)]

@@ -10,6 +10,7 @@ import numpy as np
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from data_tools.errors import OptionsError
+from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
 
 #: Maps are asked where the median of the pairs' lowest energies is above this share of the points' squared size: the
@@ -21,8 +22,6 @@ BENT_ENERGY = 0.16
 #: pairs closes. Of 12 mouse skulls and 12 glasses of SHREC07, whose energies are above, .95 and all close; of teddy
 #: bears, ants, SCAPE and humans .46 to .74.
 CLOSING_CYCLES = 0.9
-#: A cycle closes within this angle.
-CYCLE_DEG = 30.0
 #: Cycles that are looked at.
 MAX_CYCLES = 2000
 
@@ -70,4 +69,4 @@ def closing_share(pairs: Sequence[Pair]) -> float:
     ]
     chosen = cycles[:: -(-len(cycles) // MAX_CYCLES)] if cycles else []
     turns = [best[a, b] @ best[b, c] @ best[c, a] for a, b, c in chosen]
-    return float(np.mean(rotation_angle_deg(np.stack(turns)) <= CYCLE_DEG)) if turns else 0.0
+    return float(np.mean(rotation_angle_deg(np.stack(turns)) <= APART_DEG)) if turns else 0.0

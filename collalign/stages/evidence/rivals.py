@@ -15,12 +15,11 @@ import numpy as np
 from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.evidence.candidates import SAME_CANDIDATE_DEG
 from collalign.stages.evidence.weigh import weigh_starts, with_candidates
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray
-from data_tools.poses import keep_apart, turn_deg
+from data_tools.poses import SAME_DEG, keep_apart, turn_deg
 
 #: Poses of a shape within this angle are one rival, and how many are tried beside the present pose.
 SAME_RIVAL_DEG, NUM_RIVALS = 25.0, 3
@@ -79,7 +78,7 @@ def try_rivals(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> 
         starts = missing_poses(tried, solution.rotations)
         grown = False
         for e, found in weigh_starts(session, shapes, tried, starts, is_first=False).items() if starts else ():
-            known = [_is_known(tried[e], rotation, SAME_CANDIDATE_DEG) for rotation in found.rotations]
+            known = [_is_known(tried[e], rotation, SAME_DEG) for rotation in found.rotations]
             fresh = [pose for pose, is_known in enumerate(known) if not is_known]
             if fresh:
                 tried[e], grown = with_candidates(tried[e], found.some(fresh)), True

@@ -22,7 +22,7 @@ from collalign.stages.incomplete.surfaces import prepare_points
 from collalign.stages.poses.placement import common_positions
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.percent import percent
-from data_tools.poses import turn_deg
+from data_tools.poses import AGREE_DEG, turn_deg
 from pairwise.status import Status
 
 #: A collection, as it came.
@@ -31,8 +31,6 @@ CollectionT = TypeVar("CollectionT", bound=Collection)
 MAX_PARTNERS = 8
 #: Of these, the ones of at least this confidence come first.
 SURE = 0.9
-#: A pair agrees with the common pose within this angle.
-AGREEMENT_DEG = 20.0
 #: Other poses reported per shape.
 MAX_ALTERNATIVES = 3
 
@@ -183,7 +181,7 @@ def incomplete_record(i: int, record: Record, reason: str, partners: IntArray) -
 def alternatives_of(record: Record) -> tuple[Alternative, ...]:
     """Return the rivals of a pose, the likeliest first."""
     energies = np.log(record["energies"]).mean(axis=1)
-    apart = turn_deg(record["turns"], record["turns"][0]) > AGREEMENT_DEG
+    apart = turn_deg(record["turns"], record["turns"][0]) > AGREE_DEG
     return tuple(
         Alternative(rotation=read_only(record["turns"][m]), log_odds=float(energies[m] - energies[0]))
         for m in np.flatnonzero(apart)[:MAX_ALTERNATIVES]
@@ -202,7 +200,7 @@ def incomplete_pairs(
         common = rotations[first].T @ rotations[second]
         angles = turn_deg(asked, common)
         choice = int(np.argmin(angles))
-        agrees = bool(angles[choice] <= AGREEMENT_DEG)
+        agrees = bool(angles[choice] <= AGREE_DEG)
         pairs.append(
             Pair(
                 target=first,

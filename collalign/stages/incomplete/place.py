@@ -14,12 +14,12 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from collalign.confidence.overlap_model import RIVAL_DEG, certainty, rival_margin
+from collalign.confidence.overlap_model import certainty, rival_margin
 from collalign.engine.store.records import Record
 from collalign.stages.incomplete.surfaces import posed_points
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.surface_points import SurfacePoints
-from data_tools.poses import Similarity, turn_deg
+from data_tools.poses import AGREE_DEG, Similarity, turn_deg
 from data_tools.threads import one_blas_thread
 from pairwise.partial.match import NUM_POINTS, distinct, match_partial, refine, scales_allowed
 from pairwise.partial.poses import counterparts
@@ -153,7 +153,7 @@ def settle(
 def _with_rivals(poses: Similarity, energies: FloatArray, radius: float) -> IntArray:
     """Return the poses of least energy, and those of least energy that are far from the very best."""
     best = distinct(poses, energies, NUM_REFINED, radius)
-    apart = turn_deg(poses.rotation, poses.rotation[best[0]]) > 2.0 * RIVAL_DEG
+    apart = turn_deg(poses.rotation, poses.rotation[best[0]]) > 2.0 * AGREE_DEG
     rivals = np.flatnonzero(apart)
     if not len(rivals):
         return best

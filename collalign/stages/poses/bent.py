@@ -23,6 +23,7 @@ from collalign.synchronization.problem.geometry import transposed
 from collalign.synchronization.solvers.averaging import average_frames, residuals_deg
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
+from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
 from pairwise.local.local_search import minimise
 
@@ -30,8 +31,6 @@ from pairwise.local.local_search import minimise
 SHARES = (3 / 16, 1 / 4, 3 / 8, 1 / 2, 3 / 4, 1.0)
 #: Fewer samples settle no rotation.
 FEWEST_SAMPLES = 12
-#: Rotations within this angle are the same pose measured in another way.
-SAME_BASIN_DEG = 30.0
 #: Trust in a way of measuring falls by this power of its scatter: 2 would be right if the ways erred independently.
 #: Of 1 to 4 on three draws of SHREC07's humans and armadillos and one of its ants, glasses, teddy bears and fish, 1
 #: and 4 are worse; 2 and 3 hardly differ but for the ants (median 4.0 and 3.5 deg), nor on SCAPE and TOSCA's centaur.
@@ -103,7 +102,7 @@ def bent_poses(
     maps = np.stack([_nearest_map(pair, pose) for pair, pose in zip(pairs, asked, strict=True)])
     measured = np.concatenate([maps[:, None], minima], axis=1)
     angles = rotation_angle_deg(measured, np.broadcast_to(asked[:, None], measured.shape))
-    present = np.nan_to_num(angles, nan=np.inf) <= SAME_BASIN_DEG
+    present = np.nan_to_num(angles, nan=np.inf) <= APART_DEG
     free = np.ones(len(samples), dtype=bool)
     free[list(fixed)] = False
     frames = transposed(solution.rotations)
@@ -117,7 +116,7 @@ def _nearest_map(pair: Pair, asked: FloatArray) -> FloatArray:
     """Return the likeliest candidate near the common pose, or zeros where none is near."""
     angles = rotation_angle_deg(pair.rotations[:, :3, :3], np.broadcast_to(asked, (len(pair.rotations), 3, 3)))
     odds = pair.log_odds if len(pair.log_odds) else -pair.costs
-    near = np.isfinite(odds) & (np.nan_to_num(angles, nan=np.inf) <= SAME_BASIN_DEG)
+    near = np.isfinite(odds) & (np.nan_to_num(angles, nan=np.inf) <= APART_DEG)
     if not near.any():
         return np.zeros((3, 3))
     return np.asarray(pair.rotations[int(np.argmax(np.where(near, odds, -np.inf))), :3, :3])

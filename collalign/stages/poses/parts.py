@@ -16,11 +16,9 @@ from collalign.synchronization import ClusteredSynchronization, SynchronizationR
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError
+from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
 from pairwise.problem.pattern import RotationPattern
-
-#: A pair between two parts agrees with their turn within this angle.
-AGREEMENT_DEG = 30.0
 
 
 def split_shapes(
@@ -125,7 +123,7 @@ def _with_all_pairs(
         common = frames[pair.target].T @ frames[pair.source]
         angles = rotation_angle_deg(pair.rotations[:, :3, :3], common)
         choice[e], misfit_deg[e] = np.argmin(angles), np.min(angles)
-    inlier = misfit_deg <= AGREEMENT_DEG
+    inlier = misfit_deg <= APART_DEG
     choice[within], inlier[within] = solution.edge_choice, solution.edge_inlier
     sizes = ", ".join(str(len(part)) for part in split.parts)
     words = (

@@ -19,11 +19,9 @@ from collalign.stages.trust.symmetry import near_symmetries
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
-from data_tools.poses import turn_deg
+from data_tools.poses import AGREE_DEG, turn_deg
 
 VOTES, MARGIN, COLLECTION_VOTES, LEAD = range(len(KINDS))
-#: A pair votes for a pose that is within this angle of what its most plausible candidate asks for.
-VOTE_DEG = 20.0
 #: Added to the votes on either side: few pairs settle little (Laplace's rule of succession).
 PRIOR_VOTES = 1.0
 #: Differences below this, in squared radii, say nothing.
@@ -141,7 +139,7 @@ def _votes(pose: FloatArray, partners: Sequence[Partner]) -> float:
     """Return the share of the pairs whose most plausible candidate asks for the pose, few pairs near one half."""
     asked = np.array([partner.poses[0] for partner in partners]).reshape(-1, 3, 3)
     angles = turn_deg(asked, pose)
-    return float(((angles <= VOTE_DEG).sum() + PRIOR_VOTES) / (len(partners) + 2.0 * PRIOR_VOTES))
+    return float(((angles <= AGREE_DEG).sum() + PRIOR_VOTES) / (len(partners) + 2.0 * PRIOR_VOTES))
 
 
 def _costs(

@@ -10,9 +10,8 @@ import numpy as np
 from collalign.stages.surface_gap import surface_gap, surface_points
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.embedding.embedding import Samples
+from data_tools.poses import APART_DEG
 
-#: Poses within this angle are the same.
-SAME_DEG = 30.0
 #: Rivals that are tried, the most supported ones.
 MAX_RIVALS = 7
 #: Partners that a pose is tried against, the ones that match best.
@@ -108,8 +107,8 @@ def leads_over(pose: FloatArray, rivals: FloatArray, partners: Sequence[Partner]
 
 
 def _near(poses: FloatArray, others: FloatArray) -> BoolArray:
-    """Return which poses are within :data:`SAME_DEG` of each other; mirror images never are."""
-    same: BoolArray = np.einsum("aij,bij->ab", poses, others) >= 1.0 + 2.0 * np.cos(np.deg2rad(SAME_DEG))
+    """Return which poses are within :data:`APART_DEG` of each other; mirror images never are."""
+    same: BoolArray = np.einsum("aij,bij->ab", poses, others) >= 1.0 + 2.0 * np.cos(np.deg2rad(APART_DEG))
     return same
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from collalign.stages.surface_gap import point_gaps, surface_gap, surface_points
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
-from data_tools.poses import keep_apart
+from data_tools.poses import APART_DEG, keep_apart
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 from pairwise.local.rotation_sets import quaternions_to_rotations, super_fibonacci
 
@@ -15,8 +15,6 @@ from pairwise.local.rotation_sets import quaternions_to_rotations, super_fibonac
 NUM_TURNS, NUM_SCREEN_POINTS, NUM_REFINED, NUM_STEPS = 600, 100, 40, 8
 #: Turns that are returned, the best ones; the cube has 23.
 MAX_TURNS = 12
-#: Turns within this angle are the same, and below it none at all.
-SAME_DEG = 30.0
 #: Cosine of the angle within which axes are told as one.
 SAME_AXIS = np.cos(np.deg2rad(10.0))
 
@@ -34,13 +32,13 @@ def near_symmetries(samples: Samples) -> FloatArray:
     """
     fixed, moving = surface_points(samples, first=0), surface_points(samples, first=1)
     turns = quaternions_to_rotations(super_fibonacci(NUM_TURNS))
-    turns = turns[rotation_angle_deg(turns) > SAME_DEG]
+    turns = turns[rotation_angle_deg(turns) > APART_DEG]
     few = tuple((points[:NUM_SCREEN_POINTS], normals[:NUM_SCREEN_POINTS]) for points, normals in (fixed, moving))
     gaps = np.array([surface_gap(few[0], few[1], turn) for turn in turns])
     best = [_refined(fixed, moving, turn) for turn in turns[np.argsort(gaps, kind="stable")[:NUM_REFINED]]]
     exact = np.array([surface_gap(fixed, moving, turn) for turn in best])
     ranked = np.stack([np.eye(3), *(best[n] for n in np.argsort(exact, kind="stable"))])
-    return ranked[keep_apart(ranked, SAME_DEG, num=MAX_TURNS + 1)][1:]
+    return ranked[keep_apart(ranked, APART_DEG, num=MAX_TURNS + 1)][1:]
 
 
 def _refined(fixed: _Surface, moving: _Surface, turn: FloatArray) -> FloatArray:

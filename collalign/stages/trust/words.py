@@ -12,13 +12,11 @@ from collalign.products.trust import KINDS, Trust
 from collalign.stages.trust.symmetry import turns_in_words
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.poses import turn_deg
+from data_tools.poses import APART_DEG, turn_deg
 from data_tools.rotations import rotation_angle_deg
 
 #: Names listed in a sentence; of more shapes the number is said.
 MAX_NAMES = 8
-#: Poses within this angle are the same, where a block is looked for again in the final poses.
-SAME_BLOCK_DEG = 30.0
 #: Collections whose pairs agree this little, on average, say too little.
 FEWEST_VOTES = 0.5
 #: A pose set by hand that fewer of its pairs than this agree with is contradicted.
@@ -124,4 +122,4 @@ def _still(before: FloatArray, after: FloatArray, block: IntArray) -> bool:
     others = _others(block, len(before))
     was = np.swapaxes(before[block], 1, 2)[:, None] @ before[others][None]
     now = np.swapaxes(after[block], 1, 2)[:, None] @ after[others][None]
-    return bool(np.nanmedian(turn_deg(was, now)) <= SAME_BLOCK_DEG)
+    return bool(np.nanmedian(turn_deg(was, now)) <= APART_DEG)

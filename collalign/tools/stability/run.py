@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from collalign.align import align_listing
-from collalign.analysis.pose_changes import STAY_DEG, kept_neighbours, pose_changes
+from collalign.analysis.pose_changes import kept_neighbours, pose_changes
 from collalign.analysis.procrustes import procrustes_distances
 from collalign.collection import AlignedCollection
 from collalign.engine.options import RunOptions
@@ -27,6 +27,7 @@ from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import OptionsError
 from data_tools.io.shapes import FolderListing
 from data_tools.options import MIN_POINTS
+from data_tools.poses import AGREE_DEG
 from data_tools.threads import one_blas_thread
 
 
@@ -146,7 +147,7 @@ def check_stability(
         changes_deg=changes,
         same_chirality=same,
         neighbours=neighbours,
-        stay_deg=STAY_DEG,
+        stay_deg=AGREE_DEG,
     )
 
 

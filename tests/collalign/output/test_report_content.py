@@ -21,12 +21,13 @@ from collalign.output.evidence.members import statistics_members
 from collalign.output.report import display_mesh, faces_per_shape, render_report, write_report
 from collalign.output.report.content import build_content, categories
 from collalign.output.report.payload import MISSING, pack, pack_mesh, quaternions, sample_colors
-from collalign.output.report.poses import DISTINCT_DEG, offered_poses
+from collalign.output.report.poses import offered_poses
 from collalign.output.report.shown import page_members, shown_part
 from collalign.output.report.statistics import cycle_histogram, shape_map, variation
 from collalign.products.evidence import CollectionView
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative
+from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
 from tests.view_problems import bumpy_shapes, view_of
 
@@ -115,7 +116,7 @@ def test_offered_poses_are_distinct_and_begin_with_the_evidence() -> None:
     for at, poses in enumerate(offered_poses(view)):
         everything = [view.rotations[at], *(pose.rotation for pose in poses)]
         for a, one in enumerate(everything):
-            assert all(rotation_angle_deg(one, other) > DISTINCT_DEG for other in everything[a + 1 :])
+            assert all(rotation_angle_deg(one, other) > APART_DEG for other in everything[a + 1 :])
     first = offered_poses(view)[1][0]
     assert (first.origin, first.log_odds) == ("candidates", 0.7)
     assert len(offered_poses(view)[0]) == 3
