@@ -25,7 +25,8 @@ class CleaningOptions:
     """Merge vertices at exactly the same place (STL files repeat each vertex in every triangle)."""
 
     largest_component: bool = True
-    """Keep only the connected part of the largest area; fragments otherwise attract samples."""
+    """Keep only the connected part of the largest area, without the few vertices far from all others; fragments
+    otherwise attract samples, and vertices out of place turn poses."""
 
     def __post_init__(self) -> None:
         check_flag("merge_vertices", self.merge_vertices)

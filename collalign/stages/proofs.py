@@ -29,6 +29,7 @@ from collalign.synchronization import SynchronizationResult
 from collalign.synchronization.resolve import SAME_POSE_RAD
 from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
+from data_tools.percent import percent
 from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.poses import PoseList, list_poses
 from pairwise.certificates.certificate import Certificate
@@ -114,8 +115,8 @@ class CertificationReport:
         if self.num_improved:
             text += f", {self.num_improved} better poses found"
         return (
-            f"{text}; of {self.num_complete} all poses within {LISTED_WITHIN - 1:.0%} of the best energy are known, "
-            f"{self.num_alone} have no second one."
+            f"{text}; of {self.num_complete} all poses within {percent(LISTED_WITHIN - 1)} of the best energy are "
+            f"known, {self.num_alone} have no second one."
         )
 
 

@@ -182,11 +182,11 @@ def state_trust(run: Run, posed: Posed) -> Posed:
     """State how far each pose can be trusted."""
     if run.session.options.synchronization != "robust":
         return posed
-    names, fixed, rotations = run.shapes.names, run.constraints.fixed, posed.rotations
+    names, rotations = run.shapes.names, posed.rotations
     with run.stage("confidence"):
         trust = gather_trust(run.session, run.shapes.samples, posed.matched, rotations, posed.solution.components)
         solution = with_trust(posed.solution, trust, run.constraints, posed.may_be_mirrored)
-        notes = trust_notes(names, trust, solution.confidence, posed.first, rotations, fixed)
+        notes = trust_notes(names, trust, solution.confidence, posed.first, rotations, run.constraints)
     return replace(posed, solution=solution, trust=trust, notes=(*posed.notes, *notes))
 
 

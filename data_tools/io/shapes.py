@@ -19,6 +19,7 @@ from data_tools.io.points import READERS as POINT_READERS
 from data_tools.io.source import Origin, Source, read_source
 from data_tools.options import CleaningOptions
 from data_tools.surface.cleaning import clean, drop_non_finite
+from data_tools.surface.outliers import without_outliers
 from data_tools.surface.shape import Shape
 
 #: Reader of each suffix: (vertices, faces) from a file.
@@ -113,7 +114,8 @@ def shape_from_source(
         ) from error
     if digest is not None and source.digest != digest:
         raise UnavailableError(f"{path}: has changed since the run began; run again")
-    return clean(_checked(source, vertices, faces, name or path.stem), cleaning)
+    shape = clean(_checked(source, vertices, faces, name or path.stem), cleaning)
+    return shape if cleaning is not None and not cleaning.largest_component else without_outliers(shape, cleaning)
 
 
 def read_folder(folder: Path | str) -> FolderListing:

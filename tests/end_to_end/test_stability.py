@@ -83,6 +83,8 @@ def test_a_pose_that_only_the_result_has_is_found(result: Path, tmp_path: Path) 
     assert (np.delete(stays, 2) == 1.0).all()
     assert found.chirality_stays.min() == 1.0
     assert f"{view.names[2]} (0 %)" in stability_summary(found)[3]
+    nearly = replace(found, neighbours=np.full_like(found.neighbours, 0.996))
+    assert "neighbours stay in 99 %" in stability_summary(nearly)[2]
     page = write_stability_page(found, b"", tmp_path / "page.html").read_text()
     first = page.split("<tr>")[2]
     assert first.startswith(f"<td>{view.names[2]}</td>")  # the least stable shape comes first

@@ -22,6 +22,14 @@ SURFACES: tuple[Mutant, ...] = (
         ("_hashes", "bits ^ (bits >> np.uint64(32))", "bits"),
     ),
     *faults(
+        "data_tools/surface/outliers.py",
+        ("tests/data_tools/surface/test_outliers.py",),
+        ("without_outliers", "nearest[faces]", "faces"),
+        ("_last_after_gap", "FAR_RATIO * last", "last"),
+        ("_out_of_place", "(np.bincount(group) <= MAX_FAR_CONNECTED)", "True"),
+        ("_out_of_place", "(spread <= MAX_RING_SHARE * radius)", "True"),
+    ),
+    *faults(
         "data_tools/surface/decimation.py",
         ("tests/data_tools/surface/test_decimation.py",),
         ("_clustered", "inside = cell[first] == cell[second]", "inside = cell[first] >= 0"),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from collalign.confidence.pose_model import is_symmetric, tied_rivals
 from collalign.products.collection import DOUBT
+from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.trust.symmetry import turns_in_words
 from collalign.synchronization import SynchronizationResult
@@ -29,7 +30,7 @@ def trust_notes(
     confidence: FloatArray,
     first: SynchronizationResult,
     rotations: FloatArray,
-    fixed: Mapping[int, FloatArray],
+    constraints: Constraints,
 ) -> tuple[str, ...]:
     """Return the sentences about doubtful poses.
 
@@ -42,11 +43,15 @@ def trust_notes(
         Of the pairs as first matched, before any was solved again from the answer.
     rotations : ndarray, shape (N, 3, 3)
         The reported poses.
-    fixed : mapping of int to ndarray (3, 3)
-        Poses set by hand.
+    constraints : Constraints
+        Poses set by hand, or kept from an earlier run with their whole transforms.
     """
-    notes = [*_contradicted(names, trust, fixed), *_symmetric(trust, rotations), *_blocks(names, first, rotations)]
-    free = [i for i in range(len(names)) if i not in fixed]
+    notes = [
+        *_contradicted(names, trust, constraints),
+        *_symmetric(trust, rotations),
+        *_blocks(names, first, rotations),
+    ]
+    free = [i for i in range(len(names)) if i not in constraints.fixed]
     doubted = [i for i in free if not confidence[i] >= DOUBT]
     votes = trust.evidence[:, KINDS.index("votes")]
     if doubted and np.nanmean(votes) < FEWEST_VOTES:
@@ -69,11 +74,12 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names)
 
 
-def _contradicted(names: Sequence[str], trust: Trust, fixed: Mapping[int, FloatArray]) -> list[str]:
+def _contradicted(names: Sequence[str], trust: Trust, constraints: Constraints) -> list[str]:
     votes = trust.evidence[:, KINDS.index("votes")]
     return [
-        f"{names[i]} WAS SET BY HAND, AND ITS PAIRS CONTRADICT IT: few of them ask for this pose. Look at it again."
-        for i in sorted(fixed)
+        f"{names[i]} {'KEEPS ITS FORMER POSE' if i in constraints.fixed_transforms else 'WAS SET BY HAND'}, AND ITS "
+        "PAIRS CONTRADICT IT: few of them ask for this pose. Look at it again."
+        for i in sorted(constraints.fixed)
         if votes[i] < CONTRADICTED_VOTES
     ]
 

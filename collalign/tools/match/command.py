@@ -109,7 +109,7 @@ def _match_partial(target: Path, source: Path, out: Path | None, options: TwoSha
     best, text = found.poses[0], json_text.dumps(found.record(), indent=1)
     doubt = " (in doubt)" if found.confidence < DOUBT else ""
     words = f"{found.source} -> {found.target}: confidence {percent(found.confidence)}{doubt}; "
-    words += f"{best.overlap_source:.0%} of it lies on {best.overlap_target:.0%} of the other"
+    words += f"{percent(best.overlap_source)} of it lies on {percent(best.overlap_target)} of the other"
     rows = ("".join(f"{value:14.6g}" for value in row) for row in found.transform)
     print(text if json else "\n".join([words, *rows]))
     if out is not None:
@@ -153,7 +153,9 @@ def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOpti
     print(
         f"{result.source_name} -> {result.target_name}: confidence {percent(result.confidence)}, {best.orientation}"
     )
-    print(f"{result.bijectivity:.0%} of the samples come back near themselves; {len(result.candidates)} candidates")
+    print(
+        f"{percent(result.bijectivity)} of the samples come back near themselves; {len(result.candidates)} candidates"
+    )
     for note in result.notes:
         print(f"Note: {note}")
     for path in written:

@@ -14,6 +14,7 @@ from data_tools.embedding.surface_points import surface_points
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin, location
+from data_tools.percent import percent
 from data_tools.threads import one_blas_thread
 from pairwise.partial.match import PartialPose, match_partial
 from pairwise.partial.surface import MOST_POINTS, PartialSurface
@@ -57,8 +58,8 @@ class PartialMatch:
 
     def __repr__(self) -> str:
         best = self.poses[0]
-        overlaps = f"{best.overlap_source:.0%} of it on {best.overlap_target:.0%} of the other"
-        return f"<PartialMatch: {self.source} on {self.target}, {overlaps}, confidence {self.confidence:.2f}>"
+        overlaps = f"{percent(best.overlap_source)} of it on {percent(best.overlap_target)} of the other"
+        return f"<PartialMatch: {self.source} on {self.target}, {overlaps}, confidence {percent(self.confidence)}>"
 
     def record(self) -> dict[str, Any]:
         """Return what ``match.json`` holds."""

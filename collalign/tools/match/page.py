@@ -46,7 +46,7 @@ def write_match_page(path: Path | str, match: NonrigidMatch, target: Shape, sour
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in match.notes)
     body = f"""<p>Equal colours correspond. Confidence {percent(match.confidence)}; orientation
 {html.escape(match.orientation)};
-{match.bijectivity:.0%} of the samples come back near themselves by map and inverse.</p>
+{percent(match.bijectivity)} of the samples come back near themselves by map and inverse.</p>
 <ul>{notes}</ul>
 {figures[0]}
 <h2>Candidates</h2>

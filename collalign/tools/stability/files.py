@@ -91,7 +91,7 @@ def stability_summary(stability: Stability) -> tuple[str, ...]:
     names, poses = stability.names, stability.pose_stays
     doubted = ~(stability.confidence >= DOUBT)
     moved = [i for i in least_stable(stability) if poses[i] < 1.0]
-    worst = ", ".join(f"{names[i]} ({100 * poses[i]:.0f} %)" for i in moved[:_MAX_NAMES])
+    worst = ", ".join(f"{names[i]} ({percent(poses[i])})" for i in moved[:_MAX_NAMES])
     more = f" and {len(moved) - _MAX_NAMES} more" if len(moved) > _MAX_NAMES else ""
     sure = sum(not doubted[i] for i in moved)
     return (
@@ -184,4 +184,4 @@ def _rows(stability: Stability) -> list[tuple[object, ...]]:
 
 def _percent(shares: FloatArray) -> str:
     """Return the mean of the known shares in words."""
-    return f"{100 * float(np.nanmean(shares)):.0f} %" if np.isfinite(shares).any() else "no comparison"
+    return percent(float(np.nanmean(shares))) if np.isfinite(shares).any() else "no comparison"

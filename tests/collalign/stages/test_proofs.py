@@ -136,7 +136,7 @@ def test_the_report_says_when_the_budget_ended() -> None:
     text = str(CertificationReport(num_wanted=5, num_proven=2, **counts))
     assert "2 of 3" in text
     assert "budget" in text
-    assert text.endswith("of 2 all poses within 20% of the best energy are known, 1 have no second one.")
+    assert text.endswith("of 2 all poses within 20 % of the best energy are known, 1 have no second one.")
     full = str(CertificationReport(num_wanted=3, num_proven=3, **counts))
     assert "budget" not in full
     assert "1 mirror" in full

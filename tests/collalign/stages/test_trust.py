@@ -289,13 +289,18 @@ def test_notes_name_the_doubtful_the_contradicted_and_the_block(rng: np.random.G
     trust = trusted(samples, pairs, flipped)
     first = solved(pairs)
     chance = pose_confidence(trust)
-    notes = " ".join(trust_notes(names, trust, chance, first, flipped, {}))
+    notes = " ".join(trust_notes(names, trust, chance, first, flipped, Constraints()))
     assert "In doubt: shape2" in notes
     assert "BY HAND" not in notes
-    by_hand = trust_notes(names, trust, chance, first, flipped, {2: flipped[2]})
+    by_hand = trust_notes(names, trust, chance, first, flipped, Constraints(fixed={2: flipped[2]}))
     assert any("shape2 WAS SET BY HAND" in note for note in by_hand)
+    pose = np.eye(4)
+    kept = Constraints(fixed={2: flipped[2]}, fixed_transforms={2: pose})
+    former = " ".join(trust_notes(names, trust, chance, first, flipped, kept))
+    assert "shape2 KEEPS ITS FORMER POSE, AND ITS PAIRS CONTRADICT IT" in former
+    assert "BY HAND" not in former
     right = trusted(samples, pairs, truth)
-    assert not trust_notes(names, right, pose_confidence(right), first, truth, {})
+    assert not trust_notes(names, right, pose_confidence(right), first, truth, Constraints())
 
 
 def test_a_block_is_named_as_long_as_the_final_poses_have_it(rng: np.random.Generator) -> None:
@@ -309,10 +314,12 @@ def test_a_block_is_named_as_long_as_the_final_poses_have_it(rng: np.random.Gene
     first = replace(first, weak_cuts=(cut,))
     chance = pose_confidence(trust)
     aligned = first.rotations
-    assert "shape0, shape1 may be turned together" in " ".join(trust_notes(names, trust, chance, first, aligned, {}))
+    assert "shape0, shape1 may be turned together" in " ".join(
+        trust_notes(names, trust, chance, first, aligned, Constraints())
+    )
     turned = aligned.copy()
     turned[:2] = HALF_TURN @ turned[:2]
-    assert "may be turned" not in " ".join(trust_notes(names, trust, chance, first, turned, {}))
+    assert "may be turned" not in " ".join(trust_notes(names, trust, chance, first, turned, Constraints()))
 
 
 def test_long_lists_are_cut() -> None:
@@ -345,7 +352,7 @@ def test_cubes_are_named_as_symmetric_and_in_doubt(rng: np.random.Generator) -> 
     pairs = [replace(pair, energies=np.array([0.1, 0.1])) for pair in pairs_at(poses)]
     trust = trusted([sample] * 4, pairs, poses)
     assert (pose_confidence(trust) <= 0.1).all()
-    notes = trust_notes([*"abcd"], trust, pose_confidence(trust), solved(pairs), poses, {})
+    notes = trust_notes([*"abcd"], trust, pose_confidence(trust), solved(pairs), poses, Constraints())
     assert any("4 of 4 shapes fit as well in other poses" in note and "deg about" in note for note in notes)
 
 

@@ -1,0 +1,132 @@
+import itertools
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import collalign
+from collalign import AlignOptions
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
+from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.options import AS_STORED, SamplingOptions
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.outliers import without_outliers
+from data_tools.surface.shape import Shape
+from data_tools.surface.topology import mesh_edges
+
+
+def with_slips(shape: Shape, rng: np.random.Generator, num: int = 3) -> tuple[Shape, IntArray]:
+    """Return the shape with vertices that share no edge 5 to 30 radii away, in directions of their own."""
+    vertices, slipped = shape.vertices.copy(), np.linspace(7, len(shape.vertices) - 9, num).astype(np.int64)
+    radius = float(np.linalg.norm(vertices - vertices.mean(axis=0), axis=1).max())
+    away = rng.normal(size=(num, 3))
+    away *= (radius * np.geomspace(5.0, 30.0, num) / np.linalg.norm(away, axis=1))[:, None]
+    vertices[slipped] = vertices.mean(axis=0) + away
+    return Shape.from_arrays(vertices, shape.faces, name=shape.name), slipped
+
+
+def bar_on_sphere(num_rings: int, length: float) -> Shape:
+    """Return a fine sphere from one triangle of which a thin bar grows, of so many rings of three vertices."""
+    vertices, faces = sphere_mesh(1000)
+    corners, num = faces[100], len(vertices)
+    middle = vertices[corners].mean(axis=0)
+    rings = [corners, *(num + 3 * i + np.arange(3) for i in range(num_rings))]
+    points = [vertices[corners] + middle * length * (i + 1) / num_rings for i in range(num_rings)]
+    walls = [
+        [[a[k], a[(k + 1) % 3], b[(k + 1) % 3]], [a[k], b[(k + 1) % 3], b[k]]]
+        for a, b in itertools.pairwise(rings)
+        for k in range(3)
+    ]
+    all_faces = np.concatenate([np.delete(faces, 100, axis=0), *walls, rings[-1][None]])
+    return Shape.from_arrays(np.concatenate([vertices, *points]), all_faces)
+
+
+def cone(height: float) -> Shape:
+    """Return a cone whose rim is fine and whose tip is one vertex."""
+    turns = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
+    rim = np.stack([np.cos(turns), np.sin(turns), np.zeros(200)], axis=1)
+    at = np.arange(200)
+    sides = np.stack([at, (at + 1) % 200, np.full(200, 201)], axis=1)
+    floor = np.stack([(at + 1) % 200, at, np.full(200, 200)], axis=1)
+    return Shape.from_arrays(np.concatenate([rim, [[0, 0, 0], [0, 0, height]]]), np.concatenate([sides, floor]))
+
+
+@pytest.mark.parametrize("num", [1, 3, 8])
+def test_vertices_out_of_place_are_left_out_and_the_surface_stays_closed(num: int, rng: np.random.Generator) -> None:
+    slipped, which = with_slips(blob(rng, num_vertices=400), rng, num)
+    found = without_outliers(slipped)
+    np.testing.assert_array_equal(found.source_indices, np.delete(np.arange(400), which))
+    np.testing.assert_array_equal(found.vertices, slipped.vertices[found.source_indices])
+    assert not len(mesh_edges(found.faces).boundary)
+    assert len(found.faces) == len(slipped.faces) - 2 * num
+    assert np.bincount(found.faces.ravel(), minlength=400 - num).min() > 0
+    said = re.search(rf"left out {num} vert.* \(up to (\S+) times", found.notes[0])
+    assert said
+    assert float(said[1]) == pytest.approx(5.0 if num == 1 else 30.0, rel=0.1)
+
+
+def test_two_that_share_an_edge_are_left_out_together(rng: np.random.Generator) -> None:
+    shape = blob(rng, num_vertices=400)
+    vertices, pair = shape.vertices.copy(), shape.faces[50, :2]
+    vertices[pair] *= 20.0
+    found = without_outliers(Shape.from_arrays(vertices, shape.faces))
+    np.testing.assert_array_equal(found.source_indices, np.delete(np.arange(400), pair))
+    assert not len(mesh_edges(found.faces).boundary)
+
+
+def test_stray_points_of_a_cloud_are_left_out(rng: np.random.Generator) -> None:
+    slipped, which = with_slips(Shape.from_arrays(blob(rng, num_vertices=300).vertices), rng)
+    found = without_outliers(slipped)
+    np.testing.assert_array_equal(found.source_indices, np.delete(np.arange(300), which))
+    assert "left out 3 points" in found.notes[0]
+
+
+@pytest.mark.parametrize("length", [2.0, 5.0, 30.0])
+@pytest.mark.parametrize("num_rings", [1, 2, 60])
+def test_thin_parts_stay(num_rings: int, length: float) -> None:
+    shape = bar_on_sphere(num_rings, length)
+    assert not len(mesh_edges(shape.faces).boundary)
+    assert without_outliers(shape) is shape
+
+
+def test_long_shapes_tips_and_small_sets_stay(rng: np.random.Generator) -> None:
+    vertices, faces = sphere_mesh(500)
+    line = Shape.from_arrays(vertices * [30.0, 1.0, 0.5], faces)
+    few = Shape.from_arrays(np.concatenate([rng.normal(size=(40, 3)), [[50.0, 0.0, 0.0]]]))
+    many = Shape.from_arrays(np.concatenate([rng.normal(size=(380, 3)), rng.normal(size=(20, 3)) + 50.0]))
+    for shape in (line, Shape.from_arrays(line.vertices), few, many, cone(30.0), crown(rng)):
+        assert without_outliers(shape) is shape
+
+
+def test_files_are_read_without_them_unless_asked_for_as_stored(rng: np.random.Generator, tmp_path: Path) -> None:
+    slipped, which = with_slips(blob(rng, num_vertices=400), rng)
+    path = write_mesh(tmp_path / "slipped.ply", slipped)
+    found = read_shape(path)
+    np.testing.assert_array_equal(found.source_indices, np.delete(np.arange(400), which))
+    assert read_shape(path, AS_STORED).notes == ()
+    assert len(read_shape(path, AS_STORED).vertices) == 400
+
+
+@pytest.mark.parametrize("is_mesh", [True, False])
+def test_they_turn_no_pose(is_mesh: bool, rng: np.random.Generator) -> None:
+    base = crown(rng, num_vertices=600)
+    turns = [random_rotation(rng) for _ in range(4)]
+    shapes: dict[str, tuple[FloatArray, IntArray]] = {}
+    for number, turn in enumerate(turns):
+        faces = base.faces if is_mesh else np.empty((0, 3), dtype=np.int64)
+        noisy = base.vertices + 0.005 * rng.normal(size=base.vertices.shape)
+        shape = Shape.from_arrays(noisy, faces)
+        slipped = with_slips(shape, rng)[0] if number == 1 else shape
+        shapes[f"s{number}"] = slipped.vertices @ turn.T, faces
+    sampling = SamplingOptions(num_points=24, num_dense_points=100)
+    found = collalign.align_collection(
+        {name: pair if is_mesh else pair[0] for name, pair in shapes.items()},
+        options=AlignOptions(sampling=sampling, group="SO"),
+        progress=False,
+    )
+    assert "3 vertices" in found.shape_notes[1][0] if is_mesh else "3 points" in found.shape_notes[1][0]
+    for number in (0, 2, 3):
+        expected = turns[number] @ turns[1].T
+        assert rotation_angle_deg(found.rotations[number].T @ found.rotations[1] @ expected.T) < 3.0
