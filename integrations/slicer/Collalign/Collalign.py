@@ -79,8 +79,7 @@ class CollalignWidget(ScriptedLoadableModuleWidget):
     def onAlign(self):
         """Run the command, then show what it wrote."""
         with slicer.util.tryWithErrorDisplay("The collection could not be aligned", waitCursor=True):
-            if not self.logic.installed() and not self._mayInstall():
-                return
+            self.logic.ensureInstalled()
             self.log.clear()
             self.logic.align(
                 Path(self.folder.currentPath),
@@ -103,15 +102,6 @@ class CollalignWidget(ScriptedLoadableModuleWidget):
             for note in results.notes:
                 self._say(note)
 
-    def _mayInstall(self):
-        if not slicer.util.confirmOkCancelDisplay(
-            "This module needs the Python package collalign and the packages it depends on (about 500 MB). "
-            "Install them into Slicer's Python now?"
-        ):
-            return False
-        slicer.util.pip_install(PACKAGE)
-        return True
-
     def _say(self, line):
         self.log.appendPlainText(line)
         slicer.app.processEvents()
@@ -120,11 +110,17 @@ class CollalignWidget(ScriptedLoadableModuleWidget):
 class CollalignLogic(ScriptedLoadableModuleLogic):
     """Everything that touches the scene."""
 
-    def installed(self):
-        """Whether Slicer's Python has the package."""
-        from importlib.util import find_spec
+    def ensureInstalled(self):
+        """Install the package and what it depends on (about 500 MB) into Slicer's Python, after the user has agreed.
 
-        return find_spec(PACKAGE) is not None
+        Raises
+        ------
+        RuntimeError
+            If the user declines, or the installation fails.
+        """
+        import slicer.packaging
+
+        slicer.packaging.pip_ensure(PACKAGE, requester="Collalign")
 
     def align(self, folder, out, mirrored, keepSizes, report):
         """Run ``collalign align``.
