@@ -77,7 +77,14 @@ def test_the_recipe_asks_for_what_the_wheel_asks_for() -> None:
 
 def test_one_version_everywhere() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
-    assert {RECIPE["context"]["version"], citation["version"]} == {PROJECT["version"]}
+    package = yaml.safe_load((ROOT / "integrations" / "r" / "DESCRIPTION").read_text("utf-8"))
+    assert {RECIPE["context"]["version"], citation["version"], package["Version"]} == {PROJECT["version"]}
+
+
+def test_the_extension_carries_the_licence_of_the_project() -> None:
+    extension = ROOT / "integrations" / "slicer"
+    assert (extension / "LICENSE.txt").read_bytes() == (ROOT / "LICENSE").read_bytes()
+    assert not re.search(r"project\(Slicer", (extension / "CMakeLists.txt").read_text("utf-8"))
 
 
 def test_the_image_copies_what_there_is_and_what_is_not_ignored() -> None:
@@ -88,3 +95,18 @@ def test_the_image_copies_what_there_is_and_what_is_not_ignored() -> None:
     names = {name for line in copied for name in line.split()}
     assert names == kept
     assert all((ROOT / name).exists() for name in names)
+
+
+def test_the_paper_cites_what_is_listed_and_lists_what_it_cites() -> None:
+    text = (ROOT / "paper" / "paper.md").read_text("utf-8")
+    listed = re.findall(r"^@\w+\{(\w+),", (ROOT / "paper" / "paper.bib").read_text("utf-8"), re.MULTILINE)
+    assert sorted(set(re.findall(r"@([a-z]+\d{4})", text))) == sorted(listed)
+    for picture in re.findall(r"!\[[^]]*\]\(([^)]+)\)", text):
+        assert (ROOT / "paper" / picture).exists()
+
+
+def test_claims_of_the_paper_name_experiments_that_were_measured() -> None:
+    text, results = ((ROOT / name).read_text("utf-8") for name in ("paper/paper.md", "RESULTS.md"))
+    named = set(re.findall(r"`(?:python -m experiments )?([a-z_]+)`", text.partition("# Reproducible claims")[2]))
+    assert len(named) > 6
+    assert {name for name in named if f"`python -m experiments {name}`" not in results} == set()
