@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+import collalign
+import pairwise
 from collalign.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -95,6 +97,12 @@ def test_navigation_has_every_page() -> None:
     navigation = (ROOT / "mkdocs.yml").read_text("utf-8")
     for page in PAGES:
         assert str(page.relative_to(ROOT / "docs")) in navigation
+
+
+def test_the_reference_has_every_public_name() -> None:
+    shown = set(re.findall(r"^::: (.+)$", (ROOT / "docs" / "api.md").read_text("utf-8"), re.MULTILINE))
+    for package in (collalign, pairwise):
+        assert {f"{package.__name__}.{name}" for name in package.__all__} <= shown
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
