@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from collalign.engine.jobs.job import Runner
 from collalign.engine.jobs.run import run_jobs
 from collalign.output.contact_sheet import Tile, tile_of
 from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
@@ -27,38 +28,6 @@ Made = TypeVar("Made")
 
 #: More shapes than this are drawn as an evenly spaced choice.
 _MAX_TILES = 100
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ShapeFileTask:
-    """What a worker needs for one shape.
-
-    Attributes
-    ----------
-    file, name, digest, cleaning
-        As the shape was read for the alignment.
-    transform : ndarray, shape (4, 4)
-    confidence : float
-    mesh : Path
-        Where to write the aligned mesh.
-    max_faces : int
-        Of the mesh for the report.
-    drawn : bool
-        Whether the shape has a tile.
-    colours : ndarray, shape (f, 3), or None
-        Of its file's vertices, for a second tile; see :meth:`collalign.output.vertex_maps.PlaceColours.of_file`.
-    """
-
-    file: Origin
-    name: str
-    digest: str
-    cleaning: CleaningOptions
-    transform: FloatArray
-    confidence: float
-    mesh: Path
-    max_faces: int
-    drawn: bool
-    colours: FloatArray | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,18 +51,46 @@ class ShapeParts:
     places: NDArray[np.uint8]
 
 
-def write_shape(task: ShapeFileTask) -> ShapeParts:
-    """Read a shape, write its aligned copy and decimate it; runs inside a worker."""
-    shape = read_shape(task.file, task.cleaning, name=task.name, digest=task.digest)
-    write_mesh(task.mesh, shape.transformed(task.transform))
-    vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=task.max_faces)
+def write_shape(
+    file: Origin,
+    name: str,
+    digest: str,
+    cleaning: CleaningOptions,
+    *,
+    transform: FloatArray,
+    confidence: float,
+    mesh: Path,
+    max_faces: int,
+    drawn: bool,
+    colours: FloatArray | None,
+) -> ShapeParts:
+    """Read a shape, write its aligned copy and decimate it; runs inside a worker.
+
+    Parameters
+    ----------
+    file, name, digest, cleaning
+        As the shape was read for the alignment.
+    transform : ndarray, shape (4, 4)
+    confidence : float
+    mesh : Path
+        Where to write the aligned mesh.
+    max_faces : int
+        Of the mesh for the report.
+    drawn : bool
+        Whether the shape has a tile.
+    colours : ndarray, shape (f, 3), or None
+        Of its file's vertices, for a second tile; see :meth:`collalign.output.vertex_maps.PlaceColours.of_file`.
+    """
+    shape = read_shape(file, cleaning, name=name, digest=digest)
+    write_mesh(mesh, shape.transformed(transform))
+    vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=max_faces)
     shown = Shape.from_arrays(vertices, faces, name=shape.name)
-    tile = tile_of(shown, task.transform, task.confidence) if task.drawn else None
+    tile = tile_of(shown, transform, confidence) if drawn else None
     coloured, places = None, np.empty((0, 3), dtype=np.uint8)
-    if task.colours is not None:
-        colours = at_vertices(task.colours, shape)[cKDTree(shape.vertices).query(vertices)[1]]
+    if colours is not None:
+        colours = at_vertices(colours, shape)[cKDTree(shape.vertices).query(vertices)[1]]
         places = np.round(255.0 * colours).astype(np.uint8)
-        coloured = tile_of(shown, task.transform, task.confidence, colours) if task.drawn else None
+        coloured = tile_of(shown, transform, confidence, colours) if drawn else None
     return ShapeParts(vertices=vertices, faces=faces, tile=tile, coloured=coloured, places=places)
 
 
@@ -129,18 +126,18 @@ def write_shapes(
     tasks = (
         (
             str(i),
-            ShapeFileTask(
-                file=collection.files[i],
-                name=name,
-                digest=collection.digests[i],
-                cleaning=collection.options.cleaning,
-                transform=collection.transforms[i],
-                confidence=float(collection.confidence[i]),
-                mesh=meshes[i],
-                max_faces=faces_per_shape(num),
-                drawn=i in drawn,
-                colours=None if colours is None else colours.of_file(name),
-            ),
+            {
+                "file": collection.files[i],
+                "name": name,
+                "digest": collection.digests[i],
+                "cleaning": collection.options.cleaning,
+                "transform": collection.transforms[i],
+                "confidence": float(collection.confidence[i]),
+                "mesh": meshes[i],
+                "max_faces": faces_per_shape(num),
+                "drawn": i in drawn,
+                "colours": None if colours is None else colours.of_file(name),
+            },
         )
         for i, name in enumerate(collection.names)
     )
@@ -149,13 +146,13 @@ def write_shapes(
 
 
 def share_out(
-    function: Callable[[Any], Made],
-    tasks: Iterable[tuple[str, Any]],
+    function: Callable[..., Made],
+    tasks: Iterable[tuple[str, Mapping[str, Any]]],
     *,
     num_jobs: int,
     advance: Callable[[], None] | None = None,
 ) -> dict[str, Made]:
-    """Return what a function of a module makes of each task, by key, on several processes.
+    """Return what a function of a module makes of each task's arguments, by key, on several processes.
 
     Raises
     ------
@@ -163,7 +160,7 @@ def share_out(
         At the first task that fails.
     """
     made: dict[str, Made] = {}
-    jobs = run_jobs(function, tasks, num_jobs=num_jobs)
+    jobs = run_jobs(Runner(function, is_kept=False), tasks, num_jobs=num_jobs)
     for job in jobs:
         if job.failure is not None:
             jobs.close()

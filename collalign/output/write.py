@@ -115,7 +115,8 @@ def save_collection(
         )
         save_view(view, output.staging)
         title = f"Aligned collection {_folder_name(collection)}".rstrip() if report else None
-        share_out(write_document, _documents(parts, view, output, title), num_jobs=num_jobs)
+        documents = _documents(parts, view, output, title)
+        share_out(write_document, ((name, {"document": one}) for name, one in documents), num_jobs=num_jobs)
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
         raise InputError(f"{output.folder}: the results cannot be written ({error.strerror or error})") from error

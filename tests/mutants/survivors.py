@@ -10,7 +10,7 @@ SURVIVORS = (
         ("tests/collalign/output/test_shape_files.py",),
         ("write_shapes", "min(num, _MAX_TILES)", "max(num, _MAX_TILES) // 2"),
         ("write_shapes", "num - 1, min", "num + 1, min"),
-        ("write_shapes", "drawn=i in drawn", "drawn=i not in drawn"),
+        ("write_shapes", '"drawn": i in drawn', '"drawn": i not in drawn'),
     ),
     *faults(
         "collalign/output/vertex_maps.py",

@@ -91,9 +91,17 @@ def test_results_of_one_job_are_arguments_of_another(num_jobs: int) -> None:
 def test_a_table_holds_what_readers_ask_for_alone() -> None:
     with Store.memory() as store:
         for key in ("a", "b"):
-            store.put("shapes", key, {"root": 1.0, "large": 2.0})
-        narrow, wide = ({"x": replace(JOB, kind="shapes").shared("a", reader)} for reader in (Root, record_fields))
-        for tasks, expected in (([narrow], ["root"]), ([narrow, wide], ["large", "root"])):
+            store.put("shapes", key, {"root": 1.0, "total": 2.0, "large": 3.0})
+        root, total, whole = (
+            {"x": replace(JOB, kind="shapes").shared("a", reader)} for reader in (Root, Sum, record_fields)
+        )
+        every = ["large", "root", "total"]
+        for tasks, expected in (
+            ([root], ["root"]),
+            ([root, total], ["root", "total"]),
+            ([root, whole], every),
+            ([whole, root], every),
+        ):
             table = table_of_stored(store, tasks)
             assert table is not None
             with table:

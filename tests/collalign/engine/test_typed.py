@@ -101,6 +101,7 @@ class Everything:
     maybe: Part | None
     status: Status
     blob: bytes
+    share: float
     flags: Annotated[NDArray[np.bool_], Holds(shape="n")]
     weights: Annotated[NDArray[np.float32], Holds(shape="n? 2")]
     table: dict[str, NDArray[np.float64]]
@@ -113,6 +114,7 @@ def test_every_kind_of_field_comes_back_and_a_reader_takes_what_it_names() -> No
         maybe=None,
         status=Status.FAILED,
         blob=b"abc",
+        share=0.5,
         flags=np.array([True, False]),
         weights=np.zeros((0, 2), dtype=np.float32),
         table={"a": np.ones(3)},
@@ -126,11 +128,14 @@ def test_every_kind_of_field_comes_back_and_a_reader_takes_what_it_names() -> No
     assert from_record(Everything, record | {"maybe": {"colour": "red"}}, "all").maybe == Part("red")
     assert fields_of(Part) == {"colour"}
     assert fields_of(lambda record, name: record) is None
+    with pytest.raises(StoreError, match="'GOOD' is none"):
+        from_record(Everything, record | {"status": "GOOD"}, "all")
     for change in (
         {"parts": [{"colour": 1}]},
         {"parts": "red"},
         {"maybe": []},
         {"blob": "abc"},
+        {"share": float("nan")},
         {"flags": np.array([0, 2])},
         {"weights": np.zeros((1, 2), dtype=np.float32)},
         {"table": {"a": 1}},
