@@ -205,7 +205,8 @@ def _tufted_operators(shape: Shape) -> SurfaceOperators:
         if shape.is_mesh:
             stiffness, mass = robust_laplacian.mesh_laplacian(shape.vertices, shape.faces)
         else:
-            stiffness, mass = robust_laplacian.point_cloud_laplacian(shape.vertices, n_neighbors=NUM_NEIGHBOURS)
+            centred = shape.vertices - shape.vertices.mean(axis=0)  # its triangles depend on where the origin is
+            stiffness, mass = robust_laplacian.point_cloud_laplacian(centred, n_neighbors=NUM_NEIGHBOURS)
     except RuntimeError:  # its message names lines of C++, not what is wrong with the shape
         raise InputError(
             f"{shape.name}: no {kind} Laplacian can be built, its points do not lie on a surface "

@@ -83,9 +83,12 @@ def test_eigenfunctions_are_orthonormal_signed_and_repeatable(rng: np.random.Gen
     assert not eigen.functions.flags.writeable
 
 
-def test_eigenfunctions_do_not_depend_on_pose_scale_or_vertex_order(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("cloud", [False, True])
+def test_eigenfunctions_do_not_depend_on_pose_scale_or_vertex_order(cloud: bool, rng: np.random.Generator) -> None:
     shape = blob(rng, num_vertices=600)
-    moved = Shape.from_arrays(7.0 * shape.vertices @ random_rotation(rng).T + 3.0, shape.faces)
+    faces = None if cloud else shape.faces
+    shape = Shape.from_arrays(shape.vertices, faces)
+    moved = Shape.from_arrays(7.0 * shape.vertices @ random_rotation(rng).T + 3.0, faces)
     mixed, origin = shuffled(moved, rng)
     a, b = eigenfunctions(shape, 6), eigenfunctions(mixed, 6)
     np.testing.assert_allclose(b.values, a.values, rtol=1e-8)
