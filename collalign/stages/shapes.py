@@ -31,7 +31,7 @@ class KeyedFile:
 
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
-SAMPLING = Job(kind="shapes", version="shape-8", run=sample_file, reader=Samples)
+SAMPLING = Job(kind="shapes", version="shape-9", run=sample_file, reader=Samples)
 
 
 def prepare_shapes(session: AlignSession, listing: FolderListing) -> Shapes:

@@ -43,8 +43,11 @@ def decimate(vertices: FloatArray, faces: IntArray, max_faces: int) -> tuple[Flo
         vertices, faces = _clustered(vertices, faces)
     if len(faces) <= max_faces:
         return vertices, faces
-    small, triangles = fast_simplification.simplify(vertices.copy(), faces.astype(np.int32), target_count=max_faces)
-    return np.asarray(small, dtype=np.float64), np.asarray(triangles, dtype=np.int64)
+    # The thresholds of the library are lengths: without a common unit, millimetres and metres would differ.
+    centre, unit = vertices.mean(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
+    scaled = (vertices - centre) / unit
+    small, triangles = fast_simplification.simplify(scaled, faces.astype(np.int32), target_count=max_faces)
+    return unit * np.asarray(small, dtype=np.float64) + centre, np.asarray(triangles, dtype=np.int64)
 
 
 def _clustered(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:

@@ -272,7 +272,7 @@ def test_a_correction_is_chosen_downloaded_and_read(opened: Page, small: Collect
 
 def test_map_is_walked_by_keys_and_coloured_by_labels(opened: Page) -> None:
     points = opened.page.locator("#map g.dot")
-    assert points.count() == 10
+    assert points.count() == 9  # shape_001 is in doubt and stays out of statistics
     assert points.evaluate_all("all => all.filter(one => one.getAttribute('tabindex') === '0').length") == 1
     assert points.first.locator("circle").get_attribute("fill") != points.nth(1).locator("circle").get_attribute(
         "fill"
@@ -301,7 +301,7 @@ def test_every_part_holds_what_it_should(opened: Page) -> None:
     assert all(word in text["run"] for word in ("sampling.num_samples", "numpy", "12.3"))
     assert "Going around 400 cycles" in text["cycles"]
     assert opened.page.locator("#cycles rect").count() == 36
-    assert opened.page.locator("#tree text").count() == 10
+    assert opened.page.locator("#tree text").count() == 9
     assert opened.page.locator("#components figure").count() == 9
     assert opened.page.locator("#components a").count() == 0  # the page of collalign variation may not be there
     assert "variation/variation.html" in opened.page.locator("#components").text_content()
@@ -346,7 +346,7 @@ def test_page_without_webgl_keeps_tables_and_charts(driver: Any, small_file: Pat
     chromium = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-3d-apis"])
     page = Page(chromium, small_file)
     assert "no WebGL" in page.page.get_by_role("alert").inner_text()
-    assert page.page.locator("#map g.dot").count() == 10
+    assert page.page.locator("#map g.dot").count() == 9
     page.page.locator(".tile").first.click()
     assert page.page.locator("dialog[open] table").is_visible()
     assert [problem for problem in page.problems if "WebGL" not in problem] == []

@@ -38,6 +38,15 @@ def test_collapses_keep_the_surface(rng: np.random.Generator) -> None:
     assert largest_gap(shape.vertices, vertices, faces) < 0.03
 
 
+@pytest.mark.parametrize("unit", [1e-3, 7.0, 1e4])
+def test_the_unit_of_length_decides_nothing(rng: np.random.Generator, unit: float) -> None:
+    shape = blob(rng, num_vertices=3000)
+    vertices, faces = decimate(shape.vertices, shape.faces, 800)
+    others, triangles = decimate(unit * shape.vertices, shape.faces, 800)
+    np.testing.assert_array_equal(triangles, faces)
+    np.testing.assert_allclose(others / unit, vertices, atol=1e-9)
+
+
 @pytest.mark.usefixtures("clusters_first")
 def test_clusters_keep_the_surface_and_leave_fewer_collapses(rng: np.random.Generator) -> None:
     shape = blob(rng, num_vertices=20_000)
