@@ -17,7 +17,7 @@ from collalign.stages.pairs.match import pair_key
 from collalign.stages.shapes import shape_keys
 from collalign.stages.trial import later_work, try_shapes
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.files import read_toml
+from data_tools.io.files import read_toml, resolved
 from data_tools.io.shapes import FolderListing, read_folder
 from data_tools.threads import one_blas_thread
 
@@ -63,7 +63,7 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
     if not isinstance(shared, dict):
         raise InputError(f"{path}: [options] must be a table")
     jobs = tuple(_job(path, number, entry, shared) for number, entry in enumerate(entries, 1))
-    outs = [job.out.resolve() for job in jobs]
+    outs = [resolved(job.out) for job in jobs]
     if len(set(outs)) < len(outs):
         raise InputError(f"{path}: two jobs write to the same folder")
     return jobs

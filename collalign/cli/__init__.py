@@ -6,6 +6,7 @@ workers were lost, 130 interrupted, 141 nobody reads the output any more.
 
 from __future__ import annotations
 
+import errno
 import io
 import logging
 import os
@@ -112,6 +113,8 @@ def _run(words: list[str]) -> int:
             return _say(f"interrupted before anything began; {GO_ON}", INTERRUPTED)
         if not isinstance(error, CollalignError | OSError):
             raise
+        if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+            return _say(f"too many open files; allow more (ulimit -n 1024), or take fewer --jobs", 1)
         return _say(str(error), error.exit_code if isinstance(error, CollalignError) else 1)
 
 

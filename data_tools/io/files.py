@@ -75,6 +75,25 @@ def open_regular(path: Path, max_bytes: int) -> Iterator[BufferedReader]:
         raise UnavailableError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
+def resolved(path: Path) -> Path:
+    """Return the path without links.
+
+    Raises
+    ------
+    InputError
+        If it leads through a loop of links, or is too long.
+    """
+    try:
+        found = path.resolve()
+        found.lstat()
+    except FileNotFoundError:
+        return found
+    except (OSError, RuntimeError) as error:
+        reason = (getattr(error, "strerror", None) or "its links lead round in a loop").lower()
+        raise InputError(f"{str(path)[:200]}: cannot be used ({reason}); name another place") from None
+    return found
+
+
 def read_text(path: Path, encoding: str = "utf-8") -> str:
     """Return the text of a regular file.
 

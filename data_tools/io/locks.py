@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
 
 if sys.platform == "win32":
     import msvcrt
@@ -14,6 +19,62 @@ else:
 PRIVATE = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 #: The byte that stands for a file on Windows, where others cannot read what is locked: far behind any content.
 _LOCKED_BYTE = 2**30
+
+
+@dataclass(frozen=True, kw_only=True)
+class LockFile:
+    """A locked file; get it with :meth:`take`, and end it with :meth:`release`.
+
+    Attributes
+    ----------
+    path : Path
+    descriptor : int
+    made : bool
+        Whether there was no such file before.
+    """
+
+    path: Path
+    descriptor: int
+    made: bool
+
+    @classmethod
+    def take(cls, path: Path) -> LockFile:
+        """Lock a file at once or refuse; it is made if it does not exist.
+
+        A file that its former holder removed meanwhile is not the one of that name any more, and locks nobody out.
+
+        Raises
+        ------
+        OSError
+            As :func:`take_lock`; if it cannot be opened or is no regular file: a pipe or a device is not opened.
+        """
+        while True:
+            made = not os.path.lexists(path)
+            flags = os.O_RDWR | PRIVATE | (os.O_CREAT | os.O_EXCL if made else getattr(os, "O_NONBLOCK", 0))
+            try:
+                if not made and not stat.S_ISREG(path.lstat().st_mode):
+                    raise OSError(errno.EINVAL, "it is no regular file")
+                descriptor = os.open(path, flags, 0o644)
+            except (FileExistsError, FileNotFoundError) as error:
+                if made == isinstance(error, FileExistsError):
+                    continue  # another run made or removed it just now
+                raise
+            try:
+                take_lock(descriptor)
+                with suppress(FileNotFoundError):
+                    if os.path.samestat(os.fstat(descriptor), path.lstat()):
+                        return cls(path=path, descriptor=descriptor, made=made)
+            except BaseException:
+                os.close(descriptor)
+                raise
+            os.close(descriptor)
+
+    def release(self) -> None:
+        """Free the lock, and remove the file if it was made here."""
+        if self.made:
+            with suppress(OSError):  # Windows removes no open file
+                self.path.unlink()
+        os.close(self.descriptor)
 
 
 def take_lock(descriptor: int) -> None:

@@ -19,8 +19,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from data_tools.errors import InputError
-from data_tools.io.files import open_regular, read_text, write_atomic
-from data_tools.io.locks import PRIVATE, take_lock
+from data_tools.io.files import open_regular, read_text, resolved, write_atomic
+from data_tools.io.locks import LockFile
 
 #: Folder, inside of an output folder, that holds the manifest, the lock and what is not finished yet.
 BOOKS = ".collalign"
@@ -61,7 +61,7 @@ def output_path(folder: Path, *parts: str) -> Path:
         if length > _MAX_NAME_BYTES:
             raise InputError(f"{folder}: {part[:60]!r}... cannot be the name of an output, it is too long")
     path = folder.joinpath(*parts)
-    if not path.parent.resolve().is_relative_to(folder.resolve()):
+    if not resolved(path.parent).is_relative_to(resolved(folder)):
         raise InputError(f"{path}: leads out of {folder}, through a link; nothing is written there")
     return path
 
@@ -111,9 +111,9 @@ def refuse_overlap(folder: Path, inputs: Iterable[Path]) -> None:
 
 def _places(path: Path) -> tuple[set[object], set[object]]:
     """Return what tells a path, by its name and by device and inode, and what tells it and the folders around it."""
-    resolved = path.resolve()
+    own = resolved(path)
     marks: list[set[object]] = []
-    for place in (resolved, *resolved.parents):
+    for place in (own, *own.parents):
         marks.append({place})
         with suppress(OSError):
             found = place.stat()
@@ -179,7 +179,9 @@ class OutputFolder:
             yield output
         finally:
             shutil.rmtree(output.staging, ignore_errors=True)
-            os.close(lock)
+            lock.release()
+            with suppress(OSError):  # nothing was published
+                lock.path.parent.rmdir()
 
     def stage(self, *parts: str) -> Path:
         """Return where to write an output for now; its folder exists."""
@@ -321,21 +323,15 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _lock(folder: Path) -> int:
+def _lock(folder: Path) -> LockFile:
     """Make the folder and hold its lock, which the system frees however the run ends."""
     books = folder / BOOKS
     try:
         books.mkdir(parents=True, exist_ok=True)
         if books.is_symlink():
             raise InputError(f"{books}: is a link; {_ADVICE}")
-        descriptor = os.open(books / "lock", os.O_RDWR | os.O_CREAT | PRIVATE, 0o644)
+        return LockFile.take(books / "lock")
+    except BlockingIOError:
+        raise InputError(f"{folder}: another run is writing to it; wait for it, or {_ADVICE}") from None
     except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
-    try:
-        take_lock(descriptor)
-    except OSError as error:
-        os.close(descriptor)
-        if isinstance(error, BlockingIOError):
-            raise InputError(f"{folder}: another run is writing to it; wait for it, or {_ADVICE}") from None
-        raise InputError(f"{folder}: cannot be locked ({error.strerror})") from None
-    return descriptor
+        raise InputError(f"{folder}: cannot be written or locked ({error.strerror or error})") from None

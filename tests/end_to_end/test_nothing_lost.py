@@ -110,7 +110,7 @@ def test_other_files_stay_and_former_results_go(project: Path, tmp_path: Path) -
     assert main([*command, "--no-report"]) == 0
     assert sorted(p.name for p in (out / "meshes").iterdir()) == ["chair1.ply", "chair2.ply", "mine.txt"]
     assert not (out / "report.html").exists()
-    assert sorted(p.name for p in (out / ".collalign").iterdir()) == ["lock", "manifest.json"]
+    assert sorted(p.name for p in (out / ".collalign").iterdir()) == ["manifest.json"]
 
 
 def test_exports_do_not_overwrite_originals(finished: tuple[Path, AlignedCollection], tmp_path: Path) -> None:

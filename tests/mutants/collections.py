@@ -377,7 +377,7 @@ SHAPES: tuple[Mutant, ...] = (
         ("refuse_overlap", "contains or inside:", "contains:"),
         ("_places", "marks[-1].add((found.st_dev, found.st_ino))", "pass"),
         ("OutputFolder.refuse_foreign", 'writer.split(" ")[0] != self._writer.split(" ")[0]', "False"),
-        ("output_path", "if not path.parent.resolve().is_relative_to(folder.resolve()):", "if False:"),
+        ("output_path", "if not resolved(path.parent).is_relative_to(resolved(folder)):", "if False:"),
         ("OutputFolder.publish", "if complete and", "if"),
         ("OutputFolder._is_ours", "path.is_symlink() or ", ""),
         ("file_stems", "taken.add(stem.casefold())", "taken.add(stem)"),

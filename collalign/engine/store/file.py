@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
+import sys
 import warnings
+from contextlib import closing
 from pathlib import Path
 
 from collalign.engine.store.layout import APPLICATION_ID, FORMAT_VERSION, PAGE_SIZE, STATEMENTS
-from data_tools.errors import StoreError
+from data_tools.errors import InputError, StoreError, UnavailableError
+from data_tools.io.files import open_regular, resolved, write_atomic
 
 #: Largest row, in bytes: bounds what a damaged length field can make SQLite allocate.
 _MAX_ROW_BYTES = 256 * 2**20
 _BUSY_TIMEOUT_S = 30.0
+#: How SQLite's files beside a store begin (https://www.sqlite.org/fileformat.html and walformat.html).
+_JOURNALS = {
+    "-wal": (bytes.fromhex("377f0682"), bytes.fromhex("377f0683")),
+    "-journal": (bytes.fromhex("d9d505f920a163d7"), bytes(8)),
+    "-shm": ((3_007_000).to_bytes(4, "little"), (3_007_000).to_bytes(4, "big"), bytes(4)),
+}
 _NETWORK_FILE_SYSTEMS = frozenset(
     ("9p", "afs", "beegfs", "ceph", "cifs", "fuse.glusterfs", "fuse.sshfs", "gpfs", "lustre", "nfs", "nfs4", "smb3")
 )
@@ -27,7 +37,8 @@ def open_connection(path: Path, *, read_only: bool) -> sqlite3.Connection:
     """
     if read_only and not path.is_file():
         raise StoreError(f"{path}: there is no such store")
-    uri = f"{path.as_uri()}?mode={'ro' if read_only else 'rwc'}"
+    _prepare(path, read_only)
+    uri = f"{path.as_uri()}?mode={'ro' if read_only else 'rw'}"
     try:
         connection = sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_BUSY_TIMEOUT_S)
     except sqlite3.Error as error:
@@ -35,11 +46,8 @@ def open_connection(path: Path, *, read_only: bool) -> sqlite3.Connection:
     try:
         _harden(connection)
         if not read_only:
-            connection.execute(f"PRAGMA page_size = {PAGE_SIZE}")  # of a new file; does nothing to others
-            if not _is_new(connection):
-                _check_layout(connection, path)  # before anything is written to a file that may be somebody else's
+            _check_layout(connection, path)  # before anything is written to a file that may be somebody else's
             _set_journal(connection, path)
-            _create_tables(connection)
         _check_layout(connection, path)
     except (sqlite3.Error, UnicodeError) as error:  # SQLite quotes damaged text in its messages
         connection.close()
@@ -53,7 +61,11 @@ def open_connection(path: Path, *, read_only: bool) -> sqlite3.Connection:
 def open_memory() -> sqlite3.Connection:
     """Return a connection to a new store in memory."""
     connection = sqlite3.connect(":memory:", isolation_level=None)
-    _create_tables(connection)
+    connection.execute(f"PRAGMA page_size = {PAGE_SIZE}")
+    for statement in STATEMENTS:
+        connection.execute(statement)
+    connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+    connection.execute(f"PRAGMA user_version = {FORMAT_VERSION}")
     return connection
 
 
@@ -88,11 +100,45 @@ def reason_of(error: Exception) -> str:
     return f"not a store, or damaged ({error}); name another file"
 
 
-def _is_new(connection: sqlite3.Connection) -> bool:
-    """Whether the file holds nothing yet."""
-    (entries,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    (application,) = connection.execute("PRAGMA application_id").fetchone()
-    return not entries and not application
+def _prepare(path: Path, read_only: bool) -> None:
+    """Make a store that does not exist, all at once; SQLite opens, and removes, only what is a store's.
+
+    Raises
+    ------
+    StoreError
+        If the file is no store, or what lies where SQLite keeps its journals belongs to no store.
+    """
+    try:
+        path = resolved(path)  # SQLite's journals lie there
+        header = _start(path, 100)
+        for ending, marks in _JOURNALS.items():
+            journal = path.with_name(path.name + ending)
+            start = _start(journal, 8)
+            if start is not None and not (header and (not start or start.startswith(marks))):
+                raise StoreError(
+                    f"{journal}: lies where a journal of the store {path.name} belongs, and is none; "
+                    "move it away, or name another store"
+                )
+        if not header and not read_only:
+            with closing(open_memory()) as connection:
+                write_atomic(path, connection.serialize())
+        elif not header or header[:16] != b"SQLite format 3\0" or header[68:72] != APPLICATION_ID.to_bytes(4):
+            raise StoreError(f"{path}: not a store of this program; name another file")
+    except (InputError, OSError) as error:
+        raise StoreError(f"{path}: cannot be opened ({error})") from None
+
+
+def _start(path: Path, num: int) -> bytes | None:
+    """Return the first bytes of a regular file, None where there is none."""
+    if not os.path.lexists(path):
+        return None
+    try:
+        with open_regular(path, sys.maxsize) as stream:
+            return stream.read(num)
+    except UnavailableError:
+        if os.path.lexists(path):
+            raise
+        return None  # a reader's neighbour has just closed the store
 
 
 def _harden(connection: sqlite3.Connection) -> None:
@@ -124,18 +170,6 @@ def _on_network(path: Path) -> bool:
     except OSError:
         return False
     return file_system_of(path.resolve(), mounts) in _NETWORK_FILE_SYSTEMS
-
-
-def _create_tables(connection: sqlite3.Connection) -> None:
-    """Create the tables of an empty file in one transaction; any other file is left as it is."""
-    connection.execute("BEGIN IMMEDIATE")
-    with connection:
-        if not _is_new(connection):
-            return
-        for statement in STATEMENTS:
-            connection.execute(statement)
-        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        connection.execute(f"PRAGMA user_version = {FORMAT_VERSION}")
 
 
 def _check_layout(connection: sqlite3.Connection, path: Path) -> None:

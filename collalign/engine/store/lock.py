@@ -6,14 +6,17 @@ import os
 from pathlib import Path
 
 from data_tools.errors import StoreError
-from data_tools.io.locks import PRIVATE, take_lock
+from data_tools.io.locks import LockFile
+
+#: No process number has more digits.
+_MAX_DIGITS = 21
 
 
 class StoreLock:
     """Holds the lock of a store until released or the process is gone; get it with :meth:`acquire`."""
 
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor: int | None = descriptor
+    def __init__(self, lock: LockFile) -> None:
+        self._lock: LockFile | None = lock
 
     @classmethod
     def acquire(cls, store_path: Path) -> StoreLock:
@@ -26,35 +29,26 @@ class StoreLock:
         """
         path = store_path.with_name(store_path.name + ".lock")
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | PRIVATE, 0o644)
-        except OSError as error:
-            raise StoreError(f"{path}: cannot be opened ({error.strerror})") from None
-        try:
-            take_lock(descriptor)
-        except OSError:
-            owner = _content(descriptor).decode("ascii", "replace").strip()
-            os.close(descriptor)
+            lock = LockFile.take(path)
+        except BlockingIOError:
+            owner = path.read_bytes()[:_MAX_DIGITS].decode("ascii", "replace").strip() if path.is_file() else ""
             raise StoreError(
                 f"{store_path}: another run (process {owner or 'unknown'}) is writing to this store; wait for it, "
                 "or name another store"
             ) from None
-        content = _content(descriptor)
-        if content.strip() and not content.strip().isdigit():
-            os.close(descriptor)
+        except OSError as error:
+            raise StoreError(f"{path}: cannot be opened and locked ({error.strerror})") from None
+        content = os.read(lock.descriptor, _MAX_DIGITS).strip()
+        if content and not content.isdigit():
+            lock.release()
             raise StoreError(f"{path}: is no lock of a store but a file of somebody else; name another store")
-        os.ftruncate(descriptor, 0)
-        os.lseek(descriptor, 0, os.SEEK_SET)
-        os.write(descriptor, str(os.getpid()).encode())
-        return cls(descriptor)
+        os.ftruncate(lock.descriptor, 0)
+        os.lseek(lock.descriptor, 0, os.SEEK_SET)
+        os.write(lock.descriptor, str(os.getpid()).encode())
+        return cls(lock)
 
     def release(self) -> None:
-        """Free the lock; the empty file stays, since removing it would race with the next run."""
-        if self._descriptor is not None:
-            os.close(self._descriptor)
-            self._descriptor = None
-
-
-def _content(descriptor: int) -> bytes:
-    """Return the start of the file: a process number has fewer digits."""
-    os.lseek(descriptor, 0, os.SEEK_SET)
-    return os.read(descriptor, 21)
+        """Free the lock; a second time it does nothing."""
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -126,3 +127,14 @@ def test_help_is_quick_and_imports_nothing_heavy() -> None:
     loaded = set(done.stdout.splitlines()[-1].split())
     assert "cyclopts" in loaded
     assert not loaded & {"numpy", "scipy", "trimesh", "matplotlib", "joblib", "potpourri3d", "networkx"}
+
+
+def test_too_few_open_files_end_in_advice(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), "a")
+
+    monkeypatch.setattr("collalign.align_collection", fail)
+    assert main(["align", str(folder), "--out", str(tmp_path / "out")]) == 1
+    assert "ulimit -n" in capsys.readouterr().err

@@ -6,7 +6,7 @@ import sqlite3
 import subprocess
 import sys
 import warnings
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -265,6 +265,62 @@ def test_somebody_elses_files_are_not_touched(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="of somebody else"):
         Store.open(tmp_path / "poetry")
     assert lock.read_text() == "# a lock file of another tool\n"
+
+
+@pytest.mark.parametrize("ending", ["-wal", "-journal", "-shm"])
+@pytest.mark.parametrize("is_there", [False, True])
+def test_journals_of_somebody_else_are_not_touched(path: Path, ending: str, is_there: bool) -> None:
+    if is_there:
+        Store.open(path).close()
+    mine = path.with_name(path.name + ending)
+    mine.write_text("my notes of the log")
+    with pytest.raises(StoreError, match=rf"{ending}: lies where a journal"):
+        Store.open(path)
+    assert mine.read_text() == "my notes of the log"
+    assert sorted(p.name for p in path.parent.iterdir()) == sorted([path.name] * is_there + [mine.name])
+
+
+def test_journals_without_a_store_are_not_touched(path: Path) -> None:
+    with Store.open(path) as store:
+        store.put("pairs", "k", RECORD)
+        logs = [path.with_name(path.name + ending) for ending in ("-wal", "-shm")]
+        left = {log: log.read_bytes() for log in logs}
+    path.unlink()
+    for log, content in left.items():
+        log.write_bytes(content)
+    with pytest.raises(StoreError, match="lies where a journal"):
+        Store.open(path)
+    assert {log: log.read_bytes() for log in logs} == left
+
+
+def test_a_foreign_database_keeps_its_log(path: Path) -> None:
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("CREATE TABLE mine (x)")
+        content = {p: p.read_bytes() for p in path.parent.iterdir() if not p.name.endswith("-shm")}
+    for file, data in content.items():
+        file.write_bytes(data)
+    with pytest.raises(StoreError, match="not a store of this program"):
+        Store.open(path)
+    assert {p: p.read_bytes() for p in path.parent.iterdir()} == content
+
+
+@pytest.mark.parametrize("content", [None, "text"])
+def test_a_refused_store_leaves_no_lock(path: Path, content: str | None) -> None:
+    path.mkdir() if content is None else path.write_text(content)
+    with pytest.raises(StoreError):
+        Store.open(path)
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes in folders")
+def test_a_pipe_is_no_lock_and_no_store(path: Path) -> None:
+    for pipe in (path.with_name(path.name + ".lock"), path):
+        os.mkfifo(pipe)
+        with pytest.raises(StoreError, match="regular file"):
+            Store.open(path)
+        assert pipe.is_fifo()
+        pipe.unlink()
 
 
 def test_damaged_records_are_discarded_by_a_command_and_the_others_stay(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from data_tools.io.locks import PRIVATE, take_lock
+from data_tools.io.locks import PRIVATE, LockFile, take_lock
 
 
 def opened(path: Path) -> int:
@@ -29,7 +29,10 @@ def test_a_held_lock_is_refused_until_its_file_is_closed(tmp_path: Path) -> None
 def test_no_child_keeps_a_lock(tmp_path: Path) -> None:
     held = opened(tmp_path / "lock")
     take_lock(held)
-    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE, close_fds=False)
+    command = [sys.executable, "-c", "print(flush=True); input()"]
+    child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, close_fds=False)
+    assert child.stdout is not None
+    child.stdout.readline()  # the system closes the files of a child a little after it lets the parent go on
     os.close(held)
     other = opened(tmp_path / "lock")
     take_lock(other)
@@ -42,3 +45,36 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
     (tmp_path / "lock").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(OSError, match="lock"):
         opened(tmp_path / "lock")
+
+
+def test_only_a_lock_that_was_made_here_is_removed(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    lock = LockFile.take(path)
+    with pytest.raises(BlockingIOError):
+        LockFile.take(path)
+    assert path.exists()
+    lock.release()
+    assert not path.exists()
+    path.touch()
+    LockFile.take(path).release()
+    assert path.exists()
+
+
+def test_a_lock_that_was_removed_before_it_was_held_is_taken_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "lock"
+    former = LockFile.take(path)
+    waits = [former]
+
+    def released_first(descriptor: int) -> None:
+        if waits:
+            waits.pop().release()
+        take_lock(descriptor)
+
+    monkeypatch.setattr("data_tools.io.locks.take_lock", released_first)
+    lock = LockFile.take(path)
+    assert os.path.samestat(os.fstat(lock.descriptor), path.stat())
+    with pytest.raises(BlockingIOError):
+        LockFile.take(path)
+    lock.release()

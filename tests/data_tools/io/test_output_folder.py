@@ -251,3 +251,18 @@ def test_a_file_where_a_folder_of_results_belongs_is_refused_before_the_work(tmp
 def test_names_that_this_system_cannot_write_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be the name of an output in this locale"):
         output_path(tmp_path, "\ud800.ply")
+
+
+def test_a_refused_run_leaves_a_folder_as_it_was(tmp_path: Path) -> None:
+    (tmp_path / "summary").write_text("mine")
+    with pytest.raises(InputError, match="move it away"):
+        write(tmp_path, {"summary": "1"})
+    assert [p.name for p in tmp_path.iterdir()] == ["summary"]
+
+
+@pytest.mark.parametrize("to", ["loop/x", "x/" * 3000])
+def test_loops_of_links_and_paths_that_are_too_long_are_refused(tmp_path: Path, to: str) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "pool")
+    (tmp_path / "pool").symlink_to(tmp_path / "loop")
+    with pytest.raises(InputError, match=r"cannot be used \(.*\); name another place"):
+        write(tmp_path / to, {"summary": "1"})
