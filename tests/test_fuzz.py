@@ -12,7 +12,7 @@ from pairwise.certificates.verify import VERIFIERS
 from tests.fuzz import seeds, targets
 from tests.fuzz.harness import damaged, fuzz
 from tests.fuzz.hostile import attack, honest, judge
-from tests.fuzz.mutations import CHANGES
+from tests.fuzz.mutations import CHANGES, MARK
 from tests.job_functions import end_as_told
 
 GOOD_ENDINGS = {"valid", "clear errors"}
@@ -37,6 +37,18 @@ def test_damaged_shapes_end_in_a_clear_error_or_a_shape(shape_files: dict[str, b
     report = fuzz(targets.read_and_sample, shape_files, 150, seed=7)
     assert report.bad == {}
     assert report.counts.keys() == GOOD_ENDINGS
+
+
+@pytest.mark.parametrize("message", [f"not a number: {MARK}", "UnboundLocalError"])
+def test_reasons_that_quote_the_file_or_name_internals_are_noticed(
+    monkeypatch: pytest.MonkeyPatch, message: str
+) -> None:
+    def refuse(path: Path) -> None:
+        raise InputError(message)
+
+    monkeypatch.setattr(targets, "read_shape", refuse)
+    with pytest.raises(RuntimeError, match="quotes the file"):
+        targets.read_and_sample(("a.ply", MARK.encode()))
 
 
 def test_damaged_stores_records_certificates_and_configurations_end_in_a_clear_error_or_a_value(

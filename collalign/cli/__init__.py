@@ -114,7 +114,7 @@ def _run(words: list[str]) -> int:
         if not isinstance(error, CollalignError | OSError):
             raise
         if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
-            return _say(f"too many open files; allow more (ulimit -n 1024), or take fewer --jobs", 1)
+            return _say("too many open files; allow more (ulimit -n 1024), or take fewer --jobs", 1)
         return _say(str(error), error.exit_code if isinstance(error, CollalignError) else 1)
 
 

@@ -49,7 +49,7 @@ def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
     except InputError:
         raise
     except _DAMAGE as error:
-        raise InputError(f"{name}: damaged archive ({' '.join(str(error).split())[:200]})") from error
+        raise InputError(f"{name}: damaged archive") from error
 
 
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str) -> NDArray[Any]:
@@ -63,6 +63,8 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str) -> NDArra
             raise InputError(f"{name}: {info.filename} holds Python objects (a pickle), which are never read")
         left = info.file_size - stream.tell()
         if math.prod(shape) * dtype.itemsize != left:
-            raise InputError(f"{name}: {info.filename} promises shape {shape} of {dtype}, but {left} bytes follow")
+            raise InputError(
+                f"{name}: {info.filename} promises {math.prod(shape) * dtype.itemsize} bytes, {left} follow"
+            )
         values = np.frombuffer(bytearray(stream.read()), dtype=dtype) if left else np.empty(0, dtype=dtype)
     return values.reshape(shape, order="F" if fortran else "C")

@@ -82,21 +82,19 @@ def _check_lists(path: Path, lines: list[bytes], elements: list[_Element]) -> No
                 told = words[length] if is_list and length < len(words) else b"0"
                 length += 1 + (int(told) if told.isdigit() else 0)
             if length != len(words):
-                raise InputError(
-                    f"{path}: {name} {number} has {len(words)} numbers, its own counts ask for {length}: "
-                    f"{line[:60].decode('ascii', 'replace')!r}"
-                )
+                kind = name if name in ("vertex", "face") else "element"
+                raise InputError(f"{path}: {kind} {number} has {len(words)} numbers, its own counts ask for {length}")
         start += count
 
 
 def _ply_elements(path: Path, header: str) -> list[_Element]:
     """Return the elements that the header lists."""
     elements: list[_Element] = []
-    for line in header.splitlines():
+    for number, line in enumerate(header.splitlines(), start=1):
         words = line.split()
         if words[:1] == ["element"]:
             if len(words) != 3 or not words[2].isdecimal():
-                raise InputError(f"{path}: malformed PLY header line {line.strip()!r}")
+                raise InputError(f"{path}: line {number}: malformed PLY header, expected 'element NAME COUNT'")
             elements.append((words[1], int(words[2]), 0, ()))
         elif words[:1] == ["property"] and len(words) > 2 and elements:
             kind = words[2] if words[1] == "list" else words[1]

@@ -51,7 +51,7 @@ def _vertices(path: Path, lines: list[str]) -> FloatArray:
         try:
             x, y, z = (float(word) for word in line.split()[:3])
         except ValueError:
-            raise InputError(f"{path}: vertex {position} is not three numbers: {line[:60]!r} (truncated?)") from None
+            raise InputError(f"{path}: vertex {position} is not three numbers (truncated?)") from None
         vertices.append((x, y, z))
     return np.array(vertices)
 
@@ -73,7 +73,7 @@ def _corner(path: Path, position: int, word: str, num_before: int) -> int:
     """Return the index, from 0, of a corner ``v``, ``v/vt``, ``v//vn`` or ``v/vt/vn``."""
     digits = word.split("/", 1)[0]
     if not digits.removeprefix("-").isdecimal() or int(digits) == 0:
-        raise InputError(f"{path}: face {position}: {word[:60]!r} is no corner")
+        raise InputError(f"{path}: face {position} has a word that is no corner v, v/vt, v//vn or v/vt/vn")
     if num_before + int(digits) < 0:
-        raise InputError(f"{path}: face {position} names vertex {digits}, there are {num_before} before it")
+        raise InputError(f"{path}: face {position} names vertex {int(digits)}, there are {num_before} before it")
     return int(digits) - 1 if int(digits) > 0 else num_before + int(digits)

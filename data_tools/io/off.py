@@ -64,7 +64,7 @@ def _vertices(path: Path, text: str, num_vertices: int) -> FloatArray:
         try:
             x, y, z = (float(word) for word in line.split()[:3])
         except ValueError:
-            raise InputError(f"{path}: vertex {position} is not three numbers: {line[:60]!r}") from None
+            raise InputError(f"{path}: vertex {position} is not three numbers") from None
         vertices.append((x, y, z))
     return np.array(vertices, dtype=np.float64).reshape(-1, 3)
 
@@ -79,12 +79,10 @@ def _triangles(path: Path, text: str, num_faces: int, num_vertices: int) -> IntA
     for position, line in enumerate(_lines(text)):
         words = line.split()
         if not words[0].isdecimal() or len(words) <= int(words[0]):
-            raise InputError(f"{path}: face {position} is malformed: {line[:60]!r} (truncated?)")
+            raise InputError(f"{path}: face {position} is not a count and as many vertices (truncated?)")
         corners_of_face = words[1 : 1 + int(words[0])]
         if not all(word.isdecimal() and int(word) < num_vertices for word in corners_of_face):
-            raise InputError(
-                f"{path}: face {position} has an index outside of 0 to {num_vertices - 1}: {line[:60]!r}"
-            )
+            raise InputError(f"{path}: face {position} has an index outside of 0 to {num_vertices - 1}")
         polygon = [int(word) for word in corners_of_face]
         triangles.extend([polygon[0], b, c] for b, c in pairwise(polygon[1:]))
     return np.array(triangles, dtype=np.int64).reshape(-1, 3)

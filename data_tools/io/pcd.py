@@ -27,7 +27,7 @@ def read_pcd(source: Source) -> tuple[FloatArray, IntArray]:
     fields, counts = header["FIELDS"], [int(c) for c in header.get("COUNT", ["1"] * len(header["FIELDS"]))]
     num = int(header["POINTS"][0])
     if not {"x", "y", "z"} <= set(fields):
-        raise InputError(f"{path}: its fields {' '.join(fields)} do not hold x, y and z")
+        raise InputError(f"{path}: its {len(fields)} fields do not hold x, y and z")
     kind = header["DATA"][0].lower()
     if kind == "ascii":
         points = _from_text(path, body, fields, counts, num)
@@ -36,7 +36,7 @@ def read_pcd(source: Source) -> tuple[FloatArray, IntArray]:
     elif kind == "binary_compressed":
         points = _from_open3d(source)
     else:
-        raise InputError(f"{path}: unknown DATA {kind!r}; known are ascii, binary, binary_compressed")
+        raise InputError(f"{path}: unknown DATA; known are ascii, binary, binary_compressed")
     return points[~np.isnan(points).all(axis=1)], np.empty((0, 3), dtype=np.int64)
 
 
@@ -88,7 +88,7 @@ def _from_binary(path: Path, body: bytes, header: dict[str, list[str]], counts: 
 
 def _format(path: Path, kind: str, size: str) -> str:
     if kind.upper() not in _KINDS or size not in ("1", "2", "4", "8") or (kind.upper() == "F" and size in "12"):
-        raise InputError(f"{path}: unknown PCD type {kind}{size}")
+        raise InputError(f"{path}: unknown PCD type or size; known are F, I and U of 1 to 8 bytes")
     return f"<{_KINDS[kind.upper()]}{size}"
 
 

@@ -29,7 +29,7 @@ def read_npz(source: Source) -> tuple[FloatArray, IntArray]:
     arrays = load_arrays(source.content, str(source.path))
     key = next((k for k in POINT_KEYS if k in arrays), None)
     if key is None:
-        raise InputError(f"{source.path}: holds none of the arrays {', '.join(POINT_KEYS)}, but {', '.join(arrays)}")
+        raise InputError(f"{source.path}: holds none of the arrays {', '.join(POINT_KEYS)}")
     return arrays[key], arrays.get("faces", np.empty((0, 3), dtype=np.int64))
 
 

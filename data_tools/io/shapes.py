@@ -107,11 +107,11 @@ def shape_from_source(
             vertices, faces = reader(source)
     except (CollalignError, MemoryError):
         raise
-    except Exception as error:  # readers of damaged files fail in every way there is
+    except ImportError as error:
+        raise UnavailableError(f"{path}: cannot be read without the package {error.name}; install it") from error
+    except Exception as error:  # readers of damaged files fail in every way there is, and quote them
         kind = source.suffix[1:].upper()
-        raise InputError(
-            f"{path}: not a readable {kind} file ({type(error).__name__}: {_one_line(error)})"
-        ) from error
+        raise InputError(f"{path}: not a readable {kind} file, it is damaged or of another format") from error
     if digest is not None and source.digest != digest:
         raise UnavailableError(f"{path}: has changed since the run began; run again")
     shape = clean(_checked(source, vertices, faces, name or path.stem), cleaning)
@@ -211,7 +211,3 @@ def _checked(source: Source, vertices: FloatArray, faces: IntArray, name: str) -
             f"at most {MAX_TRIANGLES_OF_VERTEX} are worked on (a face of many corners is split at its first)"
         )
     return shape if kept is None else replace(shape, source_indices=read_only(kept))
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]

@@ -139,8 +139,8 @@ def _delimiter(lines: list[str], name: str) -> str | None:
     ):
         return None
     raise InputError(
-        f"{name}: both commas and blanks stand between numbers: {between_words[0][:60]!r}; it is not clear what "
-        "separates columns. Save it with one separator and with decimal points"
+        f"{name}: both commas and blanks stand between numbers, first in row {body.index(between_words[0]) + 1}; "
+        "it is not clear what separates columns. Save it with one separator and with decimal points"
     )
 
 
@@ -186,9 +186,10 @@ def _with_decimal_points(table: TextTable, delimiter: str | None, name: str) -> 
     if wrong is None and any("." in cell and _is_number(cell) for row in table.rows for cell in row):
         wrong = cells[0]
     if wrong is not None:
+        number = next(i for i, row in enumerate(table.rows, start=1) if wrong in row)
         raise InputError(
-            f"{name}: it is not clear what the comma in {wrong[:40]!r} means, decimals or thousands; save it with "
-            "decimal points and without separators of thousands"
+            f"{name}: row {number}: it is not clear what the comma in a number means, decimals or thousands; save it "
+            "with decimal points and without separators of thousands"
         )
     rows = [[cell.replace(",", ".") for cell in row] for row in table.rows]
     return TextTable(heading=table.heading, rows=rows)
@@ -214,7 +215,7 @@ def _row_by_row(table: TextTable, width: int, columns: list[int], name: str) -> 
             raise InputError(f"{name}: row {number} has {len(row)} columns, expected {expected} ({why})")
         wanted = [row[c] or "nan" for c in columns]
         if not all(_is_number(word) for word in wanted):
-            raise InputError(f"{name}: row {number} is not numbers: {' '.join(row)[:60]!r}")
+            raise InputError(f"{name}: row {number} is not numbers in the columns of x, y and z")
         points.append([float(word) for word in wanted])
     return np.array(points, dtype=np.float64).reshape(-1, 3)
 
@@ -233,8 +234,8 @@ def _axis_columns(heading: tuple[str, ...], name: str) -> list[int]:
         return [0, 1, 2]
     several = any(len(found) > 1 for found in places)
     raise InputError(
-        f"{name}: {'several columns' if several else 'not all three columns'} of its heading are called x, y or z: "
-        f"{', '.join(heading)[:80]}; name the three columns x, y and z"
+        f"{name}: {'several columns' if several else 'not all three columns'} of its heading of {len(heading)} are "
+        "called x, y or z; name the three columns x, y and z"
     )
 
 
@@ -256,7 +257,7 @@ def _refuse_split_decimals(rows: list[list[str]], name: str) -> None:
     decimals = [cell for row in rows for cell in row[1::2]]
     if any(re.fullmatch(r"0\d+", cell) for cell in decimals) and not any(cell[0] in "+-" for cell in decimals):
         raise InputError(
-            f"{name}: commas seem to mark both columns and decimals ({','.join(rows[0])[:60]!r}); save it with "
+            f"{name}: commas seem to mark both columns and decimals; save it with "
             "semicolons between columns or with decimal points"
         )
 

@@ -98,7 +98,7 @@ def read_landmarks(path: Path | str) -> Landmarks:
     except CollalignError:
         raise
     except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError) as error:
-        raise InputError(f"{path}: not a readable landmark file ({type(error).__name__}: {error})") from error
+        raise InputError(f"{path}: not a readable landmark file, it is damaged or of another format") from error
     every = np.concatenate([landmarks.points, *(one.points for one in landmarks.semilandmarks)])
     if not len(every) or np.isinf(every).any():
         raise InputError(f"{path}: {'infinite coordinates' if len(every) else 'holds no landmarks'}")

@@ -6,8 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+#: What no message may quote.
+MARK = "Quoted17"
 #: Pieces of text and numbers that parsers stumble over.
 TOKENS = (
+    MARK.encode(),
     b"nan",
     b"inf",
     b"-1",
@@ -86,7 +89,7 @@ def _replace_number(data: bytes, rng: np.random.Generator) -> bytes:
     end = digits[0]
     while data[end : end + 1].isdigit():
         end += 1
-    return data[: digits[0]] + TOKENS[int(rng.integers(7))] + data[end:]
+    return data[: digits[0]] + TOKENS[int(rng.integers(8))] + data[end:]
 
 
 def _swap_lines(data: bytes, rng: np.random.Generator) -> bytes:

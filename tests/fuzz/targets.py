@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 import tempfile
 from pathlib import Path
 
@@ -18,15 +19,22 @@ from data_tools.io.shapes import read_shape
 from data_tools.options import SamplingOptions
 from pairwise import verify_certificate
 from pairwise.certificates.certificate import Certificate
+from tests.fuzz.mutations import MARK
 from tests.fuzz.seeds import certificate_problem
 
 SAMPLING = SamplingOptions(num_points=8, num_dense_points=10)
 
 
 def read_and_sample(payload: tuple[str, bytes]) -> int:
-    """Read a shape file and prepare it for matching; returns the number of vertices."""
+    """Read a shape file and prepare it for matching; returns the number of vertices. No reason quotes the file."""
     with _as_file(payload) as path:
-        shape = read_shape(path)
+        try:
+            shape = read_shape(path)
+        except InputError as error:
+            reason = str(error).removeprefix(str(path))
+            if MARK in reason or re.search(r"\w(Error|Exception)\b", reason):
+                raise RuntimeError(f"quotes the file or names internals: {reason}") from error
+            raise
         sample_shape(shape, SAMPLING)
         return len(shape.vertices)
 

@@ -40,10 +40,10 @@ MALFORMED = [
     ("cut.pcd", pcd(3, "ascii"), "truncated"),
     ("huge.pcd", pcd(10**12, "binary"), "truncated"),
     ("flat.pcd", pcd(1, "ascii", fields="x y", size="4 4", kind="F F", count="1 1"), "x, y and z"),
-    ("type.pcd", pcd(0, "binary", kind="F F Q"), "Q4"),
+    ("type.pcd", pcd(0, "binary", kind="F F Q"), "unknown PCD type"),
     ("count.pcd", pcd(0, "ascii", count="1 1 -1"), "no number"),
     ("sizes.pcd", pcd(0, "ascii", size="4 4"), "fields"),
-    ("kind.pcd", pcd(0, "zip"), "zip"),
+    ("kind.pcd", pcd(0, "zip"), "unknown DATA"),
 ]
 
 

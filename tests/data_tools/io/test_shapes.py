@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 from data_tools.datasets.synthetic_shapes import blob
-from data_tools.errors import InputError
-from data_tools.io.shapes import read_folder, read_shape, write_mesh
+from data_tools.errors import InputError, UnavailableError
+from data_tools.io.shapes import READERS, read_folder, read_shape, write_mesh
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
 
@@ -82,6 +82,25 @@ def test_malformed_files_are_refused_by_name_and_reason(tmp_path: Path, name: st
     with pytest.raises(InputError, match=reason) as caught:
         read_shape(path)
     assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "error", [UnboundLocalError("x"), AssertionError(), ValueError("could not convert string to float: 'secret'")]
+)
+def test_errors_of_readers_are_neither_named_nor_quoted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def fail(source: object) -> None:
+        raise error
+
+    monkeypatch.setitem(READERS, ".ply", fail)
+    path = tmp_path / "a.ply"
+    path.write_text("secret")
+    with pytest.raises(InputError, match=r"a\.ply: not a readable PLY file, it is damaged or of another format$"):
+        read_shape(path)
+    error = ModuleNotFoundError("No module named 'zstd'", name="zstd")
+    with pytest.raises(UnavailableError, match="cannot be read without the package zstd"):
+        read_shape(path)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".stl", ".glb", ".npz", ".pcd", ".xyz"])
