@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from collalign.output.evidence.camera import camera
 from collalign.output.evidence.display_mesh import display_mesh
 from collalign.products.collection import DOUBT
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.figures import new_figure
 from data_tools.percent import percent
+from data_tools.poses import moved_by
 from data_tools.surface.shape import Shape
 
 if TYPE_CHECKING:
@@ -23,7 +25,6 @@ if TYPE_CHECKING:
 #: Of the doubtful poses, those below it are more likely wrong than right, and red instead of orange.
 _EVEN_ODDS = 0.5
 _LIGHT = np.array([0.3, 0.5, 0.81])
-_VIEW = np.array([[0.9, 0.0, -0.44], [-0.2, 0.89, -0.41], [0.39, 0.46, 0.8]])
 _MAX_FACES = 1500
 _COLOUR = np.array([0.85, 0.8, 0.68])
 _CELL_INCHES = 1.5
@@ -108,13 +109,15 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, size[0]), ylim=(0.0, size[1]))
     axes.set_axis_off()
+    sure = [tile for tile in tiles if not tile.confidence < DOUBT] or tiles
+    view = camera((moved_by(tile.transform, tile.vertices), tile.faces) for tile in sure)
     panels = []
     for position, tile in enumerate(tiles):
         row, column = divmod(position, columns)
         corner = np.array([2.0 * column, size[1] - (row + 1) * _ROW_HEIGHT])
         linear = tile.transform[:3, :3]
-        panels.append(_panel(tile.vertices, tile.faces, tile.colours, corner, flipped=False))
-        moved = tile.vertices @ linear.T
+        panels.append(_panel(tile.vertices @ view.T, tile.faces, tile.colours, corner, flipped=False))
+        moved = tile.vertices @ (view @ linear).T
         flipped = bool(np.linalg.det(linear) < 0)
         panels.append(_panel(moved, tile.faces, tile.colours, corner + _RIGHT, flipped=flipped))
         words: dict[str, Any] = {"fontsize": 7, "va": "bottom", "parse_math": False}
@@ -145,8 +148,8 @@ def _panel(
     vertices: FloatArray, faces: IntArray, colours: FloatArray, corner: FloatArray, *, flipped: bool
 ) -> _Panel:
     """Project one mesh (or point cloud) into the cell of unit size at ``corner``, with Lambert shading."""
-    points = (vertices - vertices.mean(axis=0)) @ _VIEW.T
-    points /= np.abs(points).max() or 1.0
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    points = (vertices - 0.5 * (low + high)) / (0.5 * (high - low)[:2].max() or 1.0)
     flat = corner + 0.5 + (0.5 - _MARGIN) * points[:, :2]
     if not len(faces):
         order = np.argsort(points[:, 2])

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from collalign.output.evidence.members import main_part
+from collalign.output.evidence.camera import camera
+from collalign.output.evidence.members import main_part, statistics_members
 from collalign.output.report.incomplete import incomplete_content
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import offered_poses, own_disagreements_deg
@@ -17,6 +18,7 @@ from collalign.products.collection import DOUBT
 from collalign.products.evidence import CollectionView, json_types
 from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray
+from data_tools.poses import moved_by
 from pairwise.status import Status
 
 #: Columns of more different labels than this are shown per shape, but not as colours.
@@ -52,8 +54,10 @@ def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]
         meshes[name], blobs[f"mesh-{name}"] = info, text
     pair_fields, blobs["pairs"], statuses = _pairs(view)
     shape_statistics = shape_map(view)
+    shapes = _shapes(view)
     document = {
-        "shapes": _shapes(view),
+        "shapes": shapes,
+        "camera": _camera(view, shapes),
         "numSamples": view.samples.shape[1],
         "numParts": len(np.unique(view.part_numbers)),
         "mainPart": int(view.part_numbers[main_part(view)[0]]),
@@ -133,6 +137,20 @@ def _shapes(view: CollectionView) -> list[dict[str, Any]]:
         }
         for at, (name, poses) in enumerate(zip(view.names, offered_poses(view), strict=True))
     ]
+
+
+def _camera(view: CollectionView, shapes: list[dict[str, Any]]) -> dict[str, Any]:
+    """From where the sure shapes are looked at, and how far they reach to the side, upwards and to the viewer."""
+    chosen = statistics_members(view).chosen.tolist() or range(view.num_shapes)
+    axes = camera((moved_by(view.transforms[at], view.vertices[at]), view.faces[at]) for at in chosen)
+    reach = []
+    for at in chosen:
+        shape, pose = shapes[at], np.eye(4)
+        pose[:3, :3] = shape["scale"] * shape["R"]
+        pose[:3, 3] = shape["offset"] - pose[:3, :3] @ shape["centroid"]
+        reach.append(np.abs(moved_by(pose, view.vertices[at]) @ axes.T).max(axis=0))
+    extent = np.minimum(np.max(reach, axis=0), _LARGEST_SHOWN * np.median(reach, axis=0))
+    return {"R": axes, "extent": extent}
 
 
 def _centroid(samples: FloatArray, points: FloatArray) -> FloatArray:

@@ -23,6 +23,8 @@ from data_tools.threads import one_blas_thread
 #: Folder beside the report with the pages that show all shapes of a large collection.
 PAGES_FOLDER = "report_pages"
 
+#: Doubtful shapes that the first line names.
+_MOST_NAMED = 8
 _MARKER = re.compile(r"\{\{(\w+)\}\}")
 
 
@@ -193,27 +195,33 @@ def _json_for_html(document: object) -> str:
 
 
 def _summary(view: CollectionView, notes: tuple[str, ...]) -> str:
-    """The first thing a reader sees: how many, how sure, what is missing, in the whole collection."""
-    doubtful = int(np.sum(np.nan_to_num(view.confidence) < DOUBT))
+    """The first thing a reader sees: what to look at and what is missing, in the whole collection; then the rest."""
+    order = np.argsort(np.nan_to_num(view.confidence), kind="stable").tolist()
+    doubtful = [view.names[at] for at in order if not view.confidence[at] >= DOUBT]
     num_parts = len(np.unique(view.part_numbers))
-    left = sum(not pair.inlier for pair in view.pairs)
-    other = sum(pair.inlier and pair.choice > 0 for pair in view.pairs)
-    facts = [
-        (view.num_shapes, "shapes aligned", False),
-        (doubtful, "doubtful", doubtful > 0),
-        (int(view.reflected.sum()), "mirrored", False),
-        (len(view.pairs), "pairs compared", False),
-        (other, "pairs that agree by a second choice", False),
-        (left, "pairs that contradict the common poses", False),
-        (len(view.excluded), "files or pairs excluded", len(view.excluded) > 0),
-    ]
-    if view.incomplete:
-        facts.insert(1, (len(view.incomplete), "incomplete", False))
+    words = [f"{view.num_shapes - len(doubtful)} of {view.num_shapes} poses are sure."]
+    if doubtful:
+        more = f' and <a href="#confidence">{len(doubtful) - _MOST_NAMED} more</a>' if doubtful[_MOST_NAMED:] else ""
+        words.append(f"Look at: {', '.join(map(_opener, doubtful[:_MOST_NAMED]))}{more}.")
     if num_parts > 1:
-        facts.append((num_parts, "parts that are not surely joined", True))
-    items = [
-        f'<li class="{"warn" if warn else "plain"}"><strong>{value}</strong>{html.escape(words)}</li>'
-        for value, words, warn in facts
+        words.append(f"The shapes form {num_parts} parts that are not surely joined.")
+    if view.excluded:
+        num = len(view.excluded)
+        words.append(f'<a href="#excluded">{num} {"file" if num == 1 else "files"} left out</a>.')
+    kind = "warn" if len(words) > 1 else "plain"
+    against = sum(not pair.inlier for pair in view.pairs)
+    incomplete = f", {len(view.incomplete)} of them incomplete" if view.incomplete else ""
+    facts = [
+        (view.num_shapes, f"shapes aligned{incomplete}"),
+        (int(view.reflected.sum()), "of them mirrored"),
+        (len(view.pairs), f"pairs compared, {against} contradict the common poses"),
     ]
+    items = "".join(f"<li><strong>{value}</strong>{said}</li>" for value, said in facts)
     listed = "".join(f"<li>{html.escape(note)}</li>" for note in notes)
-    return f'<ul class="facts">{"".join(items)}</ul>' + (f'<ul class="notes">{listed}</ul>' if listed else "")
+    told = f'<ul class="notes">{listed}</ul>' if listed else ""
+    return f'<p class="verdict {kind}">{" ".join(words)}</p><ul class="facts">{items}</ul>{told}'
+
+
+def _opener(name: str) -> str:
+    """Return a button that opens the dialog of a shape."""
+    return f'<button type="button" class="link" data-shape="{html.escape(name)}">{html.escape(name)}</button>'

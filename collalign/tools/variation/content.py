@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from collalign.output.evidence.camera import camera
 from collalign.output.evidence.display_mesh import display_mesh
 from collalign.output.report.payload import pack, sample_colors
 from collalign.products.evidence import json_types
@@ -19,6 +20,8 @@ from data_tools.surface.normals import vertex_normals
 #: Triangles of the mean that is drawn, and what all shapes together may have.
 _MOST_FACES, _FEWEST_FACES, _FACES_IN_ALL = 8_000, 1_500, 700_000
 _LARGEST = 32767
+#: How much more than the mean is in view, for what is moved away from it.
+_ROOM = 1.1
 
 
 def build_variation(
@@ -72,10 +75,12 @@ def build_variation(
     arrays["faces"] = faces.astype(np.uint16 if len(mean) <= np.iinfo(np.uint16).max else np.uint32)
     arrays["colors"] = np.round(255 * sample_colors(mean[None])).astype(np.uint8)
     fields, text = pack(arrays)
+    view = camera([(mean, faces)])
     names, points = landmarks
     known = np.asarray(np.isfinite(points).all(axis=1))
     document = {
         "kind": "variation",
+        "camera": {"R": view, "extent": _ROOM * np.abs(mean @ view.T).max(axis=0) / np.abs(mean).max()},
         "names": variation.names,
         "columns": columns,
         "centroidSizes": variation.centroid_sizes,

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from collalign.output.corrections import read_corrections
 from collalign.output.report import write_report
+from collalign.output.report.content import build_content
 from collalign.products.evidence import CollectionView
 from tests.collalign.output.test_report_incomplete import broken_view
 from tests.collalign.output.test_report_places import mapped_view
@@ -314,7 +315,20 @@ def test_every_part_holds_what_it_should(opened: Page) -> None:
 def test_controls_have_names_and_headings_follow_each_other(opened: Page) -> None:
     assert opened.page.evaluate(UNNAMED) == []
     assert opened.page.locator("h1").inner_text() == "Ten bodies"
-    assert opened.page.locator("section[aria-labelledby] > h2").count() == 10
+    assert opened.page.locator("section[aria-labelledby] h2").count() == 10
+    assert opened.page.locator("details:not([open]) > summary h2").count() == 3
+
+
+def test_the_first_line_is_a_verdict_whose_names_open(opened: Page) -> None:
+    verdict = opened.page.locator(".verdict")
+    assert verdict.inner_text() == "9 of 10 poses are sure. Look at: shape_001. 1 file left out."
+    verdict.get_by_role("button", name="shape_001").click()
+    assert opened.page.locator("dialog[open] h2").inner_text() == "shape_001"
+    opened.page.keyboard.press("Escape")
+    verdict.get_by_role("link").click()
+    assert opened.page.locator("#excluded").is_visible()
+    opened.page.get_by_role("link", name="Tree").click()
+    assert opened.page.locator("#tree svg").is_visible()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -460,7 +474,8 @@ def test_a_shape_is_turned_by_hand(opened: Page, small: CollectionView, tmp_path
         opened.page.get_by_role("button", name="Download decisions").click()
     download.value.save_as(tmp_path / "corrections.json")
     (decision,) = read_corrections(tmp_path / "corrections.json").decisions
-    turn = Rotation.from_euler("y", 22.5, degrees=True).as_matrix()
+    view = np.array(build_content(small)[0]["camera"]["R"])
+    turn = view.T @ Rotation.from_euler("y", 22.5, degrees=True).as_matrix() @ view
     np.testing.assert_allclose(decision.R_common_shape, turn @ small.rotations[1], atol=1e-9)
 
 
@@ -492,7 +507,7 @@ def test_incomplete_shapes_have_a_section_of_their_own(browser: Any, tmp_path: P
     assert "Covers 70 %" in section.inner_text()
     section.locator("summary").click()
     assert section.locator("tbody tr").count() == 3
-    section.locator("button").first.click()
+    section.locator("tbody button").first.click()
     assert "70 % has a counterpart on" in page.page.locator("dialog[open]").inner_text()
     page.context.close()
     assert page.problems == []

@@ -34,7 +34,7 @@ function card(app, index) {
   const tile = button("", () => app.openShape(index), { class: "tile", "aria-label": label });
   tile.append(...canvases);
   stage.add(canvases[0], () => [before(app, index)], { handle: tile });
-  const right = stage.add(canvases[1], () => [after(app, index, { points: app.showPoints && collection.pointColors })], { handle: null });
+  const right = stage.add(canvases[1], () => [after(app, index, { points: app.showPoints && collection.pointColors })], { handle: null, fitted: true });
   app.galleryTiles.push(right);
   const box = el("input", { type: "checkbox", onchange: (event) => app.overlay.toggle(index, event.target.checked) });
   app.overlay.onchange((chosen) => (box.checked = chosen.has(index)));
@@ -44,14 +44,15 @@ function card(app, index) {
     marks.replaceChildren(...tags(app, index));
     stage.refresh(right);
   });
-  const name = el("span", { class: "name", title: shape.file }, shape.name);
+  const name = button(shape.name, () => app.openShape(index), { class: "link name", title: shape.file });
   const foot = el("div", { class: "row" }, meter(app, shape), el("label", { class: "check" }, box, "overlay"));
   return el("li", { class: "card", "data-name": shape.name.toLowerCase(), "data-index": index }, tile, name, foot, marks);
 }
 
 export function gallerySection(app) {
   const { shapes, labels, categories } = app.collection;
-  const list = el("ul", { class: "gallery" });
+  const [wide, high] = app.stage.extent;
+  const list = el("ul", { class: "gallery", style: `--aspect:${Math.min(2, wide / high).toFixed(2)}` });
   const shown = el("span", { role: "status", class: "muted" });
   const cards = shapes.map((_, index) => card(app, index));
   const orders = {

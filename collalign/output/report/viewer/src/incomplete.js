@@ -11,7 +11,7 @@ function share(value) {
 function figure(app, parent, caption, layers) {
   const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": `${caption}; arrow keys turn, plus and minus zoom` });
   parent.append(el("figure", null, canvas, el("figcaption", null, caption)));
-  const tile = app.stage.add(canvas, layers, { zoomable: true });
+  const tile = app.stage.add(canvas, layers, { zoomable: true, fitted: true });
   app.corrections.onchange(() => app.stage.refresh(tile));
 }
 
@@ -34,7 +34,7 @@ function entry(app, one) {
       after(app, one.shape), after(app, one.shape, { mesh: one.completed, color: MISSING_PART, opacity: 0.6 })]);
   }
   const words = `Covers ${share(one.coverage)} of the shapes that it was posed on; ${one.points[0]} of ${one.points[1]} corresponding points are there. Incomplete: ${one.reason || "as told"}.`;
-  return el("div", { class: "entry" }, el("h3", null, name), el("p", null, words), row, overlapTable(app, one));
+  return el("div", { class: "entry" }, el("h3", null, button(name, () => app.openShape(one.shape), { class: "link" })), el("p", null, words), row, overlapTable(app, one));
 }
 
 function legend() {

@@ -18,6 +18,7 @@ import { VARIATION_SECTIONS } from "./variation.js";
 import { loadVariation } from "./variation_data.js";
 
 const SECTIONS = [
+  ["excluded", "Left out", excludedSection],
   ["gallery", "Gallery", gallerySection],
   ["overlay", "Overlay", overlaySection],
   ["confidence", "Confidence", doubtSection],
@@ -28,9 +29,10 @@ const SECTIONS = [
   ["components", "Variation", componentsSection],
   ["tree", "Tree", treeSection],
   ["cycles", "Cycle consistency", cycleSection],
-  ["excluded", "Left out", excludedSection],
   ["run", "This run", runSection],
 ];
+// Sections that are closed at first.
+const FOLDED = new Set(["tree", "cycles", "run"]);
 
 function themeButton() {
   const themes = ["auto", "light", "dark"];
@@ -55,13 +57,14 @@ function spinButton(stage) {
 
 function build(sections, app, main) {
   for (const [id, title, make] of sections) {
-    const section = el("section", { id, "aria-labelledby": `${id}-title` }, el("h2", { id: `${id}-title` }, title));
-    main.append(section);
+    const heading = el("h2", { id: `${id}-title` }, title);
+    const body = FOLDED.has(id) ? el("details", null, el("summary", null, heading)) : el("div", null, heading);
+    main.append(el("section", { id, "aria-labelledby": heading.id }, body));
     try {
-      section.append(...make(app));
+      body.append(...make(app));
     } catch (error) {
       console.error(error);
-      section.append(el("p", { class: "problem" }, `This part could not be shown (${error.message}). The other parts are complete.`));
+      body.append(el("p", { class: "problem" }, `This part could not be shown (${error.message}). The other parts are complete.`));
     }
   }
 }
@@ -87,17 +90,21 @@ async function startReport(collection, main, nav) {
   const app = { collection, stage, corrections: new Corrections(collection), overlay: new Overlay(collection), galleryTiles: [], showPoints: false };
   app.openPair = pairDialog(app);
   app.openShape = shapeDialog(app);
-  const absent = { incomplete: !collection.incomplete.shapes, places: !collection.places.length };
+  const absent = { excluded: !collection.excluded.length, incomplete: !collection.incomplete.shapes, places: !collection.places.length };
   const sections = SECTIONS.filter(([id]) => !absent[id]);
   furnish(sections, app, main, nav);
   main.append(correctionBar(app.corrections, collection));
+  const opens = (box) => box.addEventListener("click", () => app.openShape(collection.shapes.findIndex(({ name }) => name === box.dataset.shape)));
+  document.querySelectorAll("[data-shape]").forEach(opens);
   app.overlay.set(app.overlay.presets()[0][2]);
 }
 
 // The line at the top and all sections.
 function furnish(sections, app, main, nav) {
   const { stage } = app;
-  nav.append(...sections.map(([id, title]) => el("a", { href: `#${id}` }, title)), el("span", { class: "push" }), button("Reset view", () => stage.resetView()), spinButton(stage), themeButton());
+  const unfold = (id) => document.querySelector(`#${id} > details`)?.setAttribute("open", "");
+  addEventListener("beforeprint", () => FOLDED.forEach(unfold));
+  nav.append(...sections.map(([id, title]) => el("a", { href: `#${id}`, onclick: () => unfold(id) }, title)), el("span", { class: "push" }), button("Reset view", () => stage.resetView()), spinButton(stage), themeButton());
   if (!stage.works) {
     main.append(el("p", { class: "problem", role: "alert" }, "This browser offers no WebGL, so shapes cannot be drawn; tables and charts are complete. Another browser, or hardware acceleration in the settings, will show them."));
   }

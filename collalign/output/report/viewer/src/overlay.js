@@ -59,7 +59,7 @@ export function overlaySection(app) {
     opacity: overlay.chosen.size > 1 ? opacity : 1,
     points: points && collection.pointColors,
   }));
-  const tile = stage.add(canvas, layers, { zoomable: true });
+  const tile = stage.add(canvas, layers, { zoomable: true, fitted: true });
   const chips = el("ul", { class: "chips", "aria-label": "Shapes in the overlay" });
   const say = el("p", { class: "muted", role: "status" });
   overlay.onchange((chosen) => {
@@ -68,7 +68,7 @@ export function overlaySection(app) {
     chips.replaceChildren(...[...chosen].map((index) => {
       const { name } = collection.shapes[index];
       const remove = button("×", () => overlay.toggle(index, false), { "aria-label": `Remove ${name} from the overlay` });
-      return el("li", { class: "chip" }, el("span", { class: "dot", style: `background:${colorOf(index)}` }), name, " ", remove);
+      return el("li", { class: "chip" }, el("span", { class: "dot", style: `background:${colorOf(index)}` }), button(name, () => app.openShape(index), { class: "link" }), remove);
     }));
     stage.refresh(tile);
   });

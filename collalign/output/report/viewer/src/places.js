@@ -10,7 +10,7 @@ export function placesSection(app) {
     if (mesh === null) return;
     const { name } = shapes[at];
     const canvas = el("canvas", { role: "img", "aria-label": `${name}, coloured by correspondence` });
-    const tile = app.stage.add(canvas, () => [after(app, at, { mesh })]);
+    const tile = app.stage.add(canvas, () => [after(app, at, { mesh })], { fitted: true });
     app.corrections.onchange(() => app.stage.refresh(tile));
     cards.push(el("li", { class: "card" }, el("figure", null, canvas, el("figcaption", null, button(name, () => app.openShape(at), { class: "link" })))));
   });

@@ -1,11 +1,12 @@
 // Hidden WebGL renderers for any number of 2D canvases: a browser keeps only 16 WebGL contexts. A canvas is drawn when
 // it is visible and something changed; the others follow when nothing moves, so that printing finds them drawn.
 
-import { AmbientLight, DirectionalLight, Group, OrthographicCamera, Quaternion, Scene, WebGLRenderer } from "three";
+import { AmbientLight, DirectionalLight, Group, Matrix4, OrthographicCamera, Quaternion, Scene, WebGLRenderer } from "three";
 import { Assets } from "./assets.js";
 import { makeTurnable, turnOnScreen } from "./turning.js";
 
 const SMALL = 512;
+const MARGIN = 1.06;
 const FRAME_BUDGET_MS = 40;
 const SPIN_PER_S = 0.9;
 
@@ -23,7 +24,10 @@ export class Stage {
   constructor(collection) {
     this.assets = new Assets(collection);
     this.tiles = new Set();
-    this.orientation = new Quaternion();
+    const [x, y, z] = collection.camera.R;
+    this.home = new Quaternion().setFromRotationMatrix(new Matrix4().set(...x, 0, ...y, 0, ...z, 0, 0, 0, 0, 1));
+    this.extent = collection.camera.extent;
+    this.orientation = this.home.clone();
     this.spinning = false;
     this.moving = false;
     this.camera = new OrthographicCamera(-1, 1, 1, -1, -50, 50);
@@ -49,9 +53,9 @@ export class Stage {
   }
 
   // Show on `canvas` what the (possibly asynchronous) `layers` returns; turning one canvas turns all, unless `turn` takes the turns.
-  // `annotate` writes on the canvas afterwards, given its 2D context and where a point (Vector3) is on it.
-  add(canvas, layers, { zoomable = false, handle = canvas, turn = null, annotate = null } = {}) {
-    const tile = { canvas, layers, annotate, zoom: 1, dirty: true, visible: false, group: null, loading: null };
+  // `fitted` drawings hold shapes in the common frame, which fill them; `annotate` writes on the canvas afterwards, given its 2D context and where a point (Vector3) is on it.
+  add(canvas, layers, { zoomable = false, handle = canvas, turn = null, annotate = null, fitted = false } = {}) {
+    const tile = { canvas, layers, annotate, fitted, zoom: 1, dirty: true, visible: false, group: null, loading: null };
     canvas.tile = tile;
     canvas.width = 0;
     this.tiles.add(tile);
@@ -113,7 +117,7 @@ export class Stage {
   }
 
   resetView() {
-    this.orientation.identity();
+    this.orientation.copy(this.home);
     for (const tile of this.tiles) tile.zoom = 1;
     this.invalidate();
   }
@@ -165,7 +169,7 @@ export class Stage {
     }
     if (!width || !clientWidth) return;
     const renderer = this.rendererFor(width, height);
-    this.aim(width / height, tile.zoom);
+    this.aim(width / height, tile);
     this.root.add(tile.group);
     renderer.setViewport(0, 0, width, height);
     renderer.setScissor(0, 0, width, height);
@@ -180,9 +184,17 @@ export class Stage {
     tile.canvas.dataset.drawn = "yes";
   }
 
-  aim(aspect, zoom) {
-    const half = 1.15 / zoom;
-    const [x, y] = aspect > 1 ? [half * aspect, half] : [half, half / aspect];
+  // How far what is seen reaches to the side and upwards: as it lies in its box, turned or not, but no more than its radius.
+  reach() {
+    const { elements } = new Matrix4().makeRotationFromQuaternion(this.orientation.clone().multiply(this.home.clone().invert()));
+    const along = (row) => this.extent.reduce((sum, size, axis) => sum + Math.abs(elements[row + 4 * axis]) * size, 0);
+    return [0, 1].map((row) => Math.max(this.extent[row], Math.min(1, along(row))));
+  }
+
+  aim(aspect, { zoom, fitted }) {
+    const [wide, high] = fitted ? this.reach() : [1, 1];
+    const y = (MARGIN * Math.max(wide / aspect, high)) / zoom;
+    const x = y * aspect;
     Object.assign(this.camera, { left: -x, right: x, top: y, bottom: -y });
     this.camera.updateProjectionMatrix();
     this.root.quaternion.copy(this.orientation);

@@ -3,8 +3,7 @@
 import { el, number, table } from "./dom.js";
 
 export function excludedSection({ collection }) {
-  if (!collection.excluded.length) return [el("p", null, "Nothing: every file was read and aligned.")];
-  return [table(`${collection.excluded.length} files left out`, ["File", "Why, and what to do"], collection.excluded)];
+  return [table("Files and pairs left out", ["File", "Why, and what to do"], collection.excluded)];
 }
 
 function flatten(value, prefix = "") {

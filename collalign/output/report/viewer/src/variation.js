@@ -40,7 +40,7 @@ function display(app, name, extra = () => []) {
   const canvas = el("canvas", { class: "large", role: "img", tabindex: 0, "aria-label": name });
   const surface = variation.surface();
   const shown = { positions: variation.mean, offsets: new Float32Array(variation.size / 3) };
-  const tile = stage.add(canvas, () => [{ object: surface }, ...extra().map((object) => ({ object }))], { zoomable: true });
+  const tile = stage.add(canvas, () => [{ object: surface }, ...extra().map((object) => ({ object }))], { zoomable: true, fitted: true });
   return {
     canvas,
     buttons: [button("Save picture (PNG)", () => savePng(name, canvas)), button("Save surface (PLY)", () => savePly(name, shown.positions, variation.faces, shown.offsets))],
@@ -181,7 +181,7 @@ function correspondenceSection(app) {
       surface ??= variation.surface(variation.colors);
       surface.show(variation.shape(at));
       return [{ object: surface }];
-    });
+    }, { fitted: true });
     return el("li", { class: "card" }, el("figure", null, canvas, el("figcaption", null, button(name, () => app.showSpecimen(at), { class: "link" }))));
   });
   return [el("p", { class: "muted" }, "Equal colours are corresponding places: where colours run in another way than on the other shapes, look twice."), el("ul", { class: "gallery small" }, ...cards)];
@@ -212,7 +212,7 @@ function landmarksSection(app) {
     context.globalAlpha = 1;
   };
   const surface = variation.surface();
-  stage.add(canvas, () => [{ object: surface }], { zoomable: true, annotate });
+  stage.add(canvas, () => [{ object: surface }], { zoomable: true, annotate, fitted: true });
   return [
     el("p", { class: "muted" }, "On the mean, numbered; those on the far side are faint."), canvas,
     el("div", { class: "row tools" }, button("Save picture (PNG)", () => savePng("Landmarks", canvas))),

@@ -1,0 +1,54 @@
+"""From where a collection is looked at."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from collalign.output.evidence.camera import camera
+from collalign.output.report.content import build_content
+from data_tools.arrays import FloatArray
+from tests.view_problems import bumpy_shapes, view_of
+
+
+def wedge() -> FloatArray:
+    """Points with axes 3, 2 and 1, thin towards the positive end of the first and of the third."""
+    ends = np.array([0.0, 0.1, 0.2, 1.0])
+    return np.stack(np.meshgrid(3 * ends, [-1.0, 1.0], ends, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def test_longest_axis_is_level_and_the_shortest_the_line_of_sight() -> None:
+    none = np.empty((0, 3), dtype=np.int64)
+    right, up, viewer = camera([(wedge(), none)])
+    np.testing.assert_allclose(right, [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(viewer, [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(up, np.cross(viewer, right), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_picture_is_the_same_in_every_frame_and_size(seed: int) -> None:
+    vertices, faces = bumpy_shapes(4)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    plain = camera((points, faces) for points in vertices)
+    turned = camera((7 * points @ turn.T + seed, faces) for points in vertices)
+    np.testing.assert_allclose(turned @ turn, plain, atol=1e-9)
+    assert np.linalg.det(plain) == pytest.approx(1)
+    assert not np.allclose(turned, plain, atol=0.01)
+
+
+def test_page_shows_a_turned_collection_alike_and_shapes_in_doubt_do_not_count() -> None:
+    view = view_of(6)
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.random(random_state=9).as_matrix()
+    plain = build_content(view)[0]["camera"]
+    turned = build_content(dataclasses.replace(view, transforms=turn @ view.transforms))[0]["camera"]
+    np.testing.assert_allclose(np.array(turned["R"]) @ turn[:3, :3], plain["R"], atol=1e-9)
+    np.testing.assert_allclose(turned["extent"], plain["extent"], atol=1e-9)
+    transforms = view.transforms.copy()
+    transforms[1] = transforms[1] @ turn
+    np.testing.assert_allclose(
+        build_content(dataclasses.replace(view, transforms=transforms))[0]["camera"]["R"], plain["R"], atol=1e-12
+    )
