@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collalign.align import align_collection
-    from collalign.certify import certify_collection
     from collalign.collection import AlignedCollection, LoadedCollection, load
     from collalign.engine.options import RunOptions
     from collalign.extend import add_to_collection
     from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
     from collalign.options import AlignOptions, TwoShapeOptions
-    from collalign.products.joint_bound import CertifiedCollection
-    from collalign.stages.joint_bound import CertifyOptions
     from collalign.synchronization import synchronize
+    from collalign.tools.certify.result import CertifiedCollection
+    from collalign.tools.certify.rounds import CertifyOptions
+    from collalign.tools.certify.run import certify_collection
     from collalign.tools.correspond.run import dense_correspondence
     from collalign.tools.match.in_part import PartialMatch, match_in_part
     from collalign.tools.match.nonrigid import match_shapes
@@ -61,8 +61,8 @@ __all__ = [
 _HOMES = {
     "AlignOptions": "collalign.options",
     "AlignedCollection": "collalign.collection",
-    "CertifiedCollection": "collalign.products.joint_bound",
-    "CertifyOptions": "collalign.stages.joint_bound",
+    "CertifiedCollection": "collalign.tools.certify.result",
+    "CertifyOptions": "collalign.tools.certify.rounds",
     "LoadedCollection": "collalign.collection",
     "NonrigidOptions": "collalign.nonrigid.options",
     "PartialMatch": "collalign.tools.match.in_part",
@@ -73,7 +73,7 @@ _HOMES = {
     "StabilityOptions": "collalign.tools.stability.run",
     "add_to_collection": "collalign.extend",
     "align_collection": "collalign.align",
-    "certify_collection": "collalign.certify",
+    "certify_collection": "collalign.tools.certify.run",
     "check_stability": "collalign.tools.stability.run",
     "dense_correspondence": "collalign.tools.correspond.run",
     "load": "collalign.collection",

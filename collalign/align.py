@@ -135,6 +135,11 @@ def align_listing(
     return replace(aligned, skipped=tuple(readable_name(path) for path in listing.skipped))
 
 
+def matched_samples(session: AlignSession, listing: FolderListing) -> Shapes:
+    """Return the samples of listed files as an alignment with the session's options matches them."""
+    return prepare_shapes(session, listing)
+
+
 def _without_found(run: Run, aligned: AlignedCollection) -> tuple[dict[int, str], AlignedCollection]:
     """Return the shapes that turn out to be incomplete, and the others aligned without them; in rounds.
 

@@ -28,7 +28,6 @@ COMPILED = {
     "pairwise.partial.screen",
     "pairwise.pm_sdp.cone_kernels",
     "pairwise.pm_sdp.newton_kernels",
-    "collalign.synchronization.bound.simplex",
 }
 
 
@@ -91,7 +90,6 @@ ROOMS = {
     "collection": {"engine", "output", "products"},
     "align": {"collection", "engine", "options", "products", "stages"},
     "extend": {"align", "collection", "engine", "options", "output", "products"},
-    "certify": {"analysis", "engine", "output", "products", "stages"},
     "batch": {"engine", "options", "stages"},
     "tools": {
         *("align", "analysis", "collection", "confidence", "engine", "landmarks", "nonrigid", "options"),

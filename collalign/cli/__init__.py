@@ -45,7 +45,6 @@ _COMMANDS = {
     "status": ("collalign.cli.status:status", "Say how much of a run is done, failed and left."),
     "repair": ("collalign.cli.status:repair", "Discard the damaged records of a store."),
     "verify": ("collalign.cli.results:verify", "Check the certificates of a result made with --certify."),
-    "certify": ("collalign.cli.certify:certify", "Prove how much cheaper any other arrangement could be at most."),
     **{name: (f"collalign.tools.{function}", line) for name, (function, line) in TOOLS.items()},
 }
 for _name, (_function, _help) in _COMMANDS.items():

@@ -13,6 +13,8 @@ from data_tools.io.output_folder import OutputFolder
 
 CERTIFICATE_FOLDER = "certificates"
 PROBLEMS_FILE = "problems.npz"
+#: What `collalign certify` leaves for others to check, and its name in the manifest of an output folder.
+PROOF_FILE, CERTIFIER = "certification.npz", "certify"
 
 
 def write_certificates(collection: Collection, output: OutputFolder) -> None:

@@ -12,6 +12,7 @@ import csv
 import io
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from collalign.output.certificates import CERTIFICATE_FOLDER, PROBLEMS_FILE
+from collalign.output.certificates import CERTIFICATE_FOLDER, CERTIFIER, PROBLEMS_FILE, PROOF_FILE
+from collalign.output.verify_collection import PROOF_ARRAYS, CheckedCollection, check_collection
 from collalign.output.write import ALIGNMENT_FILE, CORRESPONDENCES_FILE, MESH_FOLDER, PAIRS_FILE, WRITER
-from data_tools.arrays import FloatArray, as_floats
+from data_tools.arrays import FloatArray, as_floats, as_indices
 from data_tools.errors import InputError
 from data_tools.io.archives import load_arrays
 from data_tools.io.csv_cells import plain_cell
@@ -81,15 +83,18 @@ class Verification:
     pairs : tuple of CheckedPair
     num_stated : int
         Pairs with a lower bound in ``pairs.csv``.
+    collection : CheckedCollection or None
+        What `collalign certify` left, where it did.
     """
 
     pairs: tuple[CheckedPair, ...]
     num_stated: int
+    collection: CheckedCollection | None = None
 
     @property
     def holds(self) -> bool:
         """Whether no certificate is refused."""
-        return not any(pair.fault for pair in self.pairs)
+        return not any(pair.fault for pair in self.pairs) and not (self.collection and self.collection.fault)
 
     @property
     def num_proven(self) -> int:
@@ -98,10 +103,9 @@ class Verification:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields for JSON; a number that is not known is null."""
-        known = [
-            {name: None if value != value else value for name, value in asdict(pair).items()} for pair in self.pairs
-        ]
-        return {"holds": self.holds, "pairs": known, "num_stated": self.num_stated, "num_proven": self.num_proven}
+        record = {"holds": self.holds, "num_stated": self.num_stated, "num_proven": self.num_proven}
+        found = record | {"pairs": [_known(asdict(pair)) for pair in self.pairs]}
+        return found if self.collection is None else found | {"collection": _known(asdict(self.collection))}
 
     def table(self) -> str:
         """Return one line per certificate and what they say together."""
@@ -115,12 +119,17 @@ class Verification:
             for pair in self.pairs
         ]
         refused = sum(bool(pair.fault) for pair in self.pairs)
-        hold = "all hold" if self.holds else f"{refused} REFUSED"
+        hold = "all hold" if not refused else f"{refused} REFUSED"
         lines.append(
             f"{len(self.pairs)} certificates, {hold}. pairs.csv states {self.num_stated} lower bounds: "
             f"{self.num_proven} are proven by a certificate, the others are the word of the program that found them."
         )
-        return "\n".join(lines)
+        return "\n".join(lines if self.collection is None else [*lines, str(self.collection)])
+
+
+def _known(fields: dict[str, Any]) -> dict[str, Any]:
+    """Return fields with null for numbers that are not known."""
+    return {name: None if value != value else value for name, value in fields.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,6 +137,7 @@ class _Result:
     """What a result's folder says of the problems: checked for form, not for truth."""
 
     names: tuple[str, ...]
+    stems: list[str]
     group: str
     normalisation: str
     transforms: FloatArray
@@ -156,7 +166,7 @@ class _Result:
 
 @one_blas_thread()
 def verify_result(folder: Path | str) -> Verification:
-    """Check every certificate of a result's folder that its manifest names.
+    """Check every certificate of a result's folder that its manifest names, and the proof of the whole collection.
 
     Raises
     ------
@@ -165,17 +175,42 @@ def verify_result(folder: Path | str) -> Verification:
         bounds above energies. A certificate that is refused is no error but a ``fault`` of its pair.
     """
     folder = Path(folder)
-    files = _certificate_files(folder)
+    files, collection = _certificate_files(folder), _check_collection(folder)
+    if not files and collection is None:
+        raise InputError(
+            f"{folder}: holds no certificates; `collalign align FOLDER --out OUT --certify` makes them for pairs, "
+            "`collalign certify OUT` for the collection"
+        )
     if not files:
-        raise InputError(f"{folder}: holds no certificates; `collalign align FOLDER --out OUT --certify` makes them")
-    result = _read(folder)
+        return Verification(pairs=(), num_stated=0, collection=collection)
+    file = folder / CERTIFICATE_FOLDER / PROBLEMS_FILE
+    result = _read(folder, _load(file, ("coordinates", "invariants")))
     for target, source in files:
         if max(target, source) >= len(result.names):
             raise InputError(f"{files[target, source]}: the result has only {len(result.names)} shapes")
     for shape in range(len(result.names)):
-        _check_samples(folder, result, shape)
+        _check_samples(folder, result, shape, file)
     checked = [_check_pair(result, file, target, source) for (target, source), file in sorted(files.items())]
-    return Verification(pairs=tuple(checked), num_stated=sum(bound == bound for bound, _ in result.rows.values()))
+    num_stated = sum(bound == bound for bound, _ in result.rows.values())
+    return Verification(pairs=tuple(checked), num_stated=num_stated, collection=collection)
+
+
+def _check_collection(folder: Path) -> CheckedCollection | None:
+    """Say what the proof of the collection proves, if the manifest names one."""
+    if PROOF_FILE not in written_files(folder, CERTIFIER):
+        return None
+    file = folder / PROOF_FILE
+    members, coordinates, invariants, *arrays = _load(file, ("members", "coordinates", "invariants", *PROOF_ARRAYS))
+    result = _read(folder, [coordinates, invariants], members)
+    for shape in range(len(result.names)):
+        _check_samples(folder, result, shape, file)
+
+    def problem(target: int, source: int) -> Problem:
+        if (result.names[target], result.names[source]) not in result.rows:
+            raise InputError(f"edges: {PAIRS_FILE} has no pair of the shapes {target} and {source}")
+        return result.problem(target, source)
+
+    return check_collection(dict(zip(PROOF_ARRAYS, arrays, strict=True)), len(result.names), problem)
 
 
 def _certificate_files(folder: Path) -> dict[tuple[int, int], Path]:
@@ -204,8 +239,17 @@ def _check_pair(result: _Result, file: Path, target: int, source: int) -> Checke
     return CheckedPair(target=ends[0], source=ends[1], kind=kind, proven=proven, stated=bound, fault=fault)
 
 
-def _read(folder: Path) -> _Result:
-    """Read what the certificates are about; damaged and contradictory files are named."""
+def _read(folder: Path, samples: Sequence[NDArray[Any]], members: NDArray[Any] | None = None) -> _Result:
+    """Read what certificates of some shapes, or all, are about; damaged and contradictory files are named.
+
+    Parameters
+    ----------
+    folder : Path
+    samples : sequence of ndarray
+        Coordinates and invariants of these shapes as they were matched.
+    members : ndarray of int, optional
+        Their numbers.
+    """
     file = folder / ALIGNMENT_FILE
     try:
         record = json.loads(read_text(file))
@@ -218,7 +262,11 @@ def _read(folder: Path) -> _Result:
         raise InputError(
             f"{file}: no result of this program: names that occur twice, or a group that is neither SO nor O"
         )
-    samples = _load(folder / CERTIFICATE_FOLDER / PROBLEMS_FILE, ("coordinates", "invariants"))
+    chosen = np.arange(len(names)) if members is None else as_indices(members, "members", upper=len(names))
+    if chosen.ndim != 1 or not len(chosen) or len(set(chosen.tolist())) < len(chosen):
+        raise InputError("members: not the numbers of some shapes, each once")
+    stems = [file_stems(names)[i] for i in chosen]
+    names, num_shapes = tuple(names[i] for i in chosen), len(names)
     coordinates = as_floats(samples[0], "coordinates", shape=(len(names), None, None))
     num_samples = coordinates.shape[1]
     (placed,) = _load(folder / CORRESPONDENCES_FILE, ("positions",))
@@ -226,8 +274,9 @@ def _read(folder: Path) -> _Result:
         names=names,
         group=group,
         normalisation=normalisation,
-        transforms=transforms,
-        positions=as_floats(placed, "positions", shape=(len(names), num_samples, 3)),
+        transforms=transforms[chosen],
+        stems=stems,
+        positions=as_floats(placed, "positions", shape=(num_shapes, num_samples, 3))[chosen],
         coordinates=coordinates,
         invariants=as_floats(samples[1], "invariants", shape=(len(names), num_samples, None)),
         rows=_pair_rows(folder / PAIRS_FILE),
@@ -257,7 +306,7 @@ def _pair_rows(file: Path) -> dict[tuple[str, str], tuple[float, float]]:
     return rows
 
 
-def _check_samples(folder: Path, result: _Result, shape: int) -> None:
+def _check_samples(folder: Path, result: _Result, shape: int, file: Path) -> None:
     """Refuse samples that are not those of the result, as the run centred and scaled them."""
     matched, placed = result.coordinates[shape, :, :3], result.positions[shape]
     linear = result.transforms[shape, :3, :3]
@@ -270,12 +319,12 @@ def _check_samples(folder: Path, result: _Result, shape: int) -> None:
         result.normalisation, size / max(float(np.linalg.norm(matched)), 1e-300)
     )
     if result.normalisation not in ("centroid", "none"):
-        mesh = read_shape(folder / MESH_FOLDER / f"{file_stems(result.names)[shape]}.ply", AS_STORED)
+        mesh = read_shape(folder / MESH_FOLDER / f"{result.stems[shape]}.ply", AS_STORED)
         length = float(vertex_areas(mesh).sum()) ** 0.5 / abs(float(np.linalg.det(linear))) ** (1 / 3)
         unit = unit if abs((unit / length) ** 2 - 1.0) <= _AREA_TOL else float("nan")
     if not np.abs(matched * unit - own).max() <= _SAMPLE_TOL * size:
         raise InputError(
-            f"{folder / CERTIFICATE_FOLDER / PROBLEMS_FILE}: the samples of shape {shape} are not those of "
+            f"{file}: the samples of shape {shape} are not those of "
             f"{CORRESPONDENCES_FILE}, centred and scaled; the certificates are about other shapes"
         )
 

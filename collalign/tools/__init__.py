@@ -14,6 +14,10 @@ TOOLS = {
         "Map the vertices of deformable shapes, for every pair of a list.",
     ),
     "export": ("export.command:export", "Write a result in a format of the field."),
+    "certify": (
+        "certify.command:certify",
+        "Prove how much cheaper any other arrangement could be at most.",
+    ),
     "classify": ("classify.command:classify", "Classify every shape by its nearest neighbour."),
     "stability": (
         "stability.command:stability",

@@ -16,8 +16,9 @@ from typing import Annotated
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from data_tools.arrays import FloatArray, Holds, read_only
+from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.threads import one_blas_thread
+from pairwise.branch_and_bound.cells import MAX_DEPTH, Cells
 from pairwise.branch_and_bound.prove import deadline_of, finish, searches_of
 from pairwise.local.local_search import minimise
 from pairwise.problem.problem import Problem
@@ -40,11 +41,18 @@ class TiltedProof:
         Where it is small, the least first.
     energies : ndarray, shape (m,)
         F, without the linear term, at each of them.
+    depths : ndarray of int, shape (c,)
+        Of the cells that prove the bound, in the order of their paths. As the cells tile, these say which cells they
+        are. Empty where nothing was proven.
+    num_cells : ndarray of int, shape (s,)
+        How many of them are of rotations and, over O(d), how many of reflections.
     """
 
     lower_bound: float
     rotations: Annotated[FloatArray, Holds(shape="m d d", rotations=True)]
     energies: Annotated[FloatArray, Holds(shape="m")]
+    depths: Annotated[IntArray, Holds(shape="_")]
+    num_cells: Annotated[IntArray, Holds(shape="_")]
 
 
 @one_blas_thread()
@@ -71,14 +79,32 @@ def prove_tilted(
     tol = min(1.0, gap / max(float(around.energies[0]), gap))
     searches = searches_of(tilted, around.rotations, tol)
     proof = finish(searches, started, deadline_of(started, tol, time_limit_s))
-    found = minimise(tilted, np.concatenate([proof.candidate.R_target_source[None], around.rotations]))
-    rotations = found.rotations[:_MOST_ROTATIONS]
+    starts = np.concatenate([proof.candidate.R_target_source[None], around.rotations])
     slack = _ROUNDING * (abs(proof.lower_bound) + offset + float(np.linalg.norm(tilt)))
-    return TiltedProof(
+    depths = [_depths(search.leaves.cells) for search in sorted(searches, key=lambda one: one.reflected)]
+    return replace(
+        seek_tilted(problem, tilt, starts),
         lower_bound=proof.lower_bound - offset - slack,
-        rotations=read_only(rotations),
-        energies=read_only(least_energies(problem, rotations)),
+        depths=read_only(np.concatenate(depths)),
+        num_cells=read_only(np.array([len(some) for some in depths])),
     )
+
+
+@one_blas_thread()
+def seek_tilted(problem: Problem, tilt: FloatArray, starts: FloatArray) -> TiltedProof:
+    """Descend to small values of F(R) - <tilt, R> from rotations (m, d, d); what is found proves no bound: -inf."""
+    tilted, _ = with_tilt(problem, tilt)
+    rotations = minimise(tilted, starts).rotations[:_MOST_ROTATIONS]
+    energies = read_only(least_energies(problem, rotations))
+    none = read_only(np.zeros(0, dtype=np.int64))
+    return TiltedProof(
+        lower_bound=-np.inf, rotations=read_only(rotations), energies=energies, depths=none, num_cells=none
+    )
+
+
+def _depths(cells: Cells) -> IntArray:
+    """Return the depths of cells that tile the rotations, in the order of faces and paths."""
+    return cells.depths[np.lexsort((cells.paths << (MAX_DEPTH - cells.depths), cells.faces))]
 
 
 def with_tilt(problem: Problem, tilt: FloatArray) -> tuple[Problem, float]:

@@ -29,7 +29,7 @@ _SAFETY = 64.0
 #: Added to every radius, in radians: rounding of centres, corners and arc sines.
 _RADIUS_MARGIN = 1e-7
 #: Deepest cells: their paths are numbers of 63 bits.
-_DEEPEST = 60
+DEEPEST = 60
 #: Numbers held at once.
 _CHUNK_NUMBERS = 2_000_000
 
@@ -62,13 +62,13 @@ def cells_bound(problem: Problem, given: CertificateArrays) -> float:
 
 def _chirality_bound(problem: Problem, source: FloatArray, given: CertificateArrays, name: str) -> float:
     faces = given.indices(f"{name}_faces", (None,), upper=4 if problem.dim == 3 else 1)
-    depths = given.indices(f"{name}_depths", faces.shape, upper=_DEEPEST + 1)
-    paths = given.indices(f"{name}_paths", faces.shape, upper=2**_DEEPEST)
+    depths = given.indices(f"{name}_depths", faces.shape, upper=DEEPEST + 1)
+    paths = given.indices(f"{name}_paths", faces.shape, upper=2**DEEPEST)
     columns = problem.num_target
     potentials = given.floats(f"{name}_potentials", (None, columns))
     evidence = given.indices(f"{name}_evidence", faces.shape, upper=len(potentials))
     _check_tiling(faces, depths, paths, 4 if problem.dim == 3 else 1)
-    rotations, radii = _balls(faces, depths, paths, problem.dim)
+    rotations, radii = cell_balls(faces, depths, paths, problem.dim)
     chunk = max(1, _CHUNK_NUMBERS // (problem.num_source * columns))
     parts = [slice(first, first + chunk) for first in range(0, len(faces), chunk)]
     return min(float(_bounds(problem, source, rotations[p], radii[p], potentials[evidence[p]]).min()) for p in parts)
@@ -80,18 +80,18 @@ def _check_tiling(faces: IntArray, depths: IntArray, paths: IntArray, num_faces:
     for face, depth, path in zip(faces.tolist(), depths.tolist(), paths.tolist(), strict=True):
         if path >> depth:
             raise InputError("certificate: a path is longer than its cell is deep")
-        starts[face].append((path << (_DEEPEST - depth), 1 << (_DEEPEST - depth)))
+        starts[face].append((path << (DEEPEST - depth), 1 << (DEEPEST - depth)))
     for intervals in starts:
         end = 0
         for start, length in sorted(intervals):
             if start != end:
                 raise InputError("certificate: the cells do not tile all rotations")
             end = start + length
-        if end != 1 << _DEEPEST:
+        if end != 1 << DEEPEST:
             raise InputError("certificate: the cells do not tile all rotations")
 
 
-def _balls(faces: IntArray, depths: IntArray, paths: IntArray, dim: int) -> tuple[FloatArray, FloatArray]:
+def cell_balls(faces: IntArray, depths: IntArray, paths: IntArray, dim: int) -> tuple[FloatArray, FloatArray]:
     """Return the rotations at the centres of cells (m, d, d) and how far their farthest ones are, in radians (m,)."""
     axes = 3 if dim == 3 else 1
     low, side = -np.ones((len(faces), axes)), np.full((len(faces), axes), 2.0)

@@ -14,8 +14,10 @@ import collalign
 from collalign.cli import main
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
-from collalign.output.certify import certification_summary
 from collalign.output.evidence.file import load_view, save_view
+from collalign.output.verify import verify_result
+from collalign.output.verify_collection import CheckedCollection
+from collalign.tools.certify.files import certification_summary
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError, OptionsError
@@ -44,15 +46,17 @@ def test_the_command_proves_most_of_the_energy_and_goes_on_from_the_store(
 ) -> None:
     assert main(["certify", str(result), "--jobs", "1"]) == 0
     said = capsys.readouterr().out.splitlines()
-    assert said[0].startswith("Proven: no consistent arrangement of these 4 shapes costs less than ")
-    assert "of the result are those of that arrangement" in said[1]
-    assert said[2].startswith("Not proven: that the poses are anatomically right")
+    assert said[0].startswith("Proven: no consistent arrangement of these 4 shapes is cheaper than the result by ")
+    assert "of the result are those of the cheapest" in said[1]
+    assert said[2].startswith("Proven: no arrangement as cheap as that turns ")
+    assert said[3].startswith("Not proven: that the poses are anatomically right")
     first = (result / "certification.json").read_bytes()
     record = json.loads(first)
-    assert record["statement"] == said[:3]
-    assert 0.8 < record["share"] <= 1.0
-    assert record["sum_of_pair_bounds"] <= record["lower_bound"] <= record["energy"]["cheapest_known"]
+    assert record["statement"] == said[:4]
+    assert 0.9 < record["share"] <= 1.0
+    assert record["lower_bound"] <= record["energy"]["cheapest_known"]
     assert record["energy"]["cheapest_known"] <= record["energy"]["near"] <= record["energy"]["stated"]
+    assert all(shape["largest_turn_deg"] < 90.0 for shape in record["shapes"])
     with Store.open(result / "store.sqlite") as store:
         num_proofs = len(store.keys("proofs"))
     assert num_proofs == 6 * len(record["bound_of_each_round"])
@@ -66,7 +70,7 @@ def test_a_part_is_named_and_a_shape_that_stands_on_its_head_is_found(result: Pa
     view, run = load_view(result), collalign.RunOptions(jobs=1, store=result / "store.sqlite")
     few = collalign.CertifyOptions(max_rounds=1)
     part = collalign.certify_collection(result, shapes=view.names[1:3], options=few, run=run, progress=False)
-    assert part.joint.names == view.names[1:3]
+    assert part.names == view.names[1:3]
     assert part.joint.edges.tolist() == [[0, 1]]
     assert part.joint.share > 0.99
     transforms = view.transforms.copy()
@@ -77,14 +81,17 @@ def test_a_part_is_named_and_a_shape_that_stands_on_its_head_is_found(result: Pa
     assert found.changes_deg[2] > 90.0
     assert np.delete(found.changes_deg, 2).max() < 20.0
     assert found.joint.near_energy > found.joint.energy
-    assert f"The result poses {view.names[2]} otherwise" in certification_summary(found)[1]
+    assert f"Refuted: turning {view.names[2]} costs" in certification_summary(found)[1]
 
 
-def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(result: Path) -> None:
+def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(
+    result: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("collalign.tools.certify.rounds._SETTLED", -1.0)
     run = collalign.RunOptions(jobs=1, store=result / "store.sqlite")
     ended = {}
     for name, options in {
-        "time": {"budget_s": 1e-9},
+        "time": {"budget_s": 1e-9, "enough": 1.0},
         "rounds": {"max_rounds": 1, "enough": 1.0},
         "enough": {"enough": 0.5},
     }.items():
@@ -92,7 +99,7 @@ def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(result: 
             result, options=collalign.CertifyOptions(**options), run=run, progress=False
         ).joint
         ended[name] = found.ended
-        assert found.bound >= found.pair_bounds.sum()
+        assert 0.5 * found.energy < found.bound <= found.energy
     assert ended == {"time": "the time ended", "rounds": "the rounds ended", "enough": "enough is proven"}
 
 
@@ -111,3 +118,72 @@ def test_wrong_names_files_and_options_are_refused(result: Path, tmp_path: Path)
     (copy / "certification.json").write_text("mine")
     assert main(["certify", str(copy), "--jobs", "1"]) == 2
     assert (copy / "certification.json").read_text() == "mine"
+
+
+@pytest.fixture
+def proof(result: Path, tmp_path: Path) -> Path:
+    """The result with a fresh certification, to be damaged."""
+    assert main(["certify", str(result), "--jobs", "1"]) == 0
+    shutil.copytree(result, tmp_path / "out")
+    return tmp_path / "out"
+
+
+def rewritten(folder: Path, **changes: object) -> CheckedCollection:
+    """What is said of the proof once some of its arrays are others."""
+    with np.load(folder / "certification.npz") as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    np.savez_compressed(folder / "certification.npz", **{**arrays, **changes})  # type: ignore[arg-type]
+    try:
+        found = verify_result(folder).collection
+    finally:
+        np.savez_compressed(folder / "certification.npz", **arrays)
+    assert found is not None
+    return found
+
+
+def test_verify_proves_the_bound_again_from_the_file_alone(proof: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    record = json.loads((proof / "certification.json").read_bytes())
+    capsys.readouterr()
+    assert main(["verify", str(proof)]) == 0
+    assert "Collection: no arrangement of the 4 shapes costs less than" in capsys.readouterr().out
+    found = rewritten(proof)
+    assert found.proven >= record["lower_bound"] * (1 - 1e-9)
+    assert found.energy == pytest.approx(record["energy"]["cheapest_known"])
+    assert found.proven <= found.energy
+    assert found.num_held == 4
+    (proof / "certification.npz").write_bytes(b"no archive")
+    assert main(["verify", str(proof)]) == 2
+
+
+def test_a_forged_proof_is_refused_or_proves_no_more(proof: Path) -> None:
+    with np.load(proof / "certification.npz") as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    true = rewritten(proof)
+    for changes, words in (
+        ({"bound": np.array(1.01 * true.energy)}, "claims the bound"),
+        ({"bound": np.array(np.nan)}, "bound"),
+        ({"depths": arrays["depths"][:-1]}, "num_cells"),
+        ({"depths": arrays["depths"][::-1]}, "tile"),
+        ({"tilts": 1e60 * np.ones_like(arrays["tilts"])}, "too large"),
+        ({"tilts": 0.0 * arrays["tilts"]}, "claims the bound"),
+        ({"edges": np.repeat(arrays["edges"][:1], 6, axis=0)}, "twice"),
+        ({"edges": arrays["edges"][:, ::-1]}, "no pair"),
+        ({"frames": -arrays["frames"]}, "mirrored"),
+        ({"frames": 2.0 * arrays["frames"]}, "frames"),
+        ({"diagonal": arrays["diagonal"][:, 0]}, "diagonal"),
+    ):
+        assert words in rewritten(proof, **changes).fault
+    for name in ("coordinates", "members"):
+        with pytest.raises(InputError, match=r"certification\.npz|members"):
+            rewritten(proof, **{name: arrays[name][::-1] * (1 if name == "members" else 3)})
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        name = str(rng.choice(["tilts", "diagonal", "depths", "frames"]))
+        values = arrays[name].astype(np.float64)
+        values[rng.random(values.shape) < 0.1] *= rng.choice([-1.0, 0.5, 1.0 + 1e-3, 30.0])
+        claim = np.array(rng.choice([0.0, true.proven, 2.0 * true.energy]))
+        found = rewritten(proof, bound=claim, **{name: values.astype(arrays[name].dtype)})
+        assert found.fault or found.proven <= true.energy * (1 + 1e-9)
+    (proof / ".collalign" / "manifest.json").unlink()
+    with pytest.raises(InputError, match="holds no certificates"):
+        verify_result(proof)

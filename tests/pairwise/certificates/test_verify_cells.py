@@ -12,7 +12,7 @@ from pairwise import Certificate, Problem, verify_certificate
 from pairwise.branch_and_bound.cells import Cells
 from pairwise.branch_and_bound.prove import prove
 from pairwise.certificates.verify import proven_bound
-from pairwise.certificates.verify_cells import _balls
+from pairwise.certificates.verify_cells import cell_balls
 from pairwise.problem.problem import energy_scale
 from pairwise.status import Status
 from tests.oracles import brute_force
@@ -48,7 +48,7 @@ def test_the_verifier_finds_the_same_cells(dim) -> None:
     cells = Cells.whole(dim)
     for _ in range(8):
         cells = cells.split()
-    for ours, theirs in zip(_balls(cells.faces, cells.depths, cells.paths, dim), cells.balls(), strict=True):
+    for ours, theirs in zip(cell_balls(cells.faces, cells.depths, cells.paths, dim), cells.balls(), strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-9)
 
 

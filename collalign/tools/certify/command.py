@@ -8,14 +8,15 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from collalign.certify import certify_collection
 from collalign.cli.interruption import resumable
 from collalign.engine.options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
-from collalign.output.certify import JSON_FILE, WRITER, certification_summary, write_certification
+from collalign.output.certificates import CERTIFIER
 from collalign.output.evidence.file import load_view, source_files
 from collalign.output.write import inputs_of
-from collalign.stages.joint_bound import CertifyOptions
+from collalign.tools.certify.files import FILES, certification_summary, write_certification
+from collalign.tools.certify.rounds import CertifyOptions
+from collalign.tools.certify.run import certify_collection
 from data_tools.io.output_folder import OutputFolder
 
 
@@ -31,14 +32,15 @@ def certify(
     Parameters
     ----------
     result
-        Folder that ``collalign align`` wrote; certification.json is written into it.
+        Folder that ``collalign align`` wrote; certification.json and
+        certification.npz, which `collalign verify` checks, are written into it.
     shapes
         Names of the shapes to speak of; all by default.
     """
     files = source_files(load_view(result))
     store = run.store or result / STORE_FILE
-    with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=inputs_of(files)) as output:
-        output.refuse_foreign((JSON_FILE,))
+    with resumable(store), OutputFolder.open(result, writer=CERTIFIER, inputs=inputs_of(files)) as output:
+        output.refuse_foreign(FILES)
         found = certify_collection(result, shapes=shapes, options=options, run=replace(run, store=store))
         written = write_certification(found, output)
     for line in (*certification_summary(found), *written):

@@ -9,18 +9,21 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from collalign.align import matched_samples
 from collalign.analysis.pose_changes import pose_changes
 from collalign.engine.options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.output.evidence.file import load_view, source_files
 from collalign.output.write import recorded_options
 from collalign.products.evidence import CollectionView
-from collalign.products.joint_bound import CertifiedCollection
 from collalign.products.pair import Pair
-from collalign.stages.joint_bound import CertifyOptions, bound_collection
-from collalign.stages.shapes import prepare_shapes
+from collalign.tools.certify.arrangement import PairEnergies
+from collalign.tools.certify.result import CertifiedCollection
+from collalign.tools.certify.rounds import CertifyOptions, Rounds, bound_arrangements, problem_of
 from data_tools.arrays import read_only
-from data_tools.errors import InputError
+from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import FolderListing
 from data_tools.threads import one_blas_thread
 
@@ -53,7 +56,7 @@ def certify_collection(
     InputError
         If a shape is unknown, its file has vanished, or no two of the shapes were matched.
     OptionsError
-        If the shapes are too many at once, or their embedding has more than the coordinates of space.
+        If the shapes' embedding has more than the coordinates of space.
 
     Examples
     --------
@@ -63,7 +66,7 @@ def certify_collection(
     ...     files = write_collection(folder + "/shapes", demo_collection(num=3, resolution=1))
     ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
     ...     found = collalign.certify_collection(folder + "/result", progress=False)
-    >>> found.joint.pair_share <= found.joint.share <= 1.0
+    >>> 0.9 < found.joint.share <= 1.0
     True
     """
     view = load_view(result)
@@ -76,12 +79,34 @@ def certify_collection(
     )
     shown, frames = _numbered(progress_display(progress)), view.rotations[members]
     with Session.open(replace(asked, group="O" if group == "O" else "SO"), run or RunOptions(), shown) as session:
-        prepared = prepare_shapes(session, listing)
+        prepared = matched_samples(session, listing)
         if prepared.names != listing.names:
             raise InputError(f"{result}: {prepared.excluded[0].file} cannot be read as it was for the result")
-        joint = bound_collection(session, prepared, pairs, frames, options or CertifyOptions())
+        if prepared.samples[0].coordinates.shape[1] != 3:
+            raise OptionsError(
+                "the shapes are embedded in more than space: there is no joint bound for such embeddings"
+            )
+        samples = [(sample.coordinates, sample.invariants) for sample in prepared.samples]
+        edges = np.array([(pair.target, pair.source) for pair in pairs], dtype=np.int64)
+        problems = [problem_of(samples[i], samples[j], session.options.group) for i, j in edges]
+        rounds = Rounds(
+            session=session,
+            samples=samples,
+            keys=prepared.keys,
+            energies=PairEnergies(len(samples), edges, problems),
+            candidates=[pair.rotations for pair in pairs],
+        )
+        joint = bound_arrangements(rounds, frames, options or CertifyOptions())
     changes, same = pose_changes(frames, joint.frames, view.part_numbers[members])
-    return CertifiedCollection(joint=joint, changes_deg=read_only(changes), same_chirality=read_only(same))
+    return CertifiedCollection(
+        names=listing.names,
+        members=read_only(np.array(members)),
+        coordinates=read_only(np.array([sample[0] for sample in samples])),
+        invariants=read_only(np.array([sample[1] for sample in samples])),
+        joint=joint,
+        changes_deg=read_only(changes),
+        same_chirality=read_only(same),
+    )
 
 
 def _members(view: CollectionView, shapes: Sequence[str]) -> list[int]:

@@ -8,6 +8,9 @@ import numpy as np
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
 
+#: A shape is left free where some arrangement that is as cheap may turn it by more than this.
+FREE_RAD = 0.5 * np.pi
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointBound:
@@ -18,59 +21,50 @@ class JointBound:
 
     Attributes
     ----------
-    names : tuple of str, length N
     edges : ndarray of int, shape (E, 2)
         Target and source of each pair.
-    num_points : int
-        Samples per shape.
     stated_energy : float
         Of the arrangement that was to be judged, as it stands.
     near_energy : float
         Of the arrangement that descent from there leads to.
-    perturbed_energy, rounded_energy : float
-        Of the cheapest arrangement that descent from perturbations of that one led to, and of the cheapest that
-        rounding the relaxed Gram matrices led to; NaN where there was no round.
     energy : float
         Of the cheapest arrangement known.
     frames : ndarray, shape (N, 3, 3)
         ``R_common_shape`` of the cheapest arrangement known.
-    pair_bounds : ndarray, shape (E,)
-        Lower bound of each pair's energy, alone.
-    bounds : ndarray, shape (1 + rounds,)
-        The joint lower bound of each round; the first is the sum of the pairs' own.
+    bounds : tuple of float
+        The joint lower bound of each round of proofs.
     ended : str
         Why there was no further round.
+    bound : float
+        No arrangement has a smaller energy: the best of all rounds.
+    tilts, diagonal, depths, num_cells
+        What proves it, see :mod:`pairwise.certificates.verify_joint`: L (E, 3, 3), Y (N, 3, 3), the depths of all
+        cells, and how many each chirality of each pair has, (E, 1) or (E, 2).
+    turns_rad : ndarray, shape (N,)
+        Every arrangement of at most ``energy`` turns a shape by at most this against the median of the others; pi
+        where nothing is proven.
     """
 
-    names: tuple[str, ...]
     edges: IntArray
-    num_points: int
     stated_energy: float
     near_energy: float
-    perturbed_energy: float
-    rounded_energy: float
     energy: float
     frames: FloatArray
-    pair_bounds: FloatArray
-    bounds: FloatArray
+    bounds: tuple[float, ...]
     ended: str
+    bound: float
+    tilts: FloatArray
+    diagonal: FloatArray
+    depths: IntArray
+    num_cells: IntArray
+    turns_rad: FloatArray
 
     __repr__ = one_line
-
-    @property
-    def bound(self) -> float:
-        """No arrangement has a smaller energy."""
-        return float(self.bounds.max())
 
     @property
     def share(self) -> float:
         """The bound as a share of the cheapest known energy; 1 where that is zero."""
         return share_of(self.bound, self.energy)
-
-    @property
-    def pair_share(self) -> float:
-        """The sum of the pairs' own bounds as a share of the cheapest known energy."""
-        return share_of(float(self.pair_bounds.sum()), self.energy)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,14 +73,22 @@ class CertifiedCollection:
 
     Attributes
     ----------
+    names : tuple of str, length N
+    members : ndarray of int, shape (N,)
+        Positions of these shapes in the result.
+    coordinates, invariants : ndarray, shapes (N, k, 3) and (N, k, m)
+        The samples as they are matched.
     joint : JointBound
-        The bound, the energies, and the cheapest arrangement known.
     changes_deg : ndarray, shape (N,)
-        By how much that arrangement turns each shape against the others, compared with the result; NaN where it
-        mirrors it.
+        By how much the cheapest arrangement known turns each shape against the others, compared with the result; NaN
+        where it mirrors it.
     same_chirality : ndarray of bool, shape (N,)
     """
 
+    names: tuple[str, ...]
+    members: IntArray
+    coordinates: FloatArray
+    invariants: FloatArray
     joint: JointBound
     changes_deg: FloatArray
     same_chirality: BoolArray

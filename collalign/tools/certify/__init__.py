@@ -1,0 +1,1 @@
+"""What is proven about all arrangements of a result's shapes."""

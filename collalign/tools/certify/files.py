@@ -1,0 +1,116 @@
+"""What a certification proved, in words and as ``certification.json``, and what proves it, beside the result."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from collalign.output.certificates import PROOF_FILE
+from collalign.products.evidence import json_types
+from collalign.tools.certify.result import FREE_RAD, CertifiedCollection, share_of
+from data_tools.io.files import write_atomic
+from data_tools.io.output_folder import OutputFolder
+
+JSON_FILE = "certification.json"
+FILES = (JSON_FILE, PROOF_FILE)
+#: A shape that the cheapest known arrangement turns by more than this is posed otherwise there.
+OTHERWISE_DEG = 20.0
+#: Shapes named in a sentence.
+_MOST_NAMED = 8
+
+
+def write_certification(certified: CertifiedCollection, output: OutputFolder) -> tuple[Path, ...]:
+    """Write ``certification.json`` and ``certification.npz`` and return their paths.
+
+    Raises
+    ------
+    InputError
+        If somebody else's file is in the way; nothing has been written then.
+    """
+    record, joint = json_types(certification_record(certified)), certified.joint
+    write_atomic(output.stage(JSON_FILE), json.dumps(record, indent=1).encode())
+    np.savez_compressed(
+        output.stage(PROOF_FILE),
+        members=certified.members,
+        coordinates=certified.coordinates,
+        invariants=certified.invariants,
+        edges=joint.edges,
+        frames=joint.frames,
+        tilts=joint.tilts,
+        diagonal=joint.diagonal,
+        num_cells=joint.num_cells,
+        depths=joint.depths.astype(np.uint8),
+        bound=np.array(joint.bound),
+    )
+    return output.publish(complete=True)
+
+
+def certification_record(certified: CertifiedCollection) -> dict[str, object]:
+    """Return the contents of ``certification.json``."""
+    joint = certified.joint
+    return {
+        "statement": list(certification_summary(certified)),
+        "lower_bound": joint.bound,
+        "energy": {"stated": joint.stated_energy, "near": joint.near_energy, "cheapest_known": joint.energy},
+        "share": joint.share,
+        "num_points": certified.coordinates.shape[1],
+        "bound_of_each_round": joint.bounds,
+        "ended": joint.ended,
+        "shapes": [
+            {
+                "name": name,
+                "R_cheapest_shape": frame,
+                "change_deg": change,
+                "same_chirality": same,
+                "largest_turn_deg": None if turn > FREE_RAD else np.rad2deg(turn),
+            }
+            for name, frame, change, same, turn in zip(
+                certified.names,
+                joint.frames,
+                certified.changes_deg,
+                certified.same_chirality,
+                joint.turns_rad,
+                strict=True,
+            )
+        ],
+        "pairs": [{"target": certified.names[i], "source": certified.names[j]} for i, j in joint.edges.tolist()],
+    }
+
+
+def certification_summary(certified: CertifiedCollection) -> tuple[str, ...]:
+    """Return what is proven, what the result has to do with it, and what is not proven, one sentence each."""
+    joint, names = certified.joint, certified.names
+    turned = np.flatnonzero((certified.changes_deg > OTHERWISE_DEG) | ~certified.same_chirality)
+    saving = 1.0 - share_of(joint.bound, joint.near_energy)
+    less = _percent(1.0 - share_of(joint.energy, joint.near_energy))
+    own = (
+        f"The poses of the result are those of the cheapest arrangement known, up to {OTHERWISE_DEG:.0f} deg."
+        if not len(turned)
+        else f"Refuted: turning {_named(names, turned)} costs {less} less."
+    )
+    held, free = np.flatnonzero(joint.turns_rad <= FREE_RAD), np.flatnonzero(joint.turns_rad > FREE_RAD)
+    largest = np.rad2deg(joint.turns_rad[held].max(initial=0.0))
+    return (
+        f"Proven: no consistent arrangement of these {len(names)} shapes is cheaper than the result by more than "
+        f"{_percent(saving)}, nor than the cheapest one known by more than {_percent(1.0 - joint.share)} (lower "
+        f"bound {joint.bound:.6g}, result {joint.near_energy:.6g}, cheapest {joint.energy:.6g}: the sum over "
+        f"{len(joint.edges)} pairs of squared distances of {certified.coordinates.shape[1]} matched samples; "
+        f"{joint.ended}).",
+        own,
+        f"Proven: no arrangement as cheap as that turns {_named(names, held)} by more than {largest:.0f} deg against "
+        "most others." + (f" Left free: {_named(names, free)}." if len(free) else "")
+        if len(held)
+        else "The proof leaves the pose of every single shape free.",
+        "Not proven: that the poses are anatomically right, or that the cheapest poses are.",
+    )
+
+
+def _named(names: tuple[str, ...], chosen: np.ndarray) -> str:
+    more = len(chosen) - _MOST_NAMED
+    return ", ".join(names[i] for i in chosen[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2f} %"

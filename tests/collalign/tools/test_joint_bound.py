@@ -1,0 +1,206 @@
+"""The joint lower bound: against brute force and arrangements, and its parts against what they must be."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from collalign.engine.options import RunOptions
+from collalign.engine.session import Session
+from collalign.options import AlignOptions
+from collalign.tools.certify.arrangement import PairEnergies
+from collalign.tools.certify.multipliers import MOST_ROWS, JointMaster
+from collalign.tools.certify.result import JointBound
+from collalign.tools.certify.rounds import CertifyOptions, Rounds, bound_arrangements, problem_of
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from pairwise.branch_and_bound.tilted import prove_tilted
+from pairwise.certificates.verify_joint import gram_bound
+
+
+def planted(
+    num_shapes: int, num_points: int, noise: float, *, group: str = "SO", seed: int = 0, invariants: float = 0.0
+) -> Rounds:
+    """Noisy, turned, shuffled copies of one cloud, every pair of them."""
+    rng = np.random.default_rng(seed)
+    cloud = rng.standard_normal((num_points, 3))
+    samples = [
+        (
+            (cloud + noise * rng.standard_normal(cloud.shape))[rng.permutation(num_points)]
+            @ random_rotation(rng, group=group),
+            invariants * rng.standard_normal((num_points, 1)),
+        )
+        for _ in range(num_shapes)
+    ]
+    edges = np.array(list(itertools.combinations(range(num_shapes), 2)))
+    problems = [problem_of(samples[i], samples[j], group) for i, j in edges.tolist()]
+    keys = tuple(map(str, range(num_shapes)))
+    with Session.open(AlignOptions(group=group), RunOptions(jobs=1)) as session:
+        return Rounds(
+            session=session,
+            samples=samples,
+            keys=keys,
+            energies=PairEnergies(num_shapes, edges, problems),
+            candidates=[np.zeros((0, 3, 3))] * len(edges),
+        )
+
+
+def certified(rounds: Rounds, **options: object) -> JointBound:
+    """The joint bound, from random poses."""
+    frames = random_frames(rounds.energies.num_shapes, np.random.default_rng(1))
+    with Session.open(rounds.session.options, RunOptions(jobs=1)) as session:
+        return bound_arrangements(replace(rounds, session=session), frames, CertifyOptions(**options))  # type: ignore[arg-type]
+
+
+def random_frames(num: int, rng: np.random.Generator, group: str = "SO") -> NDArray[np.float64]:
+    return np.array([random_rotation(rng, group=group) for _ in range(num)])
+
+
+def cheapest_of_all_maps(energies: PairEnergies) -> float:
+    """The least energy by every choice of maps of three shapes, each with its best poses from several starts."""
+    rng, best = np.random.default_rng(3), np.inf
+    group = "SO" if energies.pattern.special_blocks else "O"
+    starts = [random_frames(3, rng, group) for _ in range(3)]
+    every = list(itertools.permutations(range(energies.problems[0].num_source)))
+    for maps in itertools.product(every, repeat=3):
+        chosen = [np.array(one) for one in maps]
+        moments = np.array([p.target[m].T @ p.source for p, m in zip(energies.problems, chosen, strict=True)])
+        for start in starts:
+            relative = energies.relative(energies._sweep(start, moments))
+            values = zip(energies.problems, relative, chosen, strict=True)
+            best = min(best, sum(p.energy(rotation, one) for p, rotation, one in values))
+    return best
+
+
+@pytest.mark.parametrize(
+    ("group", "invariants", "seed"), [("SO", 0.0, 0), ("O", 0.0, 1), ("SO", 0.5, 2), ("O", 0.3, 3)]
+)
+def test_brute_force_over_all_maps_finds_nothing_below_the_bound(group: str, invariants: float, seed: int) -> None:
+    rounds = planted(3, 3, 0.5, group=group, seed=seed, invariants=invariants)
+    found, least = certified(rounds), cheapest_of_all_maps(rounds.energies)
+    assert found.bound <= least * (1 + 1e-9)
+    assert least * (1 - 1e-9) <= found.energy <= 1.05 * least
+    assert found.share > 0.75
+    assert least < rounds.energies.at(random_frames(3, np.random.default_rng(8))).sum()
+
+
+@pytest.mark.parametrize("group", ["SO", "O"])
+def test_no_arrangement_costs_less_than_the_bound_and_none_as_cheap_turns_shapes_farther(group: str) -> None:
+    rounds = planted(4, 8, 0.25, group=group)
+    energies, rng = rounds.energies, np.random.default_rng(2)
+    found = certified(rounds)
+    others = [energies.descend(random_frames(4, rng, group)) for _ in range(60)]
+    cheapest = min(one.energy for one in others)
+    assert found.bound <= cheapest * (1 + 1e-9)
+    assert found.share >= 0.75
+    alone = JointMaster(4, energies.edges, energies.relative(found.frames), energies.at(found.frames))
+    pair_sum = sum(
+        prove_tilted(problem, tilt, found.frames[:1], gap=1e-3).lower_bound
+        for problem, tilt in zip(energies.problems, alone.tilts, strict=True)
+    )
+    assert found.bound > pair_sum
+    as_cheap = [one for one in others if one.energy <= found.energy * (1 + 1e-9)]
+    assert as_cheap
+    for one in as_cheap:
+        turned = [one.frames[i] @ found.frames[i].T for i in range(4)]
+        for i in range(4):
+            angles = [rotation_angle_deg(turned[i].T @ turned[j], np.eye(3)) for j in range(4) if j != i]
+            assert np.median(angles) <= np.rad2deg(found.turns_rad[i]) + 1e-6
+
+
+def test_the_shapes_of_an_arrangement_that_is_clearly_cheapest_are_held() -> None:
+    assert certified(planted(4, 8, 0.03)).turns_rad.max() < np.pi / 2
+
+
+def test_the_energy_of_an_arrangement_is_that_of_its_pairs_and_descent_never_raises_it() -> None:
+    energies = planted(3, 7, 0.3, seed=5).energies
+    frames = random_frames(3, np.random.default_rng(6))
+    i, j = energies.edges[1]
+    costs = [
+        energies.problems[1].energy(frames[i].T @ frames[j], np.array(point_map))
+        for point_map in itertools.permutations(range(7))
+    ]
+    assert energies.at(frames)[1] == pytest.approx(min(costs))
+    found = energies.descend(frames)
+    assert found.energy <= energies.at(frames).sum()
+    assert found.energy == pytest.approx(energies.at(found.frames).sum())
+    better = energies.perturb(found, np.random.default_rng(7), 10)
+    assert better.energy <= found.energy
+
+
+def test_copies_without_noise_cost_nothing_in_any_gauge() -> None:
+    rounds = planted(4, 8, 0.0, seed=8)
+    energies, found = rounds.energies, certified(rounds)
+    assert (found.energy, found.bound) == (pytest.approx(0.0, abs=1e-9), pytest.approx(0.0, abs=0.02))
+    turned = found.frames @ random_rotation(np.random.default_rng(9))
+    assert not np.allclose(energies.at(turned).sum(), 0.0, atol=1e-3)
+    gauge = random_rotation(np.random.default_rng(10)) @ found.frames
+    assert energies.at(gauge).sum() == pytest.approx(0.0, abs=1e-9)
+
+
+def test_shares_solve_the_least_squares_problem_of_every_pair() -> None:
+    rng = np.random.default_rng(11)
+    edges, first = np.array([[0, 1], [0, 2], [1, 2]]), random_frames(3, rng)
+    master = JointMaster(3, edges, first, rng.random(3))
+    master._curvature = 0.0
+    for pair, num in enumerate((0, 3, 6)):
+        master.add(pair, random_frames(num, rng), rng.random(num))
+    wanted = 0.5 * rng.standard_normal((3, 3, 3))
+    for _ in range(60):
+        master._improve_shares(wanted)
+    for pair, num in enumerate((1, 4, 7)):
+        points, cost = master._columns[pair, :num].reshape(num, 9), master._costs[pair, :num]
+        goal, weight = wanted[pair].ravel(), master._penalty
+
+        def objective(
+            share: NDArray[np.float64],
+            points: NDArray[np.float64] = points,
+            cost: NDArray[np.float64] = cost,
+            goal: NDArray[np.float64] = goal,
+            weight: float = weight,
+        ) -> float:
+            return float(cost @ share + weight * ((points.T @ share - goal) ** 2).sum())
+
+        reference = minimize(
+            objective,
+            np.full(num, 1.0 / num),
+            bounds=[(0.0, 1.0)] * num,
+            constraints={"type": "eq", "fun": lambda share: share.sum() - 1.0},
+        )
+        found = master._shares[pair, :num]
+        assert found.min() >= 0.0
+        assert master._shares[pair].sum() == pytest.approx(1.0)
+        assert objective(found) <= reference.fun + 1e-5
+        assert objective(np.full(num, 1.0 / num)) >= objective(found)
+
+
+def test_what_the_columns_promise_is_what_the_multipliers_prove_of_them() -> None:
+    rng = np.random.default_rng(12)
+    edges, frames = np.array([[0, 1], [0, 2], [1, 2]]), random_frames(3, rng)
+    known = np.array([frames[i].T @ frames[j] for i, j in edges])
+    master = JointMaster(3, edges, known, np.full(3, 0.3))
+    columns = [random_frames(5, rng) for _ in range(3)]
+    for pair, some in enumerate(columns):
+        master.add(pair, some, np.linspace(0.05, 0.4, 5))
+    for _ in range(8):
+        promised = master.run()
+    values = [
+        min(0.3 - (tilt * own).sum(), *(np.linspace(0.05, 0.4, 5) - (some * tilt).sum(axis=(1, 2))))
+        for tilt, own, some in zip(master.tilts, known, columns, strict=True)
+    ]
+    assert sum(values) + gram_bound(edges, master.tilts, master.diagonal) == pytest.approx(promised, abs=1e-9)
+    assert 0.15 < promised <= 0.9
+    assert np.linalg.eigvalsh(master.gram).min() > -1e-9
+
+
+def test_too_many_shapes_for_multipliers_are_bounded_pair_by_pair(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("collalign.tools.certify.multipliers.MOST_ROWS", 6)
+    found = certified(planted(3, 5, 0.3))
+    assert not found.tilts.any()
+    assert found.ended.startswith("the shapes are too many")
+    assert 0.3 < found.share <= 1.0
+    assert MOST_ROWS > 6
