@@ -46,12 +46,14 @@ def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(
     before = {path.name: path.read_bytes() for path in result.iterdir() if path.suffix in (".json", ".npz", ".csv")}
     assert main(["stability", str(result), *FEW]) == 0
     said = capsys.readouterr().out.splitlines()
-    assert said[0] == "5 shapes aligned again 3 times: 4 shapes, choice 1; seed 1; 24 points."
-    assert "Every pose stayed in every repetition." in said[3]
+    assert said[0] == "5 of 5 poses stayed within 20 deg of the others' in every repetition."
+    assert said[1] == "5 shapes aligned again 3 times: 4 shapes, choice 1; seed 1; 24 points."
     names = ["stability.csv", "stability.html", "stability.json", "stability.png"]
-    assert sorted(Path(line).name for line in said[5:]) == names
+    assert sorted(Path(line).name for line in said[-4:]) == names
     page = (result / "stability.html").read_text()
     assert "5 shapes aligned again 3 times" in page
+    assert "Of the 0 shapes" not in page
+    assert 'href="report.html"' in page
     assert page.count("<tr>") == 6
     assert page.count("<td>100 %</td>") >= 5
     assert "data:image/png;base64," in page
@@ -82,9 +84,9 @@ def test_a_pose_that_only_the_result_has_is_found(result: Path, tmp_path: Path) 
     assert stays[2] == 0.0
     assert (np.delete(stays, 2) == 1.0).all()
     assert found.chirality_stays.min() == 1.0
-    assert f"{view.names[2]} (0 %)" in stability_summary(found)[3]
+    assert f"{view.names[2]} (0 %)" in stability_summary(found)[1]
     nearly = replace(found, neighbours=np.full_like(found.neighbours, 0.996))
-    assert "neighbours stay in 99 %" in stability_summary(nearly)[2]
+    assert "nearest neighbours in 99 %" in stability_summary(nearly)[3]
     page = write_stability_page(found, b"", tmp_path / "page.html").read_text()
     first = page.split("<tr>")[2]
     assert first.startswith(f"<td>{view.names[2]}</td>")  # the least stable shape comes first

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from collalign.output.write import REPORT_FILE
 from collalign.products.collection import DOUBT
 from collalign.products.evidence import json_types
 from collalign.tools.stability.result import Stability
@@ -87,22 +88,28 @@ def stability_record(stability: Stability) -> dict[str, object]:
 
 
 def stability_summary(stability: Stability) -> tuple[str, ...]:
-    """Return what came out, in five lines."""
+    """Return what came out, a sentence each: the verdict first."""
     names, poses = stability.names, stability.pose_stays
     doubted = ~(stability.confidence >= DOUBT)
-    moved = [i for i in least_stable(stability) if poses[i] < 1.0]
+    compared = least_stable(stability)
+    moved = [i for i in compared if poses[i] < 1.0]
     worst = ", ".join(f"{names[i]} ({percent(poses[i])})" for i in moved[:_MAX_NAMES])
     more = f" and {len(moved) - _MAX_NAMES} more" if len(moved) > _MAX_NAMES else ""
-    sure = sum(not doubted[i] for i in moved)
-    return (
+    lines = [
+        f"{len(compared) - len(moved)} of {len(compared)} poses stayed within {stability.stay_deg:.0f} deg of the "
+        "others' in every repetition.",
         f"{len(names)} shapes aligned again {len(stability.repetitions)} times: {'; '.join(stability.repetitions)}.",
-        f"Poses stay within {stability.stay_deg:.0f} deg of the others' in {_percent(poses)}, mirror images stay in "
-        f"{_percent(stability.chirality_stays)}.",
-        f"Nearest neighbours stay in {_percent(stability.neighbours_stay)}.",
-        f"Least stable, look at them first: {worst}{more}." if moved else "Every pose stayed in every repetition.",
-        f"Of the {len(moved)} shapes that moved, {sure} had not been called doubtful; of the {int(doubted.sum())} "
-        f"doubtful ones {sum(poses[i] == 1.0 for i in np.flatnonzero(doubted))} never moved.",
-    )
+        f"Poses stay in {_percent(poses)} of the repetitions, mirror images in "
+        f"{_percent(stability.chirality_stays)}, nearest neighbours in {_percent(stability.neighbours_stay)}.",
+    ]
+    if moved:
+        sure = sum(not doubted[i] for i in moved)
+        lines.insert(1, f"Least stable, look at them first: {worst}{more}.")
+        lines.append(f"Of the {len(moved)} shapes that moved, {sure} had not been called doubtful.")
+    if doubted.any():
+        still = sum(poses[i] == 1.0 for i in np.flatnonzero(doubted))
+        lines.append(f"Of the {int(doubted.sum())} doubtful shapes {still} never moved.")
+    return tuple(lines)
 
 
 def write_stability_page(stability: Stability, plot: bytes, path: Path) -> Path:
@@ -122,7 +129,9 @@ def write_stability_page(stability: Stability, plot: bytes, path: Path) -> Path:
     lines = "".join(f"<li>{html.escape(line)}</li>" for line in stability_summary(stability))
     table = html_table("Stability of every shape", [_TITLES[column] for column in _COLUMNS], rows)
     drawn = "Change of every pose in every repetition, the least stable shapes first"
-    return write_html_page(path, "How stable the poses are", f"<ul>{lines}</ul>\n{table}\n{html_figure(plot, drawn)}")
+    back = f'<p><a href="{REPORT_FILE}">The report of this result</a></p>'
+    body = f"<ul>{lines}</ul>\n{back}\n{table}\n{html_figure(plot, drawn)}"
+    return write_html_page(path, "How stable the poses are", body)
 
 
 def _cell(column: str, value: object) -> str:
@@ -151,7 +160,9 @@ def draw_stability(stability: Stability, path: Path) -> Path:
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.set_facecolor("lightgrey")
-    image = axes.imshow(stability.changes_deg[:, chosen].T, cmap="viridis", vmin=0, vmax=180, aspect="auto")
+    image = axes.imshow(
+        stability.changes_deg[:, chosen].T, cmap="viridis", vmin=0, vmax=stability.stay_deg, aspect="auto"
+    )
     for column, row in zip(*np.nonzero(~stability.same_chirality[:, chosen]), strict=True):
         axes.text(column, row, "mirrored", ha="center", va="center", fontsize=6, color="tab:red")
     words = [f"{stability.names[i]}  {100 * stability.pose_stays[i]:.0f} %" for i in chosen]
@@ -160,7 +171,7 @@ def draw_stability(stability: Stability, path: Path) -> Path:
     axes.set_xticks(range(num), stability.repetitions, rotation=60, ha="right", fontsize=7)
     axes.set_title(f"Poses that stay within {stability.stay_deg:.0f} deg, of all repetitions", fontsize=9)
     bar = figure.colorbar(image, ax=axes)
-    bar.set_label("change of pose, deg (grey: took no part)", fontsize=8)
+    bar.set_label(f"change of pose, deg ({stability.stay_deg:.0f}: that or more; grey: took no part)", fontsize=8)
     content = io.BytesIO()
     figure.savefig(content, format="png", metadata={"Software": None})
     return write_atomic(path, content.getvalue())

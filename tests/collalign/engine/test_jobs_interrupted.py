@@ -45,6 +45,7 @@ def test_workers_that_are_just_starting_end_without_a_word(
     monkeypatch.setattr(fork_exec, "fork_exec", start_and_interrupt)
     arrived, wakeup = socket.socketpair()
     wakeup.setblocking(False)
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever ran before in this process
     former = signal.set_wakeup_fd(wakeup.fileno())
     done = threading.Event()
     other = threading.Thread(target=done.wait)  # Ctrl-C reaches any thread of a process
@@ -54,6 +55,7 @@ def test_workers_that_are_just_starting_end_without_a_word(
             list(run_jobs(nothing, [("a", 1)], num_jobs=2))
     finally:
         signal.set_wakeup_fd(former)
+        signal.signal(signal.SIGINT, handler)
         done.set()
         other.join()
     wait_until(lambda: not any(map(is_running, started)))
