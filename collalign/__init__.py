@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collalign.align import align_collection
     from collalign.collection import AlignedCollection, LoadedCollection, load
-    from collalign.engine.options import RunOptions
+    from collalign.engine.run_options import RunOptions
     from collalign.extend import add_to_collection
-    from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+    from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
     from collalign.options import AlignOptions, TwoShapeOptions
     from collalign.synchronization import synchronize
     from collalign.tools.certify.result import CertifiedCollection
@@ -64,11 +64,11 @@ _HOMES = {
     "CertifiedCollection": "collalign.tools.certify.result",
     "CertifyOptions": "collalign.tools.certify.rounds",
     "LoadedCollection": "collalign.collection",
-    "NonrigidOptions": "collalign.nonrigid.options",
+    "NonrigidOptions": "collalign.nonrigid.map_options",
     "PartialMatch": "collalign.tools.match.in_part",
     "RigidMatch": "collalign.tools.match.rigid",
-    "RunOptions": "collalign.engine.options",
-    "SurfaceOptions": "collalign.nonrigid.options",
+    "RunOptions": "collalign.engine.run_options",
+    "SurfaceOptions": "collalign.nonrigid.map_options",
     "TwoShapeOptions": "collalign.options",
     "StabilityOptions": "collalign.tools.stability.run",
     "add_to_collection": "collalign.extend",

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from collalign.collection import AlignedCollection
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.engine.store.layout import FINISHED
 from collalign.options import AUTO, AlignOptions, AlignSession
-from collalign.products.collection import ConsistentMaps, RunRecord
+from collalign.products.aligned_collection import ConsistentMaps, RunRecord
 from collalign.products.pair import FormerPairs
 from collalign.products.shapes import Constraints, Shapes
 from collalign.stages import steps
@@ -24,7 +24,7 @@ from collalign.stages.incomplete.detect import MIN_SHAPES, find_incomplete, told
 from collalign.stages.incomplete.grow import align_scans
 from collalign.stages.pairs.match import num_reused_pairs
 from collalign.stages.poses.placement import common_positions, in_label_order
-from collalign.stages.shapes import prepare_shapes
+from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.errors import CollectionError, InputError

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.estimate import RunEstimate, estimate_run
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions, options_from_record
 from collalign.stages.pairs.choose import planned_edges
 from collalign.stages.pairs.match import pair_key
-from collalign.stages.shapes import shape_keys
+from collalign.stages.shape_stage import shape_keys
 from collalign.stages.trial import later_work, try_shapes
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import read_toml, resolved

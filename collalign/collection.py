@@ -7,13 +7,13 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.output.browsing import Browsable
-from collalign.output.evidence.file import load_view
+from collalign.output.evidence.evidence_file import load_view
 from collalign.output.evidence.gather import part_numbers
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.output.write import CORRESPONDENCES_FILE, MESH_FOLDER, WRITER, inputs_of, save_collection
-from collalign.products.collection import Collection, ConsistentMaps
+from collalign.products.aligned_collection import Collection, ConsistentMaps
 from collalign.products.evidence import CollectionView
 from data_tools.arrays import IntArray, as_indices, read_only
 from data_tools.errors import InputError
@@ -27,7 +27,7 @@ from data_tools.threads import one_blas_thread
 
 
 class AlignedCollection(Browsable, Collection):
-    """The result of :func:`collalign.align_collection`: a :class:`~collalign.products.collection.Collection`.
+    """The result of :func:`collalign.align_collection`: a :class:`~collalign.products.aligned_collection.Collection`.
 
     ``len``, indexing and iteration give the shapes; notebooks show a table and a picture.
     """

@@ -9,9 +9,9 @@ import numpy as np
 
 from collalign.align import align_listing
 from collalign.collection import AlignedCollection
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
-from collalign.output.evidence.file import load_view, source_files
+from collalign.output.evidence.evidence_file import load_view, source_files
 from collalign.output.write import recorded_incomplete, recorded_options
 from collalign.products.pair import FormerPairs
 from collalign.products.shapes import Excluded

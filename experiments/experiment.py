@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from collalign.engine.jobs.job import Job, Wanted
 from collalign.engine.jobs.progress import ProgressBar
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.engine.store.records import Record
 from collalign.engine.store.store import Store

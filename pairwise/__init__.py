@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pairwise.branch_and_bound.poses import PoseList, PoseRegion, all_poses
+    from pairwise.branch_and_bound.pose_lists import PoseList, PoseRegion, all_poses
     from pairwise.branch_and_bound.prove import Proof, prove
     from pairwise.certificates.certificate import Certificate
     from pairwise.certificates.verify import verify_certificate
@@ -38,12 +38,12 @@ _HOMES = {
     "Certificate": "pairwise.certificates.certificate",
     "DensePoints": "pairwise.dense.points",
     "MatchOptions": "pairwise.options",
-    "PoseList": "pairwise.branch_and_bound.poses",
-    "PoseRegion": "pairwise.branch_and_bound.poses",
+    "PoseList": "pairwise.branch_and_bound.pose_lists",
+    "PoseRegion": "pairwise.branch_and_bound.pose_lists",
     "Problem": "pairwise.problem.problem",
     "Proof": "pairwise.branch_and_bound.prove",
     "Status": "pairwise.status",
-    "all_poses": "pairwise.branch_and_bound.poses",
+    "all_poses": "pairwise.branch_and_bound.pose_lists",
     "match": "pairwise.matching",
     "prove": "pairwise.branch_and_bound.prove",
     "refine_pose": "pairwise.dense.refine",

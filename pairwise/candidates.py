@@ -10,7 +10,7 @@ from data_tools.arrays import read_only
 from data_tools.poses import SAME_DEG
 from data_tools.rotations import rotation_angles
 from pairwise.local.local_search import LocalMinima
-from pairwise.local.search import distinct
+from pairwise.local.rotation_search import distinct
 from pairwise.options import MatchOptions
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem

@@ -1,6 +1,6 @@
 """Match two point sets: the best pose found, the plausible alternatives, and what is proven about them.
 
-The steps are public functions of :mod:`pairwise.portfolio`, :mod:`pairwise.local.search`,
+The steps are public functions of :mod:`pairwise.portfolio`, :mod:`pairwise.local.rotation_search`,
 :mod:`pairwise.pm_sdp.rounding` and :mod:`pairwise.local.local_search`; this module composes them.
 """
 

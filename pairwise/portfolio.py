@@ -15,7 +15,7 @@ from data_tools.arrays import FloatArray
 from pairwise.branch_and_bound.prove import can_certify
 from pairwise.candidates import distinct_candidates, rank
 from pairwise.local.local_search import merge, minimise
-from pairwise.local.search import explore, look_around
+from pairwise.local.rotation_search import explore, look_around
 from pairwise.options import MatchOptions
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations
 from pairwise.problem.problem import Problem

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pairwise.local.local_search import LocalMinima
-from pairwise.local.search import explore, look_around
+from pairwise.local.rotation_search import explore, look_around
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 

@@ -13,7 +13,7 @@ import pytest
 
 import collalign
 import pairwise
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.tools.export.run import export
 from data_tools.errors import CollalignError
 

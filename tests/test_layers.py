@@ -167,11 +167,13 @@ def test_the_check_sees_a_tool_that_imports_another() -> None:
 
 
 def test_the_check_sees_a_step_up_and_a_sibling() -> None:
-    assert wrong_rooms("products", {"collalign.stages.shapes"}) == {"collalign.stages.shapes"}
+    assert wrong_rooms("products", {"collalign.stages.shape_stage"}) == {"collalign.stages.shape_stage"}
     assert wrong_rooms("output", {"collalign.collection"}) == {"collalign.collection"}
-    assert wrong_rooms("synchronization", {"collalign.products.collection"}) == {"collalign.products.collection"}
+    assert wrong_rooms("synchronization", {"collalign.products.aligned_collection"}) == {
+        "collalign.products.aligned_collection"
+    }
     assert not wrong_rooms("synchronization", {"collalign.products.pair", "collalign.synchronization.solve", "numpy"})
-    assert not wrong_rooms("cli", {"collalign.stages.shapes"})
+    assert not wrong_rooms("cli", {"collalign.stages.shape_stage"})
 
 
 def test_the_list_of_rooms_has_no_circle() -> None:
@@ -187,6 +189,22 @@ def test_no_folder_is_a_warehouse() -> None:
     assert not overfull([f"a/b/m{i}.py" for i in range(16)] + ["a/b/__init__.py"])
 
 
+#: Stems that every tool may have.
+TOOL_STEMS = ("run", "files", "command", "result")
+
+
+def repeated_stems(paths: list[str]) -> list[str]:
+    """Return the stems of modules that a package has more than once, those that tools share set aside."""
+    own = [p for p in paths if not p.endswith("__init__.py") and not ("/tools/" in p and Path(p).stem in TOOL_STEMS)]
+    return sorted(stem for stem, count in Counter(Path(p).stem for p in own).items() if count > 1)
+
+
+@pytest.mark.parametrize("package", ALLOWED)
+def test_a_file_name_says_where_it_is(package: str) -> None:
+    assert repeated_stems([f.relative_to(ROOT).as_posix() for p, f in sources() if p == package]) == []
+    assert repeated_stems(["a/poses.py", "a/b/poses.py", "a/tools/x/run.py", "a/tools/y/run.py"]) == ["poses"]
+
+
 def test_surfaces_know_nothing_of_embeddings() -> None:
     below, above = DATA_FOLDERS
     imported = [imported_modules(ast.parse(f.read_text("utf-8"))) for f in (ROOT / "data_tools" / below).glob("*.py")]
@@ -196,7 +214,7 @@ def test_surfaces_know_nothing_of_embeddings() -> None:
 #: Says the unit, not a choice.
 HALF_TURN_DEG = 180.0
 #: Holds a published hash, number by number.
-PUBLISHED = ROOT / "collalign" / "stages" / "pairs" / "graph.py"
+PUBLISHED = ROOT / "collalign" / "stages" / "pairs" / "sparse_pairs.py"
 
 
 def unnamed_numbers(source: str) -> list[float]:

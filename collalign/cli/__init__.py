@@ -38,10 +38,16 @@ app = App(
 app.meta.suppress_keyboard_interrupt = False
 #: Each command's function and its line in the help; a function is imported when its command is called.
 _COMMANDS = {
-    "align": ("collalign.cli.align:align", "Align all shapes of a folder."),
-    "demo": ("collalign.cli.align:demo", "Generate a small collection, align it, and compare with the truth."),
-    "add": ("collalign.cli.align:add", "Align new shapes to a finished result without moving the old ones."),
-    "batch": ("collalign.cli.batch:batch", "Align many folders; a folder that fails does not stop the others."),
+    "align": ("collalign.cli.align_command:align", "Align all shapes of a folder."),
+    "demo": (
+        "collalign.cli.align_command:demo",
+        "Generate a small collection, align it, compare with the truth.",
+    ),
+    "add": ("collalign.cli.align_command:add", "Align new shapes to a finished result without moving the old ones."),
+    "batch": (
+        "collalign.cli.batch_command:batch",
+        "Align many folders; one that fails does not stop the others.",
+    ),
     "status": ("collalign.cli.status:status", "Say how much of a run is done, failed and left."),
     "repair": ("collalign.cli.status:repair", "Discard the damaged records of a store."),
     "verify": ("collalign.cli.results:verify", "Check the certificates of a result made with --certify."),

@@ -12,7 +12,7 @@ from typing import Any, Generic, Literal, TypeAlias, TypeVar
 from collalign.engine.jobs.job import Job, K, Results, Runner, T, Wanted, table_of_stored
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.jobs.run import JobResult, SharedTable, end_runs, run_jobs
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import KINDS, STAGE
 from collalign.engine.store.store import Store
 from data_tools.errors import InputError, SolveFailed

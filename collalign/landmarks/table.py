@@ -10,7 +10,7 @@ import numpy as np
 from collalign.landmarks.curves import counting_like, evenly_spaced
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
-from data_tools.landmarks.files import Landmarks, SemilandmarkKind, SemilandmarkRows, Semilandmarks
+from data_tools.landmarks.landmark_files import Landmarks, SemilandmarkKind, SemilandmarkRows, Semilandmarks
 from data_tools.poses import moved_by
 
 

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.confidence.map_model import Evidence
-from collalign.nonrigid.evidence import MIXED_ORIENTATION, judge
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
-from collalign.nonrigid.options import NonrigidOptions
+from collalign.nonrigid.map_evidence import MIXED_ORIENTATION, judge
+from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.nonrigid.refine import Refiner
 from collalign.nonrigid.starts.eigenfunctions import descriptor_start, sign_starts
 from collalign.nonrigid.starts.masks import WAVE_SHARE, candidate_mask, wave_gaps
 from collalign.nonrigid.starts.smooth import SmoothMapper
 from collalign.nonrigid.surface.posed import NUM_FUNCTIONS, NUM_POINTS, first_samples, sampled_surface
-from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray
 from pairwise.local.local_search import LocalMinima, merge
 

@@ -2,7 +2,7 @@
 
 A non-rigid match searches for the map from inside the surfaces alone and takes seconds; from a pose it takes
 milliseconds. The map then says where the pose should be (the rotation that Procrustes takes from it) and whether the
-pose was a good idea (the evidence of :mod:`collalign.nonrigid.evidence`): a pose that puts the back on the front
+pose was a good idea (the evidence of :mod:`collalign.nonrigid.map_evidence`): a pose that puts the back on the front
 leads to a map that is torn, or that does not keep left and right. Where a limb is where another shape has its other
 one, closest points exchange them at every pose; there the signs of the lowest eigenfunctions start from within.
 """
@@ -16,8 +16,8 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from collalign.confidence.map_model import Evidence
-from collalign.nonrigid.evidence import judge
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
+from collalign.nonrigid.map_evidence import judge
 from collalign.nonrigid.refine import Refiner, unit_rows
 from collalign.nonrigid.surface.posed import PosedSurface
 from data_tools.arrays import FloatArray, IntArray

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from collalign.nonrigid.evidence import paired_forms
 from collalign.nonrigid.functional_map import FunctionalMap, ZoomOut, mutual_nearest_rows, zoomout_sizes
-from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.nonrigid.map_evidence import paired_forms
+from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
 
 #: Root mean square weight of a curvature relative to one eigenfunction in nearest neighbours.

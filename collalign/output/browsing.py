@@ -13,7 +13,7 @@ from typing import Any, Literal, overload
 import numpy as np
 
 from collalign.output.contact_sheet import contact_sheet, tile_of
-from collalign.products.collection import DOUBT, ConsistentMaps, position_of
+from collalign.products.aligned_collection import DOUBT, ConsistentMaps, position_of
 from collalign.products.deformation import VertexMaps
 from collalign.products.pair import Alternative, Pair
 from data_tools.arrays import FloatArray, IntArray, one_line

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from collalign.products.collection import Collection
+from collalign.products.aligned_collection import Collection
 from data_tools.io.output_folder import OutputFolder
 
 CERTIFICATE_FOLDER = "certificates"

@@ -16,7 +16,7 @@ from collalign.engine.jobs.run import run_jobs
 from collalign.output.contact_sheet import Tile, tile_of
 from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.output.vertex_maps import PlaceColours, at_vertices
-from collalign.products.collection import Collection
+from collalign.products.aligned_collection import Collection
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh

@@ -15,12 +15,12 @@ from collalign.confidence.candidate_model import candidate_chances
 from collalign.options import AlignOptions, options_from_record
 from collalign.output.certificates import write_certificates
 from collalign.output.contact_sheet import ContactSheet
-from collalign.output.evidence.file import EVIDENCE_FILE, save_view
+from collalign.output.evidence.evidence_file import EVIDENCE_FILE, save_view
 from collalign.output.evidence.gather import view_collection
 from collalign.output.report.page import Page, report_pages
 from collalign.output.shape_files import ShapeParts, share_out, write_shapes
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, VERTEX_MAPS_PICTURE, PlaceColours, save_vertex_maps
-from collalign.products.collection import Collection
+from collalign.products.aligned_collection import Collection
 from collalign.products.evidence import CollectionView
 from collalign.products.trust import KINDS
 from data_tools.errors import InputError

@@ -1,8 +1,8 @@
 """What the report, the exports, the classification and the desktop viewer need of an aligned collection.
 
-A :class:`CollectionView` is a plain record. ``AlignedCollection`` makes one, :mod:`collalign.output.evidence.file`
-writes it into the result's folder and reads it back, and nothing else of the toolkit is needed to show or export a
-result.
+A :class:`CollectionView` is a plain record. ``AlignedCollection`` makes one,
+:mod:`collalign.output.evidence.evidence_file` writes it into the folder and reads it back, and nothing else of
+the toolkit is needed to show or export a result.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from collalign.products.collection import position_of
+from collalign.products.aligned_collection import position_of
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair, Pairs
 from data_tools.arrays import BoolArray, FloatArray, IntArray

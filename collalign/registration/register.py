@@ -10,8 +10,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial import cKDTree
 
 from collalign.registration.field import SmoothField, gaussian_kernel
-from collalign.registration.options import RegistrationOptions
 from collalign.registration.pose import fitting_similarity
+from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError

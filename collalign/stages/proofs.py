@@ -23,7 +23,7 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.pairs.match import pair_key
 from collalign.stages.poses.synchronize import synchronize_pairs
-from collalign.stages.shapes import SAMPLING
+from collalign.stages.shape_stage import SAMPLING
 from collalign.stages.surface_gap import surface_gaps
 from collalign.synchronization import SynchronizationResult
 from collalign.synchronization.resolve import SAME_POSE_RAD
@@ -31,7 +31,7 @@ from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.percent import percent
 from data_tools.rotations import rotation_angles
-from pairwise.branch_and_bound.poses import PoseList, list_poses
+from pairwise.branch_and_bound.pose_lists import PoseList, list_poses
 from pairwise.certificates.certificate import Certificate
 from pairwise.status import Status
 

@@ -18,7 +18,7 @@ from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Constraints, Excluded, Shapes
 from collalign.products.trust import Trust
 from collalign.stages.chirality.pilot import decide_group
-from collalign.stages.deformation.solve import map_vertices, vertex_notes
+from collalign.stages.deformation.deform import map_vertices, vertex_notes
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.rivals import try_rivals
 from collalign.stages.evidence.weigh import weigh_pairs

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.engine.estimate import Work, estimate_run
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.engine.store.layout import Costs
 from collalign.options import AUTO, AlignOptions, AlignSession
@@ -20,10 +20,10 @@ from collalign.stages.chirality.pilot import MOST_SHAPES
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.incomplete.detect import MIN_SHAPES
-from collalign.stages.pairs.graph import all_pairs
 from collalign.stages.pairs.match import match_pairs
+from collalign.stages.pairs.sparse_pairs import all_pairs
 from collalign.stages.poses.refinement import NUM_NEIGHBOURS, NUM_ROUNDS
-from collalign.stages.shapes import prepare_shapes
+from collalign.stages.shape_stage import prepare_shapes
 from data_tools.io.shapes import FolderListing, read_shape
 from pairwise.dense.refine import refine_pose
 

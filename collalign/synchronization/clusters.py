@@ -8,7 +8,7 @@ import numpy as np
 from scipy.cluster.vq import kmeans2
 from scipy.linalg import eigh
 
-from collalign.synchronization.problem.geometry import transposed
+from collalign.synchronization.problem.frames import transposed
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solve import synchronize_graph

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from collalign.synchronization.problem.geometry import angles_rad, relative, transposed
+from collalign.synchronization.problem.frames import angles_rad, relative, transposed
 from collalign.synchronization.problem.graph import PairGraph
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.checks import check_pattern
-from collalign.synchronization.problem.geometry import angles_rad, relative, transposed
+from collalign.synchronization.problem.frames import angles_rad, relative, transposed
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solvers.blockwise import (

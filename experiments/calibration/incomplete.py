@@ -13,11 +13,11 @@ import numpy as np
 from collalign.align import align_collection
 from collalign.collection import AlignedCollection
 from collalign.confidence import incomplete_model
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.stages.incomplete import detect
-from collalign.stages.shapes import prepare_shapes
+from collalign.stages.shape_stage import prepare_shapes
 from data_tools.arrays import BoolArray
 from data_tools.embedding.embedding import Samples
 from data_tools.io.objects import list_shapes

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from collalign.confidence import map_model
-from collalign.nonrigid.options import NonrigidOptions
+from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.portfolio import Refined, find_candidates, full_harmonic
 from collalign.nonrigid.refine import between_files
 from collalign.tools.match import nonrigid as match

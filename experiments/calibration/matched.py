@@ -8,14 +8,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.pairs.graph import all_pairs
 from collalign.stages.pairs.match import match_pairs
-from collalign.stages.shapes import prepare_shapes
+from collalign.stages.pairs.sparse_pairs import all_pairs
+from collalign.stages.shape_stage import prepare_shapes
 from data_tools.io.objects import list_shapes
 from experiments.collections.aligning import pose_some
 from experiments.collections.posed import PosedCollection

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from collalign.align import align_collection
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.options import AlignOptions
 from collalign.synchronization.problem import model
 from data_tools.rotations import rotation_angle_deg

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from collalign.registration import register
-from collalign.registration.options import RegistrationOptions
 from collalign.registration.pose import fitting_similarity
+from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import FloatArray
 from data_tools.poses import moved_by

@@ -13,10 +13,10 @@ import numpy as np
 
 from collalign.align import align_collection
 from collalign.collection import AlignedCollection
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.store.records import Record
 from collalign.options import AlignOptions, PairOptions
-from collalign.products.collection import DOUBT
+from collalign.products.aligned_collection import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape

@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from collalign.align import align_collection
 from collalign.analysis.procrustes import best_rotations, procrustes_distances
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.store.records import Record
 from collalign.tools.classify.surface_distance import (
     distances_at_poses,

@@ -12,7 +12,7 @@ import numpy as np
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.collection import AlignedCollection
 from collalign.engine.store.records import Record
-from collalign.products.collection import DOUBT
+from collalign.products.aligned_collection import DOUBT
 from data_tools.io.shapes import write_mesh
 from experiments.collections.landmarked import COLLECTIONS, RIGHT_DEG, read_dataset
 from experiments.collections.posed import PosedCollection, pose_collection

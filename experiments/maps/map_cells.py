@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.store.records import Record
-from collalign.nonrigid.options import SurfaceOptions
+from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.portfolio import screening_refiner
-from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from collalign.tools.match.nonrigid import match_prepared
 from collalign.tools.match.prepare import prepare_shape
 from collalign.tools.match.result import NonrigidMatch

@@ -36,7 +36,7 @@ class Trial:
     options : dict
         Of the paper's chain: its ``strategy``, "paper" or "fast", and a ``mask_share``; none for the default.
     surface : dict
-        Of :class:`collalign.nonrigid.options.SurfaceOptions`, where they are not the defaults, and the ``operator``.
+        Of :class:`~collalign.nonrigid.map_options.SurfaceOptions`, where not the defaults, and the ``operator``.
     """
 
     label: str

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
-from collalign.nonrigid.options import NonrigidOptions
+from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.portfolio import Refined, judged
 from collalign.nonrigid.starts.eigenfunctions import descend_maps
 from collalign.nonrigid.starts.masks import candidate_mask
-from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from collalign.tools.match.nonrigid import confidence, match_of
 from collalign.tools.match.result import NonrigidMatch
 from data_tools.arrays import BoolArray, FloatArray, IntArray

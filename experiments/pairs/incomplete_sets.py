@@ -16,10 +16,10 @@ from scipy.spatial import cKDTree
 from collalign.align import align_collection
 from collalign.collection import AlignedCollection
 from collalign.confidence.overlap_model import certainty, rival_margin
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.store.records import Record
 from collalign.options import ALL, AUTO, NEVER, AlignOptions
-from collalign.products.collection import DOUBT
+from collalign.products.aligned_collection import DOUBT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.embedding.surface_points import surface_points

@@ -18,8 +18,8 @@ from experiments.figures.exhaustive import minimise_each
 from experiments.pairs.posed_samples import COLLECTIONS, posed_pairs
 from experiments.tables import Column, Row, Table
 from pairwise.local.local_search import minimise
+from pairwise.local.rotation_search import mirror_points
 from pairwise.local.rotation_sets import random_rotations
-from pairwise.local.search import mirror_points
 from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
 from pairwise.problem.pattern import RotationPattern
@@ -52,7 +52,7 @@ def of_chirality(problem: Problem, *, reflected: bool) -> Problem:
     """Return the problem with the rotation block's determinant fixed to +1; itself where the group fixes it already.
 
     For poses of determinant -1 the source's first coordinate is negated: negate the first column of the solutions,
-    too (:func:`pairwise.local.search.mirror_rotations`).
+    too (:func:`pairwise.local.rotation_search.mirror_rotations`).
     """
     if problem.pattern.special_blocks:
         return problem

@@ -16,7 +16,7 @@ from experiments.collections.landmarked import TEETH_FOLDER
 from experiments.datasets import Dataset, read_teeth
 from experiments.experiment import Cell
 from experiments.figures.planted import planted_problem
-from pairwise.branch_and_bound.poses import list_poses
+from pairwise.branch_and_bound.pose_lists import list_poses
 from pairwise.branch_and_bound.prove import prove
 from pairwise.certificates.verify import verify_certificate
 from pairwise.local.local_search import minimise

@@ -19,7 +19,7 @@ from data_tools.checks import check_choice
 from data_tools.poses import Similarity, turn_deg
 from data_tools.threads import one_blas_thread
 from pairwise.local.rotation_sets import rotation_set
-from pairwise.partial.poses import NORMAL_WEIGHT, Counterparts, counterparts, step
+from pairwise.partial.counterparts import NORMAL_WEIGHT, Counterparts, counterparts, step
 from pairwise.partial.surface import PartialSurface
 
 #: Rotations that are searched, about 20 degrees apart; per chirality.

@@ -42,7 +42,7 @@ NUM_GENERATED = 1000
 #: Functions whose calls are timed, by stage: module and name, or class and name.
 KERNELS = {
     "shapes": (
-        "stages.shapes:prepare_shapes",
+        "stages.shape_stage:prepare_shapes",
         "io.shapes:read_shape",
         "surface.cleaning:clean",
         "surface.geodesics:GeodesicSolver.__init__",

@@ -13,7 +13,7 @@ import pytest
 
 from collalign.batch import estimate_job, read_batch
 from collalign.cli import main
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError, OptionsError

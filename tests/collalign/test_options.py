@@ -3,7 +3,7 @@ import dataclasses
 import joblib
 import pytest
 
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.options import AlignOptions
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions

@@ -14,7 +14,7 @@ import collalign
 from collalign.cli import main
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
-from collalign.output.evidence.file import load_view, save_view
+from collalign.output.evidence.evidence_file import load_view, save_view
 from collalign.output.verify import verify_result
 from collalign.output.verify_collection import CheckedCollection
 from collalign.tools.certify.files import certification_summary

@@ -13,7 +13,7 @@ import pytest
 
 import collalign
 from collalign.cli import main
-from collalign.output.evidence.file import load_view, save_view
+from collalign.output.evidence.evidence_file import load_view, save_view
 from collalign.output.report.shown import shown_part
 from collalign.tools.export.run import export
 from collalign.tools.transfer.result import CARRIED, MISSING_PLACE
@@ -22,7 +22,7 @@ from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.errors import CollectionError
 from data_tools.io.shapes import read_shape, write_mesh
-from data_tools.landmarks.files import Landmarks
+from data_tools.landmarks.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.topology import mesh_edges

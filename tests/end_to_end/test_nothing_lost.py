@@ -12,7 +12,7 @@ import pytest
 from collalign import RunOptions, align_collection
 from collalign.cli import main
 from collalign.collection import AlignedCollection
-from collalign.output.evidence.file import load_view, save_view
+from collalign.output.evidence.evidence_file import load_view, save_view
 from collalign.tools.export.run import FORMATS, export
 from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair

@@ -15,7 +15,7 @@ import collalign
 from collalign.cli import main
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
-from collalign.output.evidence.file import load_view, save_view
+from collalign.output.evidence.evidence_file import load_view, save_view
 from collalign.tools.stability.files import stability_summary, write_stability_page
 from collalign.tools.stability.run import StabilityOptions, repetitions
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection

@@ -14,7 +14,7 @@ from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
-from data_tools.landmarks.files import Landmarks
+from data_tools.landmarks.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
 

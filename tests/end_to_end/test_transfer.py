@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 
 import collalign
 from collalign.cli import main
-from collalign.output.evidence.file import load_view, save_view
+from collalign.output.evidence.evidence_file import load_view, save_view
 from collalign.tools.correspond.run import reference_shape
 from collalign.tools.transfer.result import CARRIED, DOUBTFUL_POSE, NO_COUNTERPART, PLACED
 from data_tools.arrays import FloatArray
@@ -24,7 +24,7 @@ from data_tools.datasets.synthetic_shapes import chair
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
-from data_tools.landmarks.files import Landmarks, read_landmarks
+from data_tools.landmarks.landmark_files import Landmarks, read_landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape

@@ -17,7 +17,7 @@ from data_tools.datasets.synthetic import PlantedCollection, bent, planted_colle
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import CollalignError
-from data_tools.landmarks.files import Landmarks
+from data_tools.landmarks.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 
 BODY = figure(resolution=1)

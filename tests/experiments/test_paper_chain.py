@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from collalign.nonrigid.options import SurfaceOptions
+from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.tools.match.prepare import prepare_shape
 from data_tools.datasets.synthetic import bent, shuffled
 from data_tools.datasets.synthetic_shapes import figure

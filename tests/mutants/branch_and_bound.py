@@ -65,7 +65,7 @@ BRANCH_AND_BOUND: tuple[Mutant, ...] = (
         ("_proof", "min(*bounds.values(), best.energy)", "min(max(bounds.values()), best.energy)"),
     ),
     *faults(
-        "pairwise/branch_and_bound/poses.py",
+        "pairwise/branch_and_bound/pose_lists.py",
         (_T + "test_poses.py",),
         ("PoseRegion.holds", "<= self.radii_rad", "<= 0.5 * self.radii_rad"),
         ("PoseList.candidates", "c.energy <= self.energy", "True"),

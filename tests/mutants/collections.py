@@ -233,7 +233,7 @@ NONRIGID: tuple[Mutant, ...] = (
         ("Evidence.map_score", "1.0 - abs(self.orientation)", "1.0 - self.orientation"),
     ),
     *faults(
-        "collalign/nonrigid/evidence.py",
+        "collalign/nonrigid/map_evidence.py",
         ("tests/collalign/nonrigid/test_nonrigid_evidence.py",),
         (
             "_commutativity_gap",
@@ -244,7 +244,7 @@ NONRIGID: tuple[Mutant, ...] = (
         ("paired_forms", "sign * pulled", "pulled"),
     ),
     *faults(
-        "collalign/nonrigid/evidence.py",
+        "collalign/nonrigid/map_evidence.py",
         ("tests/collalign/nonrigid/test_harmonic.py",),
         ("_stretch", "images[neighbours[:, 1:]] - images[:, None]", "images[neighbours[:, :1]] - images[:, None]"),
     ),
@@ -256,7 +256,7 @@ NONRIGID: tuple[Mutant, ...] = (
         ("HarmonicRefiner._nearest", "self._target, forward, backward", "self._target, backward, forward"),
     ),
     *faults(
-        "collalign/nonrigid/starts/tips.py",
+        "collalign/nonrigid/starts/matched_tips.py",
         ("tests/collalign/nonrigid/test_harmonic.py",),
         ("tip_matchings", "LEFT_OUT * (s - 1)", "LEFT_OUT"),
         ("tip_matchings", "added[known, at[known]] = np.inf", "pass"),

@@ -21,7 +21,7 @@ INCOMPLETE: tuple[Mutant, ...] = (
         ("mean_of_what_is_there", "np.where((total > 0)[:, None], mean, source)", "source"),
     ),
     *faults(
-        "collalign/output/report/incomplete.py",
+        "collalign/output/report/coverage.py",
         ("tests/collalign/output/test_report_incomplete.py",),
         ("_missing_part", "lacks = ~own.has(carried)", "lacks = own.has(carried)"),
         ("_typical", "if not view.is_incomplete[i]", "if True"),

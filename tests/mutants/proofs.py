@@ -118,7 +118,7 @@ MATCHING: tuple[Mutant, ...] = (
         ("certify_dual", 'arrays["u"] = u', 'arrays["u"] = 1.001 * u'),
     ),
     *faults(
-        "pairwise/local/search.py",
+        "pairwise/local/rotation_search.py",
         ("tests/pairwise/local/test_search.py",),
         (
             "initial_rotations",

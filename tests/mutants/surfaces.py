@@ -53,7 +53,7 @@ SURFACES: tuple[Mutant, ...] = (
         ("mirror_map", "values.argmin()", "values.argmax()"),
     ),
     *faults(
-        "collalign/landmarks/placement.py",
+        "collalign/landmarks/on_surface.py",
         ("tests/collalign/landmarks/test_placement.py",),
         ("place_templates", "declared or _system_on(marks, surface)", "declared"),
         ("place_templates", "if system and not declared else set()", "if system else set()"),

@@ -39,7 +39,7 @@ TRUST: tuple[Mutant, ...] = (
         ("with_trust", "confidence[list(constraints.fixed)] = 1.0", "pass"),
     ),
     *faults(
-        "collalign/stages/trust/rivals.py",
+        "collalign/stages/trust/rival_poses.py",
         _TESTS,
         ("rival_poses", "if mirrored else []", "if True else []"),
         ("rival_poses", "~_near(poses, pose[None])[:, 0]", "np.ones(len(poses), dtype=bool)"),

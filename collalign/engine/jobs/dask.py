@@ -18,7 +18,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, TypeAlias
 
 from collalign.engine.jobs.cluster import Cluster
-from collalign.engine.jobs.table import SharedTable
+from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.jobs.worker import Call, Outcome, Task, run_guarded
 from data_tools.errors import CollalignError, OptionsError
 
@@ -84,7 +84,7 @@ class TablePlugin(WorkerPlugin):  # type: ignore[misc]  # its types are not look
     name : str
         Of the table.
     data : bytes
-        The file of a :class:`~collalign.engine.jobs.table.SharedTable`.
+        The file of a :class:`~collalign.engine.jobs.shared_table.SharedTable`.
     """
 
     def __init__(self, name: str, data: bytes) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
 from typing import Any, Generic, TypeVar
 
-from collalign.engine.jobs.table import SharedTable
+from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.store import Store
 from collalign.engine.store.typed import Reader, fields_of, from_record, to_record

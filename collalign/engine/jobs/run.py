@@ -12,7 +12,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any, TypeAlias
 
 from collalign.engine.jobs.local import run_local
-from collalign.engine.jobs.table import SharedTable
+from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.jobs.worker import Call, Limits, Outcome, Task, run_in_process
 from data_tools.errors import OptionsError
 

@@ -15,7 +15,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
-from collalign.engine.jobs.table import SharedTable
+from collalign.engine.jobs.shared_table import SharedTable
 from data_tools.errors import CollalignError, UnavailableError
 from data_tools.io.locks import PRIVATE
 from data_tools.threads import one_blas_thread

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from collalign.nonrigid.starts.masks import wave_gaps
-from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from data_tools.arrays import BoolArray, IntArray
 from pairwise.local.local_search import LocalMinima, MatchingCosts, minimise, procrustes
 from pairwise.problem.problem import Problem

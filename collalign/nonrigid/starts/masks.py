@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 
 #: Share of the target's samples that each source sample may match, by the wave kernel signature.

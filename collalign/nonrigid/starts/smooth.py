@@ -7,7 +7,7 @@ import numpy as np
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
 from collalign.nonrigid.pose_maps import START_NORMAL_WEIGHT, PoseMapper, start_features
-from collalign.nonrigid.starts.tips import tip_features, tip_matchings
+from collalign.nonrigid.starts.matched_tips import tip_features, tip_matchings
 from data_tools.arrays import FloatArray, IntArray
 
 #: Weights of the Dirichlet energy on the way from a rough start.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature, vertex_normals
-from collalign.nonrigid.surface.spectral import CURVATURE_TIMES, NUM_ORIENTATION, SpectralShape
+from collalign.nonrigid.surface.spectral_shape import CURVATURE_TIMES, NUM_ORIENTATION, SpectralShape
 from collalign.nonrigid.surface.tips import Tips
 from data_tools.arrays import FloatArray, read_only
 from data_tools.embedding.invariants import heat_kernel_signature, standardised

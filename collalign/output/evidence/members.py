@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.products.collection import DOUBT
+from collalign.products.aligned_collection import DOUBT
 from collalign.products.evidence import CollectionView
 from data_tools.arrays import IntArray
 from data_tools.io.csv_cells import csv_text

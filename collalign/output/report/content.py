@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from collalign.output.evidence.camera import camera
 from collalign.output.evidence.members import main_part, statistics_members
-from collalign.output.report.incomplete import incomplete_content
+from collalign.output.report.coverage import incomplete_content
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import offered_poses, own_disagreements_deg
 from collalign.output.report.statistics import cycle_histogram, shape_map, variation
-from collalign.products.collection import DOUBT
+from collalign.products.aligned_collection import DOUBT
 from collalign.products.evidence import CollectionView, json_types
 from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray

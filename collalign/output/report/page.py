@@ -15,7 +15,7 @@ import numpy as np
 
 from collalign.output.report.content import build_content
 from collalign.output.report.shown import MOST_SHOWN, page_members, shown_part, some_shapes
-from collalign.products.collection import DOUBT
+from collalign.products.aligned_collection import DOUBT
 from collalign.products.evidence import CollectionView
 from data_tools.percent import percent
 from data_tools.threads import one_blas_thread

@@ -20,8 +20,8 @@ from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.pairs.graph import all_pairs
 from collalign.stages.pairs.match import match_pairs
+from collalign.stages.pairs.sparse_pairs import all_pairs
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from pairwise.dense.points import DensePoints

@@ -7,7 +7,7 @@ import numpy as np
 from collalign.nonrigid.functional_map import mutual_nearest_rows
 from collalign.registration.fit import fitted_by_map
 from collalign.registration.pieces import MapGoals
-from collalign.stages.deformation.surfaces import VertexSurface
+from collalign.stages.deformation.dense_surfaces import VertexSurface
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape

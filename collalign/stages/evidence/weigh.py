@@ -19,8 +19,8 @@ from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.candidates import PoseWeigher, distinct
-from collalign.stages.evidence.surfaces import StoredSurface, prepare_surfaces
-from collalign.stages.shapes import SAMPLING
+from collalign.stages.evidence.map_surfaces import StoredSurface, prepare_surfaces
+from collalign.stages.shape_stage import SAMPLING
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import InputError

@@ -11,14 +11,14 @@ import numpy as np
 
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
-from collalign.products.collection import Collection, ConsistentMaps
+from collalign.products.aligned_collection import Collection, ConsistentMaps
 from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair
 from collalign.products.shapes import Constraints, Shapes
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.incomplete.place import nearest_labels, place_shape, pose_certainty
-from collalign.stages.incomplete.surfaces import prepare_points
+from collalign.stages.incomplete.posed_points import prepare_points
 from collalign.stages.poses.placement import common_positions
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.percent import percent

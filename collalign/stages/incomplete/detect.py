@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from collalign.confidence.incomplete_model import BEYOND, MISSING_SHARE
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
-from collalign.products.collection import Collection
-from collalign.stages.incomplete.surfaces import surface_from_record
+from collalign.products.aligned_collection import Collection
+from collalign.stages.incomplete.posed_points import surface_from_record
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import SurfacePoints, cloud_rim, plane_normals

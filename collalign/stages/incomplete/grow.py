@@ -17,7 +17,7 @@ import numpy as np
 
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
-from collalign.products.collection import ConsistentMaps
+from collalign.products.aligned_collection import ConsistentMaps
 from collalign.products.shapes import Constraints, Shapes
 from collalign.stages.incomplete.add import (
     CollectionT,
@@ -33,7 +33,7 @@ from collalign.stages.incomplete.place import (
     pose_record,
     settle,
 )
-from collalign.stages.incomplete.surfaces import posed_points, prepare_points
+from collalign.stages.incomplete.posed_points import posed_points, prepare_points
 from collalign.stages.poses.placement import common_positions
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.surface_points import SurfacePoints

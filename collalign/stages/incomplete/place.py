@@ -16,13 +16,13 @@ from scipy.spatial.distance import cdist
 
 from collalign.confidence.overlap_model import certainty, rival_margin
 from collalign.engine.store.records import Record
-from collalign.stages.incomplete.surfaces import posed_points
+from collalign.stages.incomplete.posed_points import posed_points
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.surface_points import SurfacePoints
 from data_tools.poses import AGREE_DEG, Similarity, turn_deg
 from data_tools.threads import one_blas_thread
+from pairwise.partial.counterparts import counterparts
 from pairwise.partial.match import NUM_POINTS, distinct, match_partial, refine, scales_allowed
-from pairwise.partial.poses import counterparts
 from pairwise.partial.surface import PartialSurface
 
 #: Partners that propose poses, those that each proposes, and those of all that are refined on all partners.

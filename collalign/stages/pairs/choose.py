@@ -8,9 +8,9 @@ from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Excluded, Shapes
 from collalign.stages.pairs.descriptor import shape_descriptor
-from collalign.stages.pairs.graph import identity_hashes
 from collalign.stages.pairs.match import match_pairs
 from collalign.stages.pairs.select import adaptive_pairs, extend_pairs, select_pairs
+from collalign.stages.pairs.sparse_pairs import identity_hashes
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray

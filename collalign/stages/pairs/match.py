@@ -14,7 +14,7 @@ from collalign.options import AlignOptions, AlignSession
 from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
 from collalign.products.shapes import Excluded, Shapes
-from collalign.stages.shapes import SAMPLING
+from collalign.stages.shape_stage import SAMPLING
 from collalign.stages.surface_gap import surface_gaps
 from data_tools.arrays import FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from collalign.stages.pairs.graph import (
+from collalign.stages.pairs.sparse_pairs import (
     all_pairs,
     near_partners,
     normalised,
@@ -43,7 +43,7 @@ def select_pairs(strategy: str, hashes: NDArray[np.uint64], descriptors: FloatAr
     strategy : {"all", "sparse", "adaptive"}
         All N(N-1)/2 pairs, or a sparse selection of about N * :data:`DEGREE` / 2; ``"adaptive"`` starts with that.
     hashes : ndarray of uint64, shape (N,)
-        See :func:`collalign.stages.pairs.graph.identity_hashes`.
+        See :func:`collalign.stages.pairs.sparse_pairs.identity_hashes`.
     descriptors : ndarray, shape (N, m), or None
         See :func:`collalign.stages.pairs.descriptor.shape_descriptor`. Without them all sparse partners are random.
 

@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from collalign.engine.jobs.job import Shared, table_of_values
-from collalign.engine.jobs.table import SharedTable
+from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.matching_input import pair_problem

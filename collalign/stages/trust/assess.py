@@ -14,8 +14,8 @@ from collalign.options import AlignSession
 from collalign.products.pair import Alternative, Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
-from collalign.stages.trust.rivals import MAX_PARTNERS, Partner, leads_over, pose_costs, rival_poses
-from collalign.stages.trust.symmetry import near_symmetries
+from collalign.stages.trust.own_turns import near_symmetries
+from collalign.stages.trust.rival_poses import MAX_PARTNERS, Partner, leads_over, pose_costs, rival_poses
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples

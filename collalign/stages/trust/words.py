@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from collalign.confidence.pose_model import is_symmetric, tied_rivals
-from collalign.products.collection import DOUBT
+from collalign.products.aligned_collection import DOUBT
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
-from collalign.stages.trust.symmetry import turns_in_words
+from collalign.stages.trust.own_turns import turns_in_words
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import APART_DEG, turn_deg

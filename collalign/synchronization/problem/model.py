@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import gamma
 
-from collalign.synchronization.problem.geometry import relative
+from collalign.synchronization.problem.frames import relative
 from collalign.synchronization.problem.graph import PairGraph
 from data_tools.arrays import FloatArray, IntArray
 

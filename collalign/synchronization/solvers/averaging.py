@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from collalign.synchronization.problem.geometry import relative
+from collalign.synchronization.problem.frames import relative
 from collalign.synchronization.solvers.least_squares import gauss_newton_step
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import chordal_angles

@@ -10,7 +10,7 @@ import numpy as np
 from collalign.products.pair import Alternative
 from collalign.synchronization.doubt.confidence import Doubts, assess, doubt_sentences
 from collalign.synchronization.gauge import fix_gauge
-from collalign.synchronization.problem.geometry import angles_rad, relative, transposed
+from collalign.synchronization.problem.frames import angles_rad, relative, transposed
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.problem.model import (
     FIXED_WEIGHT,

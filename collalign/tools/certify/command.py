@@ -9,10 +9,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.cli.interruption import resumable
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.output.certificates import CERTIFIER
-from collalign.output.evidence.file import load_view, source_files
+from collalign.output.evidence.evidence_file import load_view, source_files
 from collalign.output.write import inputs_of
 from collalign.tools.certify.files import FILES, certification_summary, write_certification
 from collalign.tools.certify.rounds import CertifyOptions

@@ -13,9 +13,9 @@ import numpy as np
 
 from collalign.align import matched_samples
 from collalign.analysis.pose_changes import pose_changes
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
-from collalign.output.evidence.file import load_view, source_files
+from collalign.output.evidence.evidence_file import load_view, source_files
 from collalign.output.write import recorded_options
 from collalign.products.evidence import CollectionView
 from collalign.products.pair import Pair

@@ -10,7 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.analysis.label_table import read_labels
-from collalign.output.evidence.file import load_view
+from collalign.output.evidence.evidence_file import load_view
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.classify.clouds import posed_clouds
 from collalign.tools.classify.run import Singles, classify_leave_one_out

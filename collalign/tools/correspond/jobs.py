@@ -15,9 +15,9 @@ from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.typed import to_record
 from collalign.products.deformation import VertexMaps
 from collalign.registration.missing import mean_of_what_is_there, missing_vertices, with_cloud_rim
-from collalign.registration.options import RegistrationOptions
 from collalign.registration.pose import fitting_similarity
 from collalign.registration.register import register
+from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.start import bent_by_map, unbent
 from collalign.registration.surface import RegistrationSurface
 from collalign.tools.correspond.map_starts import START_VERSION, MapStart, map_starts

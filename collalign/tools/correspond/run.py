@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
-from collalign.output.evidence.file import load_view
+from collalign.output.evidence.evidence_file import load_view
 from collalign.output.evidence.members import main_part
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.output.write import recorded_options
 from collalign.products.evidence import CollectionView
 from collalign.registration.mean import medoid
-from collalign.registration.options import RegistrationOptions
+from collalign.registration.registration_options import RegistrationOptions
 from collalign.tools.correspond.jobs import PosedFile, correspond
 from collalign.tools.correspond.result import DenseCorrespondence
 from data_tools.arrays import FloatArray, IntArray

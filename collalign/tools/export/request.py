@@ -17,7 +17,7 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.io.coordinate_systems import CoordinateSystem, declared_system
 from data_tools.io.output_folder import output_path
 from data_tools.io.shapes import READERS, read_shape
-from data_tools.landmarks.files import SemilandmarkRows
+from data_tools.landmarks.landmark_files import SemilandmarkRows
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
 

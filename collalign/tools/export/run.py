@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from collalign.output.evidence.file import load_view
+from collalign.output.evidence.evidence_file import load_view
 from collalign.products.evidence import CollectionView
 from collalign.tools.export import fcsv, itk, meshes, morphologika, nts, shapeworks, slicer_json, tables, tps
 from collalign.tools.export.request import ExportRequest, Space
@@ -14,7 +14,7 @@ from data_tools.checks import check_choice
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import CoordinateSystem
 from data_tools.io.output_folder import OutputFolder
-from data_tools.landmarks.files import SemilandmarkRows
+from data_tools.landmarks.landmark_files import SemilandmarkRows
 from data_tools.threads import one_blas_thread
 
 __all__ = ["FORMATS", "Space", "export"]

@@ -12,7 +12,7 @@ from collalign.tools.export.request import ExportRequest
 from data_tools.arrays import FloatArray
 from data_tools.io.coordinate_systems import CoordinateSystem
 from data_tools.io.output_folder import file_stems
-from data_tools.landmarks.files import SemilandmarkRows
+from data_tools.landmarks.landmark_files import SemilandmarkRows
 
 SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"

@@ -12,12 +12,12 @@ from cyclopts import Parameter
 from scipy.spatial import cKDTree
 
 from collalign.engine.jobs.progress import ProgressBar
-from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.options import TwoShapeOptions
-from collalign.products.collection import DOUBT
+from collalign.products.aligned_collection import DOUBT
 from collalign.tools.match.in_part import PartialMatch, match_in_part
+from collalign.tools.match.map_page import vertices_map, write_match_page
 from collalign.tools.match.nonrigid import match_prepared
-from collalign.tools.match.page import vertices_map, write_match_page
 from collalign.tools.match.pictures import draw_match
 from collalign.tools.match.prepare import prepare_file
 from collalign.tools.match.result import NonrigidMatch

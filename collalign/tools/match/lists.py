@@ -10,8 +10,8 @@ from typing import Annotated
 from collalign.engine.jobs.job import Job, Wanted
 from collalign.engine.session import Session
 from collalign.engine.store.records import Record
-from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from collalign.nonrigid.surface.tips import Tips
 from collalign.products.shapes import Excluded
 from collalign.tools.match.nonrigid import match_prepared

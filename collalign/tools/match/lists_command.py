@@ -10,10 +10,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.cli.interruption import INCOMPLETE, resumable
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session, progress_display
 from collalign.engine.store.layout import STORE_FILE
-from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.products.shapes import Excluded
 from collalign.tools.match.lists import MapOptions, match_surfaces, read_pairs
 from data_tools.io.files import write_atomic

@@ -7,11 +7,11 @@ import time
 import numpy as np
 
 from collalign.confidence.map_model import map_confidence
-from collalign.nonrigid.evidence import MIXED_ORIENTATION
-from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.map_evidence import MIXED_ORIENTATION
+from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import FROM_POSES, Refined, find_candidates, full_harmonic
 from collalign.nonrigid.refine import between_files
-from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from collalign.tools.match.prepare import prepare_file
 from collalign.tools.match.result import NonrigidCandidate, NonrigidMatch
 from data_tools.arrays import IntArray, read_only

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from collalign.nonrigid.options import SurfaceOptions
-from collalign.nonrigid.surface.spectral import SpectralShape, SpectrumOf, prepare_surface
-from collalign.tools.match.symmetry import self_maps
+from collalign.nonrigid.map_options import SurfaceOptions
+from collalign.nonrigid.surface.spectral_shape import SpectralShape, SpectrumOf, prepare_surface
+from collalign.tools.match.self_maps import self_maps
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import AS_STORED

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from collalign.confidence.map_model import Evidence
-from collalign.nonrigid.evidence import MIXED_ORIENTATION
+from collalign.nonrigid.map_evidence import MIXED_ORIENTATION
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.files import write_atomic
 from data_tools.io.objects import ShapeLike, as_origin
@@ -118,7 +118,7 @@ class NonrigidMatch:
         target, source : as in :func:`collalign.match_shapes`
             The shapes that were matched.
         """
-        from collalign.tools.match.page import vertices_map
+        from collalign.tools.match.map_page import vertices_map
         from collalign.tools.match.pictures import match_figure
 
         left = read_shape(as_origin(target, self.target_name), AS_STORED, name=self.target_name)

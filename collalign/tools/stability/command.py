@@ -9,9 +9,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.cli.interruption import resumable
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
-from collalign.output.evidence.file import load_view, source_files
+from collalign.output.evidence.evidence_file import load_view, source_files
 from collalign.output.write import inputs_of
 from collalign.tools.stability.files import FILES, WRITER, stability_summary, write_stability
 from collalign.tools.stability.run import StabilityOptions, check_stability

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign.output.write import REPORT_FILE
-from collalign.products.collection import DOUBT
+from collalign.products.aligned_collection import DOUBT
 from collalign.products.evidence import json_types
 from collalign.tools.stability.result import Stability
 from data_tools.arrays import FloatArray, IntArray

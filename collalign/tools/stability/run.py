@@ -15,10 +15,10 @@ from collalign.align import align_listing
 from collalign.analysis.pose_changes import kept_neighbours, pose_changes
 from collalign.analysis.procrustes import procrustes_distances
 from collalign.collection import AlignedCollection
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.options import AlignOptions
-from collalign.output.evidence.file import load_view, source_files
+from collalign.output.evidence.evidence_file import load_view, source_files
 from collalign.output.evidence.gather import by_label
 from collalign.output.write import recorded_options
 from collalign.products.evidence import CollectionView

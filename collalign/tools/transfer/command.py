@@ -10,9 +10,9 @@ import numpy as np
 from cyclopts import Parameter
 
 from collalign.cli.interruption import INCOMPLETE, resumable
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
-from collalign.output.evidence.file import load_view
+from collalign.output.evidence.evidence_file import load_view
 from collalign.tools.export.run import FORMATS, Space
 from collalign.tools.export.run import export as write_export
 from collalign.tools.transfer.files import left_out_summary, write_transfer
@@ -20,7 +20,7 @@ from collalign.tools.transfer.result import TransferredLandmarks
 from collalign.tools.transfer.run import transfer_landmarks
 from data_tools.errors import InputError
 from data_tools.io.output_folder import refuse_overlap
-from data_tools.landmarks.files import specimen_of
+from data_tools.landmarks.landmark_files import specimen_of
 
 
 def transfer(

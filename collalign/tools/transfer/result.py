@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from data_tools.arrays import FloatArray
 from data_tools.io.coordinate_systems import CoordinateSystem
-from data_tools.landmarks.files import SemilandmarkRows
+from data_tools.landmarks.landmark_files import SemilandmarkRows
 
 #: What became of a landmark.
 PLACED, CARRIED, DOUBTFUL_POSE, NOT_REGISTERED, UNKNOWN, MISSING_PLACE, NO_COUNTERPART, OUT_OF_RANGE = (

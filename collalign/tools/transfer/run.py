@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from collalign.confidence.radius_model import Calibration, Evidence, beyond_range, calibrate, radii
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
 from collalign.landmarks.carry import Template, at_places, off_surface, on_surface, template
 from collalign.landmarks.curves import evenly_spaced
-from collalign.landmarks.files import read_templates, with_semilandmarks
 from collalign.landmarks.fusion import fuse, template_distance
-from collalign.landmarks.placement import place_templates
+from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import LandmarkTable, landmark_table
-from collalign.output.evidence.file import load_view
-from collalign.products.collection import DOUBT
+from collalign.landmarks.templates import read_templates, with_semilandmarks
+from collalign.output.evidence.evidence_file import load_view
+from collalign.products.aligned_collection import DOUBT
 from collalign.products.evidence import CollectionView
 from collalign.registration.missing import missing_vertices, with_cloud_rim
-from collalign.registration.options import RegistrationOptions
+from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.surface import RegistrationSurface
 from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.correspond.run import dense_correspondence
@@ -41,7 +41,7 @@ from data_tools.checks import check_count
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
-from data_tools.landmarks.files import Landmarks, SemilandmarkRows
+from data_tools.landmarks.landmark_files import Landmarks, SemilandmarkRows
 from data_tools.poses import moved_by
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
@@ -101,7 +101,7 @@ def transfer_landmarks(
     --------
     >>> import tempfile
     >>> from data_tools.datasets.synthetic import demo_collection, write_collection
-    >>> from data_tools.landmarks.files import Landmarks
+    >>> from data_tools.landmarks.landmark_files import Landmarks
     >>> planted = demo_collection(num=3, resolution=1)
     >>> marks = {"chair1": Landmarks(labels=("tip",), points=planted.shapes[0].vertices[:1])}
     >>> with tempfile.TemporaryDirectory() as folder:

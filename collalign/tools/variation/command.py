@@ -11,9 +11,9 @@ from cyclopts import Parameter
 
 from collalign.analysis.label_table import read_labels
 from collalign.cli.interruption import resumable
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
-from collalign.output.evidence.file import load_view
+from collalign.output.evidence.evidence_file import load_view
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
 from collalign.tools.variation.run import write_surface_variation

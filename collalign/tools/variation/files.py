@@ -11,7 +11,7 @@ import numpy as np
 
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members
 from collalign.output.report.page import render_page
-from collalign.tools.variation.content import build_variation
+from collalign.tools.variation.page_content import build_variation
 from collalign.tools.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_tables, write_tables
 from collalign.tools.variation.scalar_ply import write_scalar_ply
 from collalign.tools.variation.surface_symmetry import SurfaceSymmetry
@@ -49,7 +49,7 @@ def write_variation(
     columns : dict of str to tuple of str
         Labels of the shapes.
     landmarks : (names, points)
-        On the mean, see :func:`collalign.tools.variation.content.build_variation`.
+        On the mean, see :func:`collalign.tools.variation.page_content.build_variation`.
     symmetry : SurfaceSymmetry, optional
         Of bilateral shapes.
     version : str

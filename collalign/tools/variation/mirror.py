@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from collalign.registration.options import RegistrationOptions
 from collalign.registration.register import register
+from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import InputError

@@ -9,13 +9,13 @@ from typing import Literal
 import numpy as np
 
 from collalign.analysis.symmetry import mirror_normal
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
 from collalign.landmarks.carry import template
-from collalign.landmarks.files import read_templates
-from collalign.landmarks.placement import place_templates
+from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import landmark_table
-from collalign.output.evidence.file import load_view
+from collalign.landmarks.templates import read_templates
+from collalign.output.evidence.evidence_file import load_view
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.correspond.run import dense_correspondence
@@ -26,7 +26,7 @@ from collalign.tools.variation.surface_variation import SurfaceVariation, surfac
 from data_tools.arrays import FloatArray
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.output_folder import refuse_overlap
-from data_tools.landmarks.files import Landmarks
+from data_tools.landmarks.landmark_files import Landmarks
 from data_tools.landmarks.mirror_pairs import landmark_partners, read_landmark_pairs
 from data_tools.poses import moved_by
 from data_tools.surface.closest import SurfacePoints

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from collalign.confidence.side_model import MIN_SHAPES, Sides, find_sides, preferences
-from collalign.stages.pairs.graph import all_pairs
+from collalign.stages.pairs.sparse_pairs import all_pairs
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import InputError
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import collalign.engine.jobs.table as table_module
+import collalign.engine.jobs.shared_table as table_module
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
 from collalign.engine.jobs.worker import _mapped_bytes, describe

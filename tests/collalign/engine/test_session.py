@@ -10,7 +10,7 @@ import pytest
 
 from collalign.engine.jobs.job import Job, Wanted, table_of_stored
 from collalign.engine.jobs.run import JobResult
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.engine.store.records import Record
 from collalign.engine.store.store import Store

@@ -9,7 +9,7 @@ from collalign.landmarks.curves import counting_like, evenly_spaced, slider_rows
 from collalign.landmarks.table import landmark_table
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
-from data_tools.landmarks.files import Landmarks, SemilandmarkKind, Semilandmarks
+from data_tools.landmarks.landmark_files import Landmarks, SemilandmarkKind, Semilandmarks
 from data_tools.rotations import random_rotation
 
 STILL = np.eye(4)

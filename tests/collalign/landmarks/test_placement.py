@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from collalign.landmarks.placement import PlacedTemplates, place_templates
+from collalign.landmarks.on_surface import PlacedTemplates, place_templates
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import LPS_RAS
 from data_tools.io.shapes import write_mesh
-from data_tools.landmarks.files import Landmarks, Semilandmarks
+from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks
 from data_tools.surface.shape import Shape
 
 SEAT = chair(np.random.default_rng(1), resolution=1)

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import at_few_samples, judged, posed_candidates, with_pose_evidence
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.nonrigid.surface.posed import PosedSurface, prepare_posed, sampled_surface
-from collalign.nonrigid.surface.spectral import prepare_surface
+from collalign.nonrigid.surface.spectral_shape import prepare_surface
 from collalign.tools.match.nonrigid import confidence
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bent

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from collalign.output.evidence.file import EVIDENCE_FILE, load_view, save_view
+from collalign.output.evidence.evidence_file import EVIDENCE_FILE, load_view, save_view
 from collalign.products.evidence import CollectionView, json_types
 from data_tools.errors import InputError
 from tests.view_problems import view_of

@@ -14,7 +14,7 @@ from collalign.output.evidence.gather import (
     view_collection,
 )
 from collalign.output.report.poses import own_disagreements_deg
-from collalign.products.collection import ConsistentMaps, RunRecord
+from collalign.products.aligned_collection import ConsistentMaps, RunRecord
 from collalign.products.pair import Alternative, Pair
 from collalign.products.shapes import Excluded
 from data_tools.arrays import FloatArray

@@ -9,7 +9,7 @@ import pytest
 
 from collalign.output.report import render_report
 from collalign.output.report.content import build_content
-from collalign.output.report.incomplete import incomplete_content
+from collalign.output.report.coverage import incomplete_content
 from collalign.products.evidence import CollectionView
 from collalign.products.incomplete import Incomplete
 from tests.collalign.output.test_report_content import unpack

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from collalign.output.evidence.file import load_view, save_view
+from collalign.output.evidence.evidence_file import load_view, save_view
 from collalign.output.report.content import build_content, place_meshes
 from collalign.output.report.shown import some_shapes
 from collalign.products.evidence import CollectionView

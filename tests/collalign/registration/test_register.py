@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from collalign.registration.field import SmoothField
 from collalign.registration.mean import medoid
-from collalign.registration.options import RegistrationOptions
 from collalign.registration.pose import fitting_similarity
 from collalign.registration.register import MIN_VOLUME_CHANGE, register
+from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bumped, shuffled

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import Pair
@@ -18,7 +18,7 @@ from collalign.products.shapes import Constraints
 from collalign.stages.poses.bent import _nearest_map, _trust, first_samples, numbers_of_samples
 from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_pairs
-from collalign.synchronization.problem.geometry import transposed
+from collalign.synchronization.problem.frames import transposed
 from collalign.synchronization.solvers.averaging import average_frames, residuals_deg
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic_shapes import crown

@@ -17,7 +17,7 @@ from collalign.output.write import alignment_record
 from collalign.products.pair import Pair
 from collalign.stages.chirality import pilot
 from collalign.stages.chirality.pilot import KEPT_UNMIRRORED, chirality_energies, nearest_pairs
-from collalign.stages.pairs.graph import all_pairs
+from collalign.stages.pairs.sparse_pairs import all_pairs
 from collalign.stages.trust.assess import EITHER_SIDE
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bumped, deformed_family, mirrored

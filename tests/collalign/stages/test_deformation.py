@@ -10,13 +10,13 @@ import pytest
 
 from collalign.align import align_collection
 from collalign.collection import AlignedCollection, load
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.nonrigid.collection.bases import common_bases, map_residuals
 from collalign.nonrigid.collection.choice import choose_maps
 from collalign.options import AlignOptions
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.products.deformation import VertexMaps
-from collalign.stages.deformation.solve import SUSPECT, vertex_notes
+from collalign.stages.deformation.deform import SUSPECT, vertex_notes
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import blob

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from collalign.stages.pairs.graph import all_pairs, identity_hashes, near_partners, without_bridges
 from collalign.stages.pairs.select import ADDED, DEGREE, adaptive_pairs, extend_pairs, select_pairs
+from collalign.stages.pairs.sparse_pairs import all_pairs, identity_hashes, near_partners, without_bridges
 
 
 def hashes(num_shapes: int, seed: int = 0) -> NDArray[np.uint64]:

@@ -23,7 +23,7 @@ from collalign.stages.proofs import (
 )
 from data_tools.errors import StoreError
 from data_tools.rotations import rotation_angles
-from pairwise.branch_and_bound.poses import PoseList, list_poses
+from pairwise.branch_and_bound.pose_lists import PoseList, list_poses
 from pairwise.problem.problem import Problem
 from pairwise.status import Status
 from tests.rigid_problems import planted_cube

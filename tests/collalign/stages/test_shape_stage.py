@@ -17,8 +17,8 @@ from collalign.engine.jobs.worker import Call, Limits, Task, run_in_process
 from collalign.engine.session import Session
 from collalign.engine.store.store import Store
 from collalign.products.shapes import Excluded, Shapes
-from collalign.stages import shapes as stage
-from collalign.stages.shapes import common_num_points, prepare_shapes
+from collalign.stages import shape_stage as stage
+from collalign.stages.shape_stage import common_num_points, prepare_shapes
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import read_folder, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions

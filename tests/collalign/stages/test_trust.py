@@ -10,17 +10,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.confidence.pose_model import MOST_CONFIDENT, pose_confidence, probability
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
-from collalign.products.collection import DOUBT
+from collalign.products.aligned_collection import DOUBT
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.surface_gap import surface_gap
 from collalign.stages.trust.assess import EITHER_SIDE, RIVAL_POWER, gather_trust, partners_of, with_trust
-from collalign.stages.trust.rivals import Partner, leads_over, rival_poses
-from collalign.stages.trust.symmetry import near_symmetries, turns_in_words
+from collalign.stages.trust.own_turns import near_symmetries, turns_in_words
+from collalign.stages.trust.rival_poses import Partner, leads_over, rival_poses
 from collalign.stages.trust.words import listed, trust_notes
 from collalign.synchronization import SynchronizationResult, synchronize
 from collalign.synchronization.result import WeakCut

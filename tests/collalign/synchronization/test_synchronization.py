@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize, synchronize_graph
-from collalign.synchronization.problem.geometry import angles_rad
+from collalign.synchronization.problem.frames import angles_rad
 from collalign.synchronization.problem.model import EdgeModel
 from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
 from data_tools.errors import InputError, OptionsError

@@ -11,7 +11,7 @@ import pytest
 from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
 from collalign.synchronization.clusters import _aligned_parts, pair_affinity, spectral_clusters
 from collalign.synchronization.gauge import fix_gauge
-from collalign.synchronization.problem.geometry import relative, transposed
+from collalign.synchronization.problem.frames import relative, transposed
 from collalign.synchronization.problem.model import (
     PRIOR_LOG_ODDS,
     EdgeModel,

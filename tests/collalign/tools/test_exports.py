@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from collalign.output.evidence.file import save_view
+from collalign.output.evidence.evidence_file import save_view
 from collalign.products.evidence import CollectionView
 from collalign.tools.export.run import FORMATS, export
 from data_tools.errors import InputError, OptionsError
-from data_tools.landmarks.files import read_landmarks
+from data_tools.landmarks.landmark_files import read_landmarks
 from tests.export_readers import read_morphologika
 from tests.view_problems import NUM_SAMPLES, view_of
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from collalign.cli import main
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
-from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.products.shapes import Excluded
 from collalign.tools.match.lists import FoundMap, MapOptions, match_surfaces, read_pairs
 from collalign.tools.match.nonrigid import match_prepared

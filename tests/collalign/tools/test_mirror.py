@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from collalign.registration.options import RegistrationOptions
+from collalign.registration.registration_options import RegistrationOptions
 from collalign.tools.variation.mirror import mirror_map
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic_shapes import sphere_mesh

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from collalign.nonrigid.options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.surface.spectral import SpectralShape, SpectrumOf
+from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.surface.spectral_shape import SpectralShape, SpectrumOf
 from collalign.tools.match.nonrigid import match_prepared, match_shapes
 from collalign.tools.match.pictures import draw_match, transferred_colours
 from collalign.tools.match.prepare import prepare_file, prepare_shape

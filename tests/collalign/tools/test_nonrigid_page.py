@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.tools.match.page import vertices_map, write_match_page
+from collalign.tools.match.map_page import vertices_map, write_match_page
 from data_tools.surface.shape import Shape
 
 

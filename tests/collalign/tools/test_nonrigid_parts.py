@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from collalign.nonrigid.evidence import judge, paired_forms
 from collalign.nonrigid.functional_map import FunctionalMap
-from collalign.nonrigid.options import SurfaceOptions
+from collalign.nonrigid.map_evidence import judge, paired_forms
+from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.portfolio import of_both_orientations
 from collalign.nonrigid.refine import Refiner
 from collalign.nonrigid.starts.masks import WAVE_SHARE, candidate_mask, wave_gaps
@@ -21,7 +21,7 @@ from collalign.nonrigid.surface.geometry import (
     smoothed_curvature,
     vertex_normals,
 )
-from collalign.nonrigid.surface.spectral import SpectralShape, prepare_surface
+from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
 from data_tools.datasets.synthetic import mirrored
 from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
 from data_tools.embedding.sampling import farthest_points

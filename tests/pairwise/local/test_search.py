@@ -9,8 +9,7 @@ from data_tools.errors import OptionsError
 from data_tools.rotations import rotation_angles
 from experiments.pairs.matching_energies import of_chirality
 from pairwise.local.local_search import minimise
-from pairwise.local.rotation_sets import random_rotations
-from pairwise.local.search import (
+from pairwise.local.rotation_search import (
     _first,
     distinct,
     explore,
@@ -20,6 +19,7 @@ from pairwise.local.search import (
     mirror_points,
     mirror_rotations,
 )
+from pairwise.local.rotation_sets import random_rotations
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 from tests.problems import planted, search

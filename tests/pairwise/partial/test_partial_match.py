@@ -13,8 +13,8 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from pairwise.partial.counterparts import counterparts
 from pairwise.partial.match import match_partial, refine, scales_allowed
-from pairwise.partial.poses import counterparts
 from pairwise.partial.surface import PartialSurface
 
 NUM = 400

@@ -9,9 +9,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.batch import estimate_job, read_batch
-from collalign.cli.align import align
+from collalign.cli.align_command import align
 from collalign.cli.interruption import INCOMPLETE
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from data_tools.errors import CollalignError
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from collalign.nonrigid.options import NonrigidOptions
+from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.portfolio import (
     NUM_COMPOSED,
     Refined,
@@ -16,7 +16,7 @@ from collalign.nonrigid.portfolio import (
     judged,
     screening_refiner,
 )
-from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray, read_only
 
 #: Most self-maps that are kept.

@@ -9,7 +9,7 @@ from collalign.engine.store.records import Record
 from collalign.engine.store.typed import from_record
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
-from collalign.stages.evidence.surfaces import wanted_file
+from collalign.stages.evidence.map_surfaces import wanted_file
 from data_tools.arrays import FloatArray
 from data_tools.embedding.surface_points import SurfacePoints, surface_points
 from data_tools.errors import CollectionError

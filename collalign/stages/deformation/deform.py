@@ -12,17 +12,17 @@ import numpy as np
 from collalign.engine.jobs.job import Job, Results, T, Wanted
 from collalign.nonrigid.collection.bases import CommonBases, common_bases
 from collalign.nonrigid.collection.choice import choose_maps
-from collalign.nonrigid.options import SurfaceOptions
+from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
+from collalign.stages.deformation.dense_surfaces import VertexSurface, prepare_all_detailed
 from collalign.stages.deformation.pairs import CANDIDATES, FIRST_SIZE, REFINING, CandidateMaps, RefinedMap
 from collalign.stages.deformation.places import places_on_reference
-from collalign.stages.deformation.surfaces import VertexSurface, prepare_all_detailed
-from collalign.stages.evidence.surfaces import StoredSurface
+from collalign.stages.evidence.map_surfaces import StoredSurface
 from collalign.stages.poses.refinement import local_pairs
-from collalign.stages.shapes import SAMPLING
+from collalign.stages.shape_stage import SAMPLING
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.rotations import rotation_angle_deg
 

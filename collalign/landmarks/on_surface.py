@@ -14,7 +14,7 @@ from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import LPS_RAS, CoordinateSystem, declared_system
 from data_tools.io.shapes import read_shape
-from data_tools.landmarks.files import Landmarks, Semilandmarks
+from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks
 from data_tools.options import CleaningOptions
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape

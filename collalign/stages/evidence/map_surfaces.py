@@ -8,7 +8,7 @@ from typing import Annotated
 
 from collalign.engine.jobs.job import Job, Results, T, Wanted
 from collalign.nonrigid.surface.posed import PosedSurface, posed_surface, prepare_posed, spectral_samples
-from collalign.nonrigid.surface.spectral import SpectralShape
+from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
 from data_tools.arrays import FloatArray, Holds

@@ -19,14 +19,14 @@ from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.interruption import INCOMPLETE, resumable
 from collalign.collection import AlignedCollection
 from collalign.engine.jobs.progress import ProgressBar
-from collalign.engine.options import RunOptions
+from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import FINISHED, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
 from collalign.output.corrections import fixed_by, read_corrections
-from collalign.output.evidence.file import load_view
+from collalign.output.evidence.evidence_file import load_view
 from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE, WRITER, inputs_of, output_names, save_collection
-from collalign.products.collection import DOUBT
+from collalign.products.aligned_collection import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
 from data_tools.errors import InputError, OptionsError

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.spatial import cKDTree
 
-from collalign.nonrigid.options import SurfaceOptions
+from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature
 from collalign.nonrigid.surface.tips import NUM_TIPS, Tips
 from data_tools.arrays import FloatArray, IntArray, read_only

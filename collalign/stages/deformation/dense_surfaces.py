@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from collalign.engine.jobs.job import Job, Results, Wanted
 from collalign.engine.store.records import Record
 from collalign.engine.store.typed import to_record
-from collalign.nonrigid.options import SurfaceOptions
+from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.surface.posed import sampled_surface
-from collalign.nonrigid.surface.spectral import prepare_surface
+from collalign.nonrigid.surface.spectral_shape import prepare_surface
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
-from collalign.stages.evidence.surfaces import StoredSurface
+from collalign.stages.evidence.map_surfaces import StoredSurface
 from data_tools.arrays import FloatArray, Holds, IntArray
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
@@ -52,7 +52,7 @@ def prepare_detailed(path: Origin, name: str, digest: str, options: SurfaceOptio
     Returns
     -------
     dict
-        The fields of :class:`collalign.stages.evidence.surfaces.StoredSurface` and of :class:`VertexSurface`.
+        The fields of :class:`collalign.stages.evidence.map_surfaces.StoredSurface` and of :class:`VertexSurface`.
     """
     shape = read_shape(path, AS_STORED, name=name, digest=digest)
     if not shape.is_mesh:

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from data_tools.errors import InputError
-from data_tools.landmarks.files import Landmarks, read_landmarks, read_semilandmarks, specimen_of
+from data_tools.landmarks.landmark_files import Landmarks, read_landmarks, read_semilandmarks, specimen_of
 
 
 def read_templates(paths: Sequence[str | Path]) -> dict[str, Landmarks]:
