@@ -20,7 +20,7 @@ from typing import Any, TypeAlias
 from collalign.engine.jobs.cluster import Cluster
 from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.jobs.worker import Call, Outcome, Task, run_guarded
-from data_tools.errors import CollalignError, OptionsError
+from data_tools.errors import CollalignError, OptionsError, RunLost
 
 try:
     from distributed import Future, KilledWorker, WorkerPlugin
@@ -199,6 +199,9 @@ class _DaskRun:
         except TableMissing:
             self._publish()
             problem = "a worker never got the shared records"
+        except RunLost:  # or only the worker that held them, and they are computed again
+            self._cluster.check()
+            problem = "results do not come back from the workers in time"
         except CancelledError:
             self._cluster.check()
             problem = "the scheduler lost or cancelled the tasks again and again"

@@ -82,7 +82,8 @@ def test_restarted_workers_have_the_shared_records(cluster: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "error", [asyncio.CancelledError(), CancelledError(), OSError("gone"), UnboundLocalError("result")]
+    "error",
+    [asyncio.CancelledError(), CancelledError(), OSError("gone"), UnboundLocalError("result"), TimeoutError()],
 )
 def test_results_that_are_lost_on_their_way_are_asked_for_again(
     error: BaseException, cluster: Any, monkeypatch: pytest.MonkeyPatch
