@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from tests.mutants.calls import Calls
 from tests.mutants.draw import Imports, as_mutant, by_package, changes, draw
 from tests.mutants.equivalent import EQUIVALENT
 from tests.mutants.place import MODULE, Mutant, applied, mutated
@@ -118,6 +120,38 @@ def test_the_tests_of_a_module_come_before_those_of_its_users() -> None:
     assert "tests/data_tools/test_rotations.py" in tests
     assert "tests/pairwise/test_matching.py" in tests
     assert Imports(ROOT).tests_of("collalign/cli/certify.py")
+
+
+def test_a_fault_is_shown_to_the_tests_that_call_what_it_changes(tmp_path: Path) -> None:
+    (tmp_path / "collalign").mkdir()
+    (tmp_path / "collalign" / "__init__.py").write_text("")
+    (tmp_path / "collalign" / "box.py").write_text(
+        "LIMIT = 3\n\n\ndef small(n):\n    return n < LIMIT\n\n\ndef other():\n    pass\n"
+    )
+    tests = """import sys
+import pytest
+sys.path.insert(0, '.')
+from collalign.box import other, small
+
+@pytest.fixture(scope='module')
+def found():
+    return small(2)
+
+def test_first(found): assert found
+def test_second(found): assert found
+def test_neither(): other()
+def test_failing(): assert small(3)
+"""
+    (tmp_path / "test_box.py").write_text(tests)
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "MUTANTS_CALLS": str(tmp_path), "PYTHONSAFEPATH": "1"}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "tests.mutants.calls", "test_box.py"]
+    subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False)
+    calls = Calls(tmp_path, tmp_path)
+    names = tuple(f"test_box.py::test_{name}" for name in ("first", "second"))
+    for function, old, new in (("small", "<", "<="), (MODULE, "3", "4")):
+        mutant = Mutant("collalign/box.py", function, old, new, ())
+        assert sorted(calls.tests_of(mutant, ())) == sorted(names)
+    assert not calls.tests_of(Mutant("collalign/box.py", "unheard", "1", "2", ()), ())
 
 
 def test_killed_ones_are_counted_by_package() -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.cli import main
@@ -189,13 +191,20 @@ def test_one_bad_file_is_left_out_and_named(
     write_collection(mixed, planted)
     (mixed / "broken.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 3\n")
     (mixed / "notes.md").write_text("not a shape")
+    usual, two = sorted(mixed.glob("*.ply"))[1:3]
+    mesh, whole = trimesh.load(usual, process=False), trimesh.load(two)
+    trimesh.Trimesh(*trimesh.remesh.subdivide(mesh.vertices, mesh.faces)).export(usual.with_suffix(".stl"))
+    usual.unlink()
+    trimesh.util.concatenate([whole, whole.copy().apply_scale(0.1)]).export(two)
     out = tmp_path / "out"
     assert main(["align", str(mixed), "--out", str(out), *FLAGS]) == 3
     captured = capsys.readouterr()
     assert "broken.ply" in captured.err
     assert "notes.md" in captured.out
+    assert re.search(rf"repaired copy \({two.stem}: kept the largest of 2 components .*\)\. Your files", captured.out)
     record = json.loads((out / "alignment.json").read_text())
     assert [item["file"] for item in record["excluded"]] == ["broken.ply"]
+    assert any("merged" in note for note in record["shape_notes"][usual.stem]), "usual, and not said"
     assert len(record["shapes"]) == 5
     assert main(["align", str(mixed), "--out", str(tmp_path / "strict"), "--strict", *FLAGS]) == 2
     assert not (tmp_path / "strict" / "alignment.json").exists()

@@ -23,7 +23,7 @@ from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError, OptionsError
 from data_tools.options import SamplingOptions
 
-FEW = ["--num-points", "24", "--num-seeds", "1", "--num-subsets", "1", "--jobs", "1"]
+FEW = ["--num-points", "24", "--num-seeds", "1", "--num-subsets", "1", "--jobs", "1", "--include-doubtful"]
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=200))
 
 
@@ -76,7 +76,8 @@ def test_a_pose_that_only_the_result_has_is_found(result: Path, tmp_path: Path) 
     view = load_view(result)
     transforms = view.transforms.copy()
     transforms[2, :3, :3] = np.diag([-1.0, -1.0, 1.0]) @ transforms[2, :3, :3]
-    save_view(replace(view, transforms=transforms), tmp_path)
+    sure = np.full(5, 0.99)
+    save_view(replace(view, transforms=transforms, confidence=sure), tmp_path)
     shutil.copy(result / "alignment.json", tmp_path)
     few = StabilityOptions(num_points=(), num_seeds=1, num_subsets=1)
     found = collalign.check_stability(tmp_path, options=few, run=collalign.RunOptions(jobs=1), progress=False)
@@ -91,6 +92,18 @@ def test_a_pose_that_only_the_result_has_is_found(result: Path, tmp_path: Path) 
     first = page.split("<tr>")[2]
     assert first.startswith(f"<td>{view.names[2]}</td>")  # the least stable shape comes first
     assert "<td>0 %</td>" in first
+    assert stability_summary(found)[0].startswith("4 of 5 poses")
+    doubted, broken = sure.copy(), view.samples.copy()
+    doubted[2], broken[2] = 0.3, broken[2, ::-1]
+    endings = []
+    for samples in (view.samples, broken):
+        save_view(replace(view, transforms=transforms, confidence=doubted, samples=samples), tmp_path)
+        found = collalign.check_stability(tmp_path, options=few, run=collalign.RunOptions(jobs=1), progress=False)
+        lines = stability_summary(found)
+        assert lines[0].startswith("4 of 4 poses")
+        assert f"Left out of the statistics: {view.names[2]} (in doubt, confidence 0.30)." in lines
+        endings.append(np.delete(found.neighbours, 2, axis=1))
+    np.testing.assert_array_equal(*endings, "whom a doubtful shape is near changes nobody's neighbours")
 
 
 def test_a_vanished_file_and_a_file_of_somebody_else_are_named(result: Path, tmp_path: Path) -> None:

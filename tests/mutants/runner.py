@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -21,6 +22,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.mutants.calls import CALLS
 from tests.mutants.place import Mutant, applied
 
 #: What the tests of a mutant need of the project.
@@ -42,7 +44,9 @@ class Verdict:
     seconds: float
 
 
-def run_mutants(mutants: Sequence[Mutant], root: Path, *, time_limit_s: float = TIME_LIMIT_S) -> Iterator[Verdict]:
+def run_mutants(
+    mutants: Sequence[Mutant], root: Path, *, time_limit_s: float = TIME_LIMIT_S, known_to_pass: bool = False
+) -> Iterator[Verdict]:
     """Run the tests of one mutant after the other, in a copy of the project, where these pass without it.
 
     Parameters
@@ -51,6 +55,8 @@ def run_mutants(mutants: Sequence[Mutant], root: Path, *, time_limit_s: float = 
     root : Path
         The project; it is only read.
     time_limit_s : float
+    known_to_pass : bool
+        Whether the tests passed in such a copy before.
     """
     warm_up()
     with _copy(root) as copy:
@@ -58,7 +64,7 @@ def run_mutants(mutants: Sequence[Mutant], root: Path, *, time_limit_s: float = 
         for mutant in mutants:
             start_s, ending = time.monotonic(), "no verdict"
             if mutant.tests not in passes:
-                passes[mutant.tests] = _ending(copy, mutant.tests, time_limit_s) == "survived"
+                passes[mutant.tests] = known_to_pass or _ending(copy, mutant.tests, time_limit_s) == "survived"
             with suppress(ValueError):  # the code has moved on
                 changed = applied(mutant, copy)
                 if passes[mutant.tests]:
@@ -78,6 +84,15 @@ def _copy(root: Path) -> Iterator[Path]:
             elif source.exists():
                 shutil.copy(source, copy / name)
         yield copy
+
+
+def record_calls(root: Path, folder: Path, num_workers: int = 2) -> None:
+    """Run all tests without data in a copy, and leave in a folder which functions each of them calls."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with _copy(root) as copy:
+        command = ["-p", "tests.mutants.calls", "-m", "not data", "-n", str(num_workers), "tests"]
+        environment = os.environ | {"PYTHONPATH": str(copy), CALLS: str(folder.resolve())}
+        subprocess.run([sys.executable, "-m", "pytest", *command], cwd=copy, env=environment, check=False)
 
 
 def _ending_of(file: Path, changed: str, copy: Path, tests: Sequence[str], time_limit_s: float) -> str:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from collalign.tools.export.run import FORMATS, Space
+from collalign.output.evidence.evidence_file import load_view
+from collalign.tools.export.run import FORMATS, Space, left_out_sentence
 from collalign.tools.export.run import export as write_export
 
 
@@ -18,6 +20,7 @@ def export(
     to: Path,
     space: Space = "aligned",
     sources: Path | None = None,
+    include_doubtful: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Write a result in a format of the field.
 
@@ -31,7 +34,13 @@ def export(
         Coordinates: aligned, aligned in the units of the files, those of the files, or Procrustes superimposed.
     sources
         Folder of the original files where they have moved.
+    include_doubtful
+        Let shapes count in means, distances and superimpositions whose pose is in doubt, and incomplete ones.
     """
-    for path in write_export(result, format, to, space=space, sources=sources):
+    view = load_view(result)
+    paths = write_export(view, format, to, space=space, sources=sources, include_doubtful=include_doubtful)
+    if sentence := left_out_sentence(view, format, space, include_doubtful=include_doubtful):
+        print(f"collalign: {sentence}", file=sys.stderr)
+    for path in paths:
         print(path)
     return 0

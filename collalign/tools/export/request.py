@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from collalign.analysis.procrustes import MIN_LABELS, common_labels, generalized_procrustes
+from collalign.output.evidence.members import Members
+from collalign.output.report.shown import some_shapes
 from collalign.products.evidence import CollectionView
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.checks import check_choice
@@ -33,6 +35,8 @@ class ExportRequest:
     view : CollectionView
     folder : Path
         Where files go for now; exists.
+    who : Members
+        Whose shapes count in means, distances and superimpositions.
     space : {"aligned", "unscaled", "raw", "procrustes"}
         Coordinates of landmarks and meshes: the common frame; the common frame with every shape in its file's unit;
         the file's own; superimposed on the generalised Procrustes mean (landmarks only).
@@ -46,6 +50,7 @@ class ExportRequest:
 
     view: CollectionView
     folder: Path
+    who: Members
     space: Space = "aligned"
     sources: Path | None = None
     semilandmarks: tuple[SemilandmarkRows, ...] = ()
@@ -54,6 +59,13 @@ class ExportRequest:
     def __post_init__(self) -> None:
         """Refuse an unknown space."""
         check_choice("space", self.space, get_args(Space))
+
+    @property
+    def counted(self) -> ExportRequest:
+        """The same of the shapes alone that count in statistics."""
+        names = {name for name, _ in self.who.left_out}
+        chosen = [at for at, name in enumerate(self.view.names) if name not in names]
+        return replace(self, view=some_shapes(self.view, np.array(chosen, dtype=np.int64)))
 
     def transforms(self) -> FloatArray:
         """Take file coordinates to the space asked for, shape (N, 4, 4).
@@ -160,11 +172,13 @@ def complete_labels(view: CollectionView) -> BoolArray:
     return common
 
 
-def incomplete_columns(view: CollectionView) -> dict[str, list[Any]]:
-    """Columns that say which shapes lack parts and what each of these covers; none where all are complete."""
-    if not view.incomplete:
-        return {}
-    return {"incomplete": view.is_incomplete.astype(int).tolist(), "coverage": view.coverage.tolist()}
+def member_columns(request: ExportRequest) -> dict[str, list[Any]]:
+    """Columns that say why a shape does not count in statistics, and where any lacks parts, what each covers."""
+    view, reasons = request.view, dict(request.who.left_out)
+    columns: dict[str, list[Any]] = {"left_out": [reasons.get(name, "") for name in view.names]}
+    if view.incomplete:
+        columns |= {"incomplete": view.is_incomplete.astype(int).tolist(), "coverage": view.coverage.tolist()}
+    return columns
 
 
 def label_columns(view: CollectionView, taken: Iterable[str]) -> dict[str, list[str]]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from collalign.output.evidence.evidence_file import load_view
+from collalign.output.evidence.members import LEFT_OUT_FILE, Members, statistics_members
 from collalign.products.evidence import CollectionView
 from collalign.tools.export import fcsv, itk, meshes, morphologika, nts, shapeworks, slicer_json, tables, tps
 from collalign.tools.export.request import ExportRequest, Space
@@ -17,7 +18,7 @@ from data_tools.io.output_folder import OutputFolder
 from data_tools.landmarks.landmark_files import SemilandmarkRows
 from data_tools.threads import one_blas_thread
 
-__all__ = ["FORMATS", "Space", "export"]
+__all__ = ["FORMATS", "Space", "export", "left_out_sentence"]
 
 #: Writer of each format.
 FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
@@ -46,6 +47,7 @@ def export(
     sources: Path | str | None = None,
     semilandmarks: tuple[SemilandmarkRows, ...] = (),
     system: CoordinateSystem = "LPS",
+    include_doubtful: bool = False,
 ) -> tuple[Path, ...]:
     """Write a collection in one format.
 
@@ -66,22 +68,30 @@ def export(
         Which landmarks are on curves: Slicer's markups have such a type.
     system : {"LPS", "RAS"}
         Coordinates of the files that declare none, as 3D Slicer's formats say it of raw landmarks.
+    include_doubtful : bool
+        Let shapes whose pose is in doubt, and incomplete ones, count in what is computed of several shapes: tables of
+        means, distances and components, and all that is superimposed. They are left out of these otherwise.
 
     Returns
     -------
     tuple of Path
-        The files written; ``incomplete.csv`` is among them where shapes of the collection lack parts.
+        The files written; ``incomplete.csv`` is among them where shapes of the collection lack parts,
+        ``left_out.csv`` where anything was computed of several shapes.
 
     Raises
     ------
     OptionsError
         If the format or the space is unknown, or the format cannot have the space.
     InputError
-        If the folder holds no result, an original file is missing, or ``to`` cannot be written, holds a shape, lies
-        inside of a folder of theirs, or holds a file of others or another command under a name that is to be written.
+        If the folder holds no result, no shape counts in a superimposition, an original file is missing, or ``to``
+        cannot be written, holds a shape, lies inside of a folder of theirs, or holds a file of others or another
+        command under a name that is to be written.
     """
     check_choice("format", format, FORMATS)
     view = collection if isinstance(collection, CollectionView) else load_view(collection)
+    who = _who_counts(view, include_doubtful)
+    if space == "procrustes" and who.too_few(1):
+        raise InputError(f"space: {who.too_few(1)}")
     folder = Path(to)
     read = {*view.inputs, *([Path(sources)] if sources else [])}
     try:
@@ -90,12 +100,32 @@ def export(
                 system=system,
                 view=view,
                 folder=output.staging,
+                who=who,
                 space=space,
                 sources=Path(sources) if sources else None,
                 semilandmarks=semilandmarks if space != "procrustes" else (),
             )
+            if space == "procrustes":
+                request = request.counted
             staged = (*FORMATS[format](request), *incomplete_table(request))
+            if _computes(format, space):
+                output.stage(LEFT_OUT_FILE).write_bytes(who.table)
+                staged = (*staged, output.staging / LEFT_OUT_FILE)
             output.publish()
             return tuple(output.published(path) for path in staged)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
+
+
+def left_out_sentence(view: CollectionView, format: str, space: Space, *, include_doubtful: bool) -> str:
+    """Return whom an export leaves out of what it computes of several shapes; empty where that is nobody."""
+    return _who_counts(view, include_doubtful).sentence if _computes(format, space) else ""
+
+
+def _who_counts(view: CollectionView, include_doubtful: bool) -> Members:
+    return statistics_members(view, include_doubtful=include_doubtful, include_incomplete=include_doubtful)
+
+
+def _computes(format: str, space: Space) -> bool:
+    """Whether anything in the files depends on more than one shape."""
+    return space == "procrustes" or format in ("csv", "parquet")

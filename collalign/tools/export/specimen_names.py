@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.tools.export.request import ExportRequest, incomplete_columns, label_columns
+from collalign.tools.export.request import ExportRequest, label_columns, member_columns
 from data_tools.io.csv_cells import csv_text
 
 #: Section names of morphologika files. Readers search for them anywhere in a line, so no specimen may contain one.
@@ -53,7 +53,7 @@ def written_names(names: Iterable[str], rule: Callable[[str], str]) -> list[str]
 
 
 def specimen_table(request: ExportRequest, written: list[str]) -> Path:
-    """Write ``specimens.csv``: for every specimen of a landmark file its shape, size, confidence and labels."""
+    """Write ``specimens.csv``: shape, size, confidence, whether it counts, and labels of every specimen of a file."""
     view = request.view
     columns: dict[str, list[Any]] = {
         "specimen": written,
@@ -63,7 +63,7 @@ def specimen_table(request: ExportRequest, written: list[str]) -> Path:
         "confidence": view.confidence.tolist(),
         "reflected": view.reflected.astype(int).tolist(),
         "group": view.part_numbers.tolist(),
-        **incomplete_columns(view),
+        **member_columns(request),
     }
     columns |= label_columns(view, columns)
     return request.write("specimens.csv", csv_text([columns, *zip(*columns.values(), strict=True)]))

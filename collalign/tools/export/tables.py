@@ -11,7 +11,7 @@ import numpy as np
 
 from collalign.analysis.ordination import cophenetic_tree, newick
 from collalign.analysis.procrustes import generalized_procrustes, principal_components, procrustes_distances
-from collalign.tools.export.request import ExportRequest, complete_labels, incomplete_columns, label_columns
+from collalign.tools.export.request import ExportRequest, complete_labels, label_columns, member_columns
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.csv_cells import csv_text
 
@@ -53,26 +53,28 @@ def write_parquet(request: ExportRequest) -> tuple[Path, ...]:
 def result_tables(request: ExportRequest) -> dict[str, Table]:
     """All tables of a result.
 
-    ``shapes`` (pose, size, confidence, labels), ``landmarks`` (long form) and ``consensus`` (their
-    means), both in the space asked for, ``pairs``,
-    ``procrustes_distances``, and where shapes have enough landmarks in common ``procrustes_coordinates`` (a row per
+    ``shapes`` (pose, size, confidence, why it does not count, labels), ``landmarks`` (long form, in the space asked
+    for) and ``pairs`` have rows of all shapes. Of those who count are ``consensus`` (means of landmarks),
+    ``procrustes_distances``, and where they have enough landmarks in common ``procrustes_coordinates`` (a row per
     shape, columns L1_x, L1_y, ...: ``geomorph::arrayspecs`` makes an array of it) and ``principal_components``.
     """
+    counted = request.counted
     tables: dict[str, Table] = {
         "shapes": _shapes(request),
         "landmarks": _landmarks(request),
-        "consensus": _consensus(request),
         "pairs": _pairs(request),
-        "procrustes_distances": _distances(request),
     }
+    if not counted.view.num_shapes:
+        return tables
+    tables |= {"consensus": _consensus(counted), "procrustes_distances": _distances(counted)}
     try:
-        common = complete_labels(request.view)
+        common = complete_labels(counted.view)
     except InputError:
         return tables
-    superimposed = generalized_procrustes(request.view.aligned_samples[:, common])
-    labels = [f"{request.view.landmark_names[at]}_{axis}" for at in np.flatnonzero(common) for axis in "xyz"]
+    superimposed = generalized_procrustes(counted.view.aligned_samples[:, common])
+    labels = [f"{counted.view.landmark_names[at]}_{axis}" for at in np.flatnonzero(common) for axis in "xyz"]
     flat = superimposed.aligned.reshape(len(superimposed.aligned), -1)
-    names = list(request.view.names)
+    names = list(counted.view.names)
     tables["procrustes_coordinates"] = {"name": names} | dict(zip(labels, flat.T.tolist(), strict=True))
     if len(names) > 1:
         scores = principal_components(superimposed.aligned).scores
@@ -93,7 +95,7 @@ def _shapes(request: ExportRequest) -> Table:
         "group": view.part_numbers.tolist(),
         "centroid_size": view.centroid_sizes.tolist(),
         "scale": view.scales.tolist(),
-        **incomplete_columns(view),
+        **member_columns(request),
         **{f"T{at // 4 + 1}{at % 4 + 1}": column for at, column in enumerate(entries)},
     }
     return columns | label_columns(view, columns)
@@ -144,7 +146,8 @@ def _distances(request: ExportRequest) -> Table:
 
 
 def _tree(request: ExportRequest) -> tuple[Path, ...]:
-    distances = procrustes_distances(request.view.aligned_samples)
+    counted = request.counted.view
+    distances = procrustes_distances(counted.aligned_samples)
     if len(distances) < 2 or np.isnan(distances).any():
         return ()
-    return (request.write("tree.nwk", newick(cophenetic_tree(distances), request.view.names) + "\n"),)
+    return (request.write("tree.nwk", newick(cophenetic_tree(distances), counted.names) + "\n"),)

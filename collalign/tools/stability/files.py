@@ -28,7 +28,6 @@ CSV_FILE, JSON_FILE, PLOT_FILE, PAGE_FILE = FILES = (
     "stability.png",
     "stability.html",
 )
-_COLUMNS = ("shape", "confidence", "repetitions", "pose_stays", "chirality_stays", "neighbours_stay", "largest_deg")
 _TITLES = {
     "shape": "shape",
     "confidence": "confidence",
@@ -37,7 +36,9 @@ _TITLES = {
     "chirality_stays": "mirror image stays",
     "neighbours_stay": "neighbours stay",
     "largest_deg": "largest change, deg",
+    "left_out": "does not count",
 }
+_COLUMNS = tuple(_TITLES)
 #: Shapes drawn, the least stable ones.
 _MAX_DRAWN = 60
 #: Shapes named in a line.
@@ -93,19 +94,24 @@ def stability_summary(stability: Stability) -> tuple[str, ...]:
     doubted = ~(stability.confidence >= DOUBT)
     compared = least_stable(stability)
     moved = [i for i in compared if poses[i] < 1.0]
+    chosen = stability.who.chosen
+    counted = np.intersect1d(chosen, compared)
     worst = ", ".join(f"{names[i]} ({percent(poses[i])})" for i in moved[:_MAX_NAMES])
     more = f" and {len(moved) - _MAX_NAMES} more" if len(moved) > _MAX_NAMES else ""
     lines = [
-        f"{len(compared) - len(moved)} of {len(compared)} poses stayed within {stability.stay_deg:.0f} deg of the "
-        "others' in every repetition.",
+        f"{int((poses[counted] == 1.0).sum())} of {len(counted)} poses stayed within {stability.stay_deg:.0f} deg of "
+        "the others' in every repetition.",
         f"{len(names)} shapes aligned again {len(stability.repetitions)} times: {'; '.join(stability.repetitions)}.",
-        f"Poses stay in {_percent(poses)} of the repetitions, mirror images in "
-        f"{_percent(stability.chirality_stays)}, nearest neighbours in {_percent(stability.neighbours_stay)}.",
+        f"Poses stay in {_percent(poses[chosen])} of the repetitions, mirror images in "
+        f"{_percent(stability.chirality_stays[chosen])}, nearest neighbours in "
+        f"{_percent(stability.neighbours_stay[chosen])}.",
     ]
     if moved:
         sure = sum(not doubted[i] for i in moved)
         lines.insert(1, f"Least stable, look at them first: {worst}{more}.")
         lines.append(f"Of the {len(moved)} shapes that moved, {sure} had not been called doubtful.")
+    if stability.who.left_out:
+        lines.append(stability.who.sentence)
     if doubted.any():
         still = sum(poses[i] == 1.0 for i in np.flatnonzero(doubted))
         lines.append(f"Of the {int(doubted.sum())} doubtful shapes {still} never moved.")
@@ -181,6 +187,7 @@ def _rows(stability: Stability) -> list[tuple[object, ...]]:
     """Return heading and one row per shape."""
     counts = stability.known.sum(axis=0).tolist()
     changes = np.where(np.isnan(stability.changes_deg), -1.0, stability.changes_deg).max(axis=0)
+    reasons = dict(stability.who.left_out)
     columns = (
         stability.names,
         stability.confidence.tolist(),
@@ -189,6 +196,7 @@ def _rows(stability: Stability) -> list[tuple[object, ...]]:
         stability.chirality_stays.tolist(),
         stability.neighbours_stay.tolist(),
         np.where(changes < 0, np.nan, changes).tolist(),
+        [reasons.get(name, "") for name in stability.names],
     )
     return [_COLUMNS, *zip(*columns, strict=True)]
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from collalign.output.evidence.members import Members
 from data_tools.arrays import BoolArray, FloatArray
 
 
@@ -30,6 +31,8 @@ class Stability:
         Share of its nearest neighbours that it keeps; NaN where absent.
     stay_deg : float
         A pose that changes by at most this stays.
+    who : Members
+        Whose shapes count in the shares of all together, and as neighbours.
     """
 
     names: tuple[str, ...]
@@ -40,6 +43,7 @@ class Stability:
     same_chirality: BoolArray
     neighbours: FloatArray
     stay_deg: float
+    who: Members
 
     @property
     def known(self) -> BoolArray:

@@ -20,6 +20,7 @@ from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.options import AlignOptions
 from collalign.output.evidence.evidence_file import load_view, source_files
 from collalign.output.evidence.gather import by_label
+from collalign.output.evidence.members import statistics_members
 from collalign.output.write import recorded_options
 from collalign.products.evidence import CollectionView
 from collalign.tools.stability.result import Stability
@@ -52,6 +53,9 @@ class StabilityOptions:
 
     subset_share: float = 0.8
     """Share of the shapes that take part in each of these."""
+
+    include_doubtful: bool = False
+    """Let shapes whose pose is in doubt, and incomplete ones, count in the shares of all together."""
 
     def __post_init__(self) -> None:
         for num in self.num_points:
@@ -107,7 +111,8 @@ def check_stability(
     pseudocryptic morphotypes using observer-free characterizations of anatomical alignment and shape, Ecology and
     Evolution 7, 2017, PMC5528226) ask of everybody who aligns automatically. Neighbours are those by Procrustes
     distances of the samples. Poses set by hand are not kept in the repetitions: what speaks for them is asked as
-    well.
+    well. Shapes in doubt and incomplete ones are repeated like all others and have their own rows; they are nobody's
+    neighbours and do not count in the shares of all together.
 
     Examples
     --------
@@ -126,7 +131,10 @@ def check_stability(
     plan = list(repetitions(replace(asked, reference="", certify=False), view.num_shapes, options))
     if not plan:
         raise OptionsError("num_points, num_seeds, num_subsets: no repetition is left that differs from the result")
+    doubtful = options is not None and options.include_doubtful
+    who = statistics_members(view, include_doubtful=doubtful, include_incomplete=doubtful, one_part=False)
     before = procrustes_distances(view.aligned_samples)
+    before[:, np.setdiff1d(np.arange(view.num_shapes), who.chosen)] = np.nan
     rows = []
     with Session.open(asked, run or RunOptions(), progress_display(progress)) as session:
         for number, one in enumerate(plan, 1):
@@ -148,6 +156,7 @@ def check_stability(
         same_chirality=same,
         neighbours=neighbours,
         stay_deg=AGREE_DEG,
+        who=who,
     )
 
 
@@ -191,7 +200,8 @@ def _compared(view: CollectionView, before: FloatArray, again: AlignedCollection
         view.rotations[members], again.rotations, view.part_numbers[members]
     )
     now = procrustes_distances(by_label(again.positions, again.maps.labels))
-    neighbours[members] = kept_neighbours(before[np.ix_(members, members)], now)
+    known = before[np.ix_(members, members)]
+    neighbours[members] = kept_neighbours(known, np.where(np.isnan(known), np.nan, now))
     return present, changes, same, neighbours
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace as with_changes
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +14,7 @@ from collalign.cli.interruption import INCOMPLETE, resumable
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.output.evidence.evidence_file import load_view
-from collalign.tools.export.run import FORMATS, Space
+from collalign.tools.export.run import FORMATS, Space, left_out_sentence
 from collalign.tools.export.run import export as write_export
 from collalign.tools.transfer.files import left_out_summary, write_transfer
 from collalign.tools.transfer.result import TransferredLandmarks
@@ -35,6 +36,7 @@ def transfer(
     format: Annotated[str, Parameter(help=f"One of {', '.join(FORMATS)}.")] = "slicer-json",
     space: Space = "raw",
     leave_one_out: Annotated[bool, Parameter(negative=())] = False,
+    include_doubtful: Annotated[bool, Parameter(negative=())] = False,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
     """Carry landmarks from the specimens that have them to all others.
@@ -60,6 +62,8 @@ def transfer(
         Coordinates: those of the files, the common frame, that in the units of the files, or Procrustes superimposed.
     leave_one_out
         Predict every specimen that has landmarks from the others, and write and print how far off that is.
+    include_doubtful
+        As in ``collalign export``.
     """
     files = [*(landmarks or ()), *(curves or ()), *(patches or ())]
     if leave_one_out and len({specimen_of(path) for path in files}) < 2:
@@ -78,7 +82,17 @@ def transfer(
             run=with_changes(run, store=store),
         )
     view = with_changes(view, samples=found.points, landmark_names=found.labels, pairs=())
-    paths = write_export(view, format, to, space=space, semilandmarks=found.semilandmarks, system=found.system)
+    paths = write_export(
+        view,
+        format,
+        to,
+        space=space,
+        semilandmarks=found.semilandmarks,
+        system=found.system,
+        include_doubtful=include_doubtful,
+    )
+    if sentence := left_out_sentence(view, format, space, include_doubtful=include_doubtful):
+        print(f"collalign: {sentence}", file=sys.stderr)
     for path in (*paths, *write_transfer(found, to, leave_one_out=leave_one_out)):
         print(path)
     return _summarise(found, leave_one_out=leave_one_out)

@@ -15,6 +15,7 @@ import trimesh
 
 from collalign.output.evidence.evidence_file import save_view
 from collalign.products.evidence import CollectionView
+from collalign.products.incomplete import Incomplete
 from collalign.tools.export.run import FORMATS, export
 from data_tools.errors import InputError, OptionsError
 from data_tools.landmarks.landmark_files import read_landmarks
@@ -244,7 +245,7 @@ def test_moved_files_are_found_in_the_folder_named(view: CollectionView, tmp_pat
 
 def test_csv_tables(view: CollectionView, tmp_path: Path) -> None:
     files = {path.name: path for path in export(view, "csv", tmp_path)}
-    assert set(files) == {f"{name}.csv" for name in TABLES} | {"tree.nwk"}
+    assert set(files) == {f"{name}.csv" for name in TABLES} | {"tree.nwk", "left_out.csv"}
     shapes = rows(files["shapes.csv"])
     T = [[float(row[f"T{a}{b}"]) for a in (1, 2, 3) for b in (1, 2, 3, 4)] for row in shapes]
     np.testing.assert_array_equal(np.array(T).reshape(-1, 3, 4), view.transforms[:, :3])
@@ -252,15 +253,50 @@ def test_csv_tables(view: CollectionView, tmp_path: Path) -> None:
     assert len(landmarks) == 6 * NUM_SAMPLES
     assert sum(row["x"] == "" for row in landmarks) == 4
     consensus = rows(files["consensus.csv"])
-    assert [int(row["shapes"]) for row in consensus] == (~np.isnan(view.samples[:, :, 0])).sum(axis=0).tolist()
-    mean = np.nanmean(view.aligned_samples[:, 2], axis=0)
+    sure = [0, 2, 3, 4, 5]
+    assert [int(row["shapes"]) for row in consensus] == (~np.isnan(view.samples[sure, :, 0])).sum(axis=0).tolist()
+    mean = np.nanmean(view.aligned_samples[sure, 2], axis=0)
     np.testing.assert_allclose([float(consensus[2][axis]) for axis in "xyz"], mean, rtol=1e-12)
     coordinates = rows(files["procrustes_coordinates.csv"])
-    assert len(coordinates[0]) == 1 + 3 * (NUM_SAMPLES - 4)
-    flat = np.array([list(row.values())[1:] for row in coordinates], dtype=float).reshape(6, -1, 3)
+    assert len(coordinates[0]) == 1 + 3 * (NUM_SAMPLES - 3), "the fourth is missing on the doubtful shape"
+    flat = np.array([list(row.values())[1:] for row in coordinates], dtype=float).reshape(5, -1, 3)
     np.testing.assert_allclose(flat.mean(axis=1), 0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(flat, axis=(1, 2)), 1, rtol=1e-12)
-    assert files["tree.nwk"].read_text().count("shape_") == 6
+    assert files["tree.nwk"].read_text().count("shape_") == 5
+
+
+@pytest.mark.parametrize("incomplete", [(), (3,)])
+def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_computed(
+    view: CollectionView, tmp_path: Path, incomplete: tuple[int, ...]
+) -> None:
+    none = np.zeros(0, dtype=np.int64)
+    lacking = tuple(
+        Incomplete(shape=at, partners=none, overlaps=np.zeros((0, 2)), reason="named") for at in incomplete
+    )
+    view = dataclasses.replace(view, incomplete=lacking)
+    turned = view.transforms.copy()
+    turned[[1, *incomplete], :3, :3] = turned[[1, *incomplete], :3, :3][..., ::-1]
+    out = sorted([1, *incomplete])
+    tables = {}
+    for to, transforms in (("a", view.transforms), ("b", turned)):
+        moved = dataclasses.replace(view, transforms=transforms)
+        export(moved, "csv", tmp_path / to)
+        export(moved, "tps", tmp_path / to / "superimposed", space="procrustes")
+        tables[to] = {path.name: path.read_text() for path in (tmp_path / to).rglob("[!m]*.*") if path.is_file()}
+    assert {name for name in tables["a"] if tables["a"][name] != tables["b"][name]} == {"shapes.csv", "landmarks.csv"}
+    for name in ("procrustes_distances.csv", "tree.nwk", "landmarks.tps", "principal_components.csv"):
+        assert [view.names[at] for at in range(6) if view.names[at] not in tables["a"][name]] == [
+            view.names[at] for at in out
+        ]
+    assert tables["a"]["left_out.csv"].splitlines()[1] == 'shape_001,"in doubt, confidence 0.21"'
+    marked = [row["left_out"] for row in rows(tmp_path / "a" / "shapes.csv")]
+    assert [at for at, reason in enumerate(marked) if reason] == out
+    everybody = export(view, "tps", tmp_path / "all", space="procrustes", include_doubtful=True)
+    assert everybody[0].read_text().count("LM3=") == 6
+    nobody = dataclasses.replace(view, confidence=np.full(6, 0.3))
+    with pytest.raises(InputError, match="0 shapes are complete and sure"):
+        export(nobody, "tps", tmp_path / "none", space="procrustes")
+    assert not {path.stem for path in export(nobody, "csv", tmp_path / "none")} & set(TABLES[2:3] + TABLES[4:])
 
 
 def test_the_table_of_pairs_names_target_and_source_and_shapes_have_their_sizes(
@@ -293,7 +329,7 @@ def test_label_columns_never_hide_the_table_s_own(view: CollectionView, tmp_path
 
 def test_procrustes_space_is_for_landmarks_only(view: CollectionView, tmp_path: Path) -> None:
     text = export(view, "tps", tmp_path, space="procrustes")[0].read_text()
-    assert f"LM3={NUM_SAMPLES - 4}" in text
+    assert text.count(f"LM3={NUM_SAMPLES - 3}") == 5, "of the shapes that count, in doubt is one"
     with pytest.raises(OptionsError, match="landmarks only"):
         export(view, "ply", tmp_path, space="procrustes")
 
