@@ -22,89 +22,16 @@ from collalign.collection import AlignedCollection
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
+from tests.data_tools.io.test_points import MALFORMED as POINTS
+from tests.data_tools.io.test_shapes import MALFORMED as MESHES
+from tests.data_tools.io.test_text_tables import AMBIGUOUS
 from tests.fuzz.seeds import shape_files
 
 NUM_GOOD = 3
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0), pairs="sparse", refine=False)
 
-_PLY = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-_FACES = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
-_CORNERS = "0 0 0\n1 0 0\n0 1 0\n"
-_PCD = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nPOINTS 3\n"
-_STL = (
-    "solid a\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 2 0 0\nendloop\nendfacet\nendsolid\n"
-)
-
-#: Contents by suffix; each is bad in its own way.
+#: Contents by suffix beside those that the tests of the readers name; each is bad in its own way.
 CONTENTS: dict[str, list[str]] = {
-    "ply": [
-        "ply\n",
-        "ply\nend_header\n",
-        "ply\nformat ascii 1.0\nend_header\n",
-        "ply\nformat ascii 1.0\nelement vertex -1\nend_header\n",
-        "ply\nformat ascii 1.0\nelement vertex many\nend_header\n",
-        "ply\nformat ascii 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n",
-        "ply\nformat binary_little_endian 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n",
-        "ply\nformat ebcdic 1.0\nelement vertex 1\nproperty float x\nend_header\n0\n",
-        _PLY + _FACES + _CORNERS,
-        _PLY + _FACES + _CORNERS + "3 0 1 99\n",
-        _PLY + _FACES + _CORNERS + "3 0 1 -1\n",
-        _PLY + _FACES + _CORNERS + "9 0 1\n",
-        _PLY + _FACES + _CORNERS + "2 0 1\n",
-        _PLY + _FACES + _CORNERS + "3 0 0 0\n",
-        _PLY + _FACES + _CORNERS.replace("1 0 0", "nan 0 0") + "3 0 1 2\n",
-        _PLY + _FACES + _CORNERS.replace("1 0 0", "1e200 0 0") + "3 0 1 2\n",
-        _PLY + _FACES + _CORNERS.replace("1 0 0", "one 0 0") + "3 0 1 2\n",
-        _PLY + _FACES + "0 0 0\n" * 3 + "3 0 1 2\n",
-        (_PLY + _FACES + _CORNERS + "3 0 1 2\n").replace("property float y\n", ""),
-        (_PLY + _FACES + _CORNERS + "3 0 1 2\n").replace("float x", "string x"),
-        (_PLY + _FACES + _CORNERS + "3 0 1 2\n").replace("list uchar", "list float"),
-        (_PLY + _FACES + _CORNERS + "3 0 1 2\n").replace("\n", "\r"),
-    ],
-    "off": [
-        "OFF",
-        "OFF\n3 1 0",
-        "OFF\n-3 1 0\n",
-        "OFF\n3 1 0\n" + _CORNERS,
-        "OFF\n3 1 0\n" + _CORNERS + "3 0 1 3\n",
-        "OFF\n3 1 0\n" + _CORNERS + "3 0 1\n",
-        "OFF\n3 1 0\n" + _CORNERS + "3 0 1 x\n",
-        "OFF\n3 1 0\n" + _CORNERS + "3 0 1 1.5\n",
-        "OFF\n3 1 0\n" + _CORNERS + "2 0 1\n",
-        "OFF\n3 1 0\n" + _CORNERS.replace("1 0 0", "1 0") + "3 0 1 2\n",
-        "OFF\n3 1 0\n" + _CORNERS.replace("1 0 0", "1,5 0 0") + "3 0 1 2\n",
-        "OFF\n9999999999 1 0\n" + _CORNERS,
-        "OFF BINARY\n3 1 0\n",
-        "4OFF\n3 1 0\n" + _CORNERS,
-        "off\n3 1 0\n" + _CORNERS + "3 0 1 2\n",
-    ],
-    "obj": [
-        "v\n",
-        "v 0 0\n",
-        "v a b c\n",
-        "f 1 2 3\n",
-        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n",
-        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -9\n",
-        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n",
-        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n",
-        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/ 2/ x/\n",
-        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 99999999999999999999 1 2\n",
-        "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n",
-        "v nan nan nan\n",
-        "v 1e999 0 0\nv 0 1 0\n",
-        "mtllib ../../etc/passwd\nusemtl x\n",
-        "# nothing\n",
-    ],
-    "stl": [
-        "solid",
-        "solid a\nendsolid a\n",
-        "solid a\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nendloop\nendfacet\nendsolid\n",
-        _STL.replace("2 0 0", "x 1 0"),
-        _STL.replace("2 0 0", "nan 1 0"),
-        _STL,
-        "x" * 80 + "\x01\x00\x00\x00",
-        "x" * 84,
-    ],
     "glb": [
         "glTF",
         "glTF\x02\x00\x00\x00",
@@ -127,60 +54,6 @@ CONTENTS: dict[str, list[str]] = {
         '{"asset": {"version": "2.0"}, "accessors": [{"count": 99999999999, "componentType": 5126, "type": "VEC3"}]}',
         '{"asset": {"version": "2.0"}, "buffers": [{"uri": "data:;base64,!!!!", "byteLength": 3}]}',
     ],
-    "pcd": [
-        "VERSION .7\n",
-        "DATA ascii\n",
-        _PCD + "DATA zip\n",
-        _PCD + "DATA ascii\n0 0 0\n",
-        _PCD + "DATA ascii\n0 0\n1 1\n2 2\n",
-        _PCD + "DATA ascii\na b c\n1 1 1\n2 2 2\n",
-        _PCD + "DATA ascii\nnan nan nan\nnan nan nan\nnan nan nan\n",
-        _PCD + "DATA binary\n",
-        _PCD + "DATA binary_compressed\n\xff\xff\xff\xff\xff\xff\xff\xff",
-        _PCD.replace("POINTS 3", "POINTS 999999999999") + "DATA binary\n",
-        _PCD.replace("POINTS 3", "POINTS three") + "DATA ascii\n",
-        _PCD.replace("x y z", "a b c") + "DATA ascii\n0 0 0\n1 0 0\n0 1 0\n",
-        _PCD.replace("COUNT 1 1 1", "COUNT 1 1") + "DATA ascii\n0 0 0\n1 0 0\n0 1 0\n",
-        _PCD.replace("SIZE 4 4 4", "SIZE 3 3 3") + "DATA binary\n" + "x" * 27,
-        _PCD.replace("TYPE F F F", "TYPE Q Q Q") + "DATA binary\n" + "x" * 36,
-        _PCD.replace("SIZE 4 4 4", "SIZE 99999999999 4 4") + "DATA binary\n",
-    ],
-    "csv": [
-        "x,y,z\n",
-        "a letter to a friend\nwith, commas\n",
-        "1,2\n3,4\n",
-        "x,y\n1,2\n3,4\n5,6\n",
-        "id,a,b,c\n1,2,3,4\n5,6,7,8\n",
-        "X (mm),X (px),Y,Z\n1,2,3,4\n5,6,7,8\n",
-        "1,234;5,678;2,100\n3,456;7,890;1,234\n",
-        "1,5;2.5;3,5\n4,5;5,5;6,5\n",
-        "1.234,5;2,5;3,5\n4,5;5,5;6,5\n",
-        "1,2,3 4\n5,6,7 8\n",
-        "-1,00,2,42,3,10\n4,05,5,17,6,00\n",
-        "x,y,z\n-1,00,2,42,3,10\n4,05,5,17,6,00\n",
-        "x,y,z\n1,2,3\n4,5\n",
-        "x,y,z\n1,2,3\n4,,6\n7,8,9\n",
-        "x,y,z\n1,2,3\n4,five,6\n",
-        "x,y,z\n" + '"1,2,3\n' * 3,
-        "x,y,z\n0,0,0\n0,0,0\n",
-        "=1+1,=2,=3\n=4,=5,=6\n",
-        "0,0.5,2,3\n1,1,1,1\n2,9,8,7\n",
-        "x,y,z\nNA,NA,NA\nNA,NA,NA\n",
-        "x,y,z\ninf,0,0\n1,1,1\n",
-        "x,y,z\n1e400,0,0\n1,1,1\n",
-    ],
-    "xyz": [
-        "0 0\n1 1\n",
-        "0 0 0\n1 1\n2 2 2\n",
-        "0 0 0\nnan 1 1\n2 2 2\n",
-        "0 0 0\n",
-        "0 0 0\n0 0 0\n",
-        "1 0.5 2 3\n2 1 1 1\n3 9 8 7\n",
-        "0 0 0\n1 2 3abc\n",
-        "# only a comment\n",
-        "// only a comment\n",
-        "1_000 2 3\n4 5 6\n",
-    ],
     "txt": [
         "hello\n",
         "\n\n\n",
@@ -200,10 +73,12 @@ def write_bad_inputs(folder: Path, *, every: int = 1) -> int:
     for i in range(NUM_GOOD):
         write_mesh(folder / f"good{i}.ply", crown(np.random.default_rng(i), num_vertices=80))
     files = {
-        f"hand{number:02d}.{suffix}": content.encode("utf-8" if suffix in ("csv", "xyz", "txt") else "latin-1")
+        f"hand{number:02d}.{suffix}": content.encode("utf-8" if suffix == "txt" else "latin-1")
         for suffix, contents in CONTENTS.items()
         for number, content in enumerate(contents)
     }
+    files |= {name: content.encode() for name, content, _ in (*MESHES, *POINTS)}
+    files |= {f"table{number:02d}.csv": content.encode() for number, (content, _) in enumerate(AMBIGUOUS)}
     with tempfile.TemporaryDirectory() as seeds:
         for name, content in shape_files(Path(seeds)).items():
             files |= _damaged(name, content)
@@ -229,6 +104,9 @@ def _damaged(name: str, content: bytes) -> dict[str, bytes]:
     kinds = {
         "empty": b"",
         "first": content[:1],
+        "third": content[: half * 2 // 3],
+        "signed": b"\xef\xbb\xbf" + content,
+        "backwards": content[::-1],
         "cut": content[:half],
         "tail": content[half:],
         "zeros": bytes(len(content)),

@@ -30,7 +30,7 @@ from pairwise.dense.refine import refine_pose
 #: Shapes of the trial, from all over the folder, and pairs of a run that are refined to time that.
 NUM_TRIAL_SHAPES, NUM_TRIAL_PAIRS = 5, 10
 
-# Measured by tests/benchmarks/profile.py and bench_estimate.py on teeth, skulls, bodies and generated shapes, in
+# Measured by cProfile and tests/benchmarks/bench_estimate.py on teeth, skulls, bodies and generated shapes, in
 # seconds of matching one pair, of refining one or of reading one shape, which the trial times on the machine at hand.
 #: Pairs that the pilot matches for each shape that it looks at.
 PILOT_PAIRS = 2.5

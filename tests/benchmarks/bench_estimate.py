@@ -8,7 +8,12 @@ clock would compare a quiet trial with a loaded run. ``start`` is zero then: the
 from __future__ import annotations
 
 import argparse
+import shutil
+import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 time.perf_counter = time.process_time  # all stages are timed by it
 
@@ -17,9 +22,30 @@ from collalign.batch import BatchJob, estimate_job  # noqa: E402
 from collalign.engine.jobs import run as jobs_run  # noqa: E402
 from collalign.engine.jobs.worker import Limits  # noqa: E402
 from collalign.options import AlignOptions  # noqa: E402
-from tests.benchmarks.profile import shapes_of  # noqa: E402
+from data_tools.io.files import natural_key  # noqa: E402
+from tests.benchmarks.bench_scale import generate  # noqa: E402
 
-FOLDERS = ("teeth-116", "teeth-20", "skulls-20", "bodies-20", "generated-20")
+NAMES = ("teeth-116", "teeth-20", "skulls-20", "bodies-20", "generated-20")
+DATA = Path("../shared/data")
+FOLDERS = {
+    "teeth": DATA / "teeth_pnas116" / "meshes",
+    "skulls": DATA / "mouse_skulls62" / "meshes",
+    "bodies": DATA / "shrec07_dev" / "human" / "meshes",
+}
+
+
+@contextmanager
+def shapes_of(name: str, num: int) -> Iterator[Path]:
+    """Give a folder with the first shapes of a collection."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "shapes"
+        if name == "generated":
+            generate(num, folder, 0)
+        else:
+            folder.mkdir()
+            for file in sorted(FOLDERS[name].iterdir(), key=lambda path: natural_key(path.name))[:num]:
+                shutil.copy(file, folder)
+        yield folder
 
 
 def measure(name: str, num: int) -> None:
@@ -43,7 +69,7 @@ def measure(name: str, num: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", default=FOLDERS, metavar="NAME-NUM")
+    parser.add_argument("names", nargs="*", default=NAMES, metavar="NAME-NUM")
     arguments = parser.parse_args()
     jobs_run.Limits = lambda **ignored: Limits()  # type: ignore[assignment,misc]  # no limits: no worker processes
     for name, _, num in (folder.partition("-") for folder in arguments.names):

@@ -3,8 +3,8 @@
     python -m tests.benchmarks.bench_synchronization [--seeds 10] [--only WORD ...]
 
 Prints, per setting, the share of shapes within 20 degrees, the share of runs with all shapes right, the median and
-the worst error, for both methods on the same data; then nearest-neighbour graphs, flipped blocks, mixed collections,
-chirality, maps and times as ratios.
+the worst error, for both methods on the same data; then nearest-neighbour graphs, flipped blocks, mixed collections
+and chirality.
 """
 
 from __future__ import annotations
@@ -12,19 +12,16 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from time import process_time
 
 import numpy as np
 
-from collalign.synchronization import PairGraph, synchronize, synchronize_clusters, synchronize_maps
-from collalign.synchronization.solvers.spectral import spectral_frames
+from collalign.synchronization import PairGraph, synchronize, synchronize_clusters
 from tests.synchronization_problems import (
     Planted,
     complete_edges,
     exact_pairs,
     flipped_pairs,
     group_flip,
-    map_between,
     mixed_collection,
     pose_errors_deg,
     random_rotations,
@@ -194,66 +191,12 @@ def chirality(seeds: int) -> None:
     )
 
 
-def maps(seeds: int) -> None:
-    for num_shapes, degree, seconds in ((100, 0, []), (1000, 16, [])):
-        rng = np.random.default_rng(0)
-        planted = [rng.permutation(64) for _ in range(num_shapes)]
-        edges = regular_edges(num_shapes, degree, 0) if degree else complete_edges(num_shapes)
-        given = {}
-        for i, j in edges:
-            found = np.argsort(planted[i])[planted[j]]
-            spoiled = np.flatnonzero(rng.random(64) < 0.3)
-            found[spoiled] = found[rng.permutation(spoiled)]
-            given[int(i), int(j)] = found
-        start = process_time()
-        labels = synchronize_maps(given, [64] * num_shapes)
-        seconds.append(process_time() - start)
-        same = [np.argsort(planted[0])[planted[a]] == map_between(labels, 0, a) for a in range(num_shapes)]
-        print(f"maps, N {num_shapes}, 30 % wrong: right {np.mean(same):.4f}, {seconds[0]:.1f} s", flush=True)
-
-
-def times(seeds: int) -> None:
-    """Processor time of the robust method over the plain eigenprojection, and over the certified baseline."""
-    for num_shapes, degree, candidates in ((300, 0, 1), (300, 0, 4), (1000, 16, 1), (1000, 16, 4)):
-        problem = Cell(degree=degree, wrong=0.3, candidates=candidates, num_shapes=num_shapes).problem(0)
-        graph = PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies)
-        chosen = graph.chosen(graph.best_choice)
-        plain = _seconds(lambda: spectral_frames(graph, chosen, graph.weights))  # noqa: B023
-        spectral, robust = (
-            _seconds(
-                lambda: synchronize(
-                    problem.edges,  # noqa: B023
-                    problem.rotations,  # noqa: B023
-                    energies=problem.energies,  # noqa: B023
-                    method=method,  # noqa: B023
-                )
-            )
-            for method in ("spectral", "robust")
-        )
-        print(
-            f"time, N {num_shapes}, {degree or 'complete'}, {candidates} cand.: robust / eigenprojection "
-            f"{robust / plain:.0f}, robust / baseline {robust / spectral:.0f} ({robust:.2f} s)",
-            flush=True,
-        )
-
-
-def _seconds(run: Callable[[], object], repeats: int = 3) -> float:
-    spent = []
-    for _ in range(repeats):
-        start = process_time()
-        run()
-        spent.append(process_time() - start)
-    return min(spent)
-
-
 PARTS: dict[str, Callable[[int], None]] = {
     "poses": poses,
     "neighbours": neighbours,
     "blocks": blocks,
     "clusters": clusters,
     "chirality": chirality,
-    "maps": maps,
-    "times": times,
 }
 
 

@@ -10,18 +10,17 @@ import pytest
 
 from collalign.engine.store.records import decode, encode
 from collalign.engine.store.store import Store
-from collalign.tools.classify.surface_distance import near_pairs, refined_distance
+from collalign.tools.classify.surface_distance import refined_distance
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
-from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments import load_experiment
 from experiments.collections import aligning, classification, collections, tooth_distances
 from experiments.experiment import Bench, Cell
-from experiments.figures import figure13
 from experiments.write import write_experiment
 from pairwise.dense.points import DensePoints
 
@@ -155,18 +154,6 @@ def test_published_rotations_are_compared_with_the_landmarks(layouts: Path, tmp_
         aligning.measure_published_rotations(cell(tmp_path))
 
 
-def test_figure13_says_when_seven_dimensions_are_worse() -> None:
-    errors = np.array([1.0, np.nan, 30.0])
-    assert figure13.curve(errors)[[0, -1]].tolist() == pytest.approx([0.0, 200 / 3])
-    record = {"pair_deg": errors, "own_deg": errors, "subsets": [0.5], "shapes": 4, "within_20": 4}
-    keys = [("ant", "toolkit", "xyz"), ("ant", "toolkit", "xyz+lb")]
-    same = figure13.rows_of(dict.fromkeys(keys, record))
-    assert "ant, toolkit: yes" in figure13.comparison(same)
-    worse = figure13.rows_of({keys[0]: record, keys[1]: record | {"within_20": 3, "subsets": [0.4]}})
-    assert "ant, toolkit: no" in figure13.comparison(worse)
-    assert "Not every shape is within 20 degrees" in figure13.comparison(worse)
-
-
 def test_distances_vanish_for_the_same_surface_only(rng: np.random.Generator) -> None:
     points = rng.standard_normal((60, 3))
     points = (points - points.mean(axis=0)) / np.linalg.norm(points - points.mean(axis=0))
@@ -181,18 +168,6 @@ def test_distances_vanish_for_the_same_surface_only(rng: np.random.Generator) ->
     there, back = (refined_distance(*pair, np.eye(3))[0] for pair in ((one, other), (other, one)))
     assert there == pytest.approx(back, rel=0.02)
     assert min(one_to_one, there) > 0.05
-
-
-def test_a_pair_alone_is_found_from_few_of_its_points(rng: np.random.Generator) -> None:
-    points = rng.standard_normal((40, 3)) * [3, 2, 1]
-    points -= points.mean(axis=0)
-    turn = random_rotation(rng)
-    points /= np.linalg.norm(points)
-    found, distance = tooth_distances.match_alone(points, points @ turn, num_coarse=16)
-    assert rotation_angle_deg(found, turn) < 1e-4
-    assert distance < 1e-6
-    bent = points * [1.4, 1.0, 0.8]
-    assert tooth_distances.match_alone(points, bent / np.linalg.norm(bent), num_coarse=16)[1] > 0.05
 
 
 def test_teeth_are_classified_from_their_meshes(layouts: Path) -> None:
@@ -222,11 +197,6 @@ def test_teeth_are_classified_from_their_meshes(layouts: Path) -> None:
     assert classification.classify_all(mixed, labels, marks["names"])["genus"].accuracy < 0.5
 
 
-def test_near_pairs_are_near_for_one_of_the_two() -> None:
-    places = np.array([0.0, 1.0, 1.5, 9.0])
-    assert near_pairs(np.abs(places[:, None] - places), 1) == [(0, 1), (1, 2), (2, 3)]
-
-
 def test_blocks_of_rows_make_one_symmetric_matrix() -> None:
     upper = np.triu(np.arange(16.0).reshape(4, 4), 1)
     rows = np.where(upper > 0, upper, np.nan)
@@ -237,8 +207,3 @@ def test_blocks_of_rows_make_one_symmetric_matrix() -> None:
 def test_small_and_unknown_taxa_do_not_count_and_spellings_are_one() -> None:
     labels = ["Cheirogaleiidae", "Cheirogaleidae", "Cheirogaleidae", "NA", "Lorisidae", "Lorisidae"]
     assert classification.counted_labels(labels) == ["Cheirogaleidae"] * 3 + [""] * 3
-
-
-def test_plans_name_every_collection_once_per_row() -> None:
-    rows = [repr((function.__name__, settings)) for function, settings in collections.plan(quick=False)]
-    assert len(set(rows)) == len(rows)

@@ -8,14 +8,11 @@ import numpy as np
 import pytest
 
 from collalign.engine.store.store import Store
-from experiments.experiment import Bench, Cell
+from experiments.experiment import Bench
 from experiments.pairs import incomplete
 from experiments.pairs.incomplete_sets import (
-    RANDOM,
-    TOLD,
     complete_row,
     cut_row,
-    measure_cut_collection,
     scan_pair_rows,
     scan_row,
 )
@@ -56,15 +53,6 @@ def test_rows_of_collections_count_what_is_cut_apart_from_what_is_whole() -> Non
     assert rows[0]["noticed"] == "1 of 1"
     complete = complete_row(settings, {"same": True, "named": [], "auto_s": 2.2, "never_s": 2.0})
     assert (complete["same"], complete["named"], complete["ratio"]) == ("yes", 0, pytest.approx(1.1))
-
-
-@pytest.mark.data
-def test_a_small_cut_collection_is_measured(shared_data: Path) -> None:
-    settings = {"collection": "glasses", "shapes": 4, "cut": 1, "share": 0.25, "way": TOLD, "what": RANDOM, "seed": 1}
-    record = measure_cut_collection(Cell(data=shared_data, settings=settings))
-    assert record["named"] == record["cut"]
-    assert len(record["shape_deg"]) == 4
-    assert record["as_without"]
 
 
 @pytest.mark.data

@@ -19,7 +19,7 @@ from data_tools.rotations import spread_directions
 from data_tools.surface.shape import Shape
 from experiments import load_experiment
 from experiments.__main__ import app
-from experiments.experiment import Bench, Cell
+from experiments.experiment import Bench
 from experiments.figures import figure3, figure5, figure14
 from experiments.figures.exhaustive import exhaustive_energies, minimise_each
 from experiments.figures.planted import planted_problem
@@ -118,11 +118,6 @@ def test_exhaustive_runs_end_in_local_minima_that_do_not_depend_on_each_other() 
     together = minimise_each(problem, starts)
     np.testing.assert_allclose(together, [minimise_each(problem, start[None])[0] for start in starts])
     assert together.min() == pytest.approx(minimise(problem, starts).energies[0])
-
-
-def test_shares_of_reached_energies_see_a_worse_one() -> None:
-    assert figure5.share_reached([1.0, 1.0 + 1e-9, 0.0], [1.0, 1.0, 1e-12]) == 100.0
-    assert figure5.share_reached([1.0, 1.01], [1.0, 1.0]) == 50.0
 
 
 def test_figure5(bench: Bench, tmp_path: Path) -> None:
@@ -259,26 +254,6 @@ def test_faust_and_its_scans_where_they_are(bench: Bench, tmp_path: Path) -> Non
         app(["faust", "--data", str(tmp_path), "--out", str(tmp_path), "--quiet"], exit_on_error=False)
 
 
-def test_a_trial_knows_the_means_of_its_pairs_only() -> None:
-    pairs = (("a", "b"), ("a", "c"))
-    records = tuple({"direct": np.array([e, 0.0]), "mirrored": np.array([0.0, 0.0])} for e in (0.2, 0.4))
-    measured = map_trials.Measured(trial=map_trials.Trial(label="x", pairs=pairs), records=records)
-    assert measured.mean_direct(pairs) == pytest.approx(0.15)
-    assert measured.mean_direct(pairs[1:]) == pytest.approx(0.2)
-    assert measured.mean_direct((("b", "a"),)) is None
-    assert measured.accepting_flips is not None
-    assert max(errors.max() for errors in measured.accepting_flips) == 0.0
-
-
-def test_some_pairs_are_a_part_in_order() -> None:
-    pairs = tuple((str(i), "x") for i in range(30))
-    chosen = map_trials.some_pairs(pairs, 8, 0)
-    assert len(chosen) == 8
-    assert list(chosen) == sorted(chosen, key=pairs.index)
-    assert chosen != map_trials.some_pairs(pairs, 8, 1)
-    assert map_trials.some_pairs(pairs, 99, 0) == pairs
-
-
 @pytest.mark.data
 def test_the_public_benchmarks_have_their_published_means(shared_data: Path) -> None:
     scape = map_sets.read_map_set(shared_data, "scape")
@@ -291,19 +266,3 @@ def test_the_public_benchmarks_have_their_published_means(shared_data: Path) -> 
         maps = map_sets.read_map_set(shared_data, name)
         assert set(maps.on(maps.pairs)) == {"BlendedMap"}
         assert len(maps.pairs) == len(set(maps.pairs)) >= 19
-
-
-@pytest.mark.data
-def test_one_map_of_glasses(shared_data: Path) -> None:
-    target, source = map_trials.some_pairs(map_sets.read_map_set(shared_data, "glasses").pairs, 1, 0)[0]
-    settings = {
-        "set": "glasses",
-        "variant": "original",
-        "target": target,
-        "source": source,
-        "points": 50,
-        "options": {},
-        "surface": map_trials.QUICK_SURFACE,
-    }
-    record = map_cells.measure_map(Cell(data=shared_data, settings=settings))
-    assert map_cells.errors_of(record).direct.mean() < 0.06

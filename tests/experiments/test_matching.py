@@ -10,13 +10,12 @@ import pytest
 from collalign.engine.store.store import Store
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.embedding import sample_shape
-from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments import load_experiment
-from experiments.datasets import read_range_scans, read_shrec07_class
+from experiments.datasets import read_range_scans
 from experiments.experiment import Bench
 from experiments.pairs import matching_energies, matching_table
 from experiments.pairs.incomplete_sets import overlap_share
@@ -151,8 +150,3 @@ def test_scans_overlap_as_much_as_they_were_cut_to(layouts: Path) -> None:
     left, middle, right = (scans.names.index(name) for name in SCANS)
     assert overlap_share(scans, samples, left, middle) == pytest.approx(7 / 8, abs=0.06)
     assert overlap_share(scans, samples, left, right) == pytest.approx(6 / 8, abs=0.08)
-
-
-def test_scans_without_poses_are_refused(layouts: Path) -> None:
-    with pytest.raises(InputError, match="poses of the scans"):
-        overlap_share(read_shrec07_class(layouts / "shrec07_dev" / "teddy"), [], 0, 1)

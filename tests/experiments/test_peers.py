@@ -23,7 +23,6 @@ from experiments.peers import peers
 from experiments.peers.peer_pairs import MatchedPairs, open3d_pairs, open3d_pose_graph, spectral
 from experiments.peers.peer_tools import TOOLS, Answer, largest_difference_deg
 from experiments.peers.principal_axes import (
-    align_by_principal_axes,
     along_tree,
     axis_starts,
     closest_points,
@@ -76,12 +75,6 @@ def test_figures_see_gross_and_mirrored_pairs(posed_crowns: PosedCollection, cro
     assert (wrong["gross"], wrong["mirrored"], wrong["within_20"]) == (0, 3, 3)
 
 
-def test_figures_follow_the_names(posed_crowns: PosedCollection, crowns: PlantedCollection) -> None:
-    names = posed_crowns.names[::-1]
-    assert posed_crowns.figures(crowns.rotations[::-1], names)["gross"] == 0
-    assert posed_crowns.figures(crowns.rotations, names)["gross"] > 0
-
-
 def test_the_stopwatch_tells_waiting_from_working() -> None:
     with stopwatch() as waiting:
         time.sleep(0.3)
@@ -118,12 +111,6 @@ def test_the_tree_takes_the_nearest_pairs_only(rng: np.random.Generator) -> None
     assert worst_deg(along_tree(relative, distances), true) < 1e-4
     distances[0, 4] = distances[4, 0] = 0.5
     assert worst_deg(along_tree(relative, distances), true) > 1
-
-
-def test_principal_axes_align_crowns(crowns: PlantedCollection) -> None:
-    found = align_by_principal_axes(crowns.shapes, num_points=(40, 60))
-    np.testing.assert_array_equal(found[0], np.eye(3))
-    assert worst_deg(found, crowns.rotations) < 20
 
 
 def test_spectral_synchronization_recovers_and_rejects(rng: np.random.Generator) -> None:
@@ -172,39 +159,6 @@ def test_a_comparison_runs_each_tool_twice(posed_crowns: PosedCollection) -> Non
     assert figures["wall_s"] > 0
 
 
-def test_a_missing_package_is_named() -> None:
-    tool = replace(TOOLS["axes"], packages=("numpy", "no_such_package"))
-    assert tool.lacks() == "no_such_package"
-    assert TOOLS["collalign"].lacks() == ""
-
-
-def test_the_text_names_who_is_ahead() -> None:
-    row = {"collection": "c", "tool": "collalign", "within_20": 90.0, "gross": 0.0}
-    assert "nowhere" in peers._text((row, row | {"tool": "other"}))
-    text = peers._text((row, row | {"tool": "other", "within_20": 95.0}))
-    assert "other on c (95.0 against 90.0" in text
-
-
-def test_a_job_that_falls_short_says_so() -> None:
-    row = {
-        "job": "116 teeth, mixed sides",
-        "tool": "collalign",
-        "gross": 0,
-        "mirrored": 0,
-        "median_deg": 5.0,
-        "largest_median_deg": 5.4,
-        "wall_s": 100.0,
-        "processor_s": 190.0,
-    }
-    text = teeth_jobs._text((row,))
-    assert text.startswith("Short of the figures: nothing.")
-    assert "took 190 of them" in text
-    assert "Single draws" not in text
-    assert "mixed sides (up to 5.70)" in teeth_jobs._text((row | {"largest_median_deg": 5.7},))
-    text = teeth_jobs._text((row | {"gross": 2, "mirrored": 1, "median_deg": 6.0, "wall_s": 300.0},))
-    assert all(words in text for words in ("2 gross", "1 pairs of wrong chirality", "6.00 degrees", "300 seconds"))
-
-
 def test_families_are_deformed_and_their_truth_is_exact(tmp_path: Path) -> None:
     posed = deformations.make_family("chair", 3, 3, tmp_path, tmp_path / "family")
     assert len(list(posed.folder.glob("*.ply"))) == len(posed.names) == 3
@@ -220,15 +174,6 @@ def test_the_quick_run_of_deformations_is_the_same_twice(tmp_path: Path) -> None
     assert (ours["tool"], ours["same_bytes"]) == ("collalign", "yes")
     assert ours["clean"] == (ours["gross"] == 0)
     assert (families.rows[0]["collalign"] == 0) == (ours["gross"] == 0)
-
-
-@pytest.mark.data
-def test_the_quick_run_of_peers_has_a_row_per_tool(shared_data: Path) -> None:
-    bench = Bench(data=shared_data, store=Store.memory(), quick=True, quiet=True)
-    (table,) = peers.EXPERIMENT.measure(bench).tables
-    tools = [tool for name, tool in TOOLS.items() if name in peers.QUICK_TOOLS and not tool.lacks()]
-    expected = {answer for tool in tools for answer in tool.answers}
-    assert {row["tool"] for row in table.rows} == expected
 
 
 @pytest.mark.data

@@ -192,13 +192,6 @@ def test_clouds_with_other_centroids_are_shifted_on_request() -> None:
     assert alone.energy > 1.0
 
 
-def test_results_are_read_only() -> None:
-    points = np.random.default_rng(0).random((6, 3))
-    result = match(points, points)
-    with pytest.raises(ValueError, match="read-only"):
-        result.R_target_source[0, 0] = 0.0
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -58,17 +58,6 @@ def kill_one_worker(cluster: Any) -> None:
     os.kill(next(worker.pid for worker in cluster.workers.values() if worker.pid), signal.SIGKILL)
 
 
-def test_a_killed_worker_changes_nothing(cluster: Any) -> None:
-    tasks = [(f"s{seed}", seed) for seed in range(60)]
-    expected = {result.key: result.value.tobytes() for result in run_jobs(spectrum, tasks)}
-    found = {}
-    for result in run_jobs(spectrum, tasks, scheduler=cluster.scheduler_address, batch_size=2):
-        found[result.key] = result.value.tobytes()
-        if len(found) == 10:
-            kill_one_worker(cluster)
-    assert found == expected
-
-
 def test_restarted_workers_have_the_shared_records(cluster: Any) -> None:
     found = {}
     with SharedTable.create((str(i), {"positions": np.full((4, 3), float(i))}) for i in range(10)) as table:
@@ -153,12 +142,6 @@ def test_tasks_that_kill_workers_cost_only_themselves(cluster: Any) -> None:
     assert {key for key, result in results.items() if result.failure} == {"raise", "segfault", "fill"}
     # Memory is about the machine: another run may succeed.
     assert {key for key, result in results.items() if result.crashed} == {"segfault", "fill"}
-
-
-def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("collalign.engine.jobs.cluster._LISTEN_TIMEOUT_S", 0.5)
-    with pytest.raises(CollalignError, match=r"tcp://127\.0\.0\.1:9"):
-        list(run_jobs(spectrum, [("a", 1)], scheduler="tcp://127.0.0.1:9"))
 
 
 def test_a_cluster_with_other_versions_is_refused(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:

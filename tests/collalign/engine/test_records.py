@@ -21,7 +21,7 @@ def array_bytes(code: int, shape: tuple[int, ...], raw: bytes) -> bytes:
 
 
 @given(st.dictionaries(st.text(), PLAIN | st.binary() | st.lists(PLAIN)))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60, deadline=None, derandomize=True)
 def test_plain_values_come_back(record: dict[str, object]) -> None:
     assert decode(encode(record), "x") == record
 
@@ -93,7 +93,7 @@ def test_malformed_bytes_are_refused(data: bytes, reason: str) -> None:
 
 
 @given(data=st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150, deadline=None, derandomize=True)
 def test_mutated_records_are_refused_or_well_formed(data: st.DataObject) -> None:
     raw = bytearray(encode({"R": np.eye(3), "map": np.arange(5), "n": {"x": [1.5, None, "text", True]}}))
     for _ in range(data.draw(st.integers(1, 4))):

@@ -50,13 +50,6 @@ def test_records_that_must_be_there_are_missed(path: Path) -> None:
             store.require("pairs", "other")
 
 
-def test_a_store_in_memory_behaves_the_same() -> None:
-    with Store.memory() as store:
-        store.put("shapes", "k", RECORD)
-        assert store.keys("shapes") == {"k"}
-        assert not store.read_only
-
-
 def test_notes_are_kept_replaced_and_forgotten(path: Path) -> None:
     with Store.open(path) as store:
         store.set_note("stage", "pairs")
@@ -176,22 +169,6 @@ def test_files_of_another_layout_are_refused(path: Path, statement: str, reason:
     for read_only in (True, False):
         with pytest.raises(StoreError, match=reason):
             Store.open(path, read_only=read_only)
-
-
-def test_other_files_are_refused_and_left_alone(tmp_path: Path) -> None:
-    text = tmp_path / "notes.txt"
-    text.write_text("not a database, but long enough to look at" * 40)
-    with pytest.raises(StoreError, match=r"notes\.txt"):
-        Store.open(text)
-    assert text.read_text().startswith("not a database")
-    foreign = tmp_path / "other.sqlite"
-    tamper(foreign, "CREATE TABLE t (x)")
-    with pytest.raises(StoreError, match="not a store"):
-        Store.open(foreign)
-    with pytest.raises(StoreError, match="no such store"):
-        Store.open(tmp_path / "missing", read_only=True)
-    with pytest.raises(StoreError):
-        Store.open(tmp_path)
 
 
 def test_text_that_is_not_unicode_is_refused_or_read(path: Path) -> None:
@@ -344,18 +321,6 @@ def test_damaged_records_are_discarded_by_a_command_and_the_others_stay(
     assert "No damage" in capsys.readouterr().out
     assert main(["repair", str(tmp_path / "none")]) == 2
     assert not (tmp_path / "none").exists()
-
-
-def test_a_full_disk_is_called_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    full = sqlite3.OperationalError("database or disk is full")
-    full.sqlite_errorname = "SQLITE_FULL"
-
-    def fail(*_: object) -> None:
-        raise full
-
-    monkeypatch.setattr("collalign.engine.store.file._set_journal", fail)
-    with pytest.raises(StoreError, match="cannot be written, the disk is full"):
-        Store.open(tmp_path / "a.sqlite")
 
 
 def test_a_disk_that_fills_up_during_a_run_is_called_full(tmp_path: Path) -> None:

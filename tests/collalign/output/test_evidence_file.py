@@ -41,12 +41,6 @@ def test_the_same_view_gives_the_same_bytes(tmp_path: Path) -> None:
     assert one.read_bytes() == two.read_bytes()
 
 
-def test_a_view_without_pairs_or_labels(tmp_path: Path) -> None:
-    view = dataclasses.replace(view_of(3), pairs=(), alternatives=(), labels={}, excluded=())
-    save_view(view, tmp_path)
-    assert load_view(tmp_path / EVIDENCE_FILE).pairs == ()
-
-
 @pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04 cut short"])
 def test_damaged_files_are_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / EVIDENCE_FILE).write_bytes(content)

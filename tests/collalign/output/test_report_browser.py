@@ -397,19 +397,6 @@ def test_a_page_that_was_cut_short_says_so(browser: Any, small_file: Path, tmp_p
     context.close()
 
 
-def test_more_shapes_than_the_fixed_colours_are_drawn_in_colours_of_their_own(opened: Page) -> None:
-    overlay = opened.page.locator("#overlay")
-    overlay.get_by_label("Show").select_option("all")
-    colours = overlay.locator(".chip .dot").evaluate_all(
-        "all => all.map(one => getComputedStyle(one).backgroundColor)"
-    )
-    assert len(set(colours)) == 10
-    overlay.get_by_label("Show").select_option("sure")
-    before = opened.image("#overlay canvas")
-    overlay.get_by_label("corresponding points").check()
-    opened.wait_until_changed("#overlay canvas", before)
-
-
 def test_corresponding_points_carry_one_colour_on_all_shapes(opened: Page) -> None:
     before, plain = opened.image(".tile canvas", 1), opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS)
     opened.page.locator("#gallery").get_by_label("corresponding points").check()
@@ -477,16 +464,6 @@ def test_a_shape_is_turned_by_hand(opened: Page, small: CollectionView, tmp_path
     view = np.array(build_content(small)[0]["camera"]["R"])
     turn = view.T @ Rotation.from_euler("y", 22.5, degrees=True).as_matrix() @ view
     np.testing.assert_allclose(decision.R_common_shape, turn @ small.rotations[1], atol=1e-9)
-
-
-def test_shapes_in_doubt_are_named_and_drawn_on_neither_map_nor_tree(browser: Any, tmp_path: Path) -> None:
-    plain = view_of(10)
-    view = dataclasses.replace(plain, part_numbers=np.array([0] * 8 + [1] * 2))
-    page = Page(browser, write_report(view, tmp_path))
-    assert page.page.locator("#map g.dot").count() == page.page.locator("#tree text").count() == 7
-    assert "shape_001" not in page.page.locator("#tree").text_content()
-    assert "shape_001 (in doubt" in page.page.locator("#components").inner_text()
-    page.context.close()
 
 
 def test_charts_fit_a_narrow_window(browser: Any, small_file: Path) -> None:

@@ -20,7 +20,7 @@ from collalign.output import report
 from collalign.output.evidence.members import statistics_members
 from collalign.output.report import display_mesh, faces_per_shape, render_report, write_report
 from collalign.output.report.content import build_content, categories
-from collalign.output.report.payload import MISSING, pack, pack_mesh, quaternions, sample_colors
+from collalign.output.report.payload import MISSING, pack, pack_mesh, quaternions
 from collalign.output.report.poses import offered_poses
 from collalign.output.report.shown import page_members, shown_part
 from collalign.output.report.statistics import cycle_histogram, shape_map, variation
@@ -87,13 +87,6 @@ def test_quaternions_carry_reflections() -> None:
     np.testing.assert_allclose(back, R, atol=1e-12)
     assert mirrored.tolist() == [0, 1, 0, 1, 0]
     assert quaternions(np.empty((0, 3, 3)))[0].shape == (0, 4)
-
-
-def test_colours_are_in_range_and_follow_places(rng: np.random.Generator) -> None:
-    aligned = rng.standard_normal((3, 8, 3))
-    aligned[:, 2] = np.nan
-    colors = sample_colors(aligned)
-    assert ((colors >= 0) & (colors <= 1)).all()
 
 
 def test_display_meshes_are_small_and_keep_their_outline() -> None:
@@ -287,14 +280,6 @@ def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown()
     assert len(part.pairs) == sum(a in part.names and b in part.names for a, b in whole)
 
 
-def test_the_page_of_a_large_collection_counts_all_shapes(monkeypatch: pytest.MonkeyPatch) -> None:
-    small_pages(monkeypatch)
-    page = render_report(view_of(12))
-    assert len(data_of(page)["shapes"]) == 6
-    assert "<strong>12</strong>shapes aligned" in page
-    assert "6 of 12 shapes are shown" in page
-
-
 def small_pages(monkeypatch: pytest.MonkeyPatch) -> None:
     page = "collalign.output.report.page"
     monkeypatch.setattr(f"{page}.MOST_SHOWN", 6)
@@ -334,8 +319,3 @@ def test_shapes_of_a_page_were_compared_with_each_other() -> None:
     assert [len(page) for page in members] == [20, 20, 20]
     within = sum(pair.target in page and pair.source in page for page in members for pair in ring)
     assert within >= 52  # of the names in order 15 or so
-
-
-def test_huge_collections_hold_fewer_triangles_per_shape() -> None:
-    assert faces_per_shape(1000) == 1500
-    assert faces_per_shape(10_000) == 400

@@ -101,17 +101,6 @@ def test_one_side_comes_out_as_with_rotations_only(one_sided: Path, store: RunOp
     assert without_decision(asked) == without_decision(found)
 
 
-def test_two_workers_and_a_second_run_decide_alike(
-    aligned_mixed: AlignedCollection, mixed: Path, store: RunOptions
-) -> None:
-    again = align_collection(mixed, options=OPTIONS, run=store)
-    assert again.run.num_reused == 7 + 21
-    parallel = align_collection(mixed, options=OPTIONS, run=RunOptions(jobs=2))
-    assert parallel.run.num_reused == 0
-    for other in (again, parallel):
-        assert json.dumps(alignment_record(other)) == json.dumps(alignment_record(aligned_mixed))
-
-
 def test_of_too_few_shapes_those_that_may_be_mirrored_are_in_doubt(tmp_path: Path) -> None:
     found = align_collection(crowns(tmp_path, num=5, sides=(1,)), options=OPTIONS, run=ONE)
     assert found.group == "SO"

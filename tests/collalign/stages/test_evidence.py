@@ -25,7 +25,7 @@ from collalign.stages.poses.synchronize import pair_graph
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.embedding.embedding import sample_shape
-from data_tools.errors import OptionsError, StoreError
+from data_tools.errors import OptionsError
 from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
@@ -133,17 +133,6 @@ def test_candidates_of_maps_follow_the_rigid_ones_and_alone_take_part() -> None:
     graph = pair_graph([pair, replace(by_energy(a_pair([0.1, 0.2])), source=2)], 3, "SO")
     assert graph.present.tolist() == [[False, False, True, True, True], [True, True, False, False, False]]
     assert graph.best_choice.tolist() == [int(np.argmax(pair.log_odds)), 0]
-
-
-@pytest.mark.parametrize("field", ["rotations", "maps", "evidence"])
-def test_damaged_evidence_is_refused(field: str) -> None:
-    record = a_record(2)
-    with pytest.raises(StoreError, match="a - b"):
-        from_record(PairEvidence, {name: value for name, value in record.items() if name != field}, "a - b")
-    with pytest.raises(StoreError, match="a - b"):
-        from_record(PairEvidence, record | {field: np.full((2, 2, 2), np.nan)}, "a - b")
-    with pytest.raises(StoreError, match="maps"):
-        from_record(PairEvidence, record | {"maps": record["maps"] + record["maps"].shape[1]}, "a - b")
 
 
 def test_bent_figures_are_put_right_by_maps(tmp_path: Path) -> None:

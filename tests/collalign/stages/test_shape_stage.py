@@ -63,16 +63,6 @@ def test_a_result_belongs_to_the_buffers_as_well(folder: Path) -> None:
     assert second.keys[1:] == first.keys[1:]
 
 
-def test_a_missing_buffer_that_is_put_back_is_read(folder: Path) -> None:
-    buffer = add_gltf(folder)
-    content = buffer.read_bytes()
-    buffer.unlink()
-    (left_out,) = prepare(folder).excluded
-    assert buffer.name in left_out.reason
-    buffer.write_bytes(content)
-    assert not prepare(folder).excluded
-
-
 def test_a_file_that_is_edited_between_its_key_and_its_reading_poisons_nothing(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import networkx
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize, synchronize_graph
+from collalign.synchronization import PairGraph, synchronize, synchronize_graph
 from collalign.synchronization.problem.frames import angles_rad
 from collalign.synchronization.problem.model import EdgeModel
 from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
@@ -93,8 +91,7 @@ def test_mixed_blocks_are_synchronized_apart(method: str) -> None:
         assert np.abs(exact_pairs(found.rotations, edges) - clean).max() < 1e-3
 
 
-@settings(max_examples=6, deadline=None)
-@given(seed=st.integers(0, 10_000))
+@pytest.mark.parametrize("seed", range(4))
 def test_gauge_of_the_shapes_and_order_change_nothing(seed: int) -> None:
     rng = np.random.default_rng(seed)
     problem = flipped_pairs(rng, regular_edges(14, 6, 1), 14, wrong=0.1, num_candidates=4)
@@ -126,30 +123,6 @@ def test_the_same_call_gives_the_same_bits() -> None:
     first, second = (synchronize(problem.edges, problem.rotations, energies=problem.energies) for _ in range(2))
     assert np.array_equal(first.rotations, second.rotations)
     assert np.array_equal(first.confidence, second.confidence)
-
-
-def test_cycles_of_the_answer_close() -> None:
-    problem = flipped_pairs(np.random.default_rng(6), complete_edges(8), 8, wrong=0.2)
-    found = synchronize(problem.edges, problem.rotations).rotations
-    ij, jk, ik = (np.swapaxes(found[a], 0, 1) @ found[b] for a, b in ((0, 3), (3, 6), (0, 6)))
-    assert np.allclose(ij @ jk, ik, atol=1e-12)
-
-
-def test_reference_and_principal_axes_fix_the_gauge() -> None:
-    rng = np.random.default_rng(7)
-    edges = complete_edges(6)
-    truth = random_rotations(rng, 6)
-    found = synchronize(edges, exact_pairs(truth, edges), reference=4)
-    assert np.allclose(found.rotations[4], np.eye(3), atol=1e-12)
-    cloud = rng.standard_normal((30, 3)) * [3.0, 2.0, 1.0]
-    samples = [cloud @ g for g in truth]
-    axes = principal_axes_gauge(samples, truth)
-    turned = principal_axes_gauge(samples, random_rotations(rng, 1)[0] @ truth)
-    assert np.allclose(axes, turned, atol=1e-9)
-    posed = np.concatenate([x @ g.T for x, g in zip(samples, axes, strict=True)])
-    spread = np.cov(posed.T)
-    assert np.allclose(spread, np.diag(np.diag(spread)), atol=1e-9)
-    assert np.all(np.diff(np.diag(spread)) < 0)
 
 
 def test_outliers_do_not_move_the_answer() -> None:
@@ -305,12 +278,6 @@ def test_bad_input_is_refused() -> None:
         arguments = {"edges": edges, "rotations": eye, **change}
         with pytest.raises(error, match=words):
             synchronize(**arguments)
-
-
-def test_results_are_read_only() -> None:
-    found = synchronize([[0, 1]], np.eye(3)[None])
-    with pytest.raises(ValueError, match="read-only"):
-        found.rotations[0, 0, 0] = 2.0
 
 
 def test_pose_errors_see_a_wrong_pose() -> None:

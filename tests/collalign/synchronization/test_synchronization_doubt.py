@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 
 from collalign.synchronization import PairGraph, synchronize, synchronize_clusters
-from collalign.synchronization.clusters import spectral_clusters
 from collalign.synchronization.doubt.confidence import agreement
-from collalign.synchronization.problem.model import EdgeModel, group_volume
 from collalign.synchronization.solvers.blocks import turn_differences, weak_cuts
-from collalign.synchronization.solvers.signs import synchronize_signs
 from data_tools.errors import OptionsError
 from tests.synchronization_problems import (
     D2_FLIPS,
@@ -123,17 +120,6 @@ def _mirrors(rng: np.random.Generator, count: int) -> np.ndarray:
     return np.eye(3) - 2.0 * normals[:, :, None] * normals[:, None]
 
 
-def test_signs_are_found_where_some_pairs_are_wrong() -> None:
-    rng = np.random.default_rng(7)
-    edges = complete_edges(30)
-    truth = np.where(rng.random(30) < 0.4, -1.0, 1.0)
-    truth *= truth[0]
-    signs = truth[edges[:, 0]] * truth[edges[:, 1]]
-    wrong = rng.random(len(edges)) < 0.15
-    found = synchronize_signs(edges, np.where(wrong, -signs, signs), np.ones(len(edges)), 30)
-    assert np.array_equal(found, truth < 0)
-
-
 @pytest.mark.parametrize(("sizes", "seed"), [((20, 20, 20), 0), ((10, 14, 8, 12), 1)])
 def test_mixed_folders_are_split(sizes: tuple[int, ...], seed: int) -> None:
     problem, labels = mixed_collection(np.random.default_rng(seed), sizes, wrong=0.2)
@@ -152,20 +138,6 @@ def test_one_kind_of_shapes_is_not_split() -> None:
     assert pose_errors_deg(found.rotations, problem.truth).max() < 20.0
     with pytest.raises(OptionsError, match="num_clusters"):
         synchronize_clusters(graph, num_clusters=21)
-
-
-def test_spectral_clusters_find_blocks() -> None:
-    labels = np.repeat([0, 1, 2], [5, 9, 7])
-    affinity = np.where(np.equal.outer(labels, labels), 1.0, 0.05)
-    assert np.array_equal(spectral_clusters(affinity, None), labels)
-    assert len(np.unique(spectral_clusters(affinity, 2))) == 2
-
-
-def test_parts_are_turned_to_each_other() -> None:
-    truth = random_rotations(np.random.default_rng(9), 12)
-    edges = complete_edges(12)
-    found = synchronize_clusters(PairGraph.from_user(edges, exact_pairs(truth, edges)), num_clusters=2)
-    assert pose_errors_deg(found.rotations, truth).max() < 1e-5
 
 
 @pytest.mark.parametrize("compared", [1, 45, 2048**2])
@@ -189,16 +161,3 @@ def test_a_planted_cut_is_the_weakest() -> None:
     held = weak_cuts(graph, costs[None], D2_FLIPS[1:2], block)
     assert all(not set(cut.members) & {0, 1, 2} for cut in held)
     assert turn_differences(np.zeros((45, 2, 2)), 1).shape == (1, 45)
-
-
-def test_the_model_is_a_probability() -> None:
-    assert group_volume(2) == pytest.approx(2.0 * np.pi)
-    assert group_volume(3) == pytest.approx(8.0 * np.pi**2)
-    problem = flipped_pairs(np.random.default_rng(12), complete_edges(6), 6, wrong=0.2, num_candidates=4)
-    graph = PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies)
-    model = EdgeModel(graph=graph)
-    assert np.allclose(np.exp(model.log_prior).sum(axis=1), 1.0)
-    share = model.responsibilities(np.full((15, 4), 0.01))
-    assert (share.sum(axis=1) <= 1.0).all()
-    assert (share.sum(axis=1) > 0.99).all()
-    assert model.responsibilities(np.full((15, 4), 8.0)).sum() < 1e-3

@@ -284,14 +284,6 @@ def test_the_first_axis_has_the_largest_variance_and_nothing_is_mirrored() -> No
         assert ((moved**3).mean(axis=0)[:2] > 0).all()
 
 
-def test_fixed_poses_are_those_that_were_given() -> None:
-    edges = complete_edges(5)
-    truth = random_rotations(np.random.default_rng(9), 5)
-    pairs = exact_pairs(truth, edges)
-    found = synchronize(edges, pairs, fixed={1: truth[1], 3: truth[3]})
-    np.testing.assert_allclose(found.rotations, truth, atol=1e-7)
-
-
 def test_signs_are_relative_to_the_first_shape_and_agree_with_most_of_the_evidence() -> None:
     truth = np.array([-1.0, 1.0, 1.0, -1.0, 1.0])
     edges = complete_edges(5)

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from collalign.nonrigid.functional_map import FunctionalMap
-from collalign.nonrigid.map_evidence import judge, paired_forms
+from collalign.nonrigid.map_evidence import judge
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.portfolio import of_both_orientations
 from collalign.nonrigid.refine import Refiner
-from collalign.nonrigid.starts.masks import WAVE_SHARE, candidate_mask, wave_gaps
 from collalign.nonrigid.surface.geometry import (
     orientation_form,
     outward,
@@ -31,7 +30,6 @@ from data_tools.surface.laplacian import cotangent_laplacian
 from data_tools.surface.shape import Shape
 from experiments.maps.evaluation import MapErrors, MapEvaluator, cumulative_curve, draw_curves, summary
 from experiments.maps.graph_operator import graph_spectrum
-from experiments.maps.paper_chain import PAPER_SHARE, agd_gaps
 
 SMALL = SurfaceOptions(num_functions=40, num_samples=40, num_dense=300)
 
@@ -86,17 +84,6 @@ def test_orientation_form_of_linear_functions(sphere: Shape) -> None:
     assert orientation_form(image, sphere.vertices) == pytest.approx(-form)
 
 
-def test_forms_follow_the_functional_map(body: SpectralShape) -> None:
-    signs = np.ones(41)
-    signs[2] = -1.0
-    on_target, on_source = paired_forms(body.orientation, body.orientation, np.diag(signs))
-    _, same = paired_forms(body.orientation, body.orientation, np.eye(41))
-    assert same == pytest.approx(on_target)
-    assert not np.allclose(on_source, on_target)
-    _, opposite = paired_forms(body.orientation, body.orientation, np.eye(41), sign=-1.0)
-    assert opposite == pytest.approx(-same)
-
-
 def test_evidence_of_the_identity_is_perfect_and_of_others_is_not(
     body: SpectralShape, rng: np.random.Generator
 ) -> None:
@@ -124,23 +111,6 @@ def test_oriented_refinement_gives_either_orientation(body: SpectralShape) -> No
     swapped = judge(body, body, refiner.oriented(np.eye(11), preserving=False))
     assert kept.orientation > 0.9
     assert swapped.orientation < 0.3
-
-
-def test_masks_hold_a_share_and_leave_a_map(body: SpectralShape) -> None:
-    samples = body.samples[:20]
-    for gaps, share in ((agd_gaps(body, body, samples), PAPER_SHARE), (wave_gaps(body, body, samples), WAVE_SHARE)):
-        allowed = candidate_mask(gaps, share)
-        assert allowed.shape == (40, 20)
-        assert (allowed.sum(axis=0) >= round(share * 40)).all()
-        assert allowed[np.arange(20), np.arange(20)].all()
-        assert gaps[np.arange(20), np.arange(20)] == pytest.approx(0.0)
-    assert candidate_mask(gaps, 1.0).all()
-
-
-def test_impossible_masks_are_widened(body: SpectralShape) -> None:
-    alike = replace(body, agd=np.round(body.agd * 2.0))
-    allowed = candidate_mask(agd_gaps(alike, alike, body.samples[:20]), 0.02)
-    assert allowed.sum() > 20
 
 
 def test_graph_spectrum_of_a_sphere(sphere: Shape) -> None:

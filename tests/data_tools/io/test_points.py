@@ -56,28 +56,6 @@ def test_malformed_files_are_refused_by_name_and_reason(tmp_path: Path, name: st
     assert str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("blanks.xyz", "0 0 0\n1 2 3\n4 5 6\n"),
-        ("colours.txt", "# scan\n0\t0\t0\t255\t0\t0\n1\t2\t3\t255\t0\t0\n4\t5\t6\t0\t0\t0\n"),
-        ("commas.csv", "0,0,0\n1, 2, 3\n4,5,6\n"),
-        ("semicolons.csv", "0;0;0\r\n1;2;3\r\n4;5;6\r\n"),
-        ("named.csv", "id,z,y,x\na,0,0,0\nb,3,2,1\nc,6,5,4\n"),
-        ("bom.csv", "\ufeffx,y,z\n0,0,0\n1,2,3\n4,5,6\n"),
-        ("trailing.csv", "0,0,0,\n1,2,3,\n4,5,6,\n"),
-        ("unused.csv", "x,y,z,w\n0,0,0,\n1,2,3,\n4,5,6,\n"),
-        ("quoted.csv", '"X" "Y" "Z"\n0 0 0\n1 2 3\n4 5 6 // last\n'),
-    ],
-)
-def test_text_tables_of_all_habits(tmp_path: Path, name: str, content: str) -> None:
-    path = tmp_path / name
-    path.write_text(content, encoding="utf-8")
-    shape = read_shape(path)
-    assert not shape.is_mesh
-    np.testing.assert_array_equal(shape.vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 6]])
-
-
 def test_npz_holds_meshes_and_clouds(tmp_path: Path, rng: np.random.Generator) -> None:
     shape = blob(rng, num_vertices=50)
     np.savez(tmp_path / "mesh.npz", vertices=shape.vertices, faces=shape.faces)
@@ -107,15 +85,6 @@ def test_npz_arrays_are_checked(tmp_path: Path, arrays: dict[str, np.ndarray], r
     assert str(path) in str(caught.value)
 
 
-def test_npz_that_unpacks_to_gigabytes_is_refused_before_it_does(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    np.savez_compressed(tmp_path / "bomb.npz", vertices=np.zeros((100_000, 3)))
-    monkeypatch.setattr("data_tools.io.archives.MAX_UNPACKED_BYTES", 1_000_000)
-    with pytest.raises(InputError, match="more than"):
-        read_shape(tmp_path / "bomb.npz")
-
-
 def test_truncated_npz_is_refused(tmp_path: Path, rng: np.random.Generator) -> None:
     np.savez(tmp_path / "whole.npz", vertices=rng.standard_normal((50, 3)))
     content = (tmp_path / "whole.npz").read_bytes()
@@ -123,21 +92,6 @@ def test_truncated_npz_is_refused(tmp_path: Path, rng: np.random.Generator) -> N
         (tmp_path / "cut.npz").write_bytes(content[:length])
         with pytest.raises(InputError, match=r"cut\.npz"):
             read_shape(tmp_path / "cut.npz")
-
-
-def test_pcd_text_with_more_fields(tmp_path: Path) -> None:
-    head = pcd(2, "ascii", fields="rgb x y z", size="4 4 4 4", kind="U F F F", count="2 1 1 1")
-    (tmp_path / "a.pcd").write_text("# .PCD v.7\n" + head + "9 9 0 0 1\n9 9 2 3 4\n")
-    np.testing.assert_array_equal(read_shape(tmp_path / "a.pcd").vertices, [[0, 0, 1], [2, 3, 4]])
-
-
-def test_pcd_binary_skips_points_without_a_return(tmp_path: Path) -> None:
-    head = pcd(3, "binary", fields="x y z t", size="4 4 4 8", kind="F F F F", count="1 1 1 1")
-    record = np.dtype([("xyz", "<f4", 3), ("t", "<f8")])
-    table = np.zeros(3, record)
-    table["xyz"] = [[0, 0, 1], [np.nan] * 3, [2, 3, 4]]
-    (tmp_path / "a.pcd").write_bytes(head.encode() + table.tobytes())
-    np.testing.assert_array_equal(read_shape(tmp_path / "a.pcd").vertices, [[0, 0, 1], [2, 3, 4]])
 
 
 def test_compressed_pcd_asks_for_the_missing_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

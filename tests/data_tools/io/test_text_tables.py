@@ -61,25 +61,26 @@ def test_tables_of_all_habits_are_read_alike(text: str) -> None:
     np.testing.assert_array_equal(read_points_table(text, "a.csv"), [[-1, 2.42, 0.5], [3.25, 0, -7.75]])
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("1,234;5,678;2,100\n3,456;7,890;1,234\n", "decimals or thousands"),
-        ("1,5;2.5;3,5\n4,5;5,5;6,5\n", "decimals or thousands"),
-        ("1.234,5;2,5;3,5\n4,5;5,5;6,5\n", "decimals or thousands"),
-        ("1,2,3 4\n5,6,7 8\n", "both commas and blanks"),
-        ("-1,00,2,42,3,10\n4,05,5,17,6,00\n", "both columns and decimals"),
-        ("x,y,z\n-1,00,2,42,3,10\n4,05,5,17,6,00\n", "decimal commas"),
-        ("id,a,b,c\n1,2,3,4\n5,6,7,8\n", "not all three columns"),
-        ("X (mm),X (px),Y,Z\n1,2,3,4\n5,6,7,8\n", "several columns"),
-        ("x,y,z,x\n1,2,3,4\n5,6,7,8\n", "several columns"),
-        ("nx,ny,nz,z\n1,2,3,4\n5,6,7,8\n", "not all three columns"),
-        ("1 0.5 2 3\n2 1 1 1\n3 9 8 7\n", "counts the rows"),
-        ("0,0.5,2,3\n1,1,1,1\n2,9,8,7\n", "counts the rows"),
-        ("1_0 2 3\n4 5 6\n", "holds no points|not numbers|columns"),
-        ("x,y,z\n1,2\n", "row 1 has 2 columns, expected 3"),
-    ],
-)
+#: Content, and what the error must say.
+AMBIGUOUS = [
+    ("1,234;5,678;2,100\n3,456;7,890;1,234\n", "decimals or thousands"),
+    ("1,5;2.5;3,5\n4,5;5,5;6,5\n", "decimals or thousands"),
+    ("1.234,5;2,5;3,5\n4,5;5,5;6,5\n", "decimals or thousands"),
+    ("1,2,3 4\n5,6,7 8\n", "both commas and blanks"),
+    ("-1,00,2,42,3,10\n4,05,5,17,6,00\n", "both columns and decimals"),
+    ("x,y,z\n-1,00,2,42,3,10\n4,05,5,17,6,00\n", "decimal commas"),
+    ("id,a,b,c\n1,2,3,4\n5,6,7,8\n", "not all three columns"),
+    ("X (mm),X (px),Y,Z\n1,2,3,4\n5,6,7,8\n", "several columns"),
+    ("x,y,z,x\n1,2,3,4\n5,6,7,8\n", "several columns"),
+    ("nx,ny,nz,z\n1,2,3,4\n5,6,7,8\n", "not all three columns"),
+    ("1 0.5 2 3\n2 1 1 1\n3 9 8 7\n", "counts the rows"),
+    ("0,0.5,2,3\n1,1,1,1\n2,9,8,7\n", "counts the rows"),
+    ("1_0 2 3\n4 5 6\n", "holds no points|not numbers|columns"),
+    ("x,y,z\n1,2\n", "row 1 has 2 columns, expected 3"),
+]
+
+
+@pytest.mark.parametrize(("text", "reason"), AMBIGUOUS)
 def test_ambiguous_tables_are_refused_with_the_reason(text: str, reason: str) -> None:
     with pytest.raises(InputError, match=reason) as caught:
         read_points_table(text, "a.csv")

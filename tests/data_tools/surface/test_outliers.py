@@ -5,13 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import collalign
-from collalign import AlignOptions
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import IntArray
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.io.shapes import read_shape, write_mesh
-from data_tools.options import AS_STORED, SamplingOptions
-from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.options import AS_STORED
 from data_tools.surface.outliers import without_outliers
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import mesh_edges
@@ -107,26 +104,3 @@ def test_files_are_read_without_them_unless_asked_for_as_stored(rng: np.random.G
     np.testing.assert_array_equal(found.source_indices, np.delete(np.arange(400), which))
     assert read_shape(path, AS_STORED).notes == ()
     assert len(read_shape(path, AS_STORED).vertices) == 400
-
-
-@pytest.mark.parametrize("is_mesh", [True, False])
-def test_they_turn_no_pose(is_mesh: bool, rng: np.random.Generator) -> None:
-    base = crown(rng, num_vertices=600)
-    turns = [random_rotation(rng) for _ in range(4)]
-    shapes: dict[str, tuple[FloatArray, IntArray]] = {}
-    for number, turn in enumerate(turns):
-        faces = base.faces if is_mesh else np.empty((0, 3), dtype=np.int64)
-        noisy = base.vertices + 0.005 * rng.normal(size=base.vertices.shape)
-        shape = Shape.from_arrays(noisy, faces)
-        slipped = with_slips(shape, rng)[0] if number == 1 else shape
-        shapes[f"s{number}"] = slipped.vertices @ turn.T, faces
-    sampling = SamplingOptions(num_points=24, num_dense_points=100)
-    found = collalign.align_collection(
-        {name: pair if is_mesh else pair[0] for name, pair in shapes.items()},
-        options=AlignOptions(sampling=sampling, group="SO"),
-        progress=False,
-    )
-    assert "3 vertices" in found.shape_notes[1][0] if is_mesh else "3 points" in found.shape_notes[1][0]
-    for number in (0, 2, 3):
-        expected = turns[number] @ turns[1].T
-        assert rotation_angle_deg(found.rotations[number].T @ found.rotations[1] @ expected.T) < 3.0
