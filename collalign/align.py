@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Collection, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +28,7 @@ from collalign.stages.poses.placement import common_positions, in_label_order
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.arrays import FloatArray, as_rotations, read_only
+from data_tools.checks import as_options
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.files import readable_name
 from data_tools.io.objects import ShapesLike, list_shapes
@@ -42,10 +44,11 @@ _LIBRARIES = ("collalign", "numpy", "scipy", "trimesh", "potpourri3d", "robust-l
 def align_collection(
     shapes: ShapesLike,
     *,
-    options: AlignOptions | None = None,
-    run: RunOptions | None = None,
+    options: AlignOptions | Mapping[str, Any] | None = None,
+    run: RunOptions | Mapping[str, Any] | None = None,
     fixed: Mapping[str, ArrayLike] | None = None,
     progress: ProgressFactory | bool = True,
+    **keywords: Any,
 ) -> AlignedCollection:
     """Align shapes consistently: one rigid pose for each, and maps between all of them.
 
@@ -54,14 +57,16 @@ def align_collection(
     shapes : str, Path, iterable or mapping of name to shape
         A folder of meshes (PLY, OFF, OBJ, STL, GLB) and point clouds (PLY, PCD, XYZ, TXT, CSV, NPZ), or several of:
         files, arrays (n, 3), pairs (V, F), trimesh and Open3D objects.
-    options : AlignOptions, optional
+    options : AlignOptions or mapping, optional
         What decides the result.
-    run : RunOptions, optional
+    run : RunOptions or mapping, optional
         Processes, store, limits: how the work is done.
     fixed : mapping of name to array_like (3, 3), optional
         ``R_common_shape`` of shapes whose orientation a person has decided; they come out exactly so.
     progress : bool or callable
         A bar per stage in terminals and notebooks; False is silent; a callable makes another display.
+    **keywords
+        Fields of ``options`` and of ``run`` by themselves, which win: ``seed=1, group="O", jobs=2``.
 
     Returns
     -------
@@ -72,6 +77,8 @@ def align_collection(
     ------
     InputError
         If there are no shapes, or ``fixed`` or ``options.reference`` names a shape that is not there.
+    OptionsError
+        If an option is unknown or impossible.
     CollectionError
         If fewer than two shapes, or no pair, could be used.
     StoreError
@@ -85,8 +92,11 @@ def align_collection(
     >>> bool(np.allclose(aligned.rotations[1], quarter, atol=1e-3))
     True
     """
+    of_run = {one.name: keywords.pop(one.name) for one in fields(RunOptions) if one.name in keywords}
+    asked = as_options("options", options, AlignOptions, keywords)
+    how = as_options("run", run, RunOptions, of_run)
     listing = list_shapes(shapes)
-    with Session.open(options or AlignOptions(), run or RunOptions(), progress_display(progress)) as session:
+    with Session.open(asked, how, progress_display(progress)) as session:
         return align_listing(session, listing, fixed=fixed or {})
 
 

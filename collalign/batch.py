@@ -11,11 +11,12 @@ from collalign.engine.estimate import RunEstimate, estimate_run
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.engine.store.store import Store
-from collalign.options import AlignOptions, options_from_record
+from collalign.options import AlignOptions
 from collalign.stages.pairs.choose import planned_edges
 from collalign.stages.pairs.match import pair_key
 from collalign.stages.shape_stage import shape_keys
 from collalign.stages.trial import later_work, try_shapes
+from data_tools.checks import as_options
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import read_toml, resolved
 from data_tools.io.shapes import FolderListing, read_folder
@@ -127,7 +128,7 @@ def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> Batc
     if not isinstance(special, dict):
         raise InputError(f"{name}: [jobs.options] must be a table")
     try:
-        options = options_from_record(_merged(shared, special))
+        options = as_options("options", _merged(shared, special), AlignOptions)
     except OptionsError as error:
         raise OptionsError(f"{name}: {error}") from None
     return BatchJob(folder=path.parent / entry["folder"], out=path.parent / entry["out"], options=options)

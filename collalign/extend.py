@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from collalign.output.write import recorded_incomplete, recorded_options
 from collalign.products.pair import FormerPairs
 from collalign.products.shapes import Excluded
 from data_tools.arrays import read_only
+from data_tools.checks import as_options
 from data_tools.errors import InputError
 from data_tools.io.objects import ShapesLike, list_shapes
 from data_tools.io.shapes import FolderListing
@@ -27,7 +30,7 @@ def add_to_collection(
     result: str | Path,
     shapes: ShapesLike,
     *,
-    run: RunOptions | None = None,
+    run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
 ) -> AlignedCollection:
     """Align more shapes to an existing result, with the options of that result.
@@ -41,7 +44,7 @@ def add_to_collection(
         Folder that :meth:`AlignedCollection.save` wrote.
     shapes : str, Path, iterable or mapping
         The new shapes, as :func:`collalign.align_collection` takes them; their names must be new as well.
-    run : RunOptions, optional
+    run : RunOptions or mapping, optional
         With the store of the first run, no old pair is matched again.
     progress : bool or callable
         As in :func:`collalign.align_collection`.
@@ -79,7 +82,7 @@ def add_to_collection(
         raise InputError(f"the collection has a shape called {taken[0]!r} already; rename the new one")
     listing = FolderListing(files=files + new.files, names=view.names + new.names, skipped=new.skipped)
     edges = np.array([sorted((pair.target, pair.source)) for pair in view.pairs], dtype=np.int64).reshape(-1, 2)
-    with Session.open(options, run or RunOptions(), progress_display(progress)) as session:
+    with Session.open(options, as_options("run", run, RunOptions), progress_display(progress)) as session:
         aligned = align_listing(
             session,
             listing,

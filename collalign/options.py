@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 from collalign.engine.session import Session
-from data_tools.checks import check_choice, check_count, check_flag, check_number
+from data_tools.checks import check_choice, check_count, check_flag, check_number, take_tables
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 from pairwise.options import MatchOptions, Strategy
@@ -147,6 +146,7 @@ class AlignOptions:
     """How a pair is matched."""
 
     def __post_init__(self) -> None:
+        take_tables(self)
         for name, choices in (
             ("group", Group),
             ("scaling", Scaling),
@@ -212,6 +212,7 @@ class TwoShapeOptions:
     """How the pair is matched."""
 
     def __post_init__(self) -> None:
+        take_tables(self)
         check_choice("group", self.group, ("SO", "O"))
         if self.matching.seed or self.matching.certify:
             raise OptionsError("matching.seed, matching.certify: set 'seed' and 'certify' instead")
@@ -227,31 +228,3 @@ class TwoShapeOptions:
 
 #: The session of an alignment.
 AlignSession: TypeAlias = Session[AlignOptions]
-
-
-def options_from_record(record: Mapping[str, Any]) -> AlignOptions:
-    """Return the options that ``alignment.json`` holds; unknown names are refused.
-
-    Raises
-    ------
-    OptionsError
-        If a name is unknown or a value impossible.
-    """
-    if not isinstance(record, Mapping):
-        raise OptionsError(f"options: expected a table of names and values, got {record!r}")
-    groups = {
-        "cleaning": CleaningOptions,
-        "sampling": SamplingOptions,
-        "embedding": EmbeddingOptions,
-        "matching": PairOptions,
-    }
-    values: dict[str, Any] = {name: value for name, value in record.items() if name not in groups}
-    try:
-        for name, kind in groups.items():
-            entries = record.get(name, {})
-            if not isinstance(entries, Mapping):
-                raise OptionsError(f"{name}: expected a table of options, got {entries!r}")
-            values[name] = kind(**{key: tuple(v) if isinstance(v, list) else v for key, v in entries.items()})
-        return AlignOptions(**values)
-    except (TypeError, AttributeError) as error:
-        raise OptionsError(f"options: {error}") from None

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import fields, is_dataclass, replace
+from difflib import get_close_matches
+from typing import Any, TypeVar
 
 import numpy as np
 
 from data_tools.errors import OptionsError
+
+OptionsT = TypeVar("OptionsT")
 
 
 def check_choice(name: str, value: object, choices: Collection[str]) -> None:
@@ -57,3 +62,62 @@ def check_number(
         limits = f"{'more than' if positive else 'at least'} {lower:g}"
         limits += f" and at most {upper:g}" if math.isfinite(upper) else ""
         raise OptionsError(f"{name}: expected a number of {limits}, got {value!r}")
+
+
+def as_options(
+    name: str,
+    given: OptionsT | Mapping[str, Any] | None,
+    kind: type[OptionsT],
+    keywords: Mapping[str, Any] | None = None,
+) -> OptionsT:
+    """Return options of a class: as they are, or made of a table of names and values, lists for tuples as in JSON.
+
+    Parameters
+    ----------
+    name : str
+        The argument, for messages.
+    given : object of ``kind``, mapping or None
+        None stands for the defaults.
+    kind : type
+        A dataclass of options.
+    keywords : mapping, optional
+        Options by name, which win.
+
+    Raises
+    ------
+    OptionsError
+        If it is neither, or an option is unknown, in which case a similar one is named.
+    """
+    entries = dict(keywords or {})
+    if isinstance(given, Mapping):
+        entries = {**given, **entries}
+        given = None
+    elif given is not None and not isinstance(given, kind):
+        raise OptionsError(f"{name}: expected a table of options or {kind.__name__}, got {given!r}")
+    known = [one.name for one in fields(kind)]  # type: ignore[arg-type]
+    for entry in entries:
+        if entry not in known:
+            raise OptionsError(f"{name}: there is no option {entry!r}{meant(entry, known)}")
+    values = {entry: tuple(value) if isinstance(value, list) else value for entry, value in entries.items()}
+    return kind(**values) if given is None else replace(given, **values)  # type: ignore[type-var]
+
+
+def meant(name: object, known: Iterable[str]) -> str:
+    """Return the words that name what somebody may have meant; none where nothing is similar."""
+    similar = get_close_matches(str(name), list(known), n=1)
+    return f"; did you mean {similar[0]!r}?" if similar else ""
+
+
+def take_tables(options: Any) -> None:
+    """Let every part of some options that is a class of options itself be given as a table, or refuse it.
+
+    Raises
+    ------
+    OptionsError
+        Naming the part.
+    """
+    for one in fields(options):
+        kind: Any = one.default_factory
+        if is_dataclass(kind):
+            part = as_options(one.name, getattr(options, one.name), kind)  # type: ignore[arg-type]
+            object.__setattr__(options, one.name, part)

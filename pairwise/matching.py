@@ -7,6 +7,7 @@ The steps are public functions of :mod:`pairwise.portfolio`, :mod:`pairwise.loca
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Unpack
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, as_rotations, read_only
+from data_tools.checks import as_options
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import can_certify
 from pairwise.branch_and_bound.prove import certify as prove_by_branching
@@ -39,7 +41,7 @@ def match(
     certify: bool | None = None,
     time_limit_s: float | None = None,
     seed: int | None = None,
-    options: MatchOptions | None = None,
+    options: MatchOptions | Mapping[str, Any] | None = None,
     **problem_arguments: Unpack[ProblemArguments],
 ) -> MatchResult:
     """Match the source's points to the target's: rotation and injective map of least energy (Procrustes matching).
@@ -60,7 +62,7 @@ def match(
         ranked by both energies (:mod:`pairwise.dense.rank`).
     strategy, certify, time_limit_s, seed : optional
         Override the fields of ``options`` of the same names.
-    options : MatchOptions, optional
+    options : MatchOptions or mapping, optional
         The other ones.
     **problem_arguments
         What makes the problem beside the points, see :meth:`pairwise.Problem.from_user`: ``group`` ("SO", or "O",
@@ -97,7 +99,7 @@ def match(
         group = problem_arguments.get("group", "SO")
         poses = as_rotations(starts, "starts", group=group, dim=problem.dim).reshape(-1, problem.dim, problem.dim)
     clouds = None if dense is None else dense_pair(dense, problem)
-    options = replace(options or MatchOptions(), **changes)
+    options = as_options("options", options, MatchOptions, changes)
     result = match_problem(problem, options, starts=poses, dense=clouds)
     if not translation:
         return result

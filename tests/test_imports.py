@@ -44,6 +44,27 @@ assert aligned.confidence.min() > 0
 """
 
 
+BESIDE = """
+import collalign.pairwise.status, collalign.data_tools.poses
+from collalign.pairwise import match
+import data_tools.poses, pairwise.status
+assert collalign.pairwise is pairwise and collalign.pairwise.status is pairwise.status and match is pairwise.match
+assert collalign.data_tools.poses.Similarity is data_tools.poses.Similarity
+assert collalign.errors.InputError is data_tools.errors.InputError
+assert (pairwise.__spec__.name, pairwise.status.__spec__.name) == ("pairwise", "pairwise.status")
+try:
+    import collalign.pairwise.nothing
+except ModuleNotFoundError as error:
+    assert error.name == "pairwise.nothing"
+"""
+
+
+def test_the_packages_beside_collalign_are_the_same_below_its_name() -> None:
+    subprocess.run([sys.executable, "-c", BESIDE], check=True, timeout=60)
+    assert {"pairwise", "data_tools", "errors"} < set(dir(collalign))
+    assert not {"Any", "TYPE_CHECKING", "sys"} & set(dir(collalign))
+
+
 def run_without(blocked: tuple[str, ...]) -> subprocess.CompletedProcess[str]:
     code = ALIGN_WITHOUT.format(blocked=blocked)
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from collalign.confidence.candidate_model import candidate_chances
-from collalign.options import AlignOptions, options_from_record
+from collalign.options import AlignOptions
 from collalign.output.certificates import write_certificates
 from collalign.output.contact_sheet import ContactSheet
 from collalign.output.evidence.evidence_file import EVIDENCE_FILE, save_view
@@ -23,6 +23,7 @@ from collalign.output.vertex_maps import VERTEX_MAPS_FILE, VERTEX_MAPS_PICTURE, 
 from collalign.products.aligned_collection import Collection
 from collalign.products.evidence import CollectionView
 from collalign.products.trust import KINDS
+from data_tools.checks import as_options
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import declared_system
 from data_tools.io.csv_cells import csv_text
@@ -144,7 +145,7 @@ def recorded_options(result: Path | str) -> tuple[AlignOptions, str]:
         If the folder's ``alignment.json`` cannot be read.
     """
     with _summary(result) as content:
-        options = options_from_record(content["options"])
+        options = as_options("options", content["options"], AlignOptions)
         return options, options.group if options.group != "auto" else str(content["decided"]["group"])
 
 

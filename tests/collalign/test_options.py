@@ -1,8 +1,11 @@
 import dataclasses
+from typing import Any
 
 import joblib
+import numpy as np
 import pytest
 
+import collalign
 from collalign.engine.run_options import RunOptions
 from collalign.options import AlignOptions
 from data_tools.errors import OptionsError
@@ -54,3 +57,32 @@ def test_there_are_as_many_workers_as_asked_for_but_no_more_than_cores(monkeypat
 def test_there_are_no_more_options_than_anybody_reads() -> None:
     flat = [value if isinstance(value, dict) else [value] for value in dataclasses.asdict(AlignOptions()).values()]
     assert sum(map(len, flat)) <= 35
+
+
+def two_clouds() -> list[np.ndarray]:
+    points = np.random.default_rng(0).random((20, 3))
+    return [points, points[::-1]]
+
+
+def test_options_may_be_keywords_and_tables() -> None:
+    table = {"seed": 3, "sampling": {"num_points": 16}}
+    found = collalign.align_collection(two_clouds(), options=table, seed=1, maps="never", jobs=1, progress=False)
+    assert found.options == AlignOptions(seed=1, maps="never", sampling=SamplingOptions(num_points=16))
+    cloud = two_clouds()[0]
+    matched = collalign.match_rigid(cloud, cloud * (1, 1, -1), group="O", options={"seed": 1})
+    assert matched.result.candidates[0].reflected
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"sampling": "many"}, "sampling: expected a table of options or SamplingOptions, got 'many'"),
+        ({"sampling": {"num_pionts": 3}}, "did you mean 'num_points'"),
+        ({"options": "fast"}, "options: expected a table of options or AlignOptions"),
+        ({"sed": 1}, "no option 'sed'; did you mean 'seed'"),
+        ({"run": {"job": 1}}, "run: there is no option 'job'; did you mean 'jobs'"),
+    ],
+)
+def test_what_is_no_option_is_refused_before_any_work(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(OptionsError, match=message):
+        collalign.align_collection("no such folder", **given)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from itertools import count
@@ -23,6 +23,7 @@ from collalign.tools.certify.arrangement import PairEnergies
 from collalign.tools.certify.result import CertifiedCollection
 from collalign.tools.certify.rounds import CertifyOptions, Rounds, bound_arrangements, problem_of
 from data_tools.arrays import read_only
+from data_tools.checks import as_options
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import FolderListing
 from data_tools.threads import one_blas_thread
@@ -33,8 +34,8 @@ def certify_collection(
     result: str | Path,
     *,
     shapes: Sequence[str] = (),
-    options: CertifyOptions | None = None,
-    run: RunOptions | None = None,
+    options: CertifyOptions | Mapping[str, Any] | None = None,
+    run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
 ) -> CertifiedCollection:
     """Prove how much cheaper any other consistent arrangement of a result's shapes could be at most.
@@ -45,8 +46,8 @@ def certify_collection(
         Folder that ``collalign align`` wrote; the files that it read must still be there.
     shapes : sequence of str
         Names of the shapes to speak of; all by default. The pairs among them that the run matched count.
-    options : CertifyOptions, optional
-    run : RunOptions, optional
+    options : CertifyOptions or mapping, optional
+    run : RunOptions or mapping, optional
         With the store of the run the shapes need not be prepared again, and an interrupted certification goes on.
     progress : bool or callable
         As for :func:`collalign.align_collection`.
@@ -69,7 +70,7 @@ def certify_collection(
     >>> 0.9 < found.joint.share <= 1.0
     True
     """
-    view = load_view(result)
+    view, how_far = load_view(result), as_options("options", options, CertifyOptions)
     members = _members(view, shapes)
     pairs = _pairs_among(view, members)
     asked, group = recorded_options(result)
@@ -78,7 +79,9 @@ def certify_collection(
         files=tuple(files[i] for i in members), names=tuple(view.names[i] for i in members), skipped=()
     )
     shown, frames = _numbered(progress_display(progress)), view.rotations[members]
-    with Session.open(replace(asked, group="O" if group == "O" else "SO"), run or RunOptions(), shown) as session:
+    with Session.open(
+        replace(asked, group="O" if group == "O" else "SO"), as_options("run", run, RunOptions), shown
+    ) as session:
         prepared = matched_samples(session, listing)
         if prepared.names != listing.names:
             raise InputError(f"{result}: {prepared.excluded[0].file} cannot be read as it was for the result")
@@ -96,7 +99,7 @@ def certify_collection(
             energies=PairEnergies(len(samples), edges, problems),
             candidates=[pair.rotations for pair in pairs],
         )
-        joint = bound_arrangements(rounds, frames, options or CertifyOptions())
+        joint = bound_arrangements(rounds, frames, how_far)
     changes, same = pose_changes(frames, joint.frames, view.part_numbers[members])
     return CertifiedCollection(
         names=listing.names,

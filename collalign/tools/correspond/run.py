@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from collalign.registration.registration_options import RegistrationOptions
 from collalign.tools.correspond.jobs import PosedFile, correspond
 from collalign.tools.correspond.result import DenseCorrespondence
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.checks import as_options
 from data_tools.io.source import hash_source
 from data_tools.poses import moved_by
 from data_tools.surface.topology import mesh_edges
@@ -30,8 +32,8 @@ def dense_correspondence(
     result: str | Path,
     *,
     leave_out: Collection[str] = (),
-    options: RegistrationOptions | None = None,
-    run: RunOptions | None = None,
+    options: RegistrationOptions | Mapping[str, Any] | None = None,
+    run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
 ) -> DenseCorrespondence:
     """Lay one triangulation onto every shape of a result, by smooth registration from the poses.
@@ -89,7 +91,11 @@ def dense_correspondence(
         for at in members
     ]
     maps = load_vertex_maps(result) if (Path(result) / VERTEX_MAPS_FILE).is_file() else None
-    with Session.open(options or RegistrationOptions(), run or RunOptions(), progress_display(progress)) as session:
+    with Session.open(
+        as_options("options", options, RegistrationOptions),
+        as_options("run", run, RunOptions),
+        progress_display(progress),
+    ) as session:
         return correspond(session, files, members.index(reference_shape(view, members)), maps)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from collalign.confidence.overlap_model import certainty, rival_margin
 from collalign.options import TwoShapeOptions
 from data_tools.arrays import FloatArray
+from data_tools.checks import as_options
 from data_tools.embedding.surface_points import surface_points
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.shapes import read_shape
@@ -82,7 +84,13 @@ class PartialMatch:
 
 
 @one_blas_thread()
-def match_in_part(target: ShapeLike, source: ShapeLike, *, options: TwoShapeOptions | None = None) -> PartialMatch:
+def match_in_part(
+    target: ShapeLike,
+    source: ShapeLike,
+    *,
+    options: TwoShapeOptions | Mapping[str, Any] | None = None,
+    **keywords: Any,
+) -> PartialMatch:
     """Match two shapes of which each may lack what the other has, by what has a counterpart.
 
     Rotations, shifts and sizes are searched, since centroids and sizes of different parts say nothing. Sizes stay
@@ -91,8 +99,10 @@ def match_in_part(target: ShapeLike, source: ShapeLike, *, options: TwoShapeOpti
     Parameters
     ----------
     target, source : file, array (n, 3), pair (V, F), or trimesh or Open3D object
-    options : TwoShapeOptions, optional
+    options : TwoShapeOptions or mapping, optional
         Its group, cleaning and ``sampling.normalisation`` count.
+    **keywords
+        Fields of ``options`` by themselves, which win.
 
     Raises
     ------
@@ -108,7 +118,7 @@ def match_in_part(target: ShapeLike, source: ShapeLike, *, options: TwoShapeOpti
     >>> bool(np.allclose(found.transform[:3, :3], quarter, atol=0.1))
     True
     """
-    options = options or TwoShapeOptions()
+    options = as_options("options", options, TwoShapeOptions, keywords)
     origins = as_origin(target, "target"), as_origin(source, "source")
     to, of = (_surface(origin, options) for origin in origins)
     poses = match_partial(

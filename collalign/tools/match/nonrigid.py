@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from collalign.tools.match.prepare import prepare_file
 from collalign.tools.match.result import NonrigidCandidate, NonrigidMatch
 from data_tools.arrays import IntArray, read_only
+from data_tools.checks import as_options
 from data_tools.errors import InputError
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.rotations import nearest_orthogonal
@@ -31,8 +34,9 @@ def match_shapes(
     target: ShapeLike,
     source: ShapeLike,
     *,
-    options: NonrigidOptions | None = None,
-    surface_options: SurfaceOptions | None = None,
+    options: NonrigidOptions | Mapping[str, Any] | None = None,
+    surface_options: SurfaceOptions | Mapping[str, Any] | None = None,
+    **keywords: Any,
 ) -> NonrigidMatch:
     """Match two deformable shapes: one target vertex for each source vertex.
 
@@ -40,8 +44,10 @@ def match_shapes(
     ----------
     target, source : file, array (n, 3), pair (V, F), or trimesh or Open3D object
         Vertex indices are those of the shapes as given. Rigid poses: :func:`collalign.match_rigid`.
-    options : NonrigidOptions, optional
-    surface_options : SurfaceOptions, optional
+    options : NonrigidOptions or mapping, optional
+    surface_options : SurfaceOptions or mapping, optional
+    **keywords
+        Fields of ``options`` by themselves, which win.
 
     Returns
     -------
@@ -62,11 +68,13 @@ def match_shapes(
     True
     >>> figure = found.plot(body, body)
     """
+    asked = as_options("options", options, NonrigidOptions, keywords)
+    surface = as_options("surface_options", surface_options, SurfaceOptions)
     started = time.perf_counter()
-    to = prepare_file(as_origin(target, "target"), surface_options)
-    of = prepare_file(as_origin(source, "source"), surface_options)
+    to = prepare_file(as_origin(target, "target"), surface)
+    of = prepare_file(as_origin(source, "source"), surface)
     prepared = time.perf_counter() - started
-    return match_prepared(to, of, options, prepared_s=prepared)
+    return match_prepared(to, of, asked, prepared_s=prepared)
 
 
 @one_blas_thread()

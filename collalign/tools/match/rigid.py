@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from collalign.options import TwoShapeOptions
 from collalign.products.matching_input import dense_points, pair_problem
 from data_tools.arrays import FloatArray
+from data_tools.checks import as_options
 from data_tools.embedding.embedding import Samples
 from data_tools.embedding.sampled_file import sample_file
 from data_tools.io.objects import ShapeLike, as_origin
@@ -119,14 +121,17 @@ def match_rigid(
     target: ShapeLike,
     source: ShapeLike,
     *,
-    options: TwoShapeOptions | None = None,
+    options: TwoShapeOptions | Mapping[str, Any] | None = None,
+    **keywords: Any,
 ) -> RigidMatch:
     """Match two shapes rigidly, up to scale: the best pose of the source on the target, and its alternatives.
 
     Parameters
     ----------
     target, source : file, array (n, 3), pair (V, F), or trimesh or Open3D object
-    options : TwoShapeOptions, optional
+    options : TwoShapeOptions or mapping, optional
+    **keywords
+        Fields of ``options`` by themselves, which win: ``group="O"``.
 
     Raises
     ------
@@ -141,7 +146,7 @@ def match_rigid(
     >>> bool(np.allclose(found.transform[:3, :3], quarter))
     True
     """
-    options = options or TwoShapeOptions()
+    options = as_options("options", options, TwoShapeOptions, keywords)
     origins = as_origin(target, "target"), as_origin(source, "source")
     to, of = (
         sample_file(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from itertools import count, islice
@@ -25,6 +25,7 @@ from collalign.output.write import recorded_options
 from collalign.products.evidence import CollectionView
 from collalign.tools.stability.result import Stability
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.checks import as_options
 from data_tools.errors import OptionsError
 from data_tools.io.shapes import FolderListing
 from data_tools.options import MIN_POINTS
@@ -82,8 +83,8 @@ class Repetition:
 def check_stability(
     result: str | Path,
     *,
-    options: StabilityOptions | None = None,
-    run: RunOptions | None = None,
+    options: StabilityOptions | Mapping[str, Any] | None = None,
+    run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
 ) -> Stability:
     """Repeat the alignment of a result's shapes otherwise, and say what stays of every shape's pose.
@@ -92,8 +93,8 @@ def check_stability(
     ----------
     result : path
         Folder that ``collalign align`` wrote.
-    options : StabilityOptions, optional
-    run : RunOptions, optional
+    options : StabilityOptions or mapping, optional
+    run : RunOptions or mapping, optional
         With the store of the result, shapes and pairs are used again, and an interrupted check goes on.
     progress : bool or callable
         As in :func:`collalign.align_collection`.
@@ -128,15 +129,16 @@ def check_stability(
     """
     view, files = load_view(result), source_files(load_view(result))
     asked, _ = recorded_options(result)
-    plan = list(repetitions(replace(asked, reference="", certify=False), view.num_shapes, options))
+    wanted = as_options("options", options, StabilityOptions)
+    plan = list(repetitions(replace(asked, reference="", certify=False), view.num_shapes, wanted))
     if not plan:
         raise OptionsError("num_points, num_seeds, num_subsets: no repetition is left that differs from the result")
-    doubtful = options is not None and options.include_doubtful
+    doubtful = wanted.include_doubtful
     who = statistics_members(view, include_doubtful=doubtful, include_incomplete=doubtful, one_part=False)
     before = procrustes_distances(view.aligned_samples)
     before[:, np.setdiff1d(np.arange(view.num_shapes), who.chosen)] = np.nan
     rows = []
-    with Session.open(asked, run or RunOptions(), progress_display(progress)) as session:
+    with Session.open(asked, as_options("run", run, RunOptions), progress_display(progress)) as session:
         for number, one in enumerate(plan, 1):
             listing = FolderListing(
                 files=tuple(files[i] for i in one.members),

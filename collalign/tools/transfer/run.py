@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -61,8 +62,8 @@ def transfer_landmarks(
     patches: Sequence[str | Path] = (),
     curve_points: int | None = None,
     surface_points: int = 0,
-    options: RegistrationOptions | None = None,
-    run: RunOptions | None = None,
+    options: RegistrationOptions | Mapping[str, Any] | None = None,
+    run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
 ) -> TransferredLandmarks:
     """Carry landmarks from the specimens that have them to all others.

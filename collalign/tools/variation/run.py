@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -44,7 +44,7 @@ def write_surface_variation(
     symmetry: Literal["auto"] | str | Path | Sequence[tuple[str, str]] | None = None,
     individuals: Sequence[str] | None = None,
     include_doubtful: bool = False,
-    run: RunOptions | None = None,
+    run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
 ) -> SurfaceVariation:
     """Show how the surfaces of a result vary: one page, meshes, tables and a figure.
