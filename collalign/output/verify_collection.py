@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from data_tools.arrays import as_floats, as_indices, as_rotations
 from data_tools.errors import InputError
-from pairwise.certificates.verify_joint import gram_bound, largest_turns, tilted_bound
+from pairwise.certificates.verify_cells import tilted_bound
+from pairwise.certificates.verify_joint import gram_bound, largest_turns
 from pairwise.local.local_search import MatchingCosts
 from pairwise.problem.problem import Problem
 

@@ -1,13 +1,13 @@
-"""Writes down a proof by quasi-bounds: every leaf of the tree with the potentials that close it."""
+"""Writes down a proof by quasi-bounds: the depths of the leaves of the tree say which cells they are."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from data_tools.arrays import IntArray
+from pairwise.branch_and_bound.cells import MAX_DEPTH
 from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.certificates.certificate import Certificate, hash_problem, problem_arrays
 from pairwise.certificates.verify import proven_bound
@@ -15,33 +15,17 @@ from pairwise.problem.problem import Problem
 
 #: The certificate's name in :data:`pairwise.certificates.verify.VERIFIERS`.
 KIND = "cells"
-#: Potentials are kept in single precision where the bound falls by no more than this share.
-_SINGLE_LOSS = 1e-5
+
+
+def depths_of(searches: Sequence[RotationSearch]) -> list[IntArray]:
+    """Return the depths of the leaves in the order of faces and paths, of rotations and then of reflections."""
+    leaves = [search.leaves.cells for search in sorted(searches, key=lambda one: one.reflected)]
+    return [one.depths[np.lexsort((one.paths << (MAX_DEPTH - one.depths), one.faces))] for one in leaves]
 
 
 def make_certificate(problem: Problem, searches: Sequence[RotationSearch]) -> Certificate:
     """Return the certificate of what searches of all chiralities of a problem have proven so far."""
-    doubles: dict[str, NDArray[Any]] = problem_arrays(problem)
-    for search in searches:
-        name, leaves = "reflected" if search.reflected else "proper", search.leaves
-        used, evidence = np.unique(leaves.sources, return_inverse=True)
-        doubles[f"{name}_faces"] = leaves.cells.faces.astype(np.uint8)
-        doubles[f"{name}_depths"] = leaves.cells.depths.astype(np.uint8)
-        doubles[f"{name}_paths"] = leaves.cells.paths
-        doubles[f"{name}_evidence"] = evidence.astype(np.int32)
-        doubles[f"{name}_potentials"] = search.potentials[used]
-    certificate = _certificate(problem, doubles)
-    if any(np.abs(search.potentials).max() > np.finfo(np.float32).max for search in searches):
-        return certificate
-    single = _certificate(problem, {name: _in_single(name, values) for name, values in doubles.items()})
-    is_enough = single.bound >= certificate.bound - _SINGLE_LOSS * abs(certificate.bound)
-    return single if is_enough else certificate
-
-
-def _certificate(problem: Problem, arrays: dict[str, NDArray[Any]]) -> Certificate:
+    named = zip(("proper", "reflected"), depths_of(searches), strict=False)
+    arrays = problem_arrays(problem) | {f"{name}_depths": depths.astype(np.uint8) for name, depths in named}
     bound = proven_bound(problem, KIND, arrays)
     return Certificate(kind=KIND, arrays=arrays, problem_hash=hash_problem(problem), bound=bound)
-
-
-def _in_single(name: str, values: NDArray[Any]) -> NDArray[Any]:
-    return values.astype(np.float32) if name.endswith("_potentials") else values

@@ -74,11 +74,6 @@ class RotationSearch:
         return everything.join(*self._settled)
 
     @property
-    def potentials(self) -> FloatArray:
-        """The pool of potentials that the cells' ``sources`` speak of, shape (t, N)."""
-        return self._pool[: self._num_pooled]
-
-    @property
     def bound(self) -> float:
         """The lower bound of this chirality: the least of all cells."""
         waiting = np.append(self._open.bounds, self._collected.bounds)
@@ -159,7 +154,7 @@ class RotationSearch:
         end = self._num_pooled + int(is_new.sum())
         if end > len(self._pool):
             larger = np.empty((2 * end, self._pool.shape[1]))
-            larger[: self._num_pooled] = self.potentials
+            larger[: self._num_pooled] = self._pool[: self._num_pooled]
             self._pool = larger
         self._pool[self._num_pooled : end] = found.potentials[is_new]
         self._num_pooled = end

@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.threads import one_blas_thread
-from pairwise.branch_and_bound.cells import MAX_DEPTH, Cells
 from pairwise.branch_and_bound.prove import deadline_of, finish, searches_of
-from pairwise.local.local_search import minimise
+from pairwise.branch_and_bound.record import depths_of
+from pairwise.local.local_search import MatchingCosts, energies_of, minimise
 from pairwise.problem.problem import Problem
 
 #: Most rotations that are returned.
@@ -59,7 +58,7 @@ class TiltedProof:
 def prove_tilted(
     problem: Problem, tilt: FloatArray, known: FloatArray, *, gap: float, time_limit_s: float | None = None
 ) -> TiltedProof:
-    """Bound F(R) - <tilt, R> from below over the problem's group.
+    """Bound F(R) - <tilt, R> from below over the problem's group, or only descend to small values.
 
     Parameters
     ----------
@@ -69,42 +68,27 @@ def prove_tilted(
     known : ndarray, shape (m, d, d)
         At least one pose to descend from.
     gap : float
-        How far the bound may stay below the least value found, in units of the energy.
+        How far the bound may stay below the least value found, in units of the energy; with 0 nothing is proven.
     time_limit_s : float, optional
         Stop about then; what is proven by then is returned.
     """
     tilted, offset = with_tilt(problem, tilt)
-    started = time.monotonic()
-    around = minimise(tilted, known)
-    tol = min(1.0, gap / max(float(around.energies[0]), gap))
-    searches = searches_of(tilted, around.rotations, tol)
-    proof = finish(searches, started, deadline_of(started, tol, time_limit_s))
-    starts = np.concatenate([proof.candidate.R_target_source[None], around.rotations])
-    slack = _ROUNDING * (abs(proof.lower_bound) + offset + float(np.linalg.norm(tilt)))
-    depths = [_depths(search.leaves.cells) for search in sorted(searches, key=lambda one: one.reflected)]
-    return replace(
-        seek_tilted(problem, tilt, starts),
-        lower_bound=proof.lower_bound - offset - slack,
+    found, bound, depths = minimise(tilted, known), -np.inf, [np.zeros(0, dtype=np.int64)]
+    if gap:
+        started, tol = time.monotonic(), min(1.0, gap / max(float(found.energies[0]), gap))
+        searches = searches_of(tilted, found.rotations, tol)
+        proof = finish(searches, started, deadline_of(started, tol, time_limit_s))
+        slack = _ROUNDING * (abs(proof.lower_bound) + offset + float(np.linalg.norm(tilt)))
+        bound, depths = proof.lower_bound - offset - slack, depths_of(searches)
+        found = minimise(tilted, np.concatenate([proof.candidate.R_target_source[None], found.rotations]))
+    rotations = found.rotations[:_MOST_ROTATIONS]
+    return TiltedProof(
+        lower_bound=bound,
+        rotations=read_only(rotations),
+        energies=read_only(least_energies(problem, rotations)),
         depths=read_only(np.concatenate(depths)),
         num_cells=read_only(np.array([len(some) for some in depths])),
     )
-
-
-@one_blas_thread()
-def seek_tilted(problem: Problem, tilt: FloatArray, starts: FloatArray) -> TiltedProof:
-    """Descend to small values of F(R) - <tilt, R> from rotations (m, d, d); what is found proves no bound: -inf."""
-    tilted, _ = with_tilt(problem, tilt)
-    rotations = minimise(tilted, starts).rotations[:_MOST_ROTATIONS]
-    energies = read_only(least_energies(problem, rotations))
-    none = read_only(np.zeros(0, dtype=np.int64))
-    return TiltedProof(
-        lower_bound=-np.inf, rotations=read_only(rotations), energies=energies, depths=none, num_cells=none
-    )
-
-
-def _depths(cells: Cells) -> IntArray:
-    """Return the depths of cells that tile the rotations, in the order of faces and paths."""
-    return cells.depths[np.lexsort((cells.paths << (MAX_DEPTH - cells.depths), cells.faces))]
 
 
 def with_tilt(problem: Problem, tilt: FloatArray) -> tuple[Problem, float]:
@@ -130,9 +114,4 @@ def with_tilt(problem: Problem, tilt: FloatArray) -> tuple[Problem, float]:
 
 def least_energies(problem: Problem, rotations: FloatArray) -> FloatArray:
     """Return F, the least energy of any map, at rotations (m, d, d), shape (m,)."""
-    return np.array([_assigned(costs) for costs in problem.assignment_costs(rotations)])
-
-
-def _assigned(costs: FloatArray) -> float:
-    rows, columns = linear_sum_assignment(costs.T)
-    return float(costs.T[rows, columns].sum())
+    return energies_of(problem, rotations, MatchingCosts(problem).assign(rotations))

@@ -1,22 +1,24 @@
 """Checks proofs by quasi-bounds without the search: do the cells tile all rotations, and what does each one prove.
 
-A cell is named by its face and its path: SO(3) is four gnomonic charts of the unit quaternions, each a cube in u with
-``x = tan(pi u / 4)``, halved along one axis after the other; SO(2) is one interval of angles. Every pose (R*, map)
-whose R* is best for its own map and lies within the angle r of the cell's rotation R0 has at least the energy
+SO(3) is four gnomonic charts of the unit quaternions, each a cube in u with ``x = tan(pi u / 4)``, halved along one
+axis after the other; SO(2) is one interval of angles. The cells are known by their depths, in the order of their
+faces and paths, because they tile. For any matrix L (a *tilt*, zero in the proof of a pair alone) the least of
+F(R) - <L, R> is attained at a rotation R that is best for its own map under that energy. Where R lies within the
+angle r of a cell's rotation R0, it is at least
 
-    sum_j min_i (c_ji(R0) - v_i) + (N - k) min_i (-v_i) + sum_i v_i - 2 (1 - cos r) K
+    F(R0) - <L, R0> - 2 (1 - cos r) K,      K = s1 s1' + s2 s2'
 
-for any potentials v of the N columns (targets, and one per source point that may stay unmatched), K = s1 s1' + s2 s2'
-of the singular values of weighted source and target; in partial matching K is 0 and each cost is lowered by
-2 (1 - cos r) w_j |p_j| |q_i| instead. The optimum is such a pose, so the least of all cells bounds the energy. Every
-sum is lowered by what rounding can have added (all coordinates are at most 1 here).
+of the singular values of weighted source and target, to both of which L adds points. F is the least assignment, which
+is solved here again. The least of all cells is the bound; every sum is lowered by what rounding can have added.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
@@ -31,7 +33,7 @@ _RADIUS_MARGIN = 1e-7
 #: Deepest cells: their paths are numbers of 63 bits.
 DEEPEST = 60
 #: Numbers held at once.
-_CHUNK_NUMBERS = 2_000_000
+_CHUNK_NUMBERS = 1_000_000
 
 
 def cells_bound(problem: Problem, given: CertificateArrays) -> float:
@@ -42,53 +44,96 @@ def cells_bound(problem: Problem, given: CertificateArrays) -> float:
     problem : Problem
         Over SO(d) or O(d), d = 2 or 3, full R; coordinates are at most 1.
     given : CertificateArrays
-        For each chirality ``NAME`` in ``proper`` and, over O(d), ``reflected``: ``NAME_faces``, ``NAME_depths``,
-        ``NAME_paths`` and ``NAME_evidence`` (m,), integers, and ``NAME_potentials`` (t, N).
+        ``proper_depths`` and, over O(d), ``reflected_depths``, integers.
 
     Raises
     ------
     InputError
-        If an array is malformed or the cells do not tile the rotations.
+        If the problem is another one, or an array is malformed.
+    """
+    names = ("proper", "reflected")[: num_chiralities(problem)]
+    depths = [given.indices(f"{name}_depths", (None,), upper=DEEPEST + 1) for name in names]
+    bound = tilted_bound(problem, np.zeros((problem.dim, problem.dim)), depths)
+    return max(bound, 0.0) if (problem.constant_cost >= 0).all() else bound
+
+
+def num_chiralities(problem: Problem) -> int:
+    """Return 1 for a problem over SO(d) and 2 over O(d).
+
+    Raises
+    ------
+    InputError
+        If d is neither 2 nor 3, or R is not full.
     """
     pattern, dim = problem.pattern, problem.dim
     if dim not in (2, 3) or not pattern.mask.all() or pattern.special_blocks not in ((), ((0, dim),)):
         raise InputError("certificate: this kind is for full rotations in dimension 2 and 3")
-    bound = _chirality_bound(problem, problem.source, given, "proper")
-    if not pattern.special_blocks:
-        flipped = -problem.source if dim == 3 else problem.source * np.array([1.0, -1.0])
-        bound = min(bound, _chirality_bound(problem, flipped, given, "reflected"))
-    return max(bound, 0.0) if (problem.constant_cost >= 0).all() else bound
+    return 1 if pattern.special_blocks else 2
 
 
-def _chirality_bound(problem: Problem, source: FloatArray, given: CertificateArrays, name: str) -> float:
-    faces = given.indices(f"{name}_faces", (None,), upper=4 if problem.dim == 3 else 1)
-    depths = given.indices(f"{name}_depths", faces.shape, upper=DEEPEST + 1)
-    paths = given.indices(f"{name}_paths", faces.shape, upper=2**DEEPEST)
-    columns = problem.num_target
-    potentials = given.floats(f"{name}_potentials", (None, columns))
-    evidence = given.indices(f"{name}_evidence", faces.shape, upper=len(potentials))
-    _check_tiling(faces, depths, paths, 4 if problem.dim == 3 else 1)
-    rotations, radii = cell_balls(faces, depths, paths, problem.dim)
-    chunk = max(1, _CHUNK_NUMBERS // (problem.num_source * columns))
-    parts = [slice(first, first + chunk) for first in range(0, len(faces), chunk)]
-    return min(float(_bounds(problem, source, rotations[p], radii[p], potentials[evidence[p]]).min()) for p in parts)
+def tilted_bound(problem: Problem, tilt: FloatArray, depths: Sequence[IntArray]) -> float:
+    """Return a lower bound of F(R) - <tilt, R> over the problem's group.
+
+    Parameters
+    ----------
+    problem : Problem
+    tilt : ndarray, shape (d, d)
+    depths : sequence of ndarray of int
+        Of the cells of rotations and, over O(d), of reflections.
+
+    Raises
+    ------
+    InputError
+        If the problem is another one, or these are not depths of cells that tile the rotations.
+    """
+    if len(depths) != num_chiralities(problem):
+        raise InputError(f"depths: cells of {len(depths)} chiralities, expected {num_chiralities(problem)}")
+    signs = np.ones(problem.dim), np.array([-1.0, -1.0, -1.0] if problem.dim == 3 else [1.0, -1.0])
+    return min(_chirality_bound(problem, tilt, *one) for one in zip(depths, signs, strict=False))
 
 
-def _check_tiling(faces: IntArray, depths: IntArray, paths: IntArray, num_faces: int) -> None:
-    """Refuse cells that leave out or repeat a rotation: of each face their intervals of paths must tile [0, 1)."""
-    starts: list[list[tuple[int, int]]] = [[] for _ in range(num_faces)]
-    for face, depth, path in zip(faces.tolist(), depths.tolist(), paths.tolist(), strict=True):
-        if path >> depth:
-            raise InputError("certificate: a path is longer than its cell is deep")
-        starts[face].append((path << (DEEPEST - depth), 1 << (DEEPEST - depth)))
-    for intervals in starts:
-        end = 0
-        for start, length in sorted(intervals):
-            if start != end:
-                raise InputError("certificate: the cells do not tile all rotations")
-            end = start + length
-        if end != 1 << DEEPEST:
-            raise InputError("certificate: the cells do not tile all rotations")
+def _chirality_bound(problem: Problem, tilt: FloatArray, depths: IntArray, signs: FloatArray) -> float:
+    rotations, radii = cell_balls(*_tiling(depths, 4 if problem.dim == 3 else 1), problem.dim)
+    w, p, q = problem.weights, problem.source, problem.target
+    squares = w * ((q**2).sum(axis=1)[:, None] + (p**2).sum(axis=1))
+    fixed = squares + problem.constant_cost
+    values, chunk = np.empty(len(radii)), max(1, _CHUNK_NUMBERS // fixed.size)
+    for first in range(0, len(radii), chunk):
+        turned = rotations[first : first + chunk] * signs
+        costs = np.where(problem.allowed, fixed - 2.0 * (q @ turned @ (w[:, None] * p).T), np.inf)
+        assigned = [cost[linear_sum_assignment(cost)].sum() for cost in costs]
+        values[first : first + chunk] = np.array(assigned) - (turned * tilt).sum(axis=(1, 2))
+    sizes = (squares + np.abs(problem.constant_cost)).sum(axis=0).max() * (len(p) + len(q)) + np.abs(tilt).sum()
+    drop = 4.0 * np.sin(0.5 * radii) ** 2 * _curvature(problem, tilt) * (1.0 + _SAFETY * _EPS)
+    return float((values - drop).min() - _SAFETY * _EPS * sizes)
+
+
+def _tiling(depths: IntArray, num_faces: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Return faces, depths and paths of the cells that come in this order and tile so many faces."""
+    depths = np.asarray(depths, dtype=np.int64)
+    if len(depths) and (depths.min() < 0 or depths.max() > DEEPEST):
+        raise InputError("depths: outside what cells can have")
+    faces, paths, start, end = np.zeros_like(depths), np.zeros_like(depths), 0, 1 << DEEPEST
+    for at, depth in enumerate(depths.tolist()):
+        face, within = divmod(start, end)
+        if face >= num_faces or within % (1 << (DEEPEST - depth)):
+            raise InputError("depths: the cells do not tile all rotations")
+        faces[at], paths[at] = face, within >> (DEEPEST - depth)
+        start += 1 << (DEEPEST - depth)
+    if start != num_faces * end:
+        raise InputError("depths: the cells do not tile all rotations")
+    return faces, depths, paths
+
+
+def _curvature(problem: Problem, tilt: FloatArray) -> float:
+    """Return K; tilt / 2 = sum s u v^T adds g sqrt(s) v to the source and sqrt(s) u / g to the target, for any g."""
+    left, strengths, right = np.linalg.svd(0.5 * tilt)
+    roots, source = np.sqrt(strengths)[:, None], problem.weights[:, None] * problem.source
+    sizes = [float(np.linalg.norm(points)) for points in (source, problem.target)]
+    factor = float(np.sqrt(sizes[0] / sizes[1])) if min(sizes) > 0.0 else 1.0
+    first = np.linalg.svd(np.vstack([source, factor * roots * right]), compute_uv=False)[:2]
+    second = np.linalg.svd(np.vstack([problem.target, roots * left.T / factor]), compute_uv=False)[:2]
+    return float(first @ second) * (1.0 + _SAFETY * _EPS * (len(source) + len(problem.target)))
 
 
 def cell_balls(faces: IntArray, depths: IntArray, paths: IntArray, dim: int) -> tuple[FloatArray, FloatArray]:
@@ -128,28 +173,3 @@ def _rotations(q: FloatArray) -> FloatArray:
     cross -= np.swapaxes(cross, 1, 2)
     diagonal = (w**2 - (v**2).sum(axis=1))[:, None, None] * np.eye(3)
     return np.asarray(diagonal + 2.0 * v[:, :, None] * v[:, None, :] + 2.0 * w[:, None, None] * cross)
-
-
-def _bounds(problem: Problem, p: FloatArray, rotations: FloatArray, radii: FloatArray, v: FloatArray) -> FloatArray:
-    """Return what every cell proves, shape (m,)."""
-    q, w = problem.target, problem.weights
-    loss = 4.0 * np.sin(0.5 * radii) ** 2 * (1.0 + _SAFETY * _EPS)
-    fixed = w * ((q**2).sum(axis=1)[:, None] + (p**2).sum(axis=1)) + problem.constant_cost
-    costs = np.where(problem.allowed, fixed - 2.0 * w * (q @ rotations @ p.T), np.inf)
-    least = (costs - v[:, :, None]).min(axis=1)
-    num_zero = v.shape[1] - len(p)
-    floor = -v.max(axis=1) * num_zero
-    value = least.sum(axis=1) + floor + v.sum(axis=1)
-    sizes = np.abs(least).sum(axis=1) + np.abs(floor) + np.abs(v).sum(axis=1)
-    sizes += len(p) * np.abs(v).max(axis=1) + (np.abs(fixed) + 8.0 * w).max(axis=0).sum()
-    value -= _SAFETY * _EPS * (v.shape[1] + len(p) + 8) * sizes
-    return value - loss * _curvature(problem, p)
-
-
-def _curvature(problem: Problem, p: FloatArray) -> float:
-    """Return K, raised by the backward error of the singular values."""
-    source, target = problem.weights[:, None] * p, problem.target
-    first, second = (np.linalg.svd(points, compute_uv=False)[:2] for points in (source, target))
-    num = min(len(first), len(second))
-    size = float(np.linalg.norm(source) * np.linalg.norm(target))
-    return float(first[:num] @ second[:num]) + _SAFETY * _EPS * (len(p) + len(target)) * size

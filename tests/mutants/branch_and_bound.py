@@ -79,16 +79,22 @@ BRANCH_AND_BOUND: tuple[Mutant, ...] = (
         ("with_tilt", "np.linalg.svd(0.5 * tilt)", "np.linalg.svd(tilt)"),
     ),
     *faults(
+        "pairwise/certificates/verify_cells.py",
+        ("tests/pairwise/certificates/test_verify_cells.py",),
+        ("_chirality_bound", "(values - drop).min()", "(values - 0.5 * drop).min()"),
+        ("_chirality_bound", "[first : first + chunk] * signs", "[first : first + chunk]"),
+        ("_tiling", "if start != num_faces * end:", "if start > num_faces * end:"),
+        ("_curvature", "roots * left.T / factor", "0.5 * roots * left.T / factor"),
+    ),
+    *faults(
         "pairwise/certificates/verify_joint.py",
         ("tests/pairwise/certificates/test_verify_joint.py",),
         ("gram_bound", "- float(np.trace(matrix))", "+ float(np.trace(matrix))"),
-        ("_chirality_bound", "(values - drop).min()", "(values - 0.5 * drop).min()"),
-        ("_tiling", "if start != 4 * end:", "if start > 4 * end:"),
         ("largest_turns", "slack + len(matrix) * more", "0.3 * slack"),
     ),
     *faults(
         "collalign/tools/certify/multipliers.py",
         ("tests/collalign/tools/test_joint_bound.py",),
-        ("JointMaster.run", "+ 0.5 * self._curvature", "- 0.5 * self._curvature"),
+        ("JointMaster.run", "+ 0.5 * self.curvature", "- 0.5 * self.curvature"),
     ),
 )

@@ -6,8 +6,8 @@ is solved by alternating direction multipliers (Boyd et al. 2011): shares of eac
 on G >= 0, then the scaled dual U. There -rho U is positive semidefinite, has L_ij / 2 beside the diagonal and Y on
 it.
 
-A multiple of ``3 - <R*_ij, R>`` is taken off every energy, R* the cheapest arrangement known. It adds to S a
-Laplacian that vanishes at R* alone, so that the bound falls a little, and says how far as cheap poses can be from R*.
+A multiple (``curvature``) of ``3 - <R*_ij, R>`` may be taken off every energy, R* the cheapest arrangement known. It
+adds to S a Laplacian that vanishes at R* alone, and so says how far as cheap poses can be from R*.
 """
 
 from __future__ import annotations
@@ -21,11 +21,6 @@ from data_tools.threads import one_blas_thread
 #: Alternations per round, steps of the shares in each, and the penalty as a share of the mean energy of a pair. Of
 #: .03, .1, .3 and 1 it gained most per round on eight teeth (draws 0 and 1 of ``python -m experiments teeth_jobs``).
 _STEPS, _SHARE_STEPS, _PENALTY = 30, 8, 0.1
-#: What is taken off per unit of 3 - <R*, R>, as a share of the mean energy of a pair: of 0, .003, .01, .03 and .1 the
-#: largest that lowers the bound by less than .001 of the energy (eight teeth, draws 0 to 4).
-_CURVATURE = 0.03
-#: Energies are not taken for smaller than this.
-_LEAST_UNIT = 1e-12
 #: A column is new if some entry differs by this from those of the pair that are known.
 _NEW = 1e-4
 #: Most rows of the Gram matrix: its eigenvectors are computed in every step, a second for this many.
@@ -39,67 +34,60 @@ class JointMaster:
     ----------
     num_shapes : int
     edges : ndarray of int, shape (E, 2)
-    rotations : ndarray, shape (E, d, d)
+    known : ndarray, shape (E, d, d)
         R*_ij, a first column of each pair.
     energies : ndarray, shape (E,)
         Of these columns.
+    unit : float
+        Of the energy of a pair.
 
     Attributes
     ----------
     tilts : ndarray, shape (E, d, d)
-        L_ij; zero before the first round, and for ever with more than ``MOST_ROWS`` rows.
+        L_ij; zero before the first round.
     diagonal : ndarray, shape (N, d, d)
         Y_i.
+    known, curvature
+        What is taken off, see above; nothing at first.
     """
 
-    def __init__(self, num_shapes: int, edges: IntArray, rotations: FloatArray, energies: FloatArray) -> None:
-        dim, unit = rotations.shape[-1], max(float(energies.mean()), _LEAST_UNIT)
-        self._edges, self._known, self._dim = edges, rotations, dim
-        self._columns, self._costs = rotations[:, None], energies[:, None].astype(np.float64)
-        self._shares = np.ones((len(edges), 1))
-        self.is_large = num_shapes * dim > MOST_ROWS
-        self._penalty, self._curvature = _PENALTY * unit, _CURVATURE * unit
-        self.tilts, self.diagonal = np.zeros_like(rotations), np.zeros((num_shapes, dim, dim))
-        if not self.is_large:
-            self._gram = self._with_diagonal(np.eye(dim), rotations)
-            self._dual = np.zeros_like(self._gram)
+    def __init__(
+        self, num_shapes: int, edges: IntArray, known: FloatArray, energies: FloatArray, unit: float
+    ) -> None:
+        self._edges, self._dim, self._penalty = edges, known.shape[-1], _PENALTY * unit
+        self.known, self.curvature = known, 0.0
+        self._columns, self._energies, self._shares = known[:, None], energies[:, None], np.ones((len(edges), 1))
+        self.tilts, self.diagonal = np.zeros_like(known), np.zeros((num_shapes, self._dim, self._dim))
+        self._blocks = self._with_diagonal(np.eye(self._dim), known)
+        self._dual = np.zeros_like(self._blocks)
+
+    @property
+    def is_large(self) -> bool:
+        """Whether there are too many shapes for anything but L = 0."""
+        return self.tilts.shape[-1] * len(self.diagonal) > MOST_ROWS
 
     @property
     def gram(self) -> FloatArray:
         """The relaxed Gram matrix of all poses, (dN, dN)."""
-        size = len(self.diagonal) * self._dim
-        return self._gram.reshape(size, size)
+        return self._blocks.reshape(len(self.diagonal) * self._dim, -1)
 
     def add(self, pair: int, rotations: FloatArray, energies: FloatArray) -> None:
         """Add columns (m, d, d) of a pair with their energies F (m,), those that are known left out."""
         for rotation, energy in zip(rotations, energies, strict=True):
             if np.abs(self._columns[pair] - rotation).max(axis=(1, 2)).min() > _NEW:
-                if np.isfinite(self._costs[pair, -1]):
-                    self._grow()
-                at = int(np.argmax(np.isinf(self._costs[pair])))
-                self._columns[pair, at] = rotation
-                lowered = self._curvature * (self._dim - float((rotation * self._known[pair]).sum()))
-                self._costs[pair, at] = energy - lowered
+                at = int(np.isfinite(self._energies[pair]).sum())
+                if at == self._energies.shape[1]:
+                    room = ((0, 0), (0, at))
+                    self._columns = np.pad(self._columns, (*room, (0, 0), (0, 0)))
+                    self._energies = np.pad(self._energies, room, constant_values=np.inf)
+                    self._shares = np.pad(self._shares, room)
+                self._columns[pair, at], self._energies[pair, at] = rotation, energy
 
-    def recentre(self, rotations: FloatArray, energies: FloatArray) -> None:
+    def recentre(self, known: FloatArray, energies: FloatArray, most_curved: float) -> None:
         """Take R* (E, d, d) of energies (E,) for the cheapest arrangement known from now on."""
-        self._costs += self._lowered()
-        self._known, self._curvature = rotations, _CURVATURE * max(float(energies.mean()), _LEAST_UNIT)
-        self._costs -= self._lowered()
-        for pair in range(len(rotations)):
-            self.add(pair, rotations[pair : pair + 1], energies[pair : pair + 1])
-
-    def _lowered(self) -> FloatArray:
-        """Return what is taken off the energies of all columns, (E, m)."""
-        cosines = (self._columns * self._known[:, None]).sum(axis=(2, 3))
-        return np.asarray(self._curvature * (self._dim - cosines))
-
-    def _grow(self) -> None:
-        """Make room for more columns of every pair; what is not one has infinite costs."""
-        num = self._costs.shape[1]
-        self._columns = np.concatenate([self._columns, np.zeros_like(self._columns)], axis=1)
-        self._costs = np.pad(self._costs, ((0, 0), (0, num)), constant_values=np.inf)
-        self._shares = np.pad(self._shares, ((0, 0), (0, num)))
+        self.known, self.curvature = known, min(self.curvature, most_curved)
+        for pair in range(len(known)):
+            self.add(pair, known[pair : pair + 1], energies[pair : pair + 1])
 
     def used(self, pair: int) -> FloatArray:
         """Return the columns of a pair that have a share, (m, d, d)."""
@@ -109,32 +97,31 @@ class JointMaster:
     def run(self) -> float:
         """Alternate for one round; return the bound that holds if there is no rotation but the columns."""
         left, right = self._edges.T
+        cosines = (self._columns * self.known[:, None]).sum(axis=(2, 3))
+        costs = self._energies - self.curvature * (self._dim - cosines)
         for _ in range(_STEPS):
-            mixed = self._gram - self._dual
-            self._improve_shares(mixed[left, :, right])
+            mixed = self._blocks - self._dual
+            self._improve_shares(costs, mixed[left, :, right])
             means = (self._shares[..., None, None] * self._columns).sum(axis=1)
-            wanted = self._dual.copy() + self._with_diagonal(np.eye(self._dim), means, mixed)
-            self._gram = _positive_part(wanted)
-            self._dual = wanted - self._gram
+            wanted = self._dual + self._with_diagonal(np.eye(self._dim), means, mixed)
+            self._blocks = _positive_part(wanted)
+            self._dual = wanted - self._blocks
         every, slack = np.arange(len(self.diagonal)), -self._penalty * self._dual
-        tilts = 2.0 * slack[left, :, right]
-        values = np.where(
-            np.isinf(self._costs), np.inf, self._costs - (self._columns * tilts[:, None]).sum(axis=(2, 3))
-        )
+        tilts, diagonal = 2.0 * slack[left, :, right], slack[every, :, every]
         degrees = np.bincount(self._edges.ravel(), minlength=len(every))
-        diagonal = slack[every, :, every]
-        self.tilts = tilts - self._curvature * self._known
-        self.diagonal = diagonal + 0.5 * self._curvature * degrees[:, None, None] * np.eye(self._dim)
+        self.tilts = tilts - self.curvature * self.known
+        self.diagonal = diagonal + 0.5 * self.curvature * degrees[:, None, None] * np.eye(self._dim)
+        values = costs - (self._columns * tilts[:, None]).sum(axis=(2, 3))
         return float(values.min(axis=1).sum() - np.trace(diagonal, axis1=1, axis2=2).sum())
 
-    def _improve_shares(self, wanted: FloatArray) -> None:
+    def _improve_shares(self, costs: FloatArray, wanted: FloatArray) -> None:
         """Lower ``<costs, shares> + penalty |columns^T shares - wanted|^2`` of all pairs, step by step.
 
         Each step moves share from the column of largest gradient that has some to that of least gradient.
         """
-        pairs, points = np.arange(len(wanted)), self._columns.reshape(*self._costs.shape, -1)
+        pairs, points = np.arange(len(wanted)), self._columns.reshape(*costs.shape, -1)
         away = (self._shares[..., None] * points).sum(axis=1) - wanted.reshape(len(wanted), -1)
-        gradient = self._costs + 2.0 * self._penalty * (points @ away[..., None])[..., 0]
+        gradient = costs + 2.0 * self._penalty * (points @ away[..., None])[..., 0]
         for _ in range(_SHARE_STEPS):
             low = gradient.argmin(axis=1)
             high = np.where(self._shares > 0.0, gradient, -np.inf).argmax(axis=1)

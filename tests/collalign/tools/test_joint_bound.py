@@ -97,7 +97,7 @@ def test_no_arrangement_costs_less_than_the_bound_and_none_as_cheap_turns_shapes
     cheapest = min(one.energy for one in others)
     assert found.bound <= cheapest * (1 + 1e-9)
     assert found.share >= 0.75
-    alone = JointMaster(4, energies.edges, energies.relative(found.frames), energies.at(found.frames))
+    alone = JointMaster(4, energies.edges, energies.relative(found.frames), energies.at(found.frames), 1.0)
     pair_sum = sum(
         prove_tilted(problem, tilt, found.frames[:1], gap=1e-3).lower_bound
         for problem, tilt in zip(energies.problems, alone.tilts, strict=True)
@@ -145,15 +145,14 @@ def test_copies_without_noise_cost_nothing_in_any_gauge() -> None:
 def test_shares_solve_the_least_squares_problem_of_every_pair() -> None:
     rng = np.random.default_rng(11)
     edges, first = np.array([[0, 1], [0, 2], [1, 2]]), random_frames(3, rng)
-    master = JointMaster(3, edges, first, rng.random(3))
-    master._curvature = 0.0
+    master = JointMaster(3, edges, first, rng.random(3), 1.0)
     for pair, num in enumerate((0, 3, 6)):
         master.add(pair, random_frames(num, rng), rng.random(num))
     wanted = 0.5 * rng.standard_normal((3, 3, 3))
     for _ in range(60):
-        master._improve_shares(wanted)
+        master._improve_shares(master._energies, wanted)
     for pair, num in enumerate((1, 4, 7)):
-        points, cost = master._columns[pair, :num].reshape(num, 9), master._costs[pair, :num]
+        points, cost = master._columns[pair, :num].reshape(num, 9), master._energies[pair, :num]
         goal, weight = wanted[pair].ravel(), master._penalty
 
         def objective(
@@ -182,7 +181,8 @@ def test_what_the_columns_promise_is_what_the_multipliers_prove_of_them() -> Non
     rng = np.random.default_rng(12)
     edges, frames = np.array([[0, 1], [0, 2], [1, 2]]), random_frames(3, rng)
     known = np.array([frames[i].T @ frames[j] for i, j in edges])
-    master = JointMaster(3, edges, known, np.full(3, 0.3))
+    master = JointMaster(3, edges, known, np.full(3, 0.3), 0.3)
+    master.curvature = 0.009
     columns = [random_frames(5, rng) for _ in range(3)]
     for pair, some in enumerate(columns):
         master.add(pair, some, np.linspace(0.05, 0.4, 5))

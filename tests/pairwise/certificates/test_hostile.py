@@ -60,7 +60,7 @@ def test_a_certificate_in_single_precision_proves_what_its_numbers_prove(problem
         ("unmatched_costs", np.full(5, 999_999.0)),
         ("max_unmatched", np.array(999_999)),
         ("max_unmatched", np.array(-3)),
-        ("proper_7_paths", np.ones((5, 5), dtype=bool)),
+        ("proper_paths", np.ones((5, 5), dtype=bool)),
         ("gamma", np.zeros(3)),
         (3, np.zeros(3)),
     ],

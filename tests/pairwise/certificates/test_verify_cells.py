@@ -11,11 +11,13 @@ from data_tools.errors import InputError
 from pairwise import Certificate, Problem, verify_certificate
 from pairwise.branch_and_bound.cells import Cells
 from pairwise.branch_and_bound.prove import prove
+from pairwise.branch_and_bound.tilted import TiltedProof, prove_tilted
 from pairwise.certificates.verify import proven_bound
-from pairwise.certificates.verify_cells import cell_balls
+from pairwise.certificates.verify_cells import cell_balls, tilted_bound
 from pairwise.problem.problem import energy_scale
 from pairwise.status import Status
 from tests.oracles import brute_force
+from tests.pairwise.branch_and_bound.test_tilted import least_tilted, tilted_problem
 from tests.rigid_problems import planted_cube, rigid_problem
 
 
@@ -59,39 +61,21 @@ def test_a_certificate_survives_its_file(problem, certificate, tmp_path) -> None
     assert bound == pytest.approx(certificate.bound, abs=1e-12)
 
 
-def without(certificate: Certificate, kept: np.ndarray) -> dict[str, np.ndarray]:
-    names = [f"proper_{name}" for name in ("faces", "depths", "paths", "evidence")]
-    return {**certificate.arrays, **{name: certificate.arrays[name][kept] for name in names}}
-
-
 def test_cells_that_do_not_tile_the_rotations_are_refused(problem, certificate) -> None:
-    num = len(certificate.arrays["proper_faces"])
-    everything = np.arange(num)
-    for kept in (everything[1:], everything[:-1], np.append(everything, 0), everything[:0]):
+    depths = certificate.arrays["proper_depths"].astype(np.int64)
+    deepest = int(depths.argmax())
+    for wrong in (depths[1:], depths[:-1], np.append(depths, 0), depths[:0], depths + 1, np.delete(depths, deepest)):
         with pytest.raises(InputError, match="tile"):
-            proven_bound(problem, "cells", without(certificate, kept))
-    shuffled = np.random.default_rng(0).permutation(num)
-    assert proven_bound(problem, "cells", without(certificate, shuffled)) == pytest.approx(certificate.bound)
+            proven_bound(problem, "cells", {**certificate.arrays, "proper_depths": wrong})
+    for wrong in (depths - 1, np.full_like(depths, 61)):
+        with pytest.raises(InputError, match="depths"):
+            proven_bound(problem, "cells", {**certificate.arrays, "proper_depths": wrong})
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [("faces", 4, "faces"), ("depths", 61, "depths"), ("paths", 2**40, "path"), ("evidence", 10**6, "evidence")],
-)
-def test_impossible_cells_are_refused(problem, certificate, name, value, message) -> None:
-    changed = certificate.arrays[f"proper_{name}"].astype(np.int64)
-    changed[0] = value
-    with pytest.raises(InputError, match=message):
-        proven_bound(problem, "cells", {**certificate.arrays, f"proper_{name}": changed})
-
-
-def test_any_potentials_prove_what_is_true(problem, certificate) -> None:
-    rng = np.random.default_rng(1)
-    values = certificate.arrays["proper_potentials"]
-    for noise in (1e-3, 1.0, 1e12):
-        other = values + noise * rng.standard_normal(values.shape)
-        arrays = {**certificate.arrays, "proper_potentials": other}
-        assert proven_bound(problem, "cells", arrays) <= certificate.bound
+def test_any_cells_prove_what_is_true_and_larger_ones_less(problem, certificate) -> None:
+    for depth in (0, 3, 6, 9):
+        arrays = {**certificate.arrays, "proper_depths": np.full(4 << depth, depth)}
+        assert proven_bound(problem, "cells", arrays) < certificate.bound
         with pytest.raises(InputError, match="claims"):
             verify_certificate(problem.target, problem.source, replace(certificate, arrays=arrays))
 
@@ -100,3 +84,22 @@ def test_a_proof_for_rotations_is_none_for_reflections(problem, certificate) -> 
     both = Problem.from_user(problem.target, problem.source, group="O")
     with pytest.raises(InputError, match="reflected"):
         proven_bound(both, "cells", certificate.arrays)
+
+
+def cells_of(proof: TiltedProof) -> list[np.ndarray]:
+    """The depths of the cells of each chirality."""
+    return np.split(proof.depths, np.cumsum(proof.num_cells)[:-1])
+
+
+@pytest.mark.parametrize("seed", range(28))
+def test_what_is_checked_again_lies_below_brute_force_and_not_below_the_proof(seed: int) -> None:
+    problem, tilt = tilted_problem(seed)
+    scale = energy_scale(problem) + float(np.abs(tilt).sum())
+    proof = prove_tilted(problem, tilt, np.eye(problem.dim)[None], gap=1e-2 * scale, time_limit_s=20.0)
+    bound = tilted_bound(problem, tilt, cells_of(proof))
+    assert bound <= least_tilted(problem, tilt) + 1e-9 * scale
+    assert bound >= proof.lower_bound - 1e-9 * scale
+    whole = [np.zeros(4 if problem.dim == 3 else 1, dtype=np.uint8)] * len(proof.num_cells)
+    assert tilted_bound(problem, tilt, whole) <= bound + 1e-9 * scale
+    with pytest.raises(InputError, match="chiralities"):
+        tilted_bound(problem, tilt, ())

@@ -1,4 +1,4 @@
-"""Joint bounds, checked again: against brute force over all maps, and against arrangements; damage is refused."""
+"""What joins the pairs in a proof of all arrangements, checked against arrangements."""
 
 from __future__ import annotations
 
@@ -7,47 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
-from pairwise.branch_and_bound.tilted import TiltedProof, prove_tilted
-from pairwise.certificates.verify_joint import gram_bound, gram_matrix, largest_turns, tilted_bound
-from pairwise.problem.problem import energy_scale
-from tests.pairwise.branch_and_bound.test_tilted import least_tilted, tilted_problem
-from tests.rigid_problems import small_problem
-
-FLAT = next(seed for seed in range(40) if small_problem(seed, max_target=5).dim == 2)
-SPATIAL = [seed for seed in range(40) if small_problem(seed, max_target=5).dim == 3]
-
-
-def cells_of(proof: TiltedProof) -> list[np.ndarray]:
-    """The depths of the cells of each chirality."""
-    return np.split(proof.depths, np.cumsum(proof.num_cells)[:-1])
-
-
-@pytest.mark.parametrize("seed", SPATIAL)
-def test_what_is_checked_again_lies_below_brute_force_and_not_below_the_proof(seed: int) -> None:
-    problem, tilt = tilted_problem(seed)
-    scale = energy_scale(problem) + float(np.abs(tilt).sum())
-    proof = prove_tilted(problem, tilt, np.eye(3)[None], gap=1e-2 * scale, time_limit_s=20.0)
-    bound = tilted_bound(problem, tilt, cells_of(proof))
-    assert bound <= least_tilted(problem, tilt) + 1e-9 * scale
-    assert bound >= proof.lower_bound - 1e-9 * scale
-    whole = [np.zeros(4, dtype=np.uint8)] * len(proof.num_cells)
-    assert tilted_bound(problem, tilt, whole) <= bound + 1e-9 * scale
-
-
-def test_cells_that_do_not_tile_are_refused() -> None:
-    problem, tilt = tilted_problem(SPATIAL[0])
-    proof = prove_tilted(problem, tilt, np.eye(3)[None], gap=0.1 * energy_scale(problem))
-    first, rest = cells_of(proof)[0], cells_of(proof)[1:]
-    swapped = np.concatenate([first[1:], first[:1]])
-    for wrong in (first[:-1], np.append(first, 0), first + 1, np.full_like(first, 99), swapped[swapped > 0][:0]):
-        with pytest.raises(InputError, match="depths"):
-            tilted_bound(problem, tilt, (wrong, *rest))
-    with pytest.raises(InputError, match="chiralities"):
-        tilted_bound(problem, tilt, ())
-    with pytest.raises(InputError, match="space"):
-        tilted_bound(small_problem(FLAT), tilt, cells_of(proof))
+from pairwise.certificates.verify_joint import gram_bound, gram_matrix, largest_turns
 
 
 def multipliers(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
