@@ -47,29 +47,10 @@ def run_with_kills(
 ) -> FaultLog:
     """Run a command until it ends by itself with code 0, with SIGKILLs, and signals that ask it to end, on the way.
 
-    Parameters
-    ----------
-    command : sequence of str
-        Resumes where it was killed.
-    num_kills : int
-        Of the command and its workers, at most.
-    rng : Generator
-    delay_s : tuple of float
-        Between kills, uniformly.
-    parent_share : float
-        Probability that the command itself is killed rather than one of its workers.
-    resume_codes : sequence of int
-        Exit codes after which the command is started again, as a user would where something was left out.
-    cwd : Path, optional
-    num_signals : int
-        SIGINT and SIGTERM to the command, at most.
-    check : callable, optional
-        Called whenever the command has ended; raises where something is lost.
-
-    Raises
-    ------
-    RuntimeError
-        If the command ends with an error.
+    At most ``num_kills`` of the command and its workers, the command itself with probability ``parent_share``, and
+    ``num_signals`` of SIGINT and SIGTERM to the command, uniformly ``delay_s`` apart. The command is started again
+    where it was killed, and after exit codes of ``resume_codes``, as a user would where something was left out;
+    ``check`` is called whenever it has ended. Any other exit code is a RuntimeError.
     """
     log = FaultLog()
     while True:
@@ -143,3 +124,11 @@ def worker_processes(parent: int) -> list[int]:
         if parent_pid == parent and b"popen_loky" in words:
             found.append(int(entry.name))
     return sorted(found)
+
+
+def is_running(pid: int) -> bool:
+    """Whether a process is there, and no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False

@@ -3,8 +3,7 @@
     python -m tests.benchmarks.bench_synchronization [--seeds 10] [--only WORD ...]
 
 Prints, per setting, the share of shapes within 20 degrees, the share of runs with all shapes right, the median and
-the worst error, for both methods on the same data; then nearest-neighbour graphs, flipped blocks, mixed collections
-and chirality.
+the worst error, for both methods on the same data; then flipped blocks and chirality.
 """
 
 from __future__ import annotations
@@ -15,14 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.synchronization import PairGraph, synchronize, synchronize_clusters
+from collalign.synchronization import synchronize
 from tests.synchronization_problems import (
     Planted,
     complete_edges,
     exact_pairs,
     flipped_pairs,
     group_flip,
-    mixed_collection,
     pose_errors_deg,
     random_rotations,
     regular_edges,
@@ -109,30 +107,6 @@ def calibration(confidence: np.ndarray, right: np.ndarray) -> str:
     return f"{stated}  AUC {np.mean((good > bad) + 0.5 * (good == bad)):.3f}"
 
 
-def neighbours(seeds: int) -> None:
-    """Nearest-neighbour graphs on clean data: the shapes lie on a curve, pairs join the 8 nearest."""
-    rows: dict[str, list[float]] = {"candidates": [], "one candidate": [], "spectral": []}
-    for seed in range(seeds):
-        place = np.sort(np.random.default_rng(seed).random(100))
-        order = np.argsort(np.abs(place[:, None] - place), axis=1)[:, 1:9]
-        edges = np.unique(np.sort([(i, j) for i in range(100) for j in order[i]], axis=1), axis=0)
-        problem = flipped_pairs(np.random.default_rng(seed), edges, 100, wrong=0.1, num_candidates=4)
-        best = np.argmin(problem.energies, axis=1)
-        single = problem.rotations[np.arange(len(edges)), best]
-        found = {
-            "candidates": synchronize(edges, problem.rotations, energies=problem.energies, num_shapes=100),
-            "one candidate": synchronize(edges, single, num_shapes=100),
-            "spectral": synchronize(edges, single, num_shapes=100, method="spectral"),
-        }
-        for name, result in found.items():
-            rows[name].append(float((pose_errors_deg(result.rotations, problem.truth) < 20).mean()))
-    print(
-        "nearest neighbours (8), D2 q .1:",
-        {name: round(float(np.mean(v)), 3) for name, v in rows.items()},
-        flush=True,
-    )
-
-
 def blocks(seeds: int) -> None:
     """Whole groups flipped: flagged, or right."""
     for chance in (0.6, 0.45):
@@ -151,22 +125,6 @@ def blocks(seeds: int) -> None:
             f"{np.mean(within):.3f}, of the block called certain {np.mean(sure):.3f}",
             flush=True,
         )
-
-
-def clusters(seeds: int) -> None:
-    for sizes in ((20, 20, 20), (20,) * 5, (30, 18, 12), (40, 25, 15, 12, 8)):
-        exact, right = [], []
-        for seed in range(seeds):
-            problem, labels = mixed_collection(np.random.default_rng(seed), sizes, wrong=0.3)
-            found = synchronize_clusters(
-                PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies)
-            )
-            exact.append(len(found.parts) == len(sizes))
-            for part in found.parts:
-                kind = np.argmax(np.bincount(labels[part]))
-                errors = pose_errors_deg(found.rotations[part], problem.truth[part])
-                right.append(((errors < 20) & (labels[part] == kind)).mean())
-        print(f"parts of {sizes}: number exact {np.mean(exact):.2f}, right within {np.mean(right):.3f}", flush=True)
 
 
 def chirality(seeds: int) -> None:
@@ -193,9 +151,7 @@ def chirality(seeds: int) -> None:
 
 PARTS: dict[str, Callable[[int], None]] = {
     "poses": poses,
-    "neighbours": neighbours,
     "blocks": blocks,
-    "clusters": clusters,
     "chirality": chirality,
 }
 

@@ -14,7 +14,6 @@ import pytest
 import collalign
 from collalign.cli import main
 from collalign.output.evidence.evidence_file import load_view, save_view
-from collalign.output.report.shown import shown_part
 from collalign.tools.export.run import export
 from collalign.tools.transfer.result import CARRIED, MISSING_PLACE
 from data_tools.arrays import FloatArray
@@ -153,18 +152,6 @@ def test_every_export_says_what_is_missing(teeth: Teeth, tmp_path: Path) -> None
         assert (line["name"], line["reason"], line["missing_landmarks"]) == (BROKEN, "as told", str(lacking.sum()))
     markups = json.loads((tmp_path / "slicer-json" / f"{BROKEN}.mrk.json").read_text())["markups"][0]["controlPoints"]
     assert [one["positionStatus"] == "undefined" for one in markups] == lacking.tolist()
-
-
-def test_incomplete_shapes_are_kept_in_the_evidence_and_where_few_are_shown(teeth: Teeth, tmp_path: Path) -> None:
-    view = load_view(teeth.result)
-    one = view.incomplete[0]
-    save_view(view, tmp_path)
-    again = load_view(tmp_path).incomplete[0]
-    assert (again.shape, again.reason) == (one.shape, one.reason)
-    np.testing.assert_array_equal(again.overlaps, one.overlaps)
-    few = shown_part(replace(view, confidence=np.where(view.is_incomplete, 0.1, 0.9)), 3)
-    assert few.names[few.incomplete[0].shape] == BROKEN
-    assert len(few.incomplete[0].partners) == len(few.incomplete[0].overlaps) <= 2
 
 
 def test_variation_leaves_broken_shapes_out_and_says_so(teeth: Teeth, tmp_path: Path) -> None:

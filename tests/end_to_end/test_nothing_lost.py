@@ -199,7 +199,8 @@ def test_names_in_forged_evidence_lead_nowhere(finished: tuple[Path, AlignedColl
 def test_names_that_are_long_or_no_text_go_through_every_output(planted: PlantedCollection, tmp_path: Path) -> None:
     shapes = tmp_path / "shapes"
     shapes.mkdir()
-    for shape, name in zip(planted.shapes, (b"x" * 251, b"\xff" * 251, b"=cmd|' C calc'!A0"), strict=True):
+    names = (b"x" * 251, b"\xff a$1_$2^{ <script> 'd'\nf" * 9, b"=cmd|' C calc'!A0")
+    for shape, name in zip(planted.shapes, names, strict=True):
         path = write_mesh(tmp_path / "a.ply", shape)
         os.rename(path, os.fsencode(shapes) + b"/" + name + b".ply")
     out = tmp_path / "out"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from importlib import import_module
 from math import isfinite
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from collalign.confidence.candidate_model import WEIGHTS
 from data_tools.errors import OptionsError
 from experiments.calibration import CALIBRATIONS, calibrate
 from experiments.calibration.evidence import WeighedPair, fit_logit, share_right
-from experiments.calibration.scan import Calibration, Constant, Finding, patched, scaled, scan
+from experiments.calibration.scan import Calibration, Constant, Finding, scan
 
 
 @pytest.mark.parametrize("name", CALIBRATIONS)
@@ -59,23 +58,6 @@ def test_a_scan_finds_the_better_value_and_says_what_others_would_have_chosen() 
     assert scan({"A": 1.0}, ["one", "odd"], score)["A"].left_out == pytest.approx(-1.5)  # type: ignore[arg-type]
     # What makes no difference stays.
     assert scan({"B": (3.0, 4.0)}, ["one"], score)["B"].value == (3.0, 4.0)  # type: ignore[arg-type]
-
-
-def test_constants_are_scaled_and_put_back() -> None:
-    assert scaled((1.0, 2.0), 2.0) == (2.0, 4.0)
-    assert scaled(5, 1.2) == 6
-    module = ModuleType("module")
-    module.A = 1.0  # type: ignore[attr-defined]
-    seen = []
-
-    def fail() -> None:
-        with patched(module, {"A": 2.0}):
-            seen.append(module.A)
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        fail()
-    assert (seen, module.A) == ([2.0], 1.0)
 
 
 def test_the_logit_finds_what_tells_right_poses() -> None:

@@ -115,13 +115,6 @@ def test_a_row_counts_mirrored_pairs_as_wrong() -> None:
     assert row["unnoticed"] is None
 
 
-def test_goals_are_missed_where_they_are_missed() -> None:
-    row = {"collection": "teeth", "way": "toolkit", "points": 20, "embedding": "3 + invariants", "within_20": 94.9}
-    assert collections.goals_table([row]).rows[0]["met"] == "no"
-    assert collections.goals_table([row | {"within_20": 95.0}]).rows[0]["met"] == "yes"
-    assert not collections.goals_table([row | {"way": "appendix B"}]).rows
-
-
 def test_pairs_by_axes_take_the_nearest_start(rng: np.random.Generator) -> None:
     points = rng.standard_normal((30, 3)) * [3, 2, 1]
     points = (points - points.mean(axis=0)) / np.linalg.norm(points - points.mean(axis=0))
@@ -195,15 +188,3 @@ def test_teeth_are_classified_from_their_meshes(layouts: Path) -> None:
     order = [0, 4, 1, 5, 2, 6, 3, 7]
     mixed = matrices[1][np.ix_(order, order)]
     assert classification.classify_all(mixed, labels, marks["names"])["genus"].accuracy < 0.5
-
-
-def test_blocks_of_rows_make_one_symmetric_matrix() -> None:
-    upper = np.triu(np.arange(16.0).reshape(4, 4), 1)
-    rows = np.where(upper > 0, upper, np.nan)
-    matrix = classification.matrix_of({"a": {"d": rows[:2]}, "b": {"d": rows[2:]}}, "d")
-    assert (matrix == upper + upper.T).all()
-
-
-def test_small_and_unknown_taxa_do_not_count_and_spellings_are_one() -> None:
-    labels = ["Cheirogaleiidae", "Cheirogaleidae", "Cheirogaleidae", "NA", "Lorisidae", "Lorisidae"]
-    assert classification.counted_labels(labels) == ["Cheirogaleidae"] * 3 + [""] * 3

@@ -174,19 +174,3 @@ def test_public_collections_agree_with_their_ground_truth(shared_data: Path) -> 
     assert teeth.chirality is not None
     signs = [np.linalg.det(teeth.rotation(0, j, group="O")) for j in range(116)]
     np.testing.assert_array_equal(np.sign(signs), teeth.chirality[0] * teeth.chirality)
-
-
-@pytest.mark.data
-def test_public_scans_and_registered_bodies(shared_data: Path) -> None:
-    scans = datasets.read_range_scans(shared_data / "stanford_bunny_scans")
-    with np.load(shared_data / "stanford_bunny_scans" / "poses_verified.npz") as verified:
-        np.testing.assert_allclose(scans.rotations, verified["R"], atol=1e-4)
-        np.testing.assert_allclose(scans.translations, verified["t"], atol=1e-6)
-    bodies = datasets.read_registered_archive(shared_data / "scape71")
-    assert len(bodies) == 71
-    assert len(bodies.shape(70).vertices) == 12500
-    centaurs = datasets.read_registered_folder(shared_data / "tosca_centaur6")
-    assert len(centaurs) == 6
-    assert (
-        len(datasets.read_landmark_archive(shared_data / "mouse_skull_landmarks126" / "mouse_landmarks.npz")) == 126
-    )

@@ -21,11 +21,10 @@ from experiments import load_experiment
 from experiments.__main__ import app
 from experiments.experiment import Bench
 from experiments.figures import figure3, figure5, figure14
-from experiments.figures.exhaustive import exhaustive_energies, minimise_each
+from experiments.figures.exhaustive import exhaustive_energies
 from experiments.figures.planted import planted_problem
 from experiments.maps import map_cells, map_sets, map_trials
 from experiments.write import write_experiment
-from pairwise.local.local_search import minimise
 from pairwise.status import Status
 
 #: Height above which the scans of the generated bodies miss everything.
@@ -110,14 +109,6 @@ def test_planted_problems_hold_their_truth() -> None:
     assert exhaustive_energies(problem, 400).min() < 1e-20
     noisy = planted_problem(np.random.default_rng(1), 12, 8, 3, noise=0.2, num_candidates=3, group="O")
     assert exhaustive_energies(noisy, 400).min() > 1e-3
-
-
-def test_exhaustive_runs_end_in_local_minima_that_do_not_depend_on_each_other() -> None:
-    problem = planted_problem(np.random.default_rng(2), 10, 10, 3, group="O")
-    starts = np.stack([np.eye(3), np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, 1.0])])
-    together = minimise_each(problem, starts)
-    np.testing.assert_allclose(together, [minimise_each(problem, start[None])[0] for start in starts])
-    assert together.min() == pytest.approx(minimise(problem, starts).energies[0])
 
 
 def test_figure5(bench: Bench, tmp_path: Path) -> None:
@@ -252,17 +243,3 @@ def test_faust_and_its_scans_where_they_are(bench: Bench, tmp_path: Path) -> Non
     assert rows["scans, one body"]["direct"] < 0.1
     with pytest.raises(InputError, match="faust is not there"):
         app(["faust", "--data", str(tmp_path), "--out", str(tmp_path), "--quiet"], exit_on_error=False)
-
-
-@pytest.mark.data
-def test_the_public_benchmarks_have_their_published_means(shared_data: Path) -> None:
-    scape = map_sets.read_map_set(shared_data, "scape")
-    assert len(scape.pairs) == 69
-    means = {method: np.mean(errors) for method, errors in scape.on(scape.pairs).items()}
-    assert len(means) == 6
-    assert min(means, key=lambda method: float(means[method])) == "BlendedMap"
-    assert means["BlendedMap"] == pytest.approx(0.081, abs=0.002)
-    for name in map_sets.SHREC07_CLASSES:
-        maps = map_sets.read_map_set(shared_data, name)
-        assert set(maps.on(maps.pairs)) == {"BlendedMap"}
-        assert len(maps.pairs) == len(set(maps.pairs)) >= 19

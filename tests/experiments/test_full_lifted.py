@@ -32,13 +32,3 @@ def test_value_equals_pm_sdp(
         full = solve_full_lifted(problem, tol=1e-8, cross_products=cross_products)
         assert full.value == pytest.approx(pm_sdp.value, abs=2e-6)
         assert check_relaxation(problem, full, 1e-5) == []
-
-
-def test_equal_value_with_masks_and_weights(rng: np.random.Generator) -> None:
-    mask = np.ones((4, 4), bool)
-    mask[[0, 2], [1, 3]] = False
-    problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)), allowed=mask, weights=rng.random(4) + 0.1)
-    free = Problem.from_user(problem.target, problem.source)
-    full = solve_full_lifted(problem, tol=1e-8).value
-    assert full == pytest.approx(solve_reference(problem, tol=1e-8).value, abs=2e-6)
-    assert abs(full - solve_full_lifted(free, tol=1e-8).value) > 1e-4

@@ -87,26 +87,6 @@ def test_true_poses_fit_and_others_do_not(name: str, group_dets: set[int], layou
     assert np.median(errors) < 20.0
 
 
-def test_pairs_and_poses_do_not_depend_on_the_sampling(layouts: Path) -> None:
-    """The same pairs in the same poses, so that the cells of the table compare."""
-    truths = [
-        [
-            pair.truth
-            for pair in posed_pairs(
-                layouts,
-                "teddy",
-                SamplingOptions(num_points=num, num_dense_points=0),
-                EmbeddingOptions(kind=kind),
-                num_shapes=3,
-                num_pairs=2,
-                seed=7,
-            )
-        ]
-        for num, kind in ((12, "xyz"), (20, "all"))
-    ]
-    np.testing.assert_array_equal(*truths)
-
-
 def test_shares_count_what_is_within_the_limit() -> None:
     record = {
         "best": np.array([5.0, 25.0, 180.0, 19.0]),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from experiments.clock import Elapsed, stopwatch
+from experiments.clock import Elapsed
 from experiments.collections import deformations, teeth_jobs
 from experiments.collections.posed import PosedCollection
 from experiments.experiment import Bench, Cell
@@ -73,18 +72,6 @@ def test_figures_see_gross_and_mirrored_pairs(posed_crowns: PosedCollection, cro
     assert (wrong["gross"], wrong["mirrored"], wrong["within_20"]) == (3, 0, 3)
     wrong = posed_crowns.figures(mirrored, posed_crowns.names)
     assert (wrong["gross"], wrong["mirrored"], wrong["within_20"]) == (0, 3, 3)
-
-
-def test_the_stopwatch_tells_waiting_from_working() -> None:
-    with stopwatch() as waiting:
-        time.sleep(0.3)
-    with stopwatch() as working:
-        end = time.process_time() + 0.3
-        while time.process_time() < end:
-            pass
-    assert waiting.wall_s >= 0.3
-    if Path("/proc/self").exists():
-        assert waiting.processor_s < 0.2 < working.processor_s
 
 
 def test_principal_axes_find_the_rotation_and_the_mirror_image(rng: np.random.Generator) -> None:

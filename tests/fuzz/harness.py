@@ -42,16 +42,8 @@ def fuzz(
 ) -> FuzzReport:
     """Run a target on ``num`` damaged files; the same seed damages in the same way.
 
-    Parameters
-    ----------
-    target : callable
-        Of a module; takes (name, bytes).
-    files : mapping of name to bytes
-        Good files; damaged ones keep the suffix.
-    num, seed : int
-    num_jobs : int
-    keep : Path, optional
-        Folder for the files that ended badly.
+    The target is a function of a module that takes (name, bytes). Damaged files keep the suffix of good ones; those
+    that ended badly go to the folder ``keep``.
     """
     report = FuzzReport()
     made: dict[str, tuple[str, bytes]] = {}

@@ -47,16 +47,9 @@ class Verdict:
 def run_mutants(
     mutants: Sequence[Mutant], root: Path, *, time_limit_s: float = TIME_LIMIT_S, known_to_pass: bool = False
 ) -> Iterator[Verdict]:
-    """Run the tests of one mutant after the other, in a copy of the project, where these pass without it.
+    """Run the tests of one mutant after the other, in a copy of the project, where they pass without it.
 
-    Parameters
-    ----------
-    mutants : sequence of Mutant
-    root : Path
-        The project; it is only read.
-    time_limit_s : float
-    known_to_pass : bool
-        Whether the tests passed in such a copy before.
+    The project at ``root`` is only read; ``known_to_pass`` says that the tests passed in such a copy before.
     """
     warm_up()
     with _copy(root) as copy:

@@ -9,7 +9,6 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.poses import SAME_DEG
 from data_tools.rotations import rotation_angles
 from pairwise import MatchOptions, match
-from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.matching import match_problem
 from pairwise.portfolio import wants_relaxation
@@ -110,18 +109,6 @@ def test_the_relaxation_bounds_the_energy(pattern) -> None:
     assert result.certificate is not None
 
 
-def test_a_banded_pattern_has_no_bound() -> None:
-    rng = np.random.default_rng(7)
-    problem = planted(rng, rng.random((6, 4)), noise=0.1, rotation=np.eye(4), rotation_pattern=1)
-    assert np.isnan(match_problem(problem, MatchOptions(strategy="relaxation")).lower_bound)
-
-
-def test_exact_matches_are_proven_by_the_relaxation_alone() -> None:
-    rng = np.random.default_rng(8)
-    problem = planted(rng, rng.random((8, 4)))
-    assert match_problem(problem, MatchOptions()).status is Status.PROVEN_OPTIMAL
-
-
 def test_the_relaxation_is_solved_by_the_documented_rule() -> None:
     rng = np.random.default_rng(0)
     rigid, deep = planted(rng, rng.random((6, 3))), planted(rng, rng.random((6, 4)))
@@ -165,14 +152,6 @@ def test_units_change_energies_only(unit: float) -> None:
     plain, scaled = match(problem.target, problem.source), match(unit * problem.target, unit * problem.source)
     np.testing.assert_array_equal(scaled.map_target_source, plain.map_target_source)
     assert scaled.energy == pytest.approx(plain.energy * unit**2)
-
-
-def test_given_starts_compete() -> None:
-    rng = np.random.default_rng(11)
-    problem = planted(rng, rng.random((12, 6)) - 0.5, noise=0.05)
-    best = minimise(problem, problem.procrustes(np.arange(12))[None])
-    result = match(problem.target, problem.source, starts=best.rotations, strategy="search")
-    assert result.energy <= best.energies[0] * (1 + 1e-9)
 
 
 def test_clouds_with_other_centroids_are_shifted_on_request() -> None:

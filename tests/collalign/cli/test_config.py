@@ -42,13 +42,6 @@ def test_entries_that_would_be_ignored_or_changed_are_refused(
     assert "readable shapes" not in said, "the entry was taken"
 
 
-def test_entries_in_their_place_are_taken(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    config = folder.parent / "c.toml"
-    config.write_text("seed = 3\njobs = 1\n[sampling]\nnum_points = 24\nmetric = 'euclidean'\n")
-    assert main(["--config", str(config), "align", str(folder), "--out", str(folder.parent / "out")]) == 2
-    assert "0 readable shapes" in "".join(capfd.readouterr())
-
-
 @pytest.mark.parametrize(
     ("flags", "word"),
     [

@@ -9,40 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from collalign.engine.store.records import encode
 from collalign.engine.store.store import Store
 from tests.benchmarks import fault_test
 from tests.faults import run_with_kills, worker_processes
-from tests.resumable_run import main
 
 pytestmark = pytest.mark.xdist_group("processes")  # they kill processes: one worker for all
 
 ROOT = Path(__file__).resolve().parents[3]
-NUM_TASKS = 120
-
-
-def contents(path: Path) -> dict[str, bytes]:
-    with Store.open(path, read_only=True) as store:
-        return {key: encode(store.require("pairs", key)) for key in store.keys("pairs")}
-
-
-def test_a_run_that_is_killed_again_and_again_ends_with_the_same_bytes(tmp_path: Path) -> None:
-    main(str(tmp_path / "undisturbed"), NUM_TASKS)
-    killed = tmp_path / "killed"
-    command = [sys.executable, "-m", "tests.resumable_run", str(killed), str(NUM_TASKS)]
-    log = run_with_kills(command, 5, np.random.default_rng(0), delay_s=(0.8, 1.6), parent_share=0.5, cwd=ROOT)
-    assert log.kills >= 2
-    with Store.open(killed) as store:
-        status = store.status()["pairs"]
-        assert (status.left, status.failed) == (0, 0)
-    assert contents(killed) == contents(tmp_path / "undisturbed")
-
-
-def test_a_lost_record_would_be_noticed(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        with Store.open(tmp_path / name) as store:
-            store.put("pairs", "k", {"x": 1.0 if name == "a" else 1.0 + 1e-15})
-    assert contents(tmp_path / "a") != contents(tmp_path / "b")
 
 
 def test_a_command_that_fails_is_not_taken_for_a_survivor() -> None:

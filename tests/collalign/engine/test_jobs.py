@@ -18,7 +18,7 @@ from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
 from collalign.engine.jobs.worker import _mapped_bytes, describe
 from data_tools.errors import CollalignError, InputError, OptionsError
-from tests.faults import worker_processes
+from tests.faults import is_running
 from tests.job_functions import look_up, misbehave, process_id, spectrum
 
 pytestmark = pytest.mark.xdist_group("processes")  # they kill processes: one worker for all
@@ -138,23 +138,6 @@ def test_workers_end_when_their_parent_is_killed() -> None:
     assert_gone(workers)
 
 
-def test_workers_that_never_had_a_task_end_with_their_parent_too() -> None:
-    script = (
-        "import time\n"
-        "from collalign.engine.jobs.run import run_jobs\n"
-        "from tests.job_functions import process_id\n"
-        "list(run_jobs(process_id, [('a', 1)], num_jobs=2))\n"
-        "print('ready', flush=True); time.sleep(60)\n"
-    )
-    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, cwd=ROOT) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == b"ready\n"
-        workers = worker_processes(process.pid)
-        os.kill(process.pid, signal.SIGKILL)
-    assert len(workers) == 2
-    assert_gone(set(workers))
-
-
 def test_a_worker_that_starts_after_its_parent_is_gone_ends_at_once() -> None:
     script = (
         "import os, sys, time\n"
@@ -172,17 +155,6 @@ def assert_gone(processes: set[int]) -> None:
     while any(is_running(pid) for pid in processes) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not any(is_running(pid) for pid in processes)
-
-
-def is_running(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
-
-
-def test_is_running_sees_this_process() -> None:
-    assert is_running(os.getpid())
 
 
 @pytest.mark.parametrize("num_jobs", [1, 2])

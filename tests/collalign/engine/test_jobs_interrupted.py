@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Callable
 from itertools import count
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,6 +18,7 @@ from joblib.externals.loky.backend import fork_exec
 
 from collalign.cli.interruption import orderly_interrupts
 from collalign.engine.jobs.run import run_jobs
+from tests.faults import is_running
 from tests.job_functions import misbehave, nothing
 
 pytestmark = pytest.mark.xdist_group("processes")  # they kill processes: one worker for all
@@ -117,10 +117,3 @@ def wait_until(holds: Callable[[], bool]) -> None:
     while not holds():
         assert time.monotonic() < deadline
         time.sleep(0.001)
-
-
-def is_running(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except FileNotFoundError:
-        return False

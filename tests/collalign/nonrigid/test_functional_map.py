@@ -34,13 +34,6 @@ def test_nearest_rows_agree_with_brute_force(rng: np.random.Generator) -> None:
     assert np.array_equal(backward, distances.argmin(axis=0))
 
 
-def test_large_sets_lose_nothing_but_rounding(rng: np.random.Generator) -> None:
-    points = rng.random((4100, 5))
-    queries = points[rng.permutation(4100)] + 1e-6
-    nearest = mutual_nearest_rows(points, queries)[0]
-    assert np.linalg.norm(points[nearest] - queries, axis=1).max() < 1e-3
-
-
 def test_zoomout_repairs_a_bad_map_and_both_directions_agree(rng: np.random.Generator) -> None:
     angles = np.sort(rng.uniform(0, 2 * np.pi, 400))
     shift = 1.1

@@ -20,11 +20,10 @@ from collalign.output import report
 from collalign.output.evidence.members import statistics_members
 from collalign.output.report import display_mesh, faces_per_shape, render_report, write_report
 from collalign.output.report.content import build_content, categories
-from collalign.output.report.payload import MISSING, pack, pack_mesh, quaternions
+from collalign.output.report.payload import MISSING, pack_mesh, quaternions
 from collalign.output.report.poses import offered_poses
 from collalign.output.report.shown import page_members, shown_part
 from collalign.output.report.statistics import cycle_histogram, shape_map, variation
-from collalign.products.evidence import CollectionView
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative
 from data_tools.poses import APART_DEG
@@ -47,16 +46,6 @@ def data_of(page: str) -> dict[str, Any]:
     found = re.search(r'<script type="application/json" id="collalign-data">(.*?)</script>', page, re.DOTALL)
     assert found is not None
     return json.loads(found[1])
-
-
-def test_packs_come_apart_again() -> None:
-    arrays = {
-        "a": np.arange(5, dtype=np.uint16),
-        "b": np.array([1.5], dtype=np.float32),
-        "c": np.empty(0, dtype=np.uint8),
-    }
-    for name, array in unpack(*pack(arrays)).items():
-        np.testing.assert_array_equal(array, arrays[name])
 
 
 def test_meshes_are_rounded_to_a_sixteen_bit_grid(rng: np.random.Generator) -> None:
@@ -202,22 +191,6 @@ def test_tiny_collections_say_what_they_cannot_show(num_shapes: int) -> None:
     assert "problem" in document["variation"]
 
 
-def test_one_shape_without_pairs_and_labels() -> None:
-    many = view_of(3)
-    view = CollectionView(
-        names=many.names[:1],
-        files=many.files[:1],
-        transforms=many.transforms[:1],
-        confidence=many.confidence[:1],
-        samples=many.samples[:1],
-        vertices=many.vertices[:1],
-        faces=(np.empty((0, 3), dtype=np.int64),),
-    )
-    document, blobs = build_content(view)
-    assert len(document["shapes"]) == 1
-    assert set(blobs) == {"mesh-0", "pairs"}
-
-
 def test_pairs_carry_maps_poses_and_words() -> None:
     view = view_of(6)
     document, blobs = build_content(view)
@@ -248,11 +221,6 @@ def test_names_cannot_become_markup() -> None:
     page = render_report(view, title=bad)
     assert bad not in page
     assert [shape["name"] for shape in data_of(page)["shapes"]] == [bad, "a & b", "<!--"]
-
-
-def test_missing_confidence_is_shown_as_none_at_all() -> None:
-    view = dataclasses.replace(view_of(3), confidence=np.array([np.nan, 0.5, 2.0]))
-    assert [shape["confidence"] for shape in data_of(render_report(view))["shapes"]] == [0.0, 0.5, 1.0]
 
 
 def test_bundle_was_built_from_the_sources_beside_it() -> None:

@@ -27,7 +27,7 @@ from data_tools.io.shapes import read_folder, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 from experiments.collections.posed import PosedCollection, pose_collection
-from experiments.datasets import Dataset, read_shrec07_class, read_teeth
+from experiments.datasets import Dataset, read_teeth
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
 ONE = RunOptions(jobs=1)
@@ -225,14 +225,6 @@ def test_teeth_of_both_sides_or_of_one(chirality: int | None, shared_data: Path,
     found = align_collection(tmp_path, options=options)
     assert found.group == ("O" if chirality is None else "SO")
     assert not np.isnan(truth.pair_errors_deg(found.rotations, found.names)).any()
-
-
-@pytest.mark.data
-@pytest.mark.parametrize("name", ["teddy", "ant"])
-def test_measured_bilateral_shapes_are_not_mirrored(name: str, shared_data: Path, tmp_path: Path) -> None:
-    posed(read_shrec07_class(shared_data / "shrec07_dev" / name), tmp_path, 9, 0)
-    options = AlignOptions(refine=False, maps="never")
-    assert align_collection(tmp_path, options=options).group == "SO"
 
 
 def test_a_large_collection_is_decided_on_a_part_of_it(mixed: Path, monkeypatch: pytest.MonkeyPatch) -> None:

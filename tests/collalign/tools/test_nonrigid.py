@@ -99,18 +99,6 @@ def test_files_in_files_out(tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray
     assert np.array_equal(again.point_map_target_source, match.point_map_target_source)
 
 
-def test_loose_parts_have_no_counterpart(pair: tuple[Shape, Shape, np.ndarray]) -> None:
-    target = pair[0]
-    num = len(target.vertices)
-    speck = np.array([[90.0, 0, 0], [91, 0, 0], [90, 1, 0], [95, 5, 5]])
-    faces = np.vstack([target.faces, [[num, num + 1, num + 2]]])
-    littered = prepare_shape(Shape.from_arrays(np.vstack([target.vertices, speck]), faces), SMALL)
-    assert "have no counterpart" in littered.notes[0]
-    match = match_prepared(littered, littered, QUICK)
-    assert (match.point_map_target_source[num:] == -1).all()
-    assert (match.point_map_target_source[:num] == np.arange(num)).mean() > 0.99
-
-
 def test_vertex_indices_are_those_of_the_file(
     tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
 ) -> None:

@@ -46,12 +46,6 @@ def test_round_trip(tmp_path: Path, solved) -> None:
     assert result.lower_bound <= brute_force(problem).energy
 
 
-def test_nothing_is_pickled(tmp_path: Path, solved) -> None:
-    solved[1].certificate.save(tmp_path / "pair.npz")
-    with np.load(tmp_path / "pair.npz", allow_pickle=False) as archive:
-        assert all(archive[name].dtype != object for name in archive.files)
-
-
 @pytest.mark.parametrize("content", [b"", b"not an archive", b"PK\x03\x04 cut off"])
 def test_damaged_files_are_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "bad.npz").write_bytes(content)

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 
 from experiments.pairs.matching_energies import of_chirality
-from pairwise.local.local_search import LocalMinima, MatchingCosts, energies_of, merge, minimise, procrustes
+from pairwise.local.local_search import MatchingCosts, energies_of, merge, minimise, procrustes
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.problem.problem import Problem
 from tests.problems import catalogue, planted
@@ -56,21 +56,6 @@ def test_runs_that_meet_are_one(rng: np.random.Generator) -> None:
     alone = [minimise(problem, rotation[None]) for rotation in rotations]
     assert len({m.tobytes() for m in found.maps}) == len(found)
     assert {round(float(e), 9) for e in found.energies} == {round(float(m.energies[0]), 9) for m in alone}
-
-
-def test_merging_keeps_each_map_once_and_the_best_first(rng: np.random.Generator) -> None:
-    problem = planted(rng, rng.random((10, 3)), noise=0.05)
-    found = minimise(problem, random_rotations(3, 20, rng))
-    both = merge([found, found.take(np.arange(len(found))[::-1])])
-    np.testing.assert_array_equal(both.maps, found.maps)
-    assert isinstance(both, LocalMinima)
-
-
-def test_origins_name_the_starts(rng: np.random.Generator) -> None:
-    points = rng.random((12, 3))
-    problem = Problem.from_user(points, points)
-    found = minimise(problem, np.stack([np.eye(3), np.diag([1.0, -1.0, -1.0])]), origins=np.array(["near", "far"]))
-    assert found.origins[0] == "near"
 
 
 def test_energies_come_from_the_differences_themselves(rng: np.random.Generator) -> None:

@@ -64,15 +64,6 @@ def test_a_cut_blob_finds_its_place_on_the_whole_one(whole: Shape, group: str) -
     assert match_partial(surface(whole), surface(broken), group=group)[0].energy == best.energy
 
 
-def test_known_scales_stay(whole: Shape) -> None:
-    rng = np.random.default_rng(2)
-    turn = random_rotation(rng)
-    parts = cut(whole, np.array([0.0, 0.0, 1.0]), 0.3), cut(whole, np.array([0.0, 1.0, -0.3]), 0.3)
-    best = match_partial(surface(parts[0]), surface(moved(parts[1], turn, 1.0, np.ones(3))), estimate_scale=False)[0]
-    assert best.pose.scale == 1.0
-    assert rotation_angle_deg(best.pose.rotation, turn.T) < 3
-
-
 def test_clouds_without_signs_of_normals_match_as_well(whole: Shape) -> None:
     turn = random_rotation(np.random.default_rng(3))
     broken = cut(whole, np.array([1.0, 0.2, 0.0]), 0.3)
