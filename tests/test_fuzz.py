@@ -10,9 +10,12 @@ from pairwise.certificates import verify_pm_sdp
 from pairwise.certificates.arrays import CertificateArrays
 from pairwise.certificates.verify import VERIFIERS
 from tests.fuzz import seeds, targets
+from tests.fuzz.forgeries import attack_folders, honest_result
+from tests.fuzz.forgeries import judge as judge_folder
 from tests.fuzz.harness import damaged, fuzz
 from tests.fuzz.hostile import attack, honest, judge
 from tests.fuzz.mutations import CHANGES, MARK
+from tests.fuzz.overlaps import attack_overlaps, run_case
 from tests.job_functions import end_as_told
 
 GOOD_ENDINGS = {"valid", "clear errors"}
@@ -74,6 +77,31 @@ def test_forged_certificates_prove_nothing_false() -> None:
 
 def test_the_honest_certificates_are_true() -> None:
     assert {judge(problem, certificate, True) for problem, certificate in honest()} == {"true"}
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return honest_result(tmp_path_factory.mktemp("project")).parent
+
+
+def test_forged_folders_prove_nothing_false(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert judge_folder(project / "out") == "true"
+    report = attack_folders(project / "out", 40, seed=7)
+    assert report.bad == {}
+    assert min(report.counts["true"], report.counts["refused"]) > 2
+    monkeypatch.setattr("collalign.output.verify._check_samples", lambda *_: None)
+    monkeypatch.setattr("collalign.output.verify._Result.exceeds", lambda *_: False)
+    assert any(ending.startswith("false") for ending in attack_folders(project / "out", 60, seed=7).bad.values())
+
+
+def test_no_overlap_of_output_and_input_loses_or_mixes_in_anything(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    report = attack_overlaps(project, 12, seed=7)
+    assert report.bad == {}
+    assert min(report.counts["done"], report.counts["refused"]) > 1
+    monkeypatch.setattr("data_tools.io.output_folder.refuse_overlap", lambda *_: None)
+    assert run_case(project, "export csv", "meshes/../meshes").startswith("mixed into")
 
 
 def test_the_attack_finds_verifiers_that_trust_types_or_eigenvalues(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -159,7 +159,8 @@ class _Result:
 
     def exceeds(self, bound: float, energy: float, target: int, source: int) -> bool:
         """Whether a bound is above a pair's energy, or that is not known: it is that of the samples in space."""
-        squares = float((self.coordinates[[target, source]] ** 2).sum())
+        with np.errstate(over="ignore"):
+            squares = float((self.coordinates[[target, source]] ** 2).sum())
         limit = energy + _ENERGY_TOL * abs(energy) + _SQUARES_TOL * squares
         return self.coordinates.shape[2] == 3 and not (np.isfinite(limit) and bound <= limit)
 

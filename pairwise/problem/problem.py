@@ -106,8 +106,8 @@ class Problem:
         Raises
         ------
         InputError
-            If coordinates are beyond :data:`LARGEST_COORDINATE` or all tiny, if shapes disagree, k > n,
-            no injective map is allowed, or the points look like columns.
+            If coordinates or invariants are beyond :data:`LARGEST_COORDINATE`, coordinates all tiny, if shapes
+            disagree, k > n, no injective map is allowed, or the points look like columns.
         """
         q = as_points(target, "target")
         p = as_points(source, "source", dim=q.shape[1])
@@ -202,6 +202,8 @@ def _invariant_cost(invariants: tuple[ArrayLike, ArrayLike], n: int, k: int) -> 
         raise OptionsError("invariants: expected a pair (target, source) of arrays (n, m) and (k, m)")
     h = as_floats(invariants[0], "invariants of the target", shape=(n, None))
     g = as_floats(invariants[1], "invariants of the source", shape=(k, h.shape[1]))
+    if max(np.abs(h).max(initial=0.0), np.abs(g).max(initial=0.0)) > LARGEST_COORDINATE:
+        raise InputError(f"invariants: beyond {LARGEST_COORDINATE:g}, their squares overflow; give smaller ones")
     return ((h[:, None, :] - g[None, :, :]) ** 2).sum(axis=2)
 
 

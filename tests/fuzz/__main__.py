@@ -1,6 +1,7 @@
 """Damages files of every kind by the thousand: ``python -m tests.fuzz --shapes 10000 --stores 1000``.
 
 ``--certificates N`` forges N certificates of every kind, and compares what they prove with brute force.
+``--folders N`` forges N folders of a result, ``--overlaps N`` runs N of the ways in which output and input overlap.
 """
 
 from __future__ import annotations
@@ -8,18 +9,22 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from tests.fuzz import seeds, targets
+from tests.fuzz.forgeries import attack_folders, honest_result
 from tests.fuzz.harness import fuzz
-from tests.fuzz.hostile import attack
+from tests.fuzz.hostile import Attack, attack
+from tests.fuzz.overlaps import attack_overlaps
 
 FILES = ("shapes", "stores", "records", "certificate-files", "configs")
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    for kind in (*FILES, "certificates"):
+    for kind in (*FILES, "certificates", "folders", "overlaps"):
         parser.add_argument(f"--{kind}", type=int, default=0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
@@ -27,16 +32,23 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         bad = [run(kind, options, Path(folder)) for kind in FILES]
-    return int(any(bad) or bool(forge_certificates(options.certificates, options.seed)))
+        project = honest_result(Path(folder)) if options.folders or options.overlaps else Path(folder)
+        attacks: dict[str, Callable[..., Attack]] = {
+            "certificates": attack,
+            "folders": partial(attack_folders, project),
+            "overlaps": partial(attack_overlaps, project.parent),
+        }
+        bad += [run_attack(kind, found, getattr(options, kind), options.seed) for kind, found in attacks.items()]
+    return int(any(bad))
 
 
-def forge_certificates(num: int, seed: int) -> int:
-    """Forge certificates and print what the verifier said; returns how many ended badly."""
+def run_attack(kind: str, attack: Callable[..., Attack], num: int, seed: int) -> int:
+    """Forge so many and print what was said of them; returns how many ended badly."""
     if not num:
         return 0
     start_s = time.perf_counter()
     report = attack(num, seed=seed)
-    print(f"forged: {report}; {time.perf_counter() - start_s:.0f} s", flush=True)
+    print(f"{kind}: {report}; {time.perf_counter() - start_s:.0f} s", flush=True)
     for name, ending in report.bad.items():
         print(f"  {name}: {ending}", flush=True)
     return len(report.bad)

@@ -39,7 +39,7 @@ class Attack:
 
     def __str__(self) -> str:
         kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(self.counts.items()))
-        return f"{self.counts.total()} certificates: {kinds}"
+        return f"{self.counts.total()} forgeries or overlaps: {kinds}"
 
 
 def attack(num: int, *, seed: int = 0) -> Attack:
@@ -126,21 +126,21 @@ def forge(problem: Problem, certificate: Certificate, rng: np.random.Generator) 
     for _ in range(1 if is_careful else int(rng.geometric(0.4))):
         with warnings.catch_warnings(), np.errstate(all="ignore"), contextlib.suppress(*NOT_FOR_THIS_TYPE):
             warnings.simplefilter("ignore")
-            arrays = (_cancelling if is_careful else _drawn(CHANGES, rng))(arrays, rng)
+            arrays = (_cancelling if is_careful else drawn(CHANGES, rng))(arrays, rng)
     if not is_careful and rng.random() < 0.05:
-        kind = _drawn(["pm-sdp", "cells", "exact", None, 3, ["cells"]], rng)
+        kind = drawn(["pm-sdp", "cells", "exact", None, 3, ["cells"]], rng)
     claims: list[Any] = [-1e300, -1.0, certificate.bound, certificate.bound * 1.5, 1e6, np.nan, np.inf, "1", None, 1j]
-    claim = _drawn(claims[:4] if rng.random() < 0.95 else claims, rng)
+    claim = drawn(claims[:4] if rng.random() < 0.95 else claims, rng)
     signature: Any = certificate.problem_hash
     if rng.random() < 0.7:
         with contextlib.suppress(InputError):
             signature = hash_problem(build_problem(problem.target, problem.source, arrays))
     elif rng.random() < 0.05:
-        signature = _drawn([None, "", b"x", 0], rng)
+        signature = drawn([None, "", b"x", 0], rng)
     return replace(certificate, kind=kind, arrays=arrays, bound=claim, problem_hash=signature)
 
 
-def _drawn(choices: Any, rng: np.random.Generator) -> Any:
+def drawn(choices: Any, rng: np.random.Generator) -> Any:
     return choices[int(rng.integers(len(choices)))]
 
 
@@ -148,7 +148,7 @@ def _array_name(arrays: Arrays, rng: np.random.Generator) -> str:
     """Return the name of an array, of one of the dual variables nine times out of ten."""
     names = sorted(n for n, a in arrays.items() if isinstance(n, str) and isinstance(a, np.ndarray) and a.size)
     dual = [name for name in names if name not in ("weights", "constant_cost", "pattern", "special_blocks")]
-    return str(_drawn(dual if dual and rng.random() < 0.9 else names, rng)) if names else ""
+    return str(drawn(dual if dual and rng.random() < 0.9 else names, rng)) if names else ""
 
 
 def _on_one(change: Callable[[np.ndarray, np.random.Generator], Any]) -> Change:
@@ -161,7 +161,7 @@ def _on_one(change: Callable[[np.ndarray, np.random.Generator], Any]) -> Change:
 
 def _other_type(values: np.ndarray, rng: np.random.Generator) -> Any:
     names = ["f2", "f4", "f8", ">f8", ">f4", "g", "i4", "i8", "u1", ">i8", "c16", "?", "O", "U8", "S4", "m8[s]"]
-    return values.astype(_drawn(names, rng))
+    return values.astype(drawn(names, rng))
 
 
 def _other_class(values: np.ndarray, rng: np.random.Generator) -> Any:
@@ -177,7 +177,7 @@ def _other_class(values: np.ndarray, rng: np.random.Generator) -> Any:
         lambda a: "array",
         lambda a: {"F": a},
     ]
-    return _drawn(makers, rng)(values)
+    return drawn(makers, rng)(values)
 
 
 def _other_shape(values: np.ndarray, rng: np.random.Generator) -> Any:
@@ -191,7 +191,7 @@ def _other_shape(values: np.ndarray, rng: np.random.Generator) -> Any:
         lambda a: np.zeros((0, 0, 0)),
         lambda a: a[..., :-1],
     ]
-    return _drawn(makers, rng)(values)
+    return drawn(makers, rng)(values)
 
 
 def _one_value(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -213,7 +213,7 @@ def _one_value(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         -(2**62),
     ]
     changed = values.copy()
-    changed.flat[int(rng.integers(values.size))] = _drawn(special, rng)
+    changed.flat[int(rng.integers(values.size))] = drawn(special, rng)
     return changed
 
 
@@ -229,7 +229,7 @@ def _shifted(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def _scaled(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     factors = [-1.0, 2.0, 0.5, 1e8, 1e-8, 1e160, 1e-160, 1e300, 0.0, 1.0 + 1e-12]
-    return values * _drawn(factors, rng)
+    return values * drawn(factors, rng)
 
 
 def _flipped(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -242,11 +242,11 @@ def _flipped(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def _cancelling(arrays: Arrays, rng: np.random.Generator) -> Arrays:
     """Add huge multipliers that cancel, and between them small ones that vanish in a sum of their type."""
     names = [n for n, a in arrays.items() if isinstance(a, np.ndarray) and a.dtype.kind == "f" and a.ndim > 1]
-    name = _drawn([n for n in names if arrays[n].size and len(arrays[n]) > 2 and n != "constant_cost"], rng)
-    changed = arrays[name].astype(_drawn(["f2", "f4", "f4", "f4", "f8", "f8", "f8", "g"], rng))
+    name = drawn([n for n in names if arrays[n].size and len(arrays[n]) > 2 and n != "constant_cost"], rng)
+    changed = arrays[name].astype(drawn(["f2", "f4", "f4", "f4", "f8", "f8", "f8", "g"], rng))
     size = float(np.abs(changed).max()) * 10.0 ** rng.uniform(6, 16)
     shift = np.eye(*changed[0].shape) if changed.ndim == 3 else np.ones_like(changed[0])
-    lost = float(_drawn([-1.0, 1.0], rng) * rng.random() * np.finfo(changed.dtype).eps) * size
+    lost = float(drawn([-1.0, 1.0], rng) * rng.random() * np.finfo(changed.dtype).eps) * size
     changed[0], changed[-1] = changed[0] + size * shift, changed[-1] - size * shift
     changed[1] = changed[1] + lost * shift
     return {**arrays, name: changed}
@@ -260,8 +260,8 @@ def _removed(arrays: Arrays, rng: np.random.Generator) -> Arrays:
 def _added(arrays: Arrays, rng: np.random.Generator) -> Arrays:
     k = 4
     names = [
-        ("unmatched_costs", np.full(k, _drawn([0.0, -1e6, 999_999.0, 1e-3], rng))),
-        ("max_unmatched", np.array(_drawn([0, 1, 4, 5, -3, 999_999, 2**62], rng))),
+        ("unmatched_costs", np.full(k, drawn([0.0, -1e6, 999_999.0, 1e-3], rng))),
+        ("max_unmatched", np.array(drawn([0, 1, 4, 5, -3, 999_999, 2**62], rng))),
         ("max_unmatched", np.array(2.0)),
         ("impossible", np.array([[int(rng.integers(-2, 6)), int(rng.integers(-2, 6))]])),
         ("impossible", np.argwhere(np.ones((4, 4)))),
@@ -269,20 +269,20 @@ def _added(arrays: Arrays, rng: np.random.Generator) -> Arrays:
         ("bound", np.array(1e9)),
         (7, np.zeros(3)),
     ]
-    name, values = _drawn(names, rng)
+    name, values = drawn(names, rng)
     return {**arrays, name: values}
 
 
 def _borrowed(arrays: Arrays, rng: np.random.Generator) -> Arrays:
     """Take an array from a certificate of any problem and kind."""
-    donor = _drawn(honest(), rng)[1].arrays
-    name = _drawn(sorted(donor), rng)
+    donor = drawn(honest(), rng)[1].arrays
+    name = drawn(sorted(donor), rng)
     return {**arrays, name: donor[name]}
 
 
 def _repacked(arrays: Arrays, rng: np.random.Generator) -> Arrays:
     """Store every array of floating-point numbers in one type."""
-    kind = _drawn(["f2", "f4", ">f8", "g"], rng)
+    kind = drawn(["f2", "f4", ">f8", "g"], rng)
     return {
         name: values.astype(kind) if isinstance(values, np.ndarray) and values.dtype.kind == "f" else values
         for name, values in arrays.items()

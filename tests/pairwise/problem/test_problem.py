@@ -109,6 +109,8 @@ def test_impossible_problems_are_refused(rng: np.random.Generator) -> None:
         Problem.from_user(q, p, allowed=crowded)
     with pytest.raises(InputError, match="invariants of the source"):
         Problem.from_user(q, p, invariants=(np.ones((4, 2)), np.ones((3, 1))))
+    with pytest.raises(InputError, match="their squares overflow"):
+        Problem.from_user(q, p, invariants=(np.full((4, 1), 1e200), np.ones((3, 1))))
 
 
 def test_points_as_columns_are_refused_with_the_way_out(rng: np.random.Generator) -> None:
