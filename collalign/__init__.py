@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collalign.align import align_collection
-    from collalign.collection import AlignedCollection, LoadedCollection, load
     from collalign.engine.run_options import RunOptions
     from collalign.extend import add_to_collection
     from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
     from collalign.options import AlignOptions, TwoShapeOptions
+    from collalign.output.collection import Collection
+    from collalign.output.evidence.loading import load
     from collalign.synchronization import synchronize
     from collalign.tools.certify.result import CertifiedCollection
     from collalign.tools.certify.rounds import CertifyOptions
@@ -36,10 +37,9 @@ __version__ = version("collalign")
 
 __all__ = [
     "AlignOptions",
-    "AlignedCollection",
     "CertifiedCollection",
     "CertifyOptions",
-    "LoadedCollection",
+    "Collection",
     "NonrigidOptions",
     "PartialMatch",
     "RigidMatch",
@@ -64,10 +64,9 @@ __all__ = [
 #: Imported when first asked for: a worker process that needs one module of the package starts in a fifth of the time.
 _HOMES = {
     "AlignOptions": "collalign.options",
-    "AlignedCollection": "collalign.collection",
     "CertifiedCollection": "collalign.tools.certify.result",
     "CertifyOptions": "collalign.tools.certify.rounds",
-    "LoadedCollection": "collalign.collection",
+    "Collection": "collalign.output.collection",
     "NonrigidOptions": "collalign.nonrigid.map_options",
     "PartialMatch": "collalign.tools.match.in_part",
     "RigidMatch": "collalign.tools.match.rigid",
@@ -80,7 +79,7 @@ _HOMES = {
     "certify_collection": "collalign.tools.certify.run",
     "check_stability": "collalign.tools.stability.run",
     "dense_correspondence": "collalign.tools.correspond.run",
-    "load": "collalign.collection",
+    "load": "collalign.output.evidence.loading",
     "match_in_part": "collalign.tools.match.in_part",
     "match_rigid": "collalign.tools.match.rigid",
     "match_shapes": "collalign.tools.match.nonrigid",

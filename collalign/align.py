@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from importlib.metadata import version
 from typing import Any
@@ -11,20 +11,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.collection import AlignedCollection
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.engine.store.layout import FINISHED
 from collalign.options import AUTO, AlignOptions, AlignSession
-from collalign.products.aligned_collection import ConsistentMaps, RunRecord
+from collalign.output.collection import Collection
+from collalign.output.evidence.gather import by_label, cycle_errors_deg, part_numbers
+from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.pair import FormerPairs
+from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Constraints, Shapes
 from collalign.stages import steps
 from collalign.stages.incomplete.add import with_incomplete
 from collalign.stages.incomplete.detect import MIN_SHAPES, find_incomplete, told_incomplete
 from collalign.stages.incomplete.grow import align_scans
 from collalign.stages.pairs.match import num_reused_pairs
-from collalign.stages.poses.placement import common_positions, in_label_order
+from collalign.stages.poses.placement import common_positions
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.arrays import FloatArray, as_rotations, read_only
@@ -33,6 +35,8 @@ from data_tools.errors import CollectionError, InputError
 from data_tools.io.files import readable_name
 from data_tools.io.objects import ShapesLike, list_shapes
 from data_tools.io.shapes import FolderListing
+from data_tools.io.source import location
+from data_tools.poses import each_moved_by
 from data_tools.threads import one_blas_thread
 
 #: How often incomplete shapes are looked for among those that are left.
@@ -49,7 +53,7 @@ def align_collection(
     fixed: Mapping[str, ArrayLike] | None = None,
     progress: ProgressFactory | bool = True,
     **keywords: Any,
-) -> AlignedCollection:
+) -> Collection:
     """Align shapes consistently: one rigid pose for each, and maps between all of them.
 
     Parameters
@@ -70,7 +74,7 @@ def align_collection(
 
     Returns
     -------
-    AlignedCollection
+    Collection
         ``save(folder)`` writes it.
 
     Raises
@@ -108,8 +112,8 @@ def align_listing(
     fixed: Mapping[str, ArrayLike],
     fixed_transforms: Mapping[str, FloatArray] | None = None,
     former: FormerPairs | None = None,
-    incomplete: Collection[str] = (),
-) -> AlignedCollection:
+    incomplete: Iterable[str] = (),
+) -> Collection:
     """Align listed files; :func:`align_collection` and :func:`collalign.extend.add_to_collection` both end here.
 
     Parameters
@@ -122,7 +126,7 @@ def align_listing(
         Whole transforms that stay, of shapes whose rotation is fixed as well.
     former : FormerPairs, optional
         Pairs of an earlier run.
-    incomplete : collection of str
+    incomplete : iterable of str
         Shapes that an earlier run found to be incomplete.
     """
     times_s = dict[str, float]()
@@ -132,17 +136,17 @@ def align_listing(
     run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)
     missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
     if len(missing) == len(shapes.names):
-        outline = _align_shapes(run)
-        aligned = align_scans(with_group(session, outline.group), shapes, outline, missing, constraints)
+        matched, posed = _pose(run)
+        posed = align_scans(with_group(run, matched.group), posed, missing)
+        matched = replace(matched, notes=())  # they speak of other poses
     else:
-        aligned = _align_others(run, missing)
+        matched, posed = _pose_others(run, missing)
         if not missing and session.options.incomplete == AUTO and session.options.clusters == 1:
-            missing, aligned = _without_found(run, aligned)
+            missing, matched, posed = _without_found(run, matched, posed)
         if missing:
-            decided = with_group(session, aligned.group)
-            aligned = with_incomplete(decided, shapes, aligned, missing, constraints)
+            posed = with_incomplete(with_group(run, matched.group), posed, missing)
     session.enter(FINISHED)
-    return replace(aligned, skipped=tuple(readable_name(path) for path in listing.skipped))
+    return _collected(run, matched, posed, tuple(readable_name(path) for path in listing.skipped))
 
 
 def matched_samples(session: AlignSession, listing: FolderListing) -> Shapes:
@@ -150,28 +154,29 @@ def matched_samples(session: AlignSession, listing: FolderListing) -> Shapes:
     return prepare_shapes(session, listing)
 
 
-def _without_found(run: Run, aligned: AlignedCollection) -> tuple[dict[int, str], AlignedCollection]:
-    """Return the shapes that turn out to be incomplete, and the others aligned without them; in rounds.
+def _without_found(run: Run, matched: Matched, posed: Posed) -> tuple[dict[int, str], Matched, Posed]:
+    """Return the shapes that turn out to be incomplete, and the others posed without them; in rounds.
 
-    Incomplete shapes among complete ones may spoil poses, and so hide others.
+    Incomplete shapes among complete ones may spoil poses, and so hide others. Shapes that bend so much that maps were
+    asked tell nothing.
     """
     missing: dict[int, str] = {}
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_ROUNDS if matched.search_gain is None else 0):
         kept = [i for i in range(len(run.shapes.names)) if i not in missing]
         with run.stage("incomplete shapes"):
-            found = find_incomplete(run.session, run.shapes.some(kept).samples, aligned)
+            found = find_incomplete(run.session, run.shapes.some(kept), posed.pairs, posed.transforms)
         fresh = {kept[n]: reason for n, reason in found.items() if kept[n] not in run.constraints.fixed}
         if not fresh or len(kept) - len(fresh) < MIN_SHAPES:
             break
         missing |= fresh
-        aligned = _align_others(run, missing)
-    return missing, aligned
+        matched, posed = _pose_others(run, missing)
+    return missing, matched, posed
 
 
-def _align_others(run: Run, missing: Mapping[int, str]) -> AlignedCollection:
-    """Align the shapes that are not incomplete."""
+def _pose_others(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
+    """Pose the shapes that are not incomplete."""
     if not missing:
-        return _align_shapes(run)
+        return _pose(run)
     kept = [i for i in range(len(run.shapes.names)) if i not in missing]
     if len(kept) < 2:
         raise CollectionError(
@@ -180,60 +185,66 @@ def _align_others(run: Run, missing: Mapping[int, str]) -> AlignedCollection:
     reference = run.session.options.reference
     if reference and run.constraints.reference in missing:
         raise InputError(f"reference: {reference!r} is incomplete; choose a complete shape")
-    return _align_shapes(run.some(kept))
+    return _pose(run.some(kept))
 
 
-def _align_shapes(run: Run) -> AlignedCollection:
-    """Align complete shapes; the steps are those of section 6.3 of Maron et al. (2016)."""
+def _pose(run: Run) -> tuple[Matched, Posed]:
+    """Pose complete shapes; the steps are those of section 6.3 of Maron et al. (2016)."""
     decided, matched = steps.match(run)
     matched = steps.prove(decided, matched)
     matched = steps.weigh(decided, matched)
     decided = steps.expecting(decided, matched)
     posed = steps.pose(decided, matched)
     posed = steps.state_trust(decided, posed)
-    posed = steps.with_vertices(decided, posed)
-    return _collected(decided, matched, posed, run.session.options)
+    return matched, steps.with_vertices(decided, posed)
 
 
-def _collected(run: Run, matched: Matched, posed: Posed, asked: AlignOptions) -> AlignedCollection:
-    """Return the result of a run whose group is decided."""
-    session, shapes, solution = run.session, run.shapes, posed.solution
+def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...]) -> Collection:
+    """Return the result of a run: the one place where a collection is made."""
+    shapes, solution, asked = run.shapes, posed.solution, run.session.options
     samples, positions = shapes.samples, common_positions(shapes.samples, posed.transforms)
-    return AlignedCollection(
+    in_files = each_moved_by(np.asarray(np.linalg.inv(posed.transforms), dtype=np.float64), positions)
+    session = with_group(run, matched.group).session
+    return Collection(
         names=shapes.names,
-        files=shapes.files,
-        digests=shapes.digests,
+        files=tuple(location(file) for file in shapes.files),
         transforms=read_only(posed.transforms),
-        rotations=read_only(posed.rotations),
-        reflected=read_only(np.linalg.det(posed.rotations) < 0),
-        confidence=solution.confidence,
-        samples=tuple(item.vertex_indices for item in samples),
+        confidence=read_only(solution.confidence),
+        samples=read_only(np.stack([item.vertex_indices for item in samples])),
         positions=read_only(positions),
-        coordinates=read_only(np.stack([item.coordinates for item in samples])),
-        invariants=read_only(np.stack([item.invariants for item in samples])),
-        maps=ConsistentMaps(names=shapes.names, labels=read_only(posed.labels), vertices=posed.vertices),
-        consensus=read_only(in_label_order(positions, posed.labels).mean(axis=0)),
-        pairs=tuple(posed.pairs),
+        maps=ConsistentMaps(names=shapes.names, labels=read_only(posed.labels)),
+        consensus=read_only(posed.consensus),
+        landmarks=read_only(by_label(in_files, posed.labels)),
+        pairs=posed.pairs,
         alternatives=solution.alternatives,
-        parts=solution.parts,
+        part_numbers=read_only(part_numbers(solution.parts, len(samples))),
         excluded=(*shapes.excluded, *matched.failed),
-        skipped=(),
         notes=(
             *solution.warnings,
             *shapes.notes,
             *filter(None, (*matched.notes, *posed.notes)),
             *_unknown_confidence(solution.confidence, asked.synchronization),
         ),
-        shape_notes=tuple(item.notes for item in samples),
+        incomplete=posed.incomplete,
         options=asked,
         group=matched.group,
-        search_gain=matched.search_gain,
         run=RunRecord(
             times_s=run.times_s,
             versions={"python": platform.python_version()} | {name: version(name) for name in _LIBRARIES},
             num_reused=session.num_reused("shapes", shapes.keys) + num_reused_pairs(session, shapes, posed.pairs),
+            skipped=skipped,
         ),
-        trust=posed.trust,
+        cycle_errors_deg=read_only(cycle_errors_deg(posed.pairs, len(samples))),
+        fresh=Made(
+            files=shapes.files,
+            digests=shapes.digests,
+            coordinates=read_only(np.stack([item.coordinates for item in samples])),
+            invariants=read_only(np.stack([item.invariants for item in samples])),
+            shape_notes=tuple(item.notes for item in samples),
+            trust=posed.trust,
+            search_gain=matched.search_gain,
+            vertices=posed.vertices,
+        ),
     )
 
 

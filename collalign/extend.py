@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 
 from collalign.align import align_listing
-from collalign.collection import AlignedCollection
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
-from collalign.output.evidence.evidence_file import load_view, source_files
-from collalign.output.write import recorded_incomplete, recorded_options
+from collalign.output.collection import Collection
+from collalign.output.evidence.loading import load
 from collalign.products.pair import FormerPairs
-from collalign.products.shapes import Excluded
 from data_tools.arrays import read_only
 from data_tools.checks import as_options
 from data_tools.errors import InputError
@@ -32,7 +30,7 @@ def add_to_collection(
     *,
     run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
-) -> AlignedCollection:
+) -> Collection:
     """Align more shapes to an existing result, with the options of that result.
 
     Whether shapes may be mirrored stays as it was decided for the result. A specimen of the other side that comes to
@@ -41,7 +39,7 @@ def add_to_collection(
     Parameters
     ----------
     result : str or Path
-        Folder that :meth:`AlignedCollection.save` wrote.
+        Folder that :meth:`Collection.save` wrote.
     shapes : str, Path, iterable or mapping
         The new shapes, as :func:`collalign.align_collection` takes them; their names must be new as well.
     run : RunOptions or mapping, optional
@@ -51,7 +49,7 @@ def add_to_collection(
 
     Returns
     -------
-    AlignedCollection
+    Collection
         The old shapes first, with exactly their old transforms and confidences, then the new ones. What the first run
         left out is still named.
 
@@ -73,26 +71,25 @@ def add_to_collection(
     ...     collalign.add_to_collection(folder + "/result", [c], progress=False).names
     ('a', 'b', 'c')
     """
-    view = load_view(result)
-    options, group = recorded_options(result)
-    files = source_files(view)
+    former = load(result)
+    files = former.source_files()
     new = list_shapes(shapes)
-    taken = sorted(set(view.names) & set(new.names))
+    taken = sorted(set(former.names) & set(new.names))
     if taken:
         raise InputError(f"the collection has a shape called {taken[0]!r} already; rename the new one")
-    listing = FolderListing(files=files + new.files, names=view.names + new.names, skipped=new.skipped)
-    edges = np.array([sorted((pair.target, pair.source)) for pair in view.pairs], dtype=np.int64).reshape(-1, 2)
-    with Session.open(options, as_options("run", run, RunOptions), progress_display(progress)) as session:
+    listing = FolderListing(files=files + new.files, names=former.names + new.names, skipped=new.skipped)
+    edges = np.array([sorted((pair.target, pair.source)) for pair in former.pairs], dtype=np.int64).reshape(-1, 2)
+    with Session.open(former.options, as_options("run", run, RunOptions), progress_display(progress)) as session:
         aligned = align_listing(
             session,
             listing,
-            fixed=dict(zip(view.names, view.rotations, strict=True)),
-            fixed_transforms=dict(zip(view.names, view.transforms, strict=True)),
-            former=FormerPairs(num_shapes=len(files), edges=edges, group=group),
-            incomplete=recorded_incomplete(result),
+            fixed=dict(zip(former.names, former.rotations, strict=True)),
+            fixed_transforms=dict(zip(former.names, former.transforms, strict=True)),
+            former=FormerPairs(num_shapes=len(files), edges=edges, group=former.group),
+            incomplete=[former.names[one.shape] for one in former.incomplete],
         )
-    known = dict(zip(view.names, view.confidence.tolist(), strict=True))  # being fixed makes no old pose surer
+    known = dict(zip(former.names, former.confidence.tolist(), strict=True))  # being fixed makes no old pose surer
     confidence = [known.get(name, own) for name, own in zip(aligned.names, aligned.confidence.tolist(), strict=True)]
     again = {file.name for file in new.files}
-    left_out = tuple(Excluded(file=file, reason=reason) for file, reason in view.excluded if file not in again)
+    left_out = tuple(one for one in former.excluded if one.file not in again)
     return replace(aligned, confidence=read_only(np.array(confidence)), excluded=(*left_out, *aligned.excluded))

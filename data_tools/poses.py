@@ -76,6 +76,11 @@ def moved_by(transform: FloatArray, points: FloatArray) -> FloatArray:
     return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
 
 
+def each_moved_by(transforms: FloatArray, points: FloatArray) -> FloatArray:
+    """Return the points of each shape, shape (N, k, 3), where its own transform of (N, 4, 4) takes them."""
+    return np.asarray(points @ np.swapaxes(transforms[:, :3, :3], 1, 2) + transforms[:, None, :3, 3])
+
+
 def scales_of(transforms: FloatArray) -> FloatArray:
     """Return the scale of similarities given as matrices, shape (..., 3 or 4, 3 or 4), whether they mirror or not."""
     return np.asarray(np.cbrt(np.abs(np.linalg.det(transforms[..., :3, :3]))))

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.collection import AlignedCollection
+from collalign.output.collection import Collection
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
@@ -90,11 +90,11 @@ def write_bad_inputs(folder: Path, *, every: int = 1) -> int:
     return len(chosen) + _special(folder)
 
 
-def unaccounted(folder: Path, collection: AlignedCollection) -> set[str]:
+def unaccounted(folder: Path, collection: Collection) -> set[str]:
     """Return the entries of a folder that a result says nothing about."""
     told = {file.name for file in collection.files} | {item.file for item in collection.excluded}
     readable = {os.fsencode(entry).decode("utf-8", "backslashreplace"): entry for entry in os.listdir(folder)}
-    return {name for name, entry in readable.items() if not {name, entry} & (told | set(collection.skipped))}
+    return {name for name, entry in readable.items() if not {name, entry} & (told | set(collection.run.skipped))}
 
 
 def _damaged(name: str, content: bytes) -> dict[str, bytes]:
@@ -199,7 +199,7 @@ def main() -> int:
         missing = unaccounted(folder, collection)
     print(
         f"{num} bad inputs: {len(collection.excluded)} left out by name, {len(collection.names) - NUM_GOOD} aligned, "
-        f"{len(collection.skipped)} skipped as no shapes; {len(missing)} unaccounted for; "
+        f"{len(collection.run.skipped)} skipped as no shapes; {len(missing)} unaccounted for; "
         f"{time.perf_counter() - start_s:.0f} s"
     )
     for name in sorted(missing):

@@ -87,12 +87,11 @@ ROOMS = {
     "landmarks": {"confidence"},
     "stages": {"confidence", "engine", "options", "products", "synchronization", "nonrigid", "registration"},
     "output": {"analysis", "confidence", "engine", "landmarks", "options", "products"},
-    "collection": {"engine", "output", "products"},
-    "align": {"collection", "engine", "options", "products", "stages"},
-    "extend": {"align", "collection", "engine", "options", "output", "products"},
+    "align": {"engine", "options", "output", "products", "stages"},
+    "extend": {"align", "engine", "options", "output", "products"},
     "batch": {"engine", "options", "stages"},
     "tools": {
-        *("align", "analysis", "collection", "confidence", "engine", "landmarks", "nonrigid", "options"),
+        *("align", "analysis", "confidence", "engine", "landmarks", "nonrigid", "options"),
         *("output", "products", "registration"),
     },
 }
@@ -168,9 +167,9 @@ def test_the_check_sees_a_tool_that_imports_another() -> None:
 
 def test_the_check_sees_a_step_up_and_a_sibling() -> None:
     assert wrong_rooms("products", {"collalign.stages.shape_stage"}) == {"collalign.stages.shape_stage"}
-    assert wrong_rooms("output", {"collalign.collection"}) == {"collalign.collection"}
-    assert wrong_rooms("synchronization", {"collalign.products.aligned_collection"}) == {
-        "collalign.products.aligned_collection"
+    assert wrong_rooms("output", {"collalign.align"}) == {"collalign.align"}
+    assert wrong_rooms("synchronization", {"collalign.products.consistent_maps"}) == {
+        "collalign.products.consistent_maps"
     }
     assert not wrong_rooms("synchronization", {"collalign.products.pair", "collalign.synchronization.solve", "numpy"})
     assert not wrong_rooms("cli", {"collalign.stages.shape_stage"})

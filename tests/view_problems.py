@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from collalign.products.evidence import CollectionView
+from collalign.options import AlignOptions
+from collalign.output.collection import Collection
+from collalign.output.evidence.evidence_file import save_correspondences, save_evidence
+from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.pair import Alternative, Pair
+from collalign.products.run_record import RunRecord
+from collalign.products.shapes import Excluded
 from data_tools.arrays import FloatArray
+from data_tools.poses import each_moved_by
 
 NUM_SAMPLES = 24
 
@@ -33,7 +41,7 @@ def bumpy_shapes(num_shapes: int, *, seed: int = 0, subdivisions: int = 2) -> tu
     return radii[..., None] * base * axes, np.asarray(sphere.faces)
 
 
-def view_of(num_shapes: int = 10, *, seed: int = 0, num_missing: int = 0, subdivisions: int = 2) -> CollectionView:
+def view_of(num_shapes: int = 10, *, seed: int = 0, num_missing: int = 0, subdivisions: int = 2) -> Collection:
     """A collection with a doubtful shape, a mirrored one, failed and wrong pairs, labels and exclusions."""
     rng = np.random.default_rng(seed)
     common, faces = bumpy_shapes(num_shapes, seed=seed, subdivisions=subdivisions)
@@ -54,26 +62,46 @@ def view_of(num_shapes: int = 10, *, seed: int = 0, num_missing: int = 0, subdiv
     confidence[1] = 0.21
     half_turn = np.diag([1.0, -1.0, -1.0])
     kinds = tuple(f"taxon {'ABC'[at % 3]}" for at in range(num_shapes))
-    return CollectionView(
-        names=tuple(f"shape_{at:03d}" for at in range(num_shapes)),
-        files=tuple(f"folder/shape_{at:03d}.ply" for at in range(num_shapes)),
+    labels = np.tile(np.arange(NUM_SAMPLES), (num_shapes, 1))
+    labels[np.isnan(samples).any(axis=2)] = -1
+    positions = each_moved_by(transforms, np.nan_to_num(samples))
+    names = tuple(f"shape_{at:03d}" for at in range(num_shapes))
+    return Collection(
+        names=names,
+        files=tuple(f"folder/{name}.ply" for name in names),
         transforms=transforms,
         confidence=confidence,
-        samples=samples,
+        samples=np.tile(chosen, (num_shapes, 1)),
+        positions=positions,
+        maps=ConsistentMaps(names=names, labels=labels),
+        consensus=positions.mean(axis=0),
+        landmarks=samples,
         vertices=tuple(raw),
         faces=(faces,) * num_shapes,
         pairs=_pairs(R, rng),
         alternatives=tuple(
             (Alternative(rotation=half_turn @ R[at], log_odds=0.7),) if at == 1 else () for at in range(num_shapes)
         ),
+        part_numbers=np.zeros(num_shapes, dtype=np.int64),
         labels={"taxon": kinds, "side": tuple("left" if at % 2 else "right" for at in range(num_shapes))},
-        excluded=(("folder/broken.ply", "no vertices: export it again from the program that made it"),),
-        options={"seed": 0, "sampling": {"num_samples": NUM_SAMPLES}},
-        versions={"collalign": "0.1.0", "numpy": np.__version__},
-        timings_s={"read": 0.5, "pairs": 12.25},
+        excluded=(
+            Excluded(file="folder/broken.ply", reason="no vertices: export it again from the program that made it"),
+        ),
+        options=AlignOptions(),
+        group="O",
+        run=RunRecord(
+            versions={"collalign": "0.1.0", "numpy": np.__version__}, times_s={"read": 0.5, "pairs": 12.25}
+        ),
         cycle_errors_deg=np.abs(rng.normal(0, 12, 400)),
         notes=("One shape is mirrored against the others.",),
     )
+
+
+def write_result(collection: Collection, folder: Path) -> Path:
+    """Write what :func:`collalign.load` reads of a result, and return the path of the evidence."""
+    folder.mkdir(parents=True, exist_ok=True)
+    save_correspondences(collection, folder)
+    return save_evidence(collection, folder)
 
 
 def _pairs(R: FloatArray, rng: np.random.Generator) -> tuple[Pair, ...]:
@@ -104,7 +132,7 @@ def _pairs(R: FloatArray, rng: np.random.Generator) -> tuple[Pair, ...]:
                     choice=-1 if wrong else 0,
                     chirality_proven=not wrong,
                     status="LOCAL_OPTIMUM",
-                    map_target_source=order if wrong else order[:0],
+                    map_target_source=order if wrong else np.arange(NUM_SAMPLES),
                 )
             )
     pairs[-1] = Pair(
@@ -114,5 +142,6 @@ def _pairs(R: FloatArray, rng: np.random.Generator) -> tuple[Pair, ...]:
         maps=np.zeros((0, 0), dtype=np.int64),
         energies=np.empty(0),
         status="Time limit reached.",
+        map_target_source=np.full(NUM_SAMPLES, -1),
     )
     return tuple(pairs)

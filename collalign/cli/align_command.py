@@ -18,21 +18,22 @@ from cyclopts import Parameter
 import collalign
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.interruption import INCOMPLETE, resumable
-from collalign.collection import AlignedCollection
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import FINISHED, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
+from collalign.output.collection import Collection
 from collalign.output.corrections import fixed_by, read_corrections
-from collalign.output.evidence.evidence_file import load_view
-from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE, WRITER, inputs_of, output_names, save_collection
-from collalign.products.aligned_collection import DOUBT
+from collalign.output.evidence.loading import load
+from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE, WRITER, output_names, save_collection
+from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import read_folder
+from data_tools.io.source import inputs_of
 from data_tools.percent import percent
 from data_tools.poses import scales_of
 from data_tools.rotations import rotation_angle_deg
@@ -105,7 +106,7 @@ def add(
     report
         Write report.html.
     """
-    table = _labels(labels, (*load_view(result).names, *read_folder(folder).names))
+    table = _labels(labels, (*load(result).names, *read_folder(folder).names))
     store = run.store or result / STORE_FILE
     run = replace(run, store=store)
     with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=[folder]) as output:
@@ -171,7 +172,7 @@ def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:
 
 
 def _save(
-    collection: AlignedCollection,
+    collection: Collection,
     output: OutputFolder,
     table: Labels | None,
     store: Path,
@@ -213,7 +214,7 @@ def _errors_deg(alignment: Path, planted: PlantedCollection) -> FloatArray:
     )
 
 
-def _doubtful(collection: AlignedCollection) -> list[str]:
+def _doubtful(collection: Collection) -> list[str]:
     """Return name and confidence of the doubtful shapes, the most doubtful first; none if nothing was estimated."""
     known = ~np.isnan(collection.confidence)
     if not known.any():
@@ -223,7 +224,7 @@ def _doubtful(collection: AlignedCollection) -> list[str]:
     return [f"{collection.names[i]} ({words[i]})" for i in order if not collection.confidence[i] >= DOUBT]
 
 
-def _finish(collection: AlignedCollection, written: Sequence[Path]) -> int:
+def _finish(collection: Collection, written: Sequence[Path]) -> int:
     """Say what came out, whom to doubt, what was left out, and where everything is; return the exit code."""
     seconds = sum(collection.run.times_s.values())
     print(f"Aligned {len(collection.names)} shapes by {len(collection.pairs)} pairs in {seconds:.1f} s", end="")
@@ -237,7 +238,7 @@ def _finish(collection: AlignedCollection, written: Sequence[Path]) -> int:
         print(f"Note: {note}")
     lost = [
         f"{name}: {note}"
-        for name, notes in zip(collection.names, collection.shape_notes, strict=True)
+        for name, notes in zip(collection.names, collection.made.shape_notes, strict=True)
         for note in [note for note in notes if not _USUAL.match(note)][:1]
     ]
     if lost:
@@ -245,10 +246,10 @@ def _finish(collection: AlignedCollection, written: Sequence[Path]) -> int:
         print(
             f"Matched on a repaired copy ({lost[0]}){more}. Your files stay as they are; {ALIGNMENT_FILE} lists all."
         )
-    if collection.skipped:
-        print(f"Skipped, no shapes: {', '.join(collection.skipped)}")
+    if collection.run.skipped:
+        print(f"Skipped, no shapes: {', '.join(collection.run.skipped)}")
     for item in collection.excluded:
         print(f"Left out: {item.file}: {item.reason}", file=sys.stderr)
     for path in written:
         print(path)
-    return 0 if collection.complete else INCOMPLETE
+    return INCOMPLETE if collection.excluded else 0

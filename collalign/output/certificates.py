@@ -6,9 +6,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from collalign.products.aligned_collection import Collection
+from collalign.products.pair import Pair
+from collalign.products.run_record import Made
 from data_tools.io.output_folder import OutputFolder
 
 CERTIFICATE_FOLDER = "certificates"
@@ -17,15 +20,15 @@ PROBLEMS_FILE = "problems.npz"
 PROOF_FILE, CERTIFIER = "certification.npz", "certify"
 
 
-def write_certificates(collection: Collection, output: OutputFolder) -> None:
+def write_certificates(pairs: Sequence[Pair], made: Made, output: OutputFolder) -> None:
     """Stage the certificates of all pairs that have one, and the problems that they are about."""
-    certified = [pair for pair in collection.pairs if pair.certificate is not None]
+    certified = [pair for pair in pairs if pair.certificate is not None]
     for pair in certified:
         if pair.certificate is not None:
             pair.certificate.save(output.stage(CERTIFICATE_FOLDER, f"{pair.target}-{pair.source}.npz"))
     if certified:
         np.savez_compressed(
             output.stage(CERTIFICATE_FOLDER, PROBLEMS_FILE),
-            coordinates=collection.coordinates,
-            invariants=collection.invariants,
+            coordinates=made.coordinates,
+            invariants=made.invariants,
         )

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from collalign.output.evidence.camera import camera
 from collalign.output.evidence.display_mesh import display_mesh
-from collalign.products.aligned_collection import DOUBT
+from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.figures import new_figure
 from data_tools.percent import percent

@@ -13,10 +13,10 @@ from scipy.spatial import cKDTree
 
 from collalign.engine.jobs.job import Runner
 from collalign.engine.jobs.run import run_jobs
+from collalign.output.collection import Collection
 from collalign.output.contact_sheet import Tile, tile_of
 from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.output.vertex_maps import PlaceColours, at_vertices
-from collalign.products.aligned_collection import Collection
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh
@@ -127,9 +127,9 @@ def write_shapes(
         (
             str(i),
             {
-                "file": collection.files[i],
+                "file": collection.made.files[i],
                 "name": name,
-                "digest": collection.digests[i],
+                "digest": collection.made.digests[i],
                 "cleaning": collection.options.cleaning,
                 "transform": collection.transforms[i],
                 "confidence": float(collection.confidence[i]),

@@ -21,8 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.output.certificates import CERTIFICATE_FOLDER, CERTIFIER, PROBLEMS_FILE, PROOF_FILE
+from collalign.output.collection import MESH_FOLDER
+from collalign.output.evidence.evidence_file import CORRESPONDENCES_FILE
 from collalign.output.verify_collection import PROOF_ARRAYS, CheckedCollection, check_collection
-from collalign.output.write import ALIGNMENT_FILE, CORRESPONDENCES_FILE, MESH_FOLDER, PAIRS_FILE, WRITER
+from collalign.output.write import ALIGNMENT_FILE, PAIRS_FILE, WRITER
 from data_tools.arrays import FloatArray, as_floats, as_indices
 from data_tools.errors import InputError
 from data_tools.io.archives import load_arrays

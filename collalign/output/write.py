@@ -3,45 +3,44 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from collalign.confidence.candidate_model import candidate_chances
-from collalign.options import AlignOptions
 from collalign.output.certificates import write_certificates
+from collalign.output.collection import MESH_FOLDER, Collection
 from collalign.output.contact_sheet import ContactSheet
-from collalign.output.evidence.evidence_file import EVIDENCE_FILE, save_view
-from collalign.output.evidence.gather import view_collection
+from collalign.output.evidence.evidence_file import (
+    CORRESPONDENCES_FILE,
+    EVIDENCE_FILE,
+    save_correspondences,
+    save_evidence,
+)
+from collalign.output.evidence.gather import shown_pair
 from collalign.output.report.page import Page, report_pages
 from collalign.output.shape_files import ShapeParts, share_out, write_shapes
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, VERTEX_MAPS_PICTURE, PlaceColours, save_vertex_maps
-from collalign.products.aligned_collection import Collection
-from collalign.products.evidence import CollectionView
 from collalign.products.trust import KINDS
-from data_tools.checks import as_options
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import declared_system
 from data_tools.io.csv_cells import csv_text
-from data_tools.io.files import read_text, write_atomic
+from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder, file_stems, refuse_overlap
-from data_tools.io.source import Origin, location
+from data_tools.io.source import inputs_of, location
 from data_tools.poses import scales_of
 from data_tools.threads import one_blas_thread
 
 #: The command whose files these are, in the manifest of an output folder.
 WRITER = "align"
 ALIGNMENT_FILE = "alignment.json"
-CORRESPONDENCES_FILE = "correspondences.npz"
 PAIRS_FILE = "pairs.csv"
 RUN_FILE = "run.json"
 CONTACT_SHEET_FILE = "contact_sheet.png"
 REPORT_FILE = "report.html"
-MESH_FOLDER = "meshes"
 #: Written by every run; the report can be left out.
 _TABLES = (ALIGNMENT_FILE, CORRESPONDENCES_FILE, PAIRS_FILE, RUN_FILE, CONTACT_SHEET_FILE, EVIDENCE_FILE)
 
@@ -103,20 +102,25 @@ def save_collection(
         or a shape's file has vanished meanwhile.
     """
     try:
-        refuse_overlap(output.folder, inputs_of(collection.files))
+        refuse_overlap(output.folder, inputs_of(collection.made.files))
         output.refuse_foreign(output_names(collection.names))
         _write_tables(collection, output)
-        write_certificates(collection, output)
+        write_certificates(collection.pairs, collection.made, output)
         meshes = [output.stage(MESH_FOLDER, f"{stem}.ply").absolute() for stem in file_stems(collection.names)]
-        colours = None if collection.maps.vertices is None else PlaceColours(collection.maps.vertices)
+        vertices = collection.made.vertices
+        colours = None if vertices is None else PlaceColours(vertices)
         parts = write_shapes(collection, meshes, colours, num_jobs=num_jobs, advance=advance)
-        places = () if colours is None else [part.places for part in parts]
-        view = view_collection(
-            collection, [(part.vertices, part.faces) for part in parts], labels=labels, places=places
+        shown = replace(
+            collection,
+            pairs=[shown_pair(pair) for pair in collection.pairs],
+            labels=dict(labels or {}),
+            vertices=tuple(part.vertices for part in parts),
+            faces=tuple(part.faces for part in parts),
+            places=() if colours is None else tuple(part.places for part in parts),
         )
-        save_view(view, output.staging)
+        save_evidence(shown, output.staging)
         title = f"Aligned collection {_folder_name(collection)}".rstrip() if report else None
-        documents = _documents(parts, view, output, title)
+        documents = _documents(parts, shown, output, title)
         share_out(write_document, ((name, {"document": one}) for name, one in documents), num_jobs=num_jobs)
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
@@ -125,57 +129,18 @@ def save_collection(
     return (*(path for path in written if path.parent == output.folder), *sorted(folders))
 
 
-def inputs_of(files: Iterable[Origin]) -> set[Path]:
-    """Return files and their folders, in none of which results may lie, nor they in the results' folder."""
-    return {path for file in files if isinstance(file, Path) for path in (file, file.parent)}
-
-
 def output_names(names: Sequence[str]) -> list[str]:
     """Return the paths, relative to the folder, that the results of shapes of these names take."""
     optional = (REPORT_FILE, VERTEX_MAPS_FILE, VERTEX_MAPS_PICTURE)
     return [*_TABLES, *optional, *(f"{MESH_FOLDER}/{stem}.ply" for stem in file_stems(names))]
 
 
-def recorded_options(result: Path | str) -> tuple[AlignOptions, str]:
-    """Return the options of a result as asked for, and its group as asked for or decided.
-
-    Raises
-    ------
-    InputError
-        If the folder's ``alignment.json`` cannot be read.
-    """
-    with _summary(result) as content:
-        options = as_options("options", content["options"], AlignOptions)
-        return options, options.group if options.group != "auto" else str(content["decided"]["group"])
-
-
-def recorded_incomplete(result: Path | str) -> tuple[str, ...]:
-    """Return the names of a result's incomplete shapes.
-
-    Raises
-    ------
-    InputError
-        If the folder's ``alignment.json`` cannot be read.
-    """
-    with _summary(result) as content:
-        return tuple(str(one["name"]) for one in content.get("incomplete", []))
-
-
-@contextmanager
-def _summary(result: Path | str) -> Iterator[Any]:
-    """Open the contents of a result's ``alignment.json``; what is missing there is an error of the file."""
-    record = Path(result) / ALIGNMENT_FILE
-    try:
-        yield json.loads(read_text(record))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{record}: not the summary of an alignment ({error})") from None
-
-
 def _evidence(collection: Collection, shape: int) -> dict[str, float | None]:
     """Return what speaks for a pose, by kind; empty where nothing was gathered."""
-    if collection.trust is None:
+    trust = collection.made.trust
+    if trust is None:
         return {}
-    row = collection.trust.evidence[shape]
+    row = trust.evidence[shape]
     return {kind: _number(value) for kind, value in zip(KINDS, row, strict=True)}
 
 
@@ -208,7 +173,7 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
 
     shapes = zip(
         collection.names,
-        collection.files,
+        collection.made.files,
         collection.transforms,
         collection.reflected,
         collection.confidence,
@@ -219,8 +184,8 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
         "options": asdict(collection.options),
         "decided": {
             "group": collection.group,
-            "maps": collection.search_gain is not None,
-            "search_gain": collection.search_gain,
+            "maps": collection.made.search_gain is not None,
+            "search_gain": collection.made.search_gain,
         },
         "shapes": [
             {
@@ -234,30 +199,28 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
             }
             for i, (name, file, transform, reflected, confidence) in enumerate(shapes)
         ],
-        "groups": [[collection.names[i] for i in part] for part in collection.parts],
+        "groups": [
+            [collection.names[i] for i in np.flatnonzero(collection.part_numbers == part)]
+            for part in range(collection.part_numbers.max() + 1)
+        ],
         "excluded": [{"file": item.file, "reason": item.reason} for item in collection.excluded],
         "notes": list(collection.notes),
         **_incomplete(collection),
         "shape_notes": {
-            name: list(notes) for name, notes in zip(collection.names, collection.shape_notes, strict=True) if notes
+            name: list(notes)
+            for name, notes in zip(collection.names, collection.made.shape_notes, strict=True)
+            if notes
         },
     }
 
 
 def _write_tables(collection: Collection, output: OutputFolder) -> None:
     _write_text(output.stage(ALIGNMENT_FILE), json.dumps(alignment_record(collection), indent=1))
-    _write_text(output.stage(RUN_FILE), json.dumps(_run_record(collection), indent=1))
+    _write_text(output.stage(RUN_FILE), json.dumps(asdict(collection.run), indent=1))
     _write_text(output.stage(PAIRS_FILE), _pairs_table(collection))
-    np.savez_compressed(
-        output.stage(CORRESPONDENCES_FILE),
-        names=np.array(collection.names),
-        vertex_indices=np.stack(collection.samples),
-        labels=collection.maps.labels,
-        positions=collection.positions,
-        consensus=collection.consensus,
-    )
-    if collection.maps.vertices is not None:
-        save_vertex_maps(collection.maps.vertices, output.stage(VERTEX_MAPS_FILE))
+    save_correspondences(collection, output.stage(CORRESPONDENCES_FILE).parent)
+    if collection.made.vertices is not None:
+        save_vertex_maps(collection.made.vertices, output.stage(VERTEX_MAPS_FILE))
 
 
 def write_document(document: Page | ContactSheet) -> None:
@@ -266,7 +229,7 @@ def write_document(document: Page | ContactSheet) -> None:
 
 
 def _documents(
-    parts: Sequence[ShapeParts], view: CollectionView, output: OutputFolder, title: str | None
+    parts: Sequence[ShapeParts], shown: Collection, output: OutputFolder, title: str | None
 ) -> Iterator[tuple[str, Page | ContactSheet]]:
     """Yield what is drawn and, with a title, the pages of the report, by name."""
     tiles = tuple(part.tile for part in parts if part.tile is not None)
@@ -275,18 +238,14 @@ def _documents(
     if coloured:
         yield "coloured", ContactSheet(path=output.stage(VERTEX_MAPS_PICTURE).absolute(), tiles=coloured)
     if title is not None:
-        for page in report_pages(view, output.stage(REPORT_FILE).absolute(), title=title):
+        for page in report_pages(shown, output.stage(REPORT_FILE).absolute(), title=title):
             yield page.title, page
 
 
 def _folder_name(collection: Collection) -> str:
     """Return the name of the folder that the shapes lie in, empty for shapes of memory."""
-    first = collection.files[0]
+    first = collection.made.files[0]
     return first.parent.name if isinstance(first, Path) else ""
-
-
-def _run_record(collection: Collection) -> dict[str, Any]:
-    return {**asdict(collection.run), "skipped": list(collection.skipped)}
 
 
 def _pairs_table(collection: Collection) -> str:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from data_tools.arrays import FloatArray
 
+#: Poses below this confidence are called doubtful, on the command line, in the contact sheet and in the report.
+DOUBT = 0.95
 #: Kinds of evidence about a pose, the columns of :attr:`Trust.evidence`.
 KINDS = ("votes", "margin", "collection votes", "lead")
 

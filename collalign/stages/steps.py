@@ -14,6 +14,7 @@ from typing import Literal
 
 from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
+from collalign.products.incomplete import Incomplete
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Constraints, Excluded, Shapes
 from collalign.products.trust import Trust
@@ -27,7 +28,7 @@ from collalign.stages.pairs.match import match_pairs
 from collalign.stages.poses.agreement import resolve_pairs, with_common_match
 from collalign.stages.poses.frame import fix_frame
 from collalign.stages.poses.parts import join_parts, split_shapes
-from collalign.stages.poses.placement import common_labels, place_and_scale
+from collalign.stages.poses.placement import common_labels, common_positions, in_label_order, place_and_scale
 from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_shapes
 from collalign.stages.proofs import certify_pairs, contradictions
@@ -62,9 +63,10 @@ class Run:
         )
 
 
-def with_group(session: AlignSession, group: str) -> AlignSession:
-    """Return the session with the group that was decided."""
-    return session.with_options(replace(session.options, group="O" if group == "O" else "SO"))
+def with_group(run: Run, group: str) -> Run:
+    """Return the run with the group that was decided."""
+    options = replace(run.session.options, group="O" if group == "O" else "SO")
+    return replace(run, session=run.session.with_options(options))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,7 +91,8 @@ def match(run: Run) -> tuple[Run, Matched]:
         choice = decide_group(
             session, shapes, descriptors, edges, former=run.former, any_mirrored=run.constraints.any_mirrored
         )
-        session = with_group(session, choice.group)
+        run = with_group(run, choice.group)
+        session = run.session
         pairs, failed = match_pairs(session, shapes, edges)
         pairs, failed, solution = grow_pairs(session, shapes, descriptors, edges, pairs, failed)
     matched = Matched(
@@ -100,7 +103,7 @@ def match(run: Run) -> tuple[Run, Matched]:
         notes=(choice.note,),
         may_be_mirrored=choice.may_be_mirrored,
     )
-    return replace(run, session=session), matched
+    return run, matched
 
 
 def prove(run: Run, matched: Matched) -> Matched:
@@ -134,6 +137,7 @@ class Posed:
     """The poses, with all that follows from them.
 
     ``matched`` are the pairs within parts as they were first matched, and ``first`` is the synchronization of these.
+    ``consensus`` is the mean position of every label, that of complete shapes where there are incomplete ones.
     """
 
     pairs: list[Pair]
@@ -143,10 +147,12 @@ class Posed:
     rotations: FloatArray
     transforms: FloatArray
     labels: IntArray
+    consensus: FloatArray
     notes: tuple[str, ...]
     may_be_mirrored: tuple[int, ...]
     trust: Trust | None = None
     vertices: VertexMaps | None = None
+    incomplete: tuple[Incomplete, ...] = ()
 
 
 def pose(run: Run, matched: Matched) -> Posed:
@@ -173,6 +179,7 @@ def pose(run: Run, matched: Matched) -> Posed:
         rotations=rotations,
         transforms=transforms,
         labels=labels,
+        consensus=in_label_order(common_positions(samples, transforms), labels).mean(axis=0),
         notes=tuple(contradictions(run.shapes.names, pairs, rotations)),
         may_be_mirrored=matched.may_be_mirrored,
     )

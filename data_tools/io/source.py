@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import TypeAlias
@@ -100,6 +101,11 @@ def location(origin: Origin) -> str:
     if isinstance(origin, Source):
         return str(origin.path) if origin.is_file else ""
     return str(origin)
+
+
+def inputs_of(files: Iterable[Origin]) -> set[Path]:
+    """Return files and their folders, in none of which results may lie, nor they in the results' folder."""
+    return {path for file in files if isinstance(file, Path) for path in (file, file.parent)}
 
 
 def read_source(path: Origin | str) -> Source:

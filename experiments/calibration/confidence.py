@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign.confidence import pose_model as model
-from collalign.products.aligned_collection import DOUBT
+from collalign.products.trust import DOUBT
 from experiments.calibration.scan import Calibration, Finding, constants_of
 from experiments.collections.landmarked import COLLECTIONS
 from experiments.confidence.draws import measure_collection

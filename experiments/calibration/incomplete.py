@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from collalign.align import align_collection
-from collalign.collection import AlignedCollection
 from collalign.confidence import incomplete_model
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
+from collalign.output.collection import Collection
+from collalign.products.shapes import Shapes
 from collalign.stages.incomplete import detect
 from collalign.stages.shape_stage import prepare_shapes
 from data_tools.arrays import BoolArray
-from data_tools.embedding.embedding import Samples
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
@@ -36,8 +36,8 @@ NUM_SHAPES, NUM_QUICK, CUT, SHARE = 20, 6, 0.3, 0.25
 class Spoiled:
     """A collection aligned as if all its shapes were complete."""
 
-    samples: tuple[Samples, ...]
-    aligned: AlignedCollection
+    shapes: Shapes
+    aligned: Collection
     cut: BoolArray
 
 
@@ -58,8 +58,8 @@ def spoil(data: Path, collection: str, folder: Path, quick: bool) -> Spoiled:
     options = AlignOptions(group="SO", incomplete="never")
     aligned = align_collection(folder, options=options, run=RunOptions(jobs=1), progress=False)
     with Session.open(options, RunOptions(jobs=1), None) as session:
-        samples = prepare_shapes(session, list_shapes(folder)).samples
-    return Spoiled(samples=samples, aligned=aligned, cut=np.array([name in cut for name in aligned.names]))
+        shapes = prepare_shapes(session, list_shapes(folder))
+    return Spoiled(shapes=shapes, aligned=aligned, cut=np.array([name in cut for name in aligned.names]))
 
 
 def measure_detection(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
@@ -72,7 +72,7 @@ def measure_detection(data: Path, collections: Sequence[str], quick: bool) -> di
             tried = spoiled[collection]
             alone = Session.open(AlignOptions(group="SO"), RunOptions(jobs=1))
             with patched(detect, changed), alone as session:
-                found = detect.find_incomplete(session, tried.samples, tried.aligned)
+                found = detect.find_incomplete(session, tried.shapes, tried.aligned.pairs, tried.aligned.transforms)
             return float((np.isin(np.arange(len(tried.cut)), list(found)) == tried.cut).mean())
 
         return scan(CALIBRATION.constants, collections, score, quick=quick)

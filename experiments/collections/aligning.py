@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from collalign.align import align_collection
-from collalign.collection import AlignedCollection
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.records import Record
 from collalign.options import AlignOptions, PairOptions
-from collalign.products.aligned_collection import DOUBT
+from collalign.output.collection import Collection
+from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
@@ -91,7 +91,7 @@ def measure_alignment(cell: Cell) -> Record:
     return {**record, "subsets": right, "processor_s": elapsed.processor_s}
 
 
-def alignment_record(aligned: AlignedCollection, posed: PosedCollection) -> Record:
+def alignment_record(aligned: Collection, posed: PosedCollection) -> Record:
     """Return the errors of an alignment, and of its pairs before synchronization; NaN where chirality is wrong."""
     shapes = posed.shape_errors_deg(aligned.rotations, aligned.names)
     own = candidate_errors_deg(aligned, posed)
@@ -108,7 +108,7 @@ def alignment_record(aligned: AlignedCollection, posed: PosedCollection) -> Reco
     }
 
 
-def candidate_errors_deg(aligned: AlignedCollection, posed: PosedCollection) -> FloatArray:
+def candidate_errors_deg(aligned: Collection, posed: PosedCollection) -> FloatArray:
     """Return the errors of each pair's best pose and of its best candidate, shape (E, 2); NaN where mirrored."""
     index = [posed.names.index(name) for name in aligned.names]
     errors = np.full((len(aligned.pairs), 2), np.nan)

@@ -11,7 +11,7 @@ import numpy as np
 
 from collalign import AlignOptions, RunOptions, align_collection, synchronize
 from collalign.engine.store.records import Record
-from collalign.products.aligned_collection import DOUBT
+from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from experiments.clock import stopwatch
 from experiments.collections.aligning import pose_some

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.collection import AlignedCollection
 from collalign.engine.store.records import Record
-from collalign.products.aligned_collection import DOUBT
+from collalign.output.collection import Collection
+from collalign.products.trust import DOUBT
 from data_tools.io.shapes import write_mesh
 from experiments.collections.landmarked import COLLECTIONS, RIGHT_DEG, read_dataset
 from experiments.collections.posed import PosedCollection, pose_collection
@@ -57,9 +57,9 @@ def measure_collection(cell: Cell) -> Record:
     return {key: np.array([fact[key] for fact in facts]) for key in facts[0]}
 
 
-def shape_facts(aligned: AlignedCollection, posed: PosedCollection, kind: str) -> list[dict[str, Any]]:
+def shape_facts(aligned: Collection, posed: PosedCollection, kind: str) -> list[dict[str, Any]]:
     """Return what was stated and what is true of every shape of a run."""
-    assert aligned.trust is not None  # the robust synchronization always gathers it
+    assert aligned.made.trust is not None  # the robust synchronization always gathers it
     known = [index for index, name in enumerate(aligned.names) if name in posed.names]
     errors = np.full(len(aligned.names), np.nan)
     if kind not in FAMILIES or FAMILIES[kind].related:
@@ -69,7 +69,7 @@ def shape_facts(aligned: AlignedCollection, posed: PosedCollection, kind: str) -
     return [
         {
             "stated": float(aligned.confidence[i]),
-            "evidence": aligned.trust.evidence[i],
+            "evidence": aligned.made.trust.evidence[i],
             "error_deg": float(errors[i]),
             "right": bool(errors[i] <= RIGHT_DEG),
             "intruder": i not in known,
@@ -79,7 +79,7 @@ def shape_facts(aligned: AlignedCollection, posed: PosedCollection, kind: str) -
     ]
 
 
-def _parts(aligned: AlignedCollection, known: list[int]) -> list[list[int]]:
+def _parts(aligned: Collection, known: list[int]) -> list[list[int]]:
     """Return the shapes whose poses can be compared: those of one name but for its digits, or all."""
     stems = {aligned.names[i].rstrip("0123456789") for i in known}
     if stems != {"chair", "figure"}:

@@ -61,8 +61,7 @@ def measure_consistent(cell: Cell) -> Record:
             folder, options=AlignOptions(deformable=True), run=RunOptions(jobs=1, store=folder / "x.sqlite")
         )
         seconds = time.process_time() - started
-        maps = aligned.maps.vertices
-        assert maps is not None  # all are meshes
+        maps = aligned.vertex_maps
         errors = np.full((len(maps.names), len(maps.names)), np.nan)
         for a, target in enumerate(maps.names):
             shape = read_shape(folder / f"{target}.ply", AS_STORED)

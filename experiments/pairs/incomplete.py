@@ -11,7 +11,7 @@ import numpy as np
 
 from collalign.engine.store.records import Record
 from collalign.options import AUTO
-from collalign.products.aligned_collection import DOUBT
+from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape

@@ -14,12 +14,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign.align import align_collection
-from collalign.collection import AlignedCollection
 from collalign.confidence.overlap_model import certainty, rival_margin
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.records import Record
 from collalign.options import ALL, AUTO, NEVER, AlignOptions
-from collalign.products.aligned_collection import DOUBT
+from collalign.output.collection import Collection
+from collalign.products.trust import DOUBT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.embedding.surface_points import surface_points
@@ -96,7 +96,7 @@ def measure_cut_collection(cell: Cell) -> Record:
     }
 
 
-def _figures(aligned: AlignedCollection, posed: PosedCollection) -> Record:
+def _figures(aligned: Collection, posed: PosedCollection) -> Record:
     return {
         "names": list(aligned.names),
         "shape_deg": posed.shape_errors_deg(aligned.rotations, aligned.names),

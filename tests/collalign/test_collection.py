@@ -23,7 +23,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def made(folder: Path) -> collalign.AlignedCollection:
+def made(folder: Path) -> collalign.Collection:
     rng = np.random.default_rng(5)
     shapes = planted_collection(deformed_family(chair(rng, resolution=1), 3, rng, rms=0.02), rng).shapes
     named = {"<one>": shapes[0], "two": shapes[1], "points": shapes[2].vertices}
@@ -34,16 +34,11 @@ def made(folder: Path) -> collalign.AlignedCollection:
 
 
 @pytest.fixture(params=["made", "loaded"])
-def result(
-    request: pytest.FixtureRequest, made: collalign.AlignedCollection, folder: Path
-) -> collalign.AlignedCollection | collalign.LoadedCollection:
+def result(request: pytest.FixtureRequest, made: collalign.Collection, folder: Path) -> collalign.Collection:
     return made if request.param == "made" else collalign.load(folder)
 
 
-Result = collalign.AlignedCollection | collalign.LoadedCollection
-
-
-def test_shapes_are_found_by_name_and_position(result: Result, made: collalign.AlignedCollection) -> None:
+def test_shapes_are_found_by_name_and_position(result: collalign.Collection, made: collalign.Collection) -> None:
     assert len(result) == 3
     assert [shape.name for shape in result] == list(made.names) == ["<one>", "points", "two"]
     np.testing.assert_array_equal(result["two"].transform, made.transforms[2])
@@ -59,7 +54,7 @@ def test_shapes_are_found_by_name_and_position(result: Result, made: collalign.A
         result[3]
 
 
-def test_maps_poses_and_pairs_are_asked_by_name(result: Result, made: collalign.AlignedCollection) -> None:
+def test_maps_poses_and_pairs_are_asked_by_name(result: collalign.Collection, made: collalign.Collection) -> None:
     assert np.array_equal(result.maps["two", "<one>"], made.maps["two", "<one>"])
     assert np.array_equal(result.maps.labels, made.maps.labels)
     np.testing.assert_allclose(result.rotations, made.rotations, atol=1e-12)
@@ -81,18 +76,40 @@ def test_maps_poses_and_pairs_are_asked_by_name(result: Result, made: collalign.
         assert len(repr(one)) < 500
 
 
-def test_damaged_maps_of_a_folder_are_refused(made: collalign.AlignedCollection, tmp_path: Path) -> None:
+def test_damaged_maps_of_a_folder_are_refused(made: collalign.Collection, tmp_path: Path) -> None:
     made.save(tmp_path / "out", report=False)
     file = tmp_path / "out" / "correspondences.npz"
-    np.savez_compressed(file, labels=np.zeros((2, 16)))
-    with pytest.raises(InputError, match="labels"):
-        collalign.load(tmp_path / "out").maps  # noqa: B018
+    with np.load(file) as found:
+        arrays = dict(found)
+    for name, wrong in (
+        ("labels", np.zeros((2, 16), dtype=int)),
+        ("labels", np.full_like(arrays["labels"], 16)),
+        ("positions", arrays["positions"] * np.nan),
+        ("vertex_indices", arrays["vertex_indices"][:, 1:]),
+    ):
+        np.savez_compressed(file, **arrays | {name: wrong})
+        with pytest.raises(InputError, match=rf"correspondences\.npz: damaged.*{name}"):
+            collalign.load(tmp_path / "out")
     file.write_bytes(b"no archive")
     with pytest.raises(InputError, match=r"correspondences\.npz"):
-        collalign.load(tmp_path / "out").maps  # noqa: B018
+        collalign.load(tmp_path / "out")
 
 
-def test_it_introduces_itself_in_a_line_and_in_html(result: Result) -> None:
+def test_a_loaded_result_says_that_it_is_saved(folder: Path, made: collalign.Collection, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="copy this folder"):
+        collalign.load(folder).save(tmp_path / "again")
+
+
+def test_a_loaded_result_is_the_one_that_was_made(folder: Path, made: collalign.Collection) -> None:
+    loaded = collalign.load(folder)
+    for name in ("samples", "positions", "landmarks", "consensus", "part_numbers", "cycle_errors_deg"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(made, name))
+    assert (loaded.options, loaded.group, loaded.notes) == (made.options, made.group, made.notes)
+    for one, two in zip(loaded.pairs, made.pairs, strict=True):
+        np.testing.assert_array_equal(one.map_target_source, two.map_target_source)
+
+
+def test_it_introduces_itself_in_a_line_and_in_html(result: collalign.Collection) -> None:
     assert repr(result).startswith(f"<{type(result).__name__}: 3 shapes, 3 pairs, ")
     assert len(repr(result)) < 100
     page = result._repr_html_()
@@ -106,20 +123,20 @@ def test_it_introduces_itself_in_a_line_and_in_html(result: Result) -> None:
     assert "&lt;one&gt;" in page
 
 
-def test_tables_hold_shapes_and_pairs(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tables_hold_shapes_and_pairs(result: collalign.Collection, monkeypatch: pytest.MonkeyPatch) -> None:
     shapes, pairs = result.to_dataframe(), result.to_dataframe("pairs")
     assert list(shapes.index) == list(result.names)
     assert shapes.loc["two", "confidence"] == result["two"].confidence
     assert len(pairs) == len(result.pairs)
     assert pairs["energy"].tolist() == [pair.energy for pair in result.pairs]
-    with pytest.raises(OptionsError, match="'shapes' or 'pairs'"):
+    with pytest.raises(OptionsError, match="expected one of shapes, pairs"):
         result.to_dataframe("maps")  # type: ignore[arg-type]
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(UnavailableError, match=r"collalign\[tables\]"):
         result.to_dataframe()
 
 
-def test_meshes_lie_in_the_common_frame(result: Result, made: collalign.AlignedCollection) -> None:
+def test_meshes_lie_in_the_common_frame(result: collalign.Collection, made: collalign.Collection) -> None:
     meshes = result.aligned_meshes()
     assert [type(mesh).__name__ for mesh in meshes.values()] == ["Trimesh", "PointCloud", "Trimesh"]
     for at, mesh in enumerate(meshes.values()):
@@ -129,7 +146,7 @@ def test_meshes_lie_in_the_common_frame(result: Result, made: collalign.AlignedC
     assert list(result.aligned_meshes(["two"])) == ["two"]
 
 
-def test_the_plot_has_two_pictures_of_each_shape(result: Result) -> None:
+def test_the_plot_has_two_pictures_of_each_shape(result: collalign.Collection) -> None:
     figure = result.plot(["two", 0])
     words = [text.get_text() for text in figure.axes[0].texts]
     assert words[::2] == ["two", "<one>"]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from collalign import RunOptions, align_collection
-from collalign.collection import AlignedCollection
+from collalign.output.collection import Collection
 from tests.bad_inputs import NUM_GOOD, OPTIONS, unaccounted, write_bad_inputs
 
 
@@ -20,11 +20,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def collection(folder: Path) -> AlignedCollection:
+def collection(folder: Path) -> Collection:
     return align_collection(folder, options=OPTIONS, run=RunOptions(jobs=1, memory_limit_gib=4.0))
 
 
-def test_every_bad_input_is_named_or_aligned(folder: Path, collection: AlignedCollection, tmp_path: Path) -> None:
+def test_every_bad_input_is_named_or_aligned(folder: Path, collection: Collection, tmp_path: Path) -> None:
     assert not unaccounted(folder, collection)
     assert {f"good{i}" for i in range(NUM_GOOD)} <= set(collection.names)
     assert len(collection.excluded) > 40
@@ -37,7 +37,7 @@ def test_there_are_three_hundred(tmp_path: Path) -> None:
     assert write_bad_inputs(tmp_path / "all") >= 300
 
 
-def test_an_input_that_is_passed_over_is_noticed(folder: Path, collection: AlignedCollection) -> None:
+def test_an_input_that_is_passed_over_is_noticed(folder: Path, collection: Collection) -> None:
     forgotten = collection.excluded[7].file
     short = dataclasses.replace(collection, excluded=tuple(e for e in collection.excluded if e.file != forgotten))
     assert len(unaccounted(folder, short)) == 1

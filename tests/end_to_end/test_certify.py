@@ -14,7 +14,7 @@ import collalign
 from collalign.cli import main
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
-from collalign.output.evidence.evidence_file import load_view, save_view
+from collalign.output.evidence.loading import load
 from collalign.output.verify import verify_result
 from collalign.output.verify_collection import CheckedCollection
 from collalign.tools.certify.files import certification_summary
@@ -22,6 +22,7 @@ from data_tools.datasets.synthetic import deformed_family, planted_collection, w
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError, OptionsError
 from data_tools.options import SamplingOptions
+from tests.view_problems import write_result
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=200))
 
@@ -67,7 +68,7 @@ def test_the_command_proves_most_of_the_energy_and_goes_on_from_the_store(
 
 
 def test_a_part_is_named_and_a_shape_that_stands_on_its_head_is_found(result: Path, tmp_path: Path) -> None:
-    view, run = load_view(result), collalign.RunOptions(jobs=1, store=result / "store.sqlite")
+    view, run = load(result), collalign.RunOptions(jobs=1, store=result / "store.sqlite")
     few = collalign.CertifyOptions(max_rounds=1)
     part = collalign.certify_collection(result, shapes=view.names[1:3], options=few, run=run, progress=False)
     assert part.names == view.names[1:3]
@@ -75,8 +76,7 @@ def test_a_part_is_named_and_a_shape_that_stands_on_its_head_is_found(result: Pa
     assert part.joint.share > 0.99
     transforms = view.transforms.copy()
     transforms[2, :3, :3] = np.diag([-1.0, -1.0, 1.0]) @ transforms[2, :3, :3]
-    save_view(replace(view, transforms=transforms), tmp_path)
-    shutil.copy(result / "alignment.json", tmp_path)
+    write_result(replace(view, transforms=transforms), tmp_path)
     found = collalign.certify_collection(tmp_path, options=few, run=run, progress=False)
     assert found.changes_deg[2] > 90.0
     assert np.delete(found.changes_deg, 2).max() < 20.0
@@ -107,7 +107,7 @@ def test_wrong_names_files_and_options_are_refused(result: Path, tmp_path: Path)
     with pytest.raises(InputError, match="no aligned shape is called 'nobody'"):
         collalign.certify_collection(result, shapes=["nobody"])
     with pytest.raises(InputError, match="holds no pair of these shapes"):
-        collalign.certify_collection(result, shapes=load_view(result).names[:1])
+        collalign.certify_collection(result, shapes=load(result).names[:1])
     for wrong in ({"max_rounds": 0}, {"enough": 1.5}, {"budget_s": 0.0}):
         with pytest.raises(OptionsError, match=next(iter(wrong))):
             collalign.CertifyOptions(**wrong)

@@ -13,7 +13,7 @@ import pytest
 
 import collalign
 from collalign.cli import main
-from collalign.output.evidence.evidence_file import load_view, save_view
+from collalign.output.evidence.loading import load
 from collalign.tools.export.run import export
 from collalign.tools.transfer.result import CARRIED, MISSING_PLACE
 from data_tools.arrays import FloatArray
@@ -26,6 +26,7 @@ from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.topology import mesh_edges
 from tests.pairwise.partial.test_partial_match import cut, moved
+from tests.view_problems import write_result
 
 NUM_SHAPES, BROKEN = 5, "tooth3"
 #: Vertices with landmarks; the cut takes some of them.
@@ -81,7 +82,7 @@ def teeth(tmp_path_factory: pytest.TempPathFactory) -> Teeth:
 
 def to_file(teeth: Teeth, points: FloatArray) -> FloatArray:
     """Take points of the common frame to the broken tooth's file."""
-    view = load_view(teeth.result)
+    view = load(teeth.result)
     inverse = np.linalg.inv(view.transforms[view.index(BROKEN)])
     return np.asarray(points @ inverse[:3, :3].T + inverse[:3, 3])
 
@@ -127,9 +128,9 @@ def test_landmarks_are_not_carried_to_what_is_missing(teeth: Teeth, tmp_path: Pa
 
 
 def test_every_export_says_what_is_missing(teeth: Teeth, tmp_path: Path) -> None:
-    view = load_view(teeth.result)
+    view = load(teeth.result)
     row = view.index(BROKEN)
-    lacking = np.isnan(view.samples[row]).any(axis=1)
+    lacking = np.isnan(view.landmarks[row]).any(axis=1)
     assert lacking.any()
     assert view.is_incomplete.tolist() == [name == BROKEN for name in view.names]
     export(teeth.result, "csv", tmp_path / "csv")
@@ -165,11 +166,11 @@ def test_variation_leaves_broken_shapes_out_and_says_so(teeth: Teeth, tmp_path: 
 def test_doubtful_shapes_are_left_out_unless_asked_for(
     teeth: Teeth, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    view = load_view(teeth.result)
+    view = load(teeth.result)
     result = tmp_path / "result"
     shutil.copytree(teeth.result, result)
     doubted = next(name for name in view.names if name != BROKEN)
-    save_view(replace(view, confidence=np.where(np.array(view.names) == doubted, 0.5, 0.99)), result)
+    write_result(replace(view, confidence=np.where(np.array(view.names) == doubted, 0.5, 0.99)), result)
     command = ["variation", str(result), "--store", str(teeth.run.store), "--jobs", "1"]
     assert main(command) == 0
     assert f"Left out of the statistics: {doubted} (in doubt, confidence 0.50)" in capsys.readouterr().err
@@ -191,8 +192,8 @@ def test_doubtful_shapes_are_left_out_unless_asked_for(
 def test_too_few_sure_shapes_have_no_variation(teeth: Teeth, tmp_path: Path) -> None:
     result = tmp_path / "result"
     shutil.copytree(teeth.result, result)
-    view = load_view(teeth.result)
-    save_view(replace(view, confidence=np.full(view.num_shapes, 0.5)), result)
+    view = load(teeth.result)
+    write_result(replace(view, confidence=np.full(len(view), 0.5)), result)
     with pytest.raises(CollectionError, match="0 shapes are complete and sure, at least 2 are needed"):
         collalign.write_surface_variation(result, tmp_path / "out", progress=False)
 

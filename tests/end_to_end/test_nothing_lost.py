@@ -11,14 +11,15 @@ import pytest
 
 from collalign import RunOptions, align_collection
 from collalign.cli import main
-from collalign.collection import AlignedCollection
-from collalign.output.evidence.evidence_file import load_view, save_view
+from collalign.output.collection import Collection
+from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, export
 from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from tests.end_to_end.test_align import FLAGS, OPTIONS
+from tests.view_problems import write_result
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +31,7 @@ def planted() -> PlantedCollection:
 
 
 @pytest.fixture(scope="module")
-def finished(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, AlignedCollection]:
+def finished(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Collection]:
     """A folder with a result in ``out``, made from ``shapes``."""
     folder = tmp_path_factory.mktemp("finished")
     write_collection(folder / "shapes", planted)
@@ -40,7 +41,7 @@ def finished(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.fixture
-def project(finished: tuple[Path, AlignedCollection], tmp_path: Path) -> Path:
+def project(finished: tuple[Path, Collection], tmp_path: Path) -> Path:
     """A copy of the shapes in ``meshes``."""
     shutil.copytree(finished[0] / "shapes", tmp_path / "project" / "meshes")
     return tmp_path / "project"
@@ -61,7 +62,7 @@ def test_an_output_folder_that_overlaps_the_input_is_refused(
 
 
 def test_save_refuses_the_folder_of_the_input_and_the_one_above(
-    finished: tuple[Path, AlignedCollection],
+    finished: tuple[Path, Collection],
 ) -> None:
     folder, collection = finished
     before = snapshot(folder)
@@ -72,7 +73,7 @@ def test_save_refuses_the_folder_of_the_input_and_the_one_above(
 
 
 def test_what_was_aligned_again_is_not_replaced_by_its_own_result(
-    finished: tuple[Path, AlignedCollection], tmp_path: Path
+    finished: tuple[Path, Collection], tmp_path: Path
 ) -> None:
     folder, _ = finished
     again = align_collection(folder / "out" / "meshes", options=OPTIONS, run=RunOptions(jobs=1))
@@ -113,7 +114,7 @@ def test_other_files_stay_and_former_results_go(project: Path, tmp_path: Path) -
     assert sorted(p.name for p in (out / ".collalign").iterdir()) == ["manifest.json"]
 
 
-def test_exports_do_not_overwrite_originals(finished: tuple[Path, AlignedCollection], tmp_path: Path) -> None:
+def test_exports_do_not_overwrite_originals(finished: tuple[Path, Collection], tmp_path: Path) -> None:
     folder, _ = finished
     before = snapshot(folder)
     for to in ("shapes", "shapes/to", "."):
@@ -163,14 +164,14 @@ def test_a_match_does_not_overwrite_a_file_of_its_name(project: Path, tmp_path: 
 )
 def test_every_command_refuses_the_folder_of_its_shapes_before_the_work(
     project: Path,
-    finished: tuple[Path, AlignedCollection],
+    finished: tuple[Path, Collection],
     command: str,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     shutil.copytree(finished[0] / "out", project / "out")
     files = tuple(str(project / "meshes" / f"chair{at}.ply") for at in (1, 2, 3))
-    save_view(dataclasses.replace(load_view(project / "out"), files=files), project / "out")
+    write_result(dataclasses.replace(load(project / "out"), files=files), project / "out")
     (project / "chair1.csv").write_text("tip,0,0,0\n")
     monkeypatch.chdir(project)
     before = snapshot(project)
@@ -179,12 +180,12 @@ def test_every_command_refuses_the_folder_of_its_shapes_before_the_work(
     assert snapshot(project) == before
 
 
-def test_names_in_forged_evidence_lead_nowhere(finished: tuple[Path, AlignedCollection], tmp_path: Path) -> None:
+def test_names_in_forged_evidence_lead_nowhere(finished: tuple[Path, Collection], tmp_path: Path) -> None:
     folder, _ = finished
     result, new, out = tmp_path / "a" / "b" / "result", tmp_path / "new", tmp_path / "a" / "b" / "to"
     shutil.copytree(folder / "out", result)
     names = ("../../../escaped", str(tmp_path / "absolute"), "..")
-    save_view(dataclasses.replace(load_view(result), names=names), result)
+    write_result(dataclasses.replace(load(result), names=names), result)
     new.mkdir()
     shutil.copy(folder / "shapes" / "chair1.ply", new / "chair9.ply")
     main(["add", str(result), str(new), "--jobs", "1"])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from collalign import AlignedCollection, AlignOptions, RunOptions, add_to_collection, align_collection
+from collalign import AlignOptions, Collection, RunOptions, add_to_collection, align_collection
 from collalign.tools.export.run import export
 from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection
 from data_tools.datasets.synthetic_shapes import chair
@@ -27,19 +27,19 @@ def planted() -> PlantedCollection:
     return planted_collection(deformed_family(chair(rng, resolution=1), 3, rng, rms=0.02), rng)
 
 
-def align(shapes: Any, **run: Any) -> AlignedCollection:
+def align(shapes: Any, **run: Any) -> Collection:
     return align_collection(shapes, options=OPTIONS, run=RunOptions(jobs=1, **run), progress=False)
 
 
 @pytest.fixture(scope="module")
-def from_memory(planted: PlantedCollection) -> AlignedCollection:
+def from_memory(planted: PlantedCollection) -> Collection:
     meshes = [trimesh.Trimesh(s.vertices, s.faces, process=False) for s in planted.shapes[1:]]
     first = planted.shapes[0]
     return align({"a": (first.vertices, first.faces), "b": meshes[0], "c": meshes[1]})
 
 
 def test_memory_and_folder_give_the_same_result(
-    planted: PlantedCollection, from_memory: AlignedCollection, tmp_path: Path
+    planted: PlantedCollection, from_memory: Collection, tmp_path: Path
 ) -> None:
     for name, shape in zip("abc", planted.shapes, strict=True):
         np.savez(tmp_path / f"{name}.npz", vertices=shape.vertices, faces=shape.faces)
@@ -48,7 +48,7 @@ def test_memory_and_folder_give_the_same_result(
         assert found.names == from_memory.names
         np.testing.assert_array_equal(found.transforms, from_memory.transforms)
         np.testing.assert_array_equal(found.maps.labels, from_memory.maps.labels)
-        assert found.digests == from_memory.digests
+        assert found.made.digests == from_memory.made.digests
 
 
 def test_the_store_knows_shapes_by_their_content(planted: PlantedCollection, tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_the_store_knows_shapes_by_their_content(planted: PlantedCollection, tmp
     assert align(list(planted.shapes), store=store).run.num_reused == 6
 
 
-def test_saved_results_say_that_there_are_no_files(from_memory: AlignedCollection, tmp_path: Path) -> None:
+def test_saved_results_say_that_there_are_no_files(from_memory: Collection, tmp_path: Path) -> None:
     out, to = tmp_path / "out", tmp_path / "to"
     from_memory.save(out)
     assert [shape["file"] for shape in json.loads((out / "alignment.json").read_text())["shapes"]] == ["", "", ""]

@@ -71,7 +71,7 @@ def test_samples_are_vertices_of_the_file_whatever_cleaning_drops(planted: Plant
     ):
         vertices = stored[name][indices]
         assert np.allclose(vertices @ transform[:3, :3].T + transform[:3, 3], placed, atol=1e-5)
-    assert all("dropped" in " ".join(notes) for notes in found.shape_notes)
+    assert all("dropped" in " ".join(notes) for notes in found.made.shape_notes)
 
 
 def test_a_shape_without_any_pair_is_named_first(

@@ -15,13 +15,14 @@ import collalign
 from collalign.cli import main
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
-from collalign.output.evidence.evidence_file import load_view, save_view
+from collalign.output.evidence.loading import load
 from collalign.tools.stability.files import stability_summary, write_stability_page
 from collalign.tools.stability.run import StabilityOptions, repetitions
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError, OptionsError
 from data_tools.options import SamplingOptions
+from tests.view_problems import write_result
 
 FEW = ["--num-points", "24", "--num-seeds", "1", "--num-subsets", "1", "--jobs", "1", "--include-doubtful"]
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=200))
@@ -73,12 +74,11 @@ def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(
 
 
 def test_a_pose_that_only_the_result_has_is_found(result: Path, tmp_path: Path) -> None:
-    view = load_view(result)
+    view = load(result)
     transforms = view.transforms.copy()
     transforms[2, :3, :3] = np.diag([-1.0, -1.0, 1.0]) @ transforms[2, :3, :3]
     sure = np.full(5, 0.99)
-    save_view(replace(view, transforms=transforms, confidence=sure), tmp_path)
-    shutil.copy(result / "alignment.json", tmp_path)
+    write_result(replace(view, transforms=transforms, confidence=sure), tmp_path)
     few = StabilityOptions(num_points=(), num_seeds=1, num_subsets=1)
     found = collalign.check_stability(tmp_path, options=few, run=collalign.RunOptions(jobs=1), progress=False)
     stays = found.pose_stays
@@ -93,11 +93,11 @@ def test_a_pose_that_only_the_result_has_is_found(result: Path, tmp_path: Path) 
     assert first.startswith(f"<td>{view.names[2]}</td>")  # the least stable shape comes first
     assert "<td>0 %</td>" in first
     assert stability_summary(found)[0].startswith("4 of 5 poses")
-    doubted, broken = sure.copy(), view.samples.copy()
+    doubted, broken = sure.copy(), view.landmarks.copy()
     doubted[2], broken[2] = 0.3, broken[2, ::-1]
     endings = []
-    for samples in (view.samples, broken):
-        save_view(replace(view, transforms=transforms, confidence=doubted, samples=samples), tmp_path)
+    for samples in (view.landmarks, broken):
+        write_result(replace(view, transforms=transforms, confidence=doubted, landmarks=samples), tmp_path)
         found = collalign.check_stability(tmp_path, options=few, run=collalign.RunOptions(jobs=1), progress=False)
         lines = stability_summary(found)
         assert lines[0].startswith("4 of 4 poses")
@@ -109,11 +109,11 @@ def test_a_pose_that_only_the_result_has_is_found(result: Path, tmp_path: Path) 
 def test_a_vanished_file_and_a_file_of_somebody_else_are_named(result: Path, tmp_path: Path) -> None:
     copy = tmp_path / "out"
     shutil.copytree(result, copy)
-    view = load_view(result)
-    save_view(replace(view, files=(*view.files[:-1], str(tmp_path / "gone.ply"))), copy)
+    view = load(result)
+    write_result(replace(view, files=(*view.files[:-1], str(tmp_path / "gone.ply"))), copy)
     with pytest.raises(InputError, match=r"gone\.ply: a shape of the collection is not there any more"):
         collalign.check_stability(copy)
-    save_view(view, copy)
+    write_result(view, copy)
     (copy / "stability.csv").write_text("mine")
     assert main(["stability", str(copy), *FEW]) == 2
     assert (copy / "stability.csv").read_text() == "mine"

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 
 import collalign
 from collalign.cli import main
-from collalign.output.evidence.evidence_file import load_view, save_view
+from collalign.output.evidence.loading import load
 from collalign.tools.correspond.run import reference_shape
 from collalign.tools.transfer.result import CARRIED, DOUBTFUL_POSE, NO_COUNTERPART, PLACED
 from data_tools.arrays import FloatArray
@@ -28,6 +28,7 @@ from data_tools.landmarks.landmark_files import Landmarks, read_landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
+from tests.view_problems import write_result
 
 NUM_SHAPES = 6
 #: Before it is bumped and posed: its corners are landmarks.
@@ -105,7 +106,7 @@ def test_landmarks_of_one_specimen_reach_all_others(
 
 
 def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles(result: Path) -> None:
-    view = load_view(result)
+    view = load(result)
     members = list(range(NUM_SHAPES))
     chosen = reference_shape(view, members)
     for factor in (0.5, 2.0):
@@ -231,9 +232,8 @@ def test_a_doubtful_pose_gets_no_landmarks(
 ) -> None:
     doubted = tmp_path / "doubted"
     doubted.mkdir()
-    view = load_view(result)
-    save_view(replace(view, confidence=np.array([1.0] * (NUM_SHAPES - 1) + [0.2])), doubted)
-    (doubted / "alignment.json").write_bytes((result / "alignment.json").read_bytes())
+    view = load(result)
+    write_result(replace(view, confidence=np.array([1.0] * (NUM_SHAPES - 1) + [0.2])), doubted)
     to = tmp_path / "all"
     words = ["transfer", str(doubted), "--landmarks", str(templates[0]), "--to", str(to), "--jobs", "1"]
     assert main([*words, "--store", str(run.store), "--format", "tps"]) == 3
@@ -295,7 +295,7 @@ def test_what_cannot_be_used_is_named(
 def test_the_variation_of_the_surfaces_is_shown(
     result: Path, templates: list[Path], tmp_path: Path, run: collalign.RunOptions
 ) -> None:
-    names = load_view(result).names
+    names = load(result).names
     table = tmp_path / "labels.csv"
     table.write_text("name,kind\n" + "".join(f"{name},{'ab'[at % 2]}\n" for at, name in enumerate(names)))
     to = result / "variation"

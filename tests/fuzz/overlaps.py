@@ -16,9 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from collalign.cli import main
-from collalign.output.evidence.evidence_file import load_view, save_view
+from collalign.output.evidence.loading import load
 from data_tools.io.shapes import read_folder
 from tests.fuzz.hostile import Attack
+from tests.view_problems import write_result
 
 FEW = ["--sampling.num-points", "16", "--sampling.num-dense-points", "0", "--jobs", "1"]
 PAIR = ["meshes/chair1.ply", "meshes/chair2.ply"]
@@ -110,7 +111,7 @@ def mounted(source: Path, target: Path) -> Iterator[bool]:
 def _prepare(project: Path, command: str, place: str) -> None:
     """Point the result at the project's shapes, and lay out the folders that a case names."""
     files = tuple(str(project / "meshes" / f"chair{at}.ply") for at in (1, 2, 3))
-    save_view(dataclasses.replace(load_view(project / "out"), files=files), project / "out")
+    write_result(dataclasses.replace(load(project / "out"), files=files), project / "out")
     (project / "linked").symlink_to("meshes")
     (project / "new").mkdir()
     shutil.copy(project / "meshes" / "chair1.ply", project / "new" / "chair9.ply")

@@ -186,7 +186,7 @@ ENGINE: tuple[Mutant, ...] = (
         ("tests/collalign/tools/test_exports.py",),
         ("_pairs", "names[pair.target] for pair", "names[pair.source] for pair"),
         ("_consensus", "np.maximum(counts, 1)", "len(known)"),
-        ("_shapes", "view.centroid_sizes.tolist()", "view.scales.tolist()"),
+        ("_shapes", "centroid_sizes(collection).tolist()", "collection.scales.tolist()"),
     ),
     *faults(
         "collalign/output/verify.py",

@@ -24,6 +24,6 @@ INCOMPLETE: tuple[Mutant, ...] = (
         "collalign/output/report/coverage.py",
         ("tests/collalign/output/test_report_incomplete.py",),
         ("_missing_part", "lacks = ~own.has(carried)", "lacks = own.has(carried)"),
-        ("_typical", "if not view.is_incomplete[i]", "if True"),
+        ("_typical", "if not collection.is_incomplete[i]", "if True"),
     ),
 )

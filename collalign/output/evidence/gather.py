@@ -1,76 +1,26 @@
-"""Makes the plain record that report, exports and viewer read out of an ``Collection``."""
+"""What is shown of a collection: its samples by label, the poses and maps of its pairs, and the errors of cycles."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from collalign.products.aligned_collection import Collection
-from collalign.products.evidence import CollectionView
+from collalign.output.collection import Collection
 from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.io.source import location
 from data_tools.poses import AGREE_DEG, keep_apart, turn_deg
 from data_tools.rotations import rotation_angles
-from data_tools.threads import one_blas_thread
 
 #: Cycles of three pairs looked at, spread evenly over all of them.
 MOST_CYCLES = 20_000
 #: Poses kept per pair.
 MOST_PAIR_POSES = 4
-
-
-@one_blas_thread()
-def view_collection(
-    collection: Collection,
-    meshes: Sequence[tuple[FloatArray, IntArray]],
-    *,
-    labels: Mapping[str, tuple[str, ...]] | None = None,
-    places: Sequence[NDArray[np.uint8]] = (),
-) -> CollectionView:
-    """Gather what is shown and exported.
-
-    Parameters
-    ----------
-    collection : Collection
-    meshes : sequence of (vertices, faces)
-        The display mesh of each shape, in file coordinates; see :mod:`collalign.output.evidence.display_mesh`.
-    labels : mapping of str to tuple of str, optional
-        Column name to one value per shape; see :meth:`collalign.analysis.label_table.Labels.columns_for`.
-    places : sequence of ndarray of uint8, each (v, 3), optional
-        Colours of the display meshes' vertices by their places on the reference of the maps of all vertices.
-
-    Returns
-    -------
-    CollectionView
-    """
-    inverse = np.linalg.inv(collection.transforms)
-    raw = collection.positions @ np.swapaxes(inverse[:, :3, :3], 1, 2) + inverse[:, None, :3, 3]
-    sample_labels = collection.maps.labels
-    return CollectionView(
-        names=collection.names,
-        files=tuple(location(file) for file in collection.files),
-        transforms=collection.transforms,
-        confidence=collection.confidence,
-        samples=by_label(raw, sample_labels),
-        vertices=tuple(vertices for vertices, _ in meshes),
-        faces=tuple(faces for _, faces in meshes),
-        pairs=tuple(_shown(pair, sample_labels) for pair in collection.pairs),
-        alternatives=collection.alternatives,
-        part_numbers=part_numbers(collection.parts, len(collection.names)),
-        labels=dict(labels or {}),
-        excluded=tuple((one.file, one.reason) for one in collection.excluded),
-        options=asdict(collection.options) | {"decided": {"group": collection.group}},
-        versions=collection.run.versions,
-        timings_s=collection.run.times_s,
-        cycle_errors_deg=cycle_errors_deg(collection.pairs, len(collection.names)),
-        notes=collection.notes,
-        incomplete=collection.incomplete,
-        places=tuple(places),
-    )
+#: In place of the labels of a pair that uses the collection's own correspondence.
+OWN_MAP = -2
 
 
 def by_label(positions: FloatArray, labels: IntArray) -> FloatArray:
@@ -92,7 +42,7 @@ def by_label(positions: FloatArray, labels: IntArray) -> FloatArray:
     return ordered
 
 
-def cycle_errors_deg(pairs: tuple[Pair, ...], num_shapes: int) -> FloatArray:
+def cycle_errors_deg(pairs: Sequence[Pair], num_shapes: int) -> FloatArray:
     """Angles left by R_ij R_jk R_ki, each pair giving its own pose of lowest energy; 180 where a cycle mirrors.
 
     At most :data:`MOST_CYCLES` cycles are looked at, evenly spaced in a fixed order.
@@ -123,8 +73,8 @@ def _some_triangles(pairs: Iterable[tuple[int, int]], num_shapes: int) -> list[t
     return triangles
 
 
-def _shown(pair: Pair, labels: IntArray) -> Pair:
-    """Return a pair with the poses that a person would tell apart, and with its map in terms of labels."""
+def shown_pair(pair: Pair) -> Pair:
+    """Return a pair with the poses that a person would tell apart, without their maps."""
     kept, choice = distinct_poses(pair.rotations[:, :3, :3], pair.energies, pair.choice)
     return replace(
         pair,
@@ -132,9 +82,6 @@ def _shown(pair: Pair, labels: IntArray) -> Pair:
         maps=np.zeros((len(kept), 0), dtype=np.int64),
         energies=pair.energies[kept],
         choice=choice,
-        map_target_source=_label_map(
-            pair.map_target_source, labels[pair.target], labels[pair.source], int(labels.max(initial=-1)) + 1
-        ),
     )
 
 
@@ -167,15 +114,28 @@ def distinct_poses(rotations: FloatArray, energies: FloatArray, choice: int) -> 
     return shown, shown.index(near)
 
 
-def _label_map(map_i_j: IntArray, labels_i: IntArray, labels_j: IntArray, num_labels: int) -> IntArray:
-    """Turn a map of samples into one of labels, shape (num_labels,); empty where equal labels match anyway."""
-    known = labels_j >= 0
-    found = np.where(map_i_j >= 0, labels_i[map_i_j], -1)[known]
-    if np.array_equal(found, labels_j[known]):
-        return np.zeros(0, dtype=np.int64)
-    by_labels = np.full(num_labels, -1, dtype=np.int64)
-    by_labels[labels_j[known]] = found
-    return by_labels
+def label_maps(pairs: Sequence[Pair], labels: IntArray) -> IntArray:
+    """Return the map of each pair in terms of labels.
+
+    Parameters
+    ----------
+    pairs : sequence of Pair
+    labels : ndarray of int, shape (N, k)
+
+    Returns
+    -------
+    ndarray of int, shape (E, num_labels)
+        The label on the target of the sample with label b on the source, -1 where unmatched; all :data:`OWN_MAP`
+        where equal labels match, as in the collection's own correspondence.
+    """
+    maps = np.full((len(pairs), int(labels.max(initial=-1)) + 1), OWN_MAP)
+    for row, pair in zip(maps, pairs, strict=True):
+        known = labels[pair.source] >= 0
+        found = np.where(pair.map_target_source >= 0, labels[pair.target][pair.map_target_source], -1)[known]
+        if not np.array_equal(found, labels[pair.source][known]):
+            row[:] = -1
+            row[labels[pair.source][known]] = found
+    return maps
 
 
 def part_numbers(parts: tuple[IntArray, ...], num_shapes: int) -> IntArray:
@@ -184,3 +144,21 @@ def part_numbers(parts: tuple[IntArray, ...], num_shapes: int) -> IntArray:
     for number, members in enumerate(parts):
         numbers[members] = number
     return numbers
+
+
+def options_record(collection: Collection) -> dict[str, Any]:
+    """Return the options as asked for, and what was decided, by name."""
+    return asdict(collection.options) | {"decided": {"group": collection.group}}
+
+
+def json_types(value: Any) -> Any:
+    """Turn a value into JSON types: tuples into lists, numbers that are not finite into None."""
+    if isinstance(value, Mapping):
+        return {str(key): json_types(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_types(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return json_types(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)

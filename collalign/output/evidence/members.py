@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.products.aligned_collection import DOUBT
-from collalign.products.evidence import CollectionView
+from collalign.output.collection import Collection
+from collalign.products.trust import DOUBT
 from data_tools.arrays import IntArray
 from data_tools.io.csv_cells import csv_text
 
@@ -53,34 +53,34 @@ class Members:
 
 
 def statistics_members(
-    view: CollectionView, *, include_doubtful: bool = False, include_incomplete: bool = False, one_part: bool = True
+    collection: Collection, *, include_doubtful: bool = False, include_incomplete: bool = False, one_part: bool = True
 ) -> Members:
     """Decide who counts in statistics.
 
     Parameters
     ----------
-    view : CollectionView
+    collection : Collection
     include_doubtful, include_incomplete : bool
         Let shapes whose pose is in doubt, or of which parts are missing, count as well.
     one_part : bool
         Whether shapes of other parts than the largest stay out: their poses do not compare.
     """
-    reasons = np.full(view.num_shapes, "", dtype=object)
-    known = np.asarray(np.isfinite(view.confidence))
+    reasons = np.full(len(collection), "", dtype=object)
+    known = np.asarray(np.isfinite(collection.confidence))
     if not include_doubtful and known.any():  # without any confidence, as of a baseline, there is nothing to doubt
-        for at in np.flatnonzero(~(view.confidence >= DOUBT)):
-            reasons[at] = f"in doubt, confidence {view.confidence[at]:.2f}" if known[at] else "in doubt"
+        for at in np.flatnonzero(~(collection.confidence >= DOUBT)):
+            reasons[at] = f"in doubt, confidence {collection.confidence[at]:.2f}" if known[at] else "in doubt"
     if not include_incomplete:
-        reasons[view.is_incomplete] = "incomplete"
+        reasons[collection.is_incomplete] = "incomplete"
     if one_part:
-        reasons[np.setdiff1d(np.arange(view.num_shapes), main_part(view))] = "not aligned with the largest part"
+        reasons[np.setdiff1d(np.arange(len(collection)), main_part(collection))] = "not aligned with the largest part"
     return Members(
         chosen=np.flatnonzero(reasons == ""),
-        left_out=tuple((view.names[at], str(reasons[at])) for at in np.flatnonzero(reasons != "")),
+        left_out=tuple((collection.names[at], str(reasons[at])) for at in np.flatnonzero(reasons != "")),
     )
 
 
-def main_part(view: CollectionView) -> IntArray:
+def main_part(collection: Collection) -> IntArray:
     """Positions of the shapes of the largest part, ascending; between parts no distance means anything."""
-    values, counts = np.unique(view.part_numbers, return_counts=True)
-    return np.flatnonzero(view.part_numbers == values[counts.argmax()])
+    values, counts = np.unique(collection.part_numbers, return_counts=True)
+    return np.flatnonzero(collection.part_numbers == values[counts.argmax()])

@@ -8,15 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from collalign.output.collection import Collection
 from collalign.output.evidence.camera import camera
+from collalign.output.evidence.gather import OWN_MAP, json_types, label_maps, options_record
 from collalign.output.evidence.members import main_part, statistics_members
 from collalign.output.report.coverage import incomplete_content
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import offered_poses, own_disagreements_deg
 from collalign.output.report.statistics import cycle_histogram, shape_map, variation
-from collalign.products.aligned_collection import DOUBT
-from collalign.products.evidence import CollectionView, json_types
 from collalign.products.pair import Pair
+from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.poses import moved_by
 from pairwise.status import Status
@@ -25,13 +26,11 @@ from pairwise.status import Status
 MOST_CATEGORIES = 40
 #: Pairs' own maps are embedded while they have fewer entries than this; afterwards equal labels are shown as matched.
 MOST_MAP_ENTRIES = 3_000_000
-#: ``pair_map`` of a pair that uses the collection's own correspondence.
-_OWN_MAP = -2
 #: A shape this many times larger than the median may leave its tile, so that one huge shape does not shrink the rest.
 _LARGEST_SHOWN = 1.5
 
 
-def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]:
+def build_content(collection: Collection) -> tuple[dict[str, Any], dict[str, str]]:
     """Collect the page's content.
 
     Returns
@@ -43,112 +42,117 @@ def build_content(view: CollectionView) -> tuple[dict[str, Any], dict[str, str]]
     """
     meshes: dict[str, Any] = {}
     blobs: dict[str, str] = {}
-    varied, extra = variation(view)
-    incomplete, parts = incomplete_content(view)
+    varied, extra = variation(collection)
+    incomplete, parts = incomplete_content(collection)
     packed = {
         str(at): pack_mesh(*parts)
-        for at, parts in enumerate(zip(view.vertices, view.faces, view.samples, strict=True))
+        for at, parts in enumerate(zip(collection.vertices, collection.faces, collection.landmarks, strict=True))
     }
-    places = place_meshes(view)
+    places = place_meshes(collection)
     for name, (info, text) in (packed | extra | parts | places).items():
         meshes[name], blobs[f"mesh-{name}"] = info, text
-    pair_fields, blobs["pairs"], statuses = _pairs(view)
-    shape_statistics = shape_map(view)
-    shapes = _shapes(view)
+    pair_fields, blobs["pairs"], statuses = _pairs(collection)
+    shape_statistics = shape_map(collection)
+    shapes = _shapes(collection)
     document = {
         "shapes": shapes,
-        "camera": _camera(view, shapes),
-        "numSamples": view.samples.shape[1],
-        "numParts": len(np.unique(view.part_numbers)),
-        "mainPart": int(view.part_numbers[main_part(view)[0]]),
-        "run": _run_key(view),
-        "labelColors": np.round(sample_colors(view.aligned_samples), 3),
+        "camera": _camera(collection, shapes),
+        "numSamples": collection.landmarks.shape[1],
+        "numParts": len(np.unique(collection.part_numbers)),
+        "mainPart": int(collection.part_numbers[main_part(collection)[0]]),
+        "run": _run_key(collection),
+        "labelColors": np.round(sample_colors(collection.aligned_landmarks), 3),
         "doubtThreshold": DOUBT,
-        "labels": view.labels,
-        "categories": categories(view),
+        "labels": collection.labels,
+        "categories": categories(collection),
         "meshes": meshes,
         "pairFields": pair_fields,
         "statuses": statuses,
-        "orders": _orders(view, shape_statistics),
+        "orders": _orders(collection, shape_statistics),
         "map": shape_statistics,
         "variation": varied,
         "incomplete": incomplete,
-        "places": [f"place-{at}" if f"place-{at}" in places else None for at in range(view.num_shapes)]
+        "places": [f"place-{at}" if f"place-{at}" in places else None for at in range(len(collection))]
         if places
         else [],
-        "cycles": cycle_histogram(view),
-        "excluded": view.excluded,
-        "options": view.options,
-        "versions": view.versions,
-        "timings": view.timings_s,
+        "cycles": cycle_histogram(collection),
+        "excluded": [(one.file, one.reason) for one in collection.excluded],
+        "options": options_record(collection),
+        "versions": collection.run.versions,
+        "timings": collection.run.times_s,
     }
     return json_types(document), blobs
 
 
-def place_meshes(view: CollectionView) -> dict[str, tuple[dict[str, Any], str]]:
+def place_meshes(collection: Collection) -> dict[str, tuple[dict[str, Any], str]]:
     """Return the display meshes of the shapes whose vertices have maps, coloured by place, packed, by name."""
     none = np.empty((0, 3))
     return {
-        f"place-{at}": pack_mesh(view.vertices[at], view.faces[at], none, colours / 255.0)
-        for at, colours in enumerate(view.places)
+        f"place-{at}": pack_mesh(collection.vertices[at], collection.faces[at], none, colours / 255.0)
+        for at, colours in enumerate(collection.places)
         if len(colours)
     }
 
 
-def _run_key(view: CollectionView) -> str:
+def _run_key(collection: Collection) -> str:
     """Digest of names and poses: decisions that a browser remembers belong to one result only."""
-    names = "\0".join(view.names).encode("utf-8", "surrogatepass")
-    return hashlib.sha256(names + np.round(view.transforms, 9).tobytes()).hexdigest()[:32]
+    names = "\0".join(collection.names).encode("utf-8", "surrogatepass")
+    return hashlib.sha256(names + np.round(collection.transforms, 9).tobytes()).hexdigest()[:32]
 
 
-def categories(view: CollectionView) -> list[str]:
+def categories(collection: Collection) -> list[str]:
     """Label columns worth colouring by: at least two values, and few enough that shapes share them."""
-    most = max(2, min(MOST_CATEGORIES, view.num_shapes // 2))
-    return [column for column, values in view.labels.items() if 2 <= len(set(values) - {""}) <= most]
+    most = max(2, min(MOST_CATEGORIES, len(collection) // 2))
+    return [column for column, values in collection.labels.items() if 2 <= len(set(values) - {""}) <= most]
 
 
-def _shapes(view: CollectionView) -> list[dict[str, Any]]:
+def _shapes(collection: Collection) -> list[dict[str, Any]]:
     """Per shape its pose in the display, whose unit is the collection's typical radius."""
-    linear, shift = view.transforms[:, :3, :3], view.transforms[:, :3, 3]
+    linear, shift = collection.transforms[:, :3, :3], collection.transforms[:, :3, 3]
     centroids = np.stack(
-        [_centroid(samples, points) for samples, points in zip(view.samples, view.vertices, strict=True)]
+        [
+            _centroid(samples, points)
+            for samples, points in zip(collection.landmarks, collection.vertices, strict=True)
+        ]
     )
     placed = np.einsum("nij,nj->ni", linear, centroids) + shift
     radii = [
         scale * np.linalg.norm(points - centroid, axis=1).max()
-        for scale, points, centroid in zip(view.scales, view.vertices, centroids, strict=True)
+        for scale, points, centroid in zip(collection.scales, collection.vertices, centroids, strict=True)
     ]
     unit = float(min(np.max(radii), _LARGEST_SHOWN * np.median(radii))) or 1.0
-    middle = placed[main_part(view)].mean(axis=0)
+    middle = placed[main_part(collection)].mean(axis=0)
     return [
         {
             "name": name,
-            "file": view.files[at],
-            "confidence": float(np.clip(np.nan_to_num(view.confidence[at]), 0.0, 1.0)),
-            "reflected": bool(view.reflected[at]),
-            "part": int(view.part_numbers[at]),
-            "coverage": view.coverage[at],
+            "file": collection.files[at],
+            "confidence": float(np.clip(np.nan_to_num(collection.confidence[at]), 0.0, 1.0)),
+            "reflected": bool(collection.reflected[at]),
+            "part": int(collection.part_numbers[at]),
+            "coverage": collection.coverage[at],
             "mesh": str(at),
             "centroid": centroids[at],
-            "scale": view.scales[at] / unit,
+            "scale": collection.scales[at] / unit,
             "offset": (placed[at] - middle) / unit,
-            "R": view.rotations[at],
+            "R": collection.rotations[at],
             "alternatives": [{"R": pose.rotation, "score": -pose.log_odds, "origin": pose.origin} for pose in poses],
         }
-        for at, (name, poses) in enumerate(zip(view.names, offered_poses(view), strict=True))
+        for at, (name, poses) in enumerate(zip(collection.names, offered_poses(collection), strict=True))
     ]
 
 
-def _camera(view: CollectionView, shapes: list[dict[str, Any]]) -> dict[str, Any]:
+def _camera(collection: Collection, shapes: list[dict[str, Any]]) -> dict[str, Any]:
     """From where the sure shapes are looked at, and how far they reach to the side, upwards and to the viewer."""
-    chosen = statistics_members(view).chosen.tolist() or range(view.num_shapes)
-    axes = camera((moved_by(view.transforms[at], view.vertices[at]), view.faces[at]) for at in chosen)
+    chosen = statistics_members(collection).chosen.tolist() or range(len(collection))
+    axes = camera(
+        (moved_by(collection.transforms[at], collection.vertices[at]), collection.faces[at]) for at in chosen
+    )
     reach = []
     for at in chosen:
         shape, pose = shapes[at], np.eye(4)
         pose[:3, :3] = shape["scale"] * shape["R"]
         pose[:3, 3] = shape["offset"] - pose[:3, :3] @ shape["centroid"]
-        reach.append(np.abs(moved_by(pose, view.vertices[at]) @ axes.T).max(axis=0))
+        reach.append(np.abs(moved_by(pose, collection.vertices[at]) @ axes.T).max(axis=0))
     extent = np.minimum(np.max(reach, axis=0), _LARGEST_SHOWN * np.median(reach, axis=0))
     return {"R": axes, "extent": extent}
 
@@ -158,12 +162,12 @@ def _centroid(samples: FloatArray, points: FloatArray) -> FloatArray:
     return np.asarray((known if len(known) else points).mean(axis=0))
 
 
-def _pairs(view: CollectionView) -> tuple[Fields, str, list[str]]:
+def _pairs(collection: Collection) -> tuple[Fields, str, list[str]]:
     """Pack the pairs as arrays of equal length, their poses one after the other."""
-    pairs = view.pairs
+    pairs = collection.pairs
     advice = [Status[pair.status].value if pair.status in Status.__members__ else pair.status for pair in pairs]
     statuses = sorted(set(advice))
-    own = own_disagreements_deg(view)
+    own = own_disagreements_deg(collection)
     energies = np.concatenate([np.empty(0), *(pair.energies for pair in pairs)])
     turns, mirrored = quaternions(np.concatenate([np.empty((0, 3, 3)), *(pair.rotations for pair in pairs)]))
 
@@ -186,7 +190,7 @@ def _pairs(view: CollectionView) -> tuple[Fields, str, list[str]]:
             "poseEnergy": energies.astype(np.float32),
             "poseRotation": np.round(32767 * turns).astype(np.int16),
             "poseMirrored": mirrored,
-            "map": _pair_maps(view),
+            "map": _pair_maps(collection),
         }
     )
     return fields, text, statuses
@@ -196,29 +200,24 @@ def _best_energy(pair: Pair) -> float:
     return float(pair.energies[0]) if len(pair.energies) else float("nan")
 
 
-def _pair_maps(view: CollectionView) -> NDArray[np.int16]:
-    num_samples = view.samples.shape[1]
-    if len(view.pairs) * num_samples > MOST_MAP_ENTRIES or not any(
-        len(pair.map_target_source) for pair in view.pairs
-    ):
+def _pair_maps(collection: Collection) -> NDArray[np.int16]:
+    num_samples = collection.landmarks.shape[1]
+    if len(collection.pairs) * num_samples > MOST_MAP_ENTRIES:
         return np.empty(0, dtype=np.int16)
-    maps = np.full((len(view.pairs), num_samples), _OWN_MAP, dtype=np.int16)
-    for row, pair in zip(maps, view.pairs, strict=True):
-        if len(pair.map_target_source):
-            row[:] = pair.map_target_source
-    return maps
+    maps = label_maps(collection.pairs, collection.maps.labels)
+    return maps.astype(np.int16) if (maps != OWN_MAP).any() else np.empty(0, dtype=np.int16)
 
 
-def _orders(view: CollectionView, shape_statistics: dict[str, Any]) -> dict[str, list[int]]:
+def _orders(collection: Collection, shape_statistics: dict[str, Any]) -> dict[str, list[int]]:
     """Orders of rows for the matrix of pairs."""
-    every = list(range(view.num_shapes))
+    every = list(range(len(collection)))
     orders: dict[str, list[int]] = {}
     if "tree" in shape_statistics:
         members = shape_statistics["members"]
         similar = [members[leaf] for leaf in shape_statistics["tree"]["order"]]
         orders["similarity"] = similar + [at for at in every if at not in set(similar)]
-    orders["name"] = sorted(every, key=lambda at: view.names[at])
-    orders["confidence"] = np.argsort(np.nan_to_num(view.confidence), kind="stable").tolist()
-    for column in categories(view):
-        orders[column] = sorted(every, key=lambda at, values=view.labels[column]: (values[at], at))  # type: ignore[misc]
+    orders["name"] = sorted(every, key=lambda at: collection.names[at])
+    orders["confidence"] = np.argsort(np.nan_to_num(collection.confidence), kind="stable").tolist()
+    for column in categories(collection):
+        orders[column] = sorted(every, key=lambda at, values=collection.labels[column]: (values[at], at))  # type: ignore[misc]
     return orders

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign.analysis.warp import thin_plate_warp
+from collalign.output.collection import Collection
 from collalign.output.evidence.members import main_part
 from collalign.output.report.payload import pack_mesh
-from collalign.products.evidence import CollectionView
 from collalign.products.incomplete import Incomplete
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
@@ -65,7 +65,7 @@ class _Posed:
         return ~lies_beyond(np.maximum(distances - self.spacing, 0.0), self.on_rim[nearest], self.radius)
 
 
-def incomplete_content(view: CollectionView) -> tuple[dict[str, Any], Meshes]:
+def incomplete_content(collection: Collection) -> tuple[dict[str, Any], Meshes]:
     """Return what is drawn and listed of the incomplete shapes; nothing where all are complete.
 
     Returns
@@ -75,30 +75,33 @@ def incomplete_content(view: CollectionView) -> tuple[dict[str, Any], Meshes]:
     meshes : dict of str to (info, text)
         In file coordinates of the shape that each is drawn with. Values are shares in [0, 1].
     """
-    if not view.incomplete:
+    if not collection.incomplete:
         return {}, {}
-    listed = sorted(view.incomplete, key=lambda one: (one.coverage, one.shape))
-    posed = {i: _posed(view, i) for one in listed for i in (one.shape, *one.partners.tolist())}
+    listed = sorted(collection.incomplete, key=lambda one: (one.coverage, one.shape))
+    posed = {i: _posed(collection, i) for one in listed for i in (one.shape, *one.partners.tolist())}
     meshes: Meshes = {}
-    typical = _typical(view)
-    content: dict[str, Any] = {"shapes": [_entry(view, one) for one in listed], "drawn": min(len(listed), MOST_DRAWN)}
+    typical = _typical(collection)
+    content: dict[str, Any] = {
+        "shapes": [_entry(collection, one) for one in listed],
+        "drawn": min(len(listed), MOST_DRAWN),
+    }
     for entry, one in zip(content["shapes"], listed[:MOST_DRAWN], strict=False):
         others = [posed[i] for i in one.partners.tolist()]
         own = posed[one.shape]
         shares = np.mean([other.has(own.vertices) for other in others], axis=0)
-        entry["own"] = _add(meshes, f"coverage-{one.shape}", view, one.shape, own, shares)
-        missing = None if typical is None else _missing_part(view, typical, one.shape, own)
+        entry["own"] = _add(meshes, f"coverage-{one.shape}", collection, one.shape, own, shares)
+        missing = None if typical is None else _missing_part(collection, typical, one.shape, own)
         if missing is not None:
-            entry["completed"] = _add(meshes, f"missing-{one.shape}", view, one.shape, missing)
+            entry["completed"] = _add(meshes, f"missing-{one.shape}", collection, one.shape, missing)
     if typical is not None:
-        surface = posed.get(typical) or _posed(view, typical)
+        surface = posed.get(typical) or _posed(collection, typical)
         shares = np.mean([posed[one.shape].has(surface.vertices) for one in listed[:MOST_DRAWN]], axis=0)
-        mesh = _add(meshes, "coverage-typical", view, typical, surface, shares)
+        mesh = _add(meshes, "coverage-typical", collection, typical, surface, shares)
         content["typical"] = {"shape": typical, "mesh": mesh}
     return content, meshes
 
 
-def _entry(view: CollectionView, one: Incomplete) -> dict[str, Any]:
+def _entry(collection: Collection, one: Incomplete) -> dict[str, Any]:
     """Return what is known of one shape without pictures."""
     return {
         "shape": one.shape,
@@ -106,49 +109,54 @@ def _entry(view: CollectionView, one: Incomplete) -> dict[str, Any]:
         "coverage": one.coverage,
         "partners": one.partners,
         "overlaps": one.overlaps,
-        "points": [int(np.isfinite(view.samples[one.shape]).all(axis=1).sum()), view.samples.shape[1]],
+        "points": [
+            int(np.isfinite(collection.landmarks[one.shape]).all(axis=1).sum()),
+            collection.landmarks.shape[1],
+        ],
     }
 
 
-def _posed(view: CollectionView, at: int) -> _Posed:
-    T = view.transforms[at]
-    return _Posed(moved_by(T, view.vertices[at]), view.faces[at])
+def _posed(collection: Collection, at: int) -> _Posed:
+    T = collection.transforms[at]
+    return _Posed(moved_by(T, collection.vertices[at]), collection.faces[at])
 
 
 def _add(
-    meshes: Meshes, name: str, view: CollectionView, at: int, surface: _Posed, shares: FloatArray | None = None
+    meshes: Meshes, name: str, collection: Collection, at: int, surface: _Posed, shares: FloatArray | None = None
 ) -> str:
     """Pack a mesh of the common frame in the file coordinates of a shape, and return its name."""
-    inverse = np.linalg.inv(view.transforms[at])
+    inverse = np.linalg.inv(collection.transforms[at])
     points = moved_by(inverse, surface.vertices)
     meshes[name] = pack_mesh(points, surface.faces, _NONE, () if shares is None else shares)
     return name
 
 
-def _typical(view: CollectionView) -> int | None:
+def _typical(collection: Collection) -> int | None:
     """Return the complete shape of the main part whose samples are nearest to the mean; None where there is none."""
-    whole = np.array([i for i in main_part(view).tolist() if not view.is_incomplete[i]], dtype=np.int64)
+    whole = np.array([i for i in main_part(collection).tolist() if not collection.is_incomplete[i]], dtype=np.int64)
     if not len(whole):
         return None
-    samples = view.aligned_samples[whole]
+    samples = collection.aligned_landmarks[whole]
     gaps = np.linalg.norm(samples - np.nanmean(samples, axis=0), axis=2)
     return int(whole[np.nanmean(gaps, axis=1).argmin()])
 
 
-def _missing_part(view: CollectionView, typical: int, at: int, own: _Posed) -> _Posed | None:
+def _missing_part(collection: Collection, typical: int, at: int, own: _Posed) -> _Posed | None:
     """Return the part of the mean surface that a shape lacks, carried there by the points that it has.
 
     The mean surface is that of the typical shape, its points taken to the means over the complete shapes by a
     smoothing thin-plate spline; another one takes the means to the points of the incomplete shape.
     """
-    samples = view.aligned_samples
-    mean = np.nanmean(samples[~view.is_incomplete & (view.part_numbers == view.part_numbers[typical])], axis=0)
+    samples = collection.aligned_landmarks
+    mean = np.nanmean(
+        samples[~collection.is_incomplete & (collection.part_numbers == collection.part_numbers[typical])], axis=0
+    )
     known = np.isfinite(mean).all(axis=1) & np.isfinite(samples[typical]).all(axis=1)
     shared = known & np.isfinite(samples[at]).all(axis=1)
     if shared.sum() < _MIN_WARP_LABELS:
         return None
     smoothing = float(np.median(cKDTree(mean[known]).query(mean[known], k=2)[0][:, 1]))
-    surface = _posed(view, typical)
+    surface = _posed(collection, typical)
     try:
         average = thin_plate_warp(surface.vertices, samples[typical][known], mean[known], smoothing=smoothing)
         carried = thin_plate_warp(average, mean[shared], samples[at][shared], smoothing=smoothing)

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from collalign.output.collection import Collection
 from collalign.output.report.content import build_content
 from collalign.output.report.shown import MOST_SHOWN, page_members, shown_part, some_shapes
-from collalign.products.aligned_collection import DOUBT
-from collalign.products.evidence import CollectionView
+from collalign.products.trust import DOUBT
 from data_tools.percent import percent
 from data_tools.threads import one_blas_thread
 
@@ -38,19 +38,19 @@ class Page:
     title : str
     summary : str
         HTML below the title.
-    shown : CollectionView
+    shown : Collection
         What the page shows.
     """
 
     path: Path
     title: str
     summary: str
-    shown: CollectionView
+    shown: Collection
 
     def text(self) -> str:
         """Return the page as HTML text."""
         document, blobs = build_content(self.shown)
-        version = str(self.shown.versions.get("collalign", ""))
+        version = str(self.shown.run.versions.get("collalign", ""))
         return render_page(self.title, self.summary, document, blobs, version=version)
 
     def write(self) -> None:
@@ -60,12 +60,12 @@ class Page:
 
 
 @one_blas_thread()
-def write_report(view: CollectionView, path: Path | str, *, title: str = "Aligned collection") -> Path:
+def write_report(collection: Collection, path: Path | str, *, title: str = "Aligned collection") -> Path:
     """Write a self-contained ``report.html``; of a large collection also pages with all shapes, beside it.
 
     Parameters
     ----------
-    view : CollectionView
+    collection : Collection
     path : path
         The file to write, or a folder that receives ``report.html``.
     title : str
@@ -74,32 +74,32 @@ def write_report(view: CollectionView, path: Path | str, *, title: str = "Aligne
     Returns
     -------
     Path
-        The file written; the same view gives the same bytes.
+        The file written; the same collection gives the same bytes.
     """
     target = Path(path)
     if target.suffix.lower() not in (".html", ".htm"):
         target.mkdir(parents=True, exist_ok=True)
         target = target / "report.html"
-    for page in report_pages(view, target, title=title):
+    for page in report_pages(collection, target, title=title):
         page.write()
     return target
 
 
-def report_pages(view: CollectionView, path: Path, *, title: str) -> Iterator[Page]:
+def report_pages(collection: Collection, path: Path, *, title: str) -> Iterator[Page]:
     """Yield the page of a report, and of a large collection the further pages that show all shapes.
 
     Parameters
     ----------
-    view : CollectionView
+    collection : Collection
     path : Path
         Of the first page.
     title : str
     """
-    yield _first_page(view, path, title)
-    if view.num_shapes > MOST_SHOWN:
-        pages = page_members(view)
+    yield _first_page(collection, path, title)
+    if len(collection) > MOST_SHOWN:
+        pages = page_members(collection)
         for number, members in enumerate(pages, 1):
-            shown = some_shapes(view, members)
+            shown = some_shapes(collection, members)
             summary = f"{_steps(number, len(pages), path.name)}{_summary(shown, ())}"
             place = path.parent / page_path(number)
             yield Page(path=place, title=f"{title}, page {number}", summary=summary, shown=shown)
@@ -111,29 +111,29 @@ def page_path(number: int) -> str:
 
 
 @one_blas_thread()
-def render_report(view: CollectionView, *, title: str = "Aligned collection") -> str:
+def render_report(collection: Collection, *, title: str = "Aligned collection") -> str:
     """Return the report as HTML text; of a large collection its first page."""
-    return _first_page(view, Path("report.html"), title).text()
+    return _first_page(collection, Path("report.html"), title).text()
 
 
-def _first_page(view: CollectionView, path: Path, title: str) -> Page:
-    shown = shown_part(view)
-    every = _every_shape(view) if view.num_shapes > MOST_SHOWN else ""
-    return Page(path=path, title=title, summary=_summary(view, shown.notes) + every, shown=shown)
+def _first_page(collection: Collection, path: Path, title: str) -> Page:
+    shown = shown_part(collection)
+    every = _every_shape(collection) if len(collection) > MOST_SHOWN else ""
+    return Page(path=path, title=title, summary=_summary(collection, shown.notes) + every, shown=shown)
 
 
-def _every_shape(view: CollectionView) -> str:
+def _every_shape(collection: Collection) -> str:
     """Return the list of all shapes by name, each with a link to the page that shows it."""
-    pages = page_members(view)
-    number = np.empty(view.num_shapes, dtype=np.int64)
+    pages = page_members(collection)
+    number = np.empty(len(collection), dtype=np.int64)
     for at, members in enumerate(pages, 1):
         number[members] = at
     items = [
-        f'<li><a href="{page_path(int(number[i]))}">{html.escape(name)}</a> {percent(view.confidence[i])}</li>'
-        for i, name in enumerate(view.names)
+        f'<li><a href="{page_path(int(number[i]))}">{html.escape(name)}</a> {percent(collection.confidence[i])}</li>'
+        for i, name in enumerate(collection.names)
     ]
     return (
-        f'<details class="every"><summary>All {view.num_shapes} shapes, on {len(pages)} more pages in the folder '
+        f'<details class="every"><summary>All {len(collection)} shapes, on {len(pages)} more pages in the folder '
         f"{PAGES_FOLDER}: each shows shapes that were compared with each other. The browser's search finds names."
         f"</summary><div tabindex='0'><ul>{''.join(items)}</ul></div></details>"
     )
@@ -194,27 +194,27 @@ def _json_for_html(document: object) -> str:
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
-def _summary(view: CollectionView, notes: tuple[str, ...]) -> str:
+def _summary(collection: Collection, notes: tuple[str, ...]) -> str:
     """The first thing a reader sees: what to look at and what is missing, in the whole collection; then the rest."""
-    order = np.argsort(np.nan_to_num(view.confidence), kind="stable").tolist()
-    doubtful = [view.names[at] for at in order if not view.confidence[at] >= DOUBT]
-    num_parts = len(np.unique(view.part_numbers))
-    words = [f"{view.num_shapes - len(doubtful)} of {view.num_shapes} poses are sure."]
+    order = np.argsort(np.nan_to_num(collection.confidence), kind="stable").tolist()
+    doubtful = [collection.names[at] for at in order if not collection.confidence[at] >= DOUBT]
+    num_parts = len(np.unique(collection.part_numbers))
+    words = [f"{len(collection) - len(doubtful)} of {len(collection)} poses are sure."]
     if doubtful:
         more = f' and <a href="#confidence">{len(doubtful) - _MOST_NAMED} more</a>' if doubtful[_MOST_NAMED:] else ""
         words.append(f"Look at: {', '.join(map(_opener, doubtful[:_MOST_NAMED]))}{more}.")
     if num_parts > 1:
         words.append(f"The shapes form {num_parts} parts that are not surely joined.")
-    if view.excluded:
-        num = len(view.excluded)
+    if collection.excluded:
+        num = len(collection.excluded)
         words.append(f'<a href="#excluded">{num} {"file" if num == 1 else "files"} left out</a>.')
     kind = "warn" if len(words) > 1 else "plain"
-    against = sum(not pair.inlier for pair in view.pairs)
-    incomplete = f", {len(view.incomplete)} of them incomplete" if view.incomplete else ""
+    against = sum(not pair.inlier for pair in collection.pairs)
+    incomplete = f", {len(collection.incomplete)} of them incomplete" if collection.incomplete else ""
     facts = [
-        (view.num_shapes, f"shapes aligned{incomplete}"),
-        (int(view.reflected.sum()), "of them mirrored"),
-        (len(view.pairs), f"pairs compared, {against} contradict the common poses"),
+        (len(collection), f"shapes aligned{incomplete}"),
+        (int(collection.reflected.sum()), "of them mirrored"),
+        (len(collection.pairs), f"pairs compared, {against} contradict the common poses"),
     ]
     items = "".join(f"<li><strong>{value}</strong>{said}</li>" for value, said in facts)
     listed = "".join(f"<li>{html.escape(note)}</li>" for note in notes)

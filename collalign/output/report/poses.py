@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 
-from collalign.products.evidence import CollectionView
+from collalign.output.collection import Collection
 from collalign.products.pair import Alternative
 from data_tools.arrays import FloatArray
 from data_tools.poses import APART_DEG, keep_apart
@@ -16,36 +16,36 @@ from data_tools.rotations import rotation_angle_deg
 MOST_POSES = 6
 
 
-def offered_poses(view: CollectionView) -> tuple[tuple[Alternative, ...], ...]:
+def offered_poses(collection: Collection) -> tuple[tuple[Alternative, ...], ...]:
     """For every shape its alternatives, completed by half turns about the principal axes of the collection's mean.
 
     Wrong poses are mostly half turns, and a shape whose pairs agree on a wrong pose has no alternative of its own.
     """
-    turns = _half_turns(view)
+    turns = _half_turns(collection)
     offered = []
-    for R, poses in zip(view.rotations, view.alternatives, strict=True):
+    for R, poses in zip(collection.rotations, collection.alternatives, strict=True):
         known = (*poses, *(Alternative(rotation=turn @ R, origin="half turn") for turn in turns))
         rotations = np.stack([R, *(one.rotation for one in known)])
         offered.append(tuple(known[at - 1] for at in keep_apart(rotations, APART_DEG, num=MOST_POSES + 1)[1:]))
     return tuple(offered)
 
 
-def own_disagreements_deg(view: CollectionView) -> FloatArray:
+def own_disagreements_deg(collection: Collection) -> FloatArray:
     """Return the angle between each pair's own best pose, chosen or not, and the collection's, shape (E,).
 
     Infinite where they disagree on handedness, NaN where the pair has no pose.
     """
-    angles = np.full(len(view.pairs), np.nan)
-    for e, pair in enumerate(view.pairs):
+    angles = np.full(len(collection.pairs), np.nan)
+    for e, pair in enumerate(collection.pairs):
         if len(pair.rotations):
-            common = view.rotations[pair.target].T @ view.rotations[pair.source]
+            common = collection.rotations[pair.target].T @ collection.rotations[pair.source]
             angles[e] = np.nan_to_num(rotation_angle_deg(pair.rotations[0], common), nan=np.inf)
     return angles
 
 
-def _half_turns(view: CollectionView) -> FloatArray:
+def _half_turns(collection: Collection) -> FloatArray:
     """Rotations by 180 degrees about the principal axes of all aligned samples, shape (3, 3, 3)."""
-    points = view.aligned_samples.reshape(-1, 3)
+    points = collection.aligned_landmarks.reshape(-1, 3)
     points = points[~np.isnan(points).any(axis=1)]
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2] if len(points) > 2 else np.eye(3)
     return cast(FloatArray, 2 * axes[:, :, None] * axes[:, None, :] - np.eye(3))

@@ -7,79 +7,93 @@ shapes that were compared with each other.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from collalign.products.evidence import CollectionView
+from collalign.output.collection import Collection
+from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.incomplete import Incomplete
 from data_tools.arrays import IntArray
 
+T = TypeVar("T")
 #: Most shapes of a page. With so many it opens in seconds; matrix, map and tree grow with their square.
 MOST_SHOWN = 600
 
 
-def shown_part(view: CollectionView, most: int = MOST_SHOWN) -> CollectionView:
+def shown_part(collection: Collection, most: int = MOST_SHOWN) -> Collection:
     """Return the collection as far as a page shows it: all of it, or a choice of its shapes with a note that says so.
 
     Parameters
     ----------
-    view : CollectionView
+    collection : Collection
     most : int
         Shapes to show.
     """
-    if view.num_shapes <= most:
-        return view
+    if len(collection) <= most:
+        return collection
     note = (
-        f"{most} of {view.num_shapes} shapes are shown below, the {most // 2} most doubtful ones and others evenly "
+        f"{most} of {len(collection)} shapes are shown below, the {most // 2} most doubtful ones and others evenly "
         "spaced; alignment.json, pairs.csv and the exports hold all of them."
     )
-    part = some_shapes(view, chosen_shapes(view, most))
-    return replace(part, notes=(*view.notes, note))
+    part = some_shapes(collection, chosen_shapes(collection, most))
+    return replace(part, notes=(*collection.notes, note))
 
 
-def page_members(view: CollectionView, most: int = MOST_SHOWN) -> list[IntArray]:
+def page_members(collection: Collection, most: int = MOST_SHOWN) -> list[IntArray]:
     """Return the shapes of each of the pages that show all: about as many on each, most pairs within a page.
 
     Shapes are ordered so that those that were matched and agree are near each other (Cuthill and McKee 1969).
     """
-    ends = np.array([(pair.target, pair.source) for pair in view.pairs if pair.inlier], dtype=np.int64).reshape(-1, 2)
+    ends = np.array([(pair.target, pair.source) for pair in collection.pairs if pair.inlier], dtype=np.int64).reshape(
+        -1, 2
+    )
     rows, cols = np.concatenate([ends, ends[:, ::-1]]).T
-    graph = coo_array((np.ones(len(rows)), (rows, cols)), shape=(view.num_shapes, view.num_shapes)).tocsr()
+    graph = coo_array((np.ones(len(rows)), (rows, cols)), shape=(len(collection), len(collection))).tocsr()
     order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
-    return [np.sort(members) for members in np.array_split(order, -(-view.num_shapes // most))]
+    return [np.sort(members) for members in np.array_split(order, -(-len(collection) // most))]
 
 
-def some_shapes(view: CollectionView, chosen: IntArray) -> CollectionView:
+def some_shapes(collection: Collection, chosen: IntArray) -> Collection:
     """Return the collection as if there were only some of its shapes, given by position, ascending."""
     position = {int(shape): at for at, shape in enumerate(chosen)}
+    names = tuple(collection.names[i] for i in chosen)
     return replace(
-        view,
-        names=tuple(view.names[i] for i in chosen),
-        files=tuple(view.files[i] for i in chosen),
-        transforms=view.transforms[chosen],
-        confidence=view.confidence[chosen],
-        samples=view.samples[chosen],
-        vertices=tuple(view.vertices[i] for i in chosen),
-        faces=tuple(view.faces[i] for i in chosen),
-        alternatives=tuple(view.alternatives[i] for i in chosen),
-        part_numbers=view.part_numbers[chosen],
-        labels={column: tuple(values[i] for i in chosen) for column, values in view.labels.items()},
+        collection,
+        names=names,
+        files=tuple(collection.files[i] for i in chosen),
+        transforms=collection.transforms[chosen],
+        confidence=collection.confidence[chosen],
+        samples=collection.samples[chosen],
+        positions=collection.positions[chosen],
+        maps=ConsistentMaps(names=names, labels=collection.maps.labels[chosen]),
+        landmarks=collection.landmarks[chosen],
+        vertices=_of(collection.vertices, chosen),
+        faces=_of(collection.faces, chosen),
+        alternatives=tuple(collection.alternatives[i] for i in chosen),
+        part_numbers=collection.part_numbers[chosen],
+        labels={column: tuple(values[i] for i in chosen) for column, values in collection.labels.items()},
         pairs=tuple(
             replace(pair, target=position[pair.target], source=position[pair.source])
-            for pair in view.pairs
+            for pair in collection.pairs
             if pair.target in position and pair.source in position
         ),
-        incomplete=_chosen_incomplete(view, position),
-        places=tuple(view.places[i] for i in chosen) if view.places else (),
+        incomplete=_chosen_incomplete(collection, position),
+        places=_of(collection.places, chosen),
     )
 
 
-def _chosen_incomplete(view: CollectionView, position: dict[int, int]) -> tuple[Incomplete, ...]:
+def _of(meshes: tuple[T, ...], chosen: IntArray) -> tuple[T, ...]:
+    """Return what belongs to the chosen shapes; nothing where there is nothing yet."""
+    return tuple(meshes[i] for i in chosen) if meshes else ()
+
+
+def _chosen_incomplete(collection: Collection, position: dict[int, int]) -> tuple[Incomplete, ...]:
     """Return the incomplete shapes that are shown, with those of their partners that are."""
     chosen = []
-    for one in view.incomplete:
+    for one in collection.incomplete:
         kept = np.array([partner in position for partner in one.partners.tolist()], dtype=bool)
         if one.shape in position:
             partners = np.array([position[i] for i in one.partners[kept].tolist()], dtype=np.int64)
@@ -87,9 +101,9 @@ def _chosen_incomplete(view: CollectionView, position: dict[int, int]) -> tuple[
     return tuple(chosen)
 
 
-def chosen_shapes(view: CollectionView, most: int) -> IntArray:
+def chosen_shapes(collection: Collection, most: int) -> IntArray:
     """Return positions of the least confident shapes, half of ``most``, and of others evenly spaced; ascending."""
-    order = np.argsort(np.nan_to_num(view.confidence), kind="stable")
+    order = np.argsort(np.nan_to_num(collection.confidence), kind="stable")
     doubtful, others = order[: most // 2], np.sort(order[most // 2 :])
     spaced = others[np.linspace(0, len(others) - 1, most - len(doubtful)).round().astype(np.int64)]
     return np.sort(np.concatenate([doubtful, spaced]))

@@ -17,9 +17,9 @@ from collalign.analysis.procrustes import (
     procrustes_distances,
 )
 from collalign.analysis.warp import thin_plate_warp
+from collalign.output.collection import Collection
 from collalign.output.evidence.members import statistics_members
 from collalign.output.report.payload import pack_mesh
-from collalign.products.evidence import CollectionView
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 
@@ -30,13 +30,13 @@ _MIN_WARP_LABELS = 5
 _HISTOGRAM_BINS = 36
 
 
-def shape_map(view: CollectionView) -> dict[str, Any]:
+def shape_map(collection: Collection) -> dict[str, Any]:
     """Coordinates by principal components and by multidimensional scaling, and the cophenetic tree."""
-    who = statistics_members(view)
+    who = statistics_members(collection)
     members = who.chosen
     if who.too_few(2):
         return {"problem": f"No map: {who.too_few(2)}."}
-    samples = view.aligned_samples[members]
+    samples = collection.aligned_landmarks[members]
     distances = procrustes_distances(samples)
     if np.isnan(distances).any():
         return {"problem": "No map: it needs shapes that have three or more sample points in common."}
@@ -64,7 +64,7 @@ def shape_map(view: CollectionView) -> dict[str, Any]:
     }
 
 
-def variation(view: CollectionView) -> tuple[dict[str, Any], dict[str, tuple[dict[str, Any], str]]]:
+def variation(collection: Collection) -> tuple[dict[str, Any], dict[str, tuple[dict[str, Any], str]]]:
     """Surfaces of the mean and of the mean +-2 standard deviations along the first principal components.
 
     Returns
@@ -74,11 +74,11 @@ def variation(view: CollectionView) -> tuple[dict[str, Any], dict[str, tuple[dic
     meshes : dict of str to (info, text)
         Packed by :func:`collalign.output.report.payload.pack_mesh`.
     """
-    who = statistics_members(view)
+    who = statistics_members(collection)
     members = who.chosen
     if who.too_few(MIN_LABELS):
         return {"problem": f"Not drawn: {who.too_few(MIN_LABELS)}."}, {}
-    samples = view.aligned_samples[members]
+    samples = collection.aligned_landmarks[members]
     labels = common_labels(samples)
     if labels.sum() < _MIN_WARP_LABELS:
         return {"problem": "Not drawn: it needs shapes with five or more sample points in common."}, {}
@@ -87,12 +87,12 @@ def variation(view: CollectionView) -> tuple[dict[str, Any], dict[str, tuple[dic
     typical = members[np.linalg.norm(superimposed.aligned - superimposed.mean, axis=(1, 2)).argmin()]
     try:
         content, meshes = _surfaces(
-            view.vertices[typical], view.faces[typical], view.samples[typical][labels], components
+            collection.vertices[typical], collection.faces[typical], collection.landmarks[typical][labels], components
         )
     except InputError as error:
         return {"problem": f"Not drawn: {error}."}, {}
     content["words"] = (
-        f"The surface of {view.names[typical]}, the shape nearest the mean, carried along by a smoothing "
+        f"The surface of {collection.names[typical]}, the shape nearest the mean, carried along by a smoothing "
         f"thin-plate spline to the mean and to {DEVIATIONS:g} standard deviations on either side. "
         f"Brighter: moved further. {who.sentence}"
     )
@@ -125,9 +125,9 @@ def _surfaces(
     return {"components": listed, "mean": "mean"}, meshes
 
 
-def cycle_histogram(view: CollectionView) -> dict[str, Any]:
+def cycle_histogram(collection: Collection) -> dict[str, Any]:
     """Counts of cycle errors in bins of equal width."""
-    errors = view.cycle_errors_deg[~np.isnan(view.cycle_errors_deg)]
+    errors = collection.cycle_errors_deg[~np.isnan(collection.cycle_errors_deg)]
     if not len(errors):
         return {
             "edges": [],

@@ -1,17 +1,14 @@
-"""Adds incomplete shapes to the aligned complete ones, which stay exactly as they are without them."""
+"""Poses incomplete shapes on the complete ones, which stay exactly as they are without them."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
-from collalign.products.aligned_collection import Collection, ConsistentMaps
 from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair
@@ -20,13 +17,12 @@ from collalign.products.trust import KINDS, Trust
 from collalign.stages.incomplete.place import nearest_labels, place_shape, pose_certainty
 from collalign.stages.incomplete.posed_points import prepare_points
 from collalign.stages.poses.placement import common_positions
+from collalign.stages.steps import Posed, Run
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.percent import percent
 from data_tools.poses import AGREE_DEG, turn_deg
 from pairwise.status import Status
 
-#: A collection, as it came.
-CollectionT = TypeVar("CollectionT", bound=Collection)
 #: Complete shapes that an incomplete one is posed on.
 MAX_PARTNERS = 8
 #: Of these, the ones of at least this confidence come first.
@@ -35,35 +31,25 @@ SURE = 0.9
 MAX_ALTERNATIVES = 3
 
 
-def with_incomplete(
-    session: AlignSession,
-    shapes: Shapes,
-    complete: CollectionT,
-    reasons: Mapping[int, str],
-    constraints: Constraints,
-) -> CollectionT:
-    """Return the collection with its incomplete shapes posed on the complete ones.
+def with_incomplete(run: Run, complete: Posed, reasons: Mapping[int, str]) -> Posed:
+    """Return the poses of all shapes: the incomplete ones are posed on the complete ones, which stay as they are.
 
     Parameters
     ----------
-    session : Session
-        Its group is decided.
-    shapes : Shapes
-        All shapes.
-    complete : Collection
-        Of the others, in their order.
+    run : Run
+        Of all shapes; its group is decided.
+    complete : Posed
+        The other shapes, in their order.
     reasons : mapping of int to str
         Positions of the incomplete shapes among all, and why they count as such.
-    constraints : Constraints
-        By position among all shapes.
     """
-    start_s = time.perf_counter()
+    shapes = run.shapes
     at = np.array([i for i in range(len(shapes.names)) if i not in reasons])
-    partners = _partners(shapes, complete, at)
-    found = place_on(session, shapes, sorted(reasons), at[partners], complete.transforms[partners], constraints)
-    merged = _merged(shapes, complete, at, found, reasons, at[partners], constraints.fixed_transforms)
-    times_s = complete.run.times_s | {"incomplete shapes": time.perf_counter() - start_s}
-    return replace(merged, run=replace(complete.run, times_s=times_s))
+    chosen = _partners(shapes, complete, at)
+    partners = at[chosen]
+    with run.stage("incomplete shapes"):
+        found = place_on(run.session, shapes, sorted(reasons), partners, complete.transforms[chosen], run.constraints)
+    return _merged(run, complete, at, found, reasons, partners)
 
 
 def place_on(
@@ -91,46 +77,45 @@ def place_on(
     return session.spread("incomplete shapes", place_shape, tasks)
 
 
-def _partners(shapes: Shapes, complete: Collection, at: IntArray) -> IntArray:
+def _partners(shapes: Shapes, complete: Posed, at: IntArray) -> IntArray:
     """Return the complete shapes, by position among them, that others are posed on: sure ones, by content."""
-    part = max(complete.parts, key=len)
-    order = sorted(part.tolist(), key=lambda c: (not complete.confidence[c] >= SURE, shapes.keys[at[c]]))
+    part, confidence = max(complete.solution.parts, key=len), complete.solution.confidence
+    order = sorted(part.tolist(), key=lambda c: (not confidence[c] >= SURE, shapes.keys[at[c]]))
     return np.array(sorted(order[:MAX_PARTNERS]), dtype=np.int64)
 
 
 def _merged(
-    shapes: Shapes,
-    complete: CollectionT,
+    run: Run,
+    complete: Posed,
     at: IntArray,
     found: Mapping[int, Record],
     reasons: Mapping[int, str],
     partners: IntArray,
-    fixed: Mapping[int, FloatArray],
-) -> CollectionT:
-    """Return all shapes as one collection, in the order of the folder; fixed transforms stay to the bit."""
-    num, samples = len(shapes.names), shapes.samples
+) -> Posed:
+    """Return the poses of all shapes, in the order of the folder; fixed transforms stay to the bit."""
+    names, solution = run.shapes.names, complete.solution
+    num = len(names)
     transforms, rotations = np.tile(np.eye(4), (num, 1, 1)), np.tile(np.eye(3), (num, 1, 1))
     confidence = np.full(num, np.nan)
     alternatives: list[tuple[Alternative, ...]] = [()] * num
-    transforms[at], rotations[at], confidence[at] = complete.transforms, complete.rotations, complete.confidence
+    labels = np.full((num, complete.labels.shape[1]), -1, dtype=np.int64)
+    transforms[at], rotations[at] = complete.transforms, complete.rotations
+    confidence[at], labels[at] = solution.confidence, complete.labels
     for c, i in enumerate(at):
-        alternatives[i] = complete.alternatives[c]
+        alternatives[i] = solution.alternatives[c]
     for i, record in found.items():
         rotations[i] = record["turns"][0]
         transforms[i, :3, :3] = record["scales"][0] * record["turns"][0]
         transforms[i, :3, 3] = record["shifts"][0]
-        transforms[i] = fixed.get(i, transforms[i])
+        transforms[i] = run.constraints.fixed_transforms.get(i, transforms[i])
         confidence[i] = pose_certainty(record)
         alternatives[i] = alternatives_of(record)
-    positions = common_positions(samples, transforms)
-    labels = np.full((num, complete.maps.labels.shape[1]), -1, dtype=np.int64)
-    labels[at] = complete.maps.labels
-    for i in found:
-        labels[i] = nearest_labels(positions[i], complete.consensus)
+        placed = common_positions([run.shapes.samples[i]], transforms[i][None])[0]
+        labels[i] = nearest_labels(placed, complete.consensus)
     pairs = [replace(pair, target=int(at[pair.target]), source=int(at[pair.source])) for pair in complete.pairs]
     for i, record in found.items():
         pairs.extend(incomplete_pairs(i, record, partners[partners != i], rotations, labels))
-    parts = [at[part] for part in complete.parts]
+    parts = [at[part] for part in solution.parts]
     largest = max(range(len(parts)), key=lambda n: len(parts[n]))
     parts[largest] = np.sort(np.concatenate([parts[largest], np.array(sorted(found), dtype=np.int64)]))
     incomplete = tuple(
@@ -138,28 +123,14 @@ def _merged(
     )
     return replace(
         complete,
-        names=shapes.names,
-        files=shapes.files,
-        digests=shapes.digests,
-        transforms=read_only(transforms),
-        rotations=read_only(rotations),
-        reflected=read_only(np.linalg.det(rotations) < 0),
-        confidence=read_only(confidence),
-        samples=tuple(item.vertex_indices for item in samples),
-        positions=read_only(positions),
-        coordinates=read_only(np.stack([item.coordinates for item in samples])),
-        invariants=read_only(np.stack([item.invariants for item in samples])),
-        maps=ConsistentMaps(
-            names=shapes.names,
-            labels=read_only(labels),
-            vertices=_vertex_maps(complete.maps.vertices, [shapes.names[i] for i in found]),
-        ),
-        pairs=tuple(pairs),
-        alternatives=tuple(alternatives),
-        parts=tuple(read_only(part) for part in parts),
-        notes=(*complete.notes, incomplete_note(shapes.names, incomplete)),
-        shape_notes=tuple(item.notes for item in samples),
+        pairs=pairs,
+        solution=replace(solution, confidence=confidence, alternatives=tuple(alternatives), parts=tuple(parts)),
+        rotations=rotations,
+        transforms=transforms,
+        labels=labels,
+        notes=(*complete.notes, incomplete_note(names, incomplete)),
         trust=_trust(complete.trust, at, num),
+        vertices=_vertex_maps(complete.vertices, [names[i] for i in found]),
         incomplete=incomplete,
     )
 

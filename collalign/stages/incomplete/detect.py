@@ -12,7 +12,8 @@ from scipy.spatial import cKDTree
 from collalign.confidence.incomplete_model import BEYOND, MISSING_SHARE
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
-from collalign.products.aligned_collection import Collection
+from collalign.products.pair import Pair
+from collalign.products.shapes import Shapes
 from collalign.stages.incomplete.posed_points import surface_from_record
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
@@ -59,34 +60,38 @@ def told_incomplete(options: AlignOptions, names: Sequence[str], found: Iterable
     return {names.index(name): TOLD for name in sorted(set(asked))}
 
 
-def find_incomplete(session: AlignSession, samples: Sequence[Samples], aligned: Collection) -> dict[int, str]:
+def find_incomplete(
+    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], transforms: FloatArray
+) -> dict[int, str]:
     """Return the shapes beyond whose rim those that match them best go on, and how far.
 
     Works on the dense samples at the common poses, from which each shape is first refined on its partners; nothing is
-    found where shapes have too few of them, nor where they bend so much that maps were asked. A mesh can only be
-    incomplete if its surface is open.
+    found where shapes have too few of them. A mesh can only be incomplete if its surface is open.
 
     Parameters
     ----------
     session : Session
-    samples : sequence of Samples
-    aligned : Collection
-        Of these shapes, as if all were complete.
+    shapes : Shapes
+    pairs : sequence of Pair
+    transforms : ndarray, shape (N, 4, 4)
+        The poses of these shapes, as if all were complete.
     """
-    bends = aligned.search_gain is not None
-    if bends or len(samples) < MIN_SHAPES or not all(len(item.dense_positions) >= _NUM_POINTS for item in samples):
+    samples = shapes.samples
+    if len(samples) < MIN_SHAPES or not all(len(item.dense_positions) >= _NUM_POINTS for item in samples):
         return {}
-    nearest = _nearest(aligned, len(samples))
-    posed = [posed_samples(item, pose) for item, pose in zip(samples, aligned.transforms, strict=True)]
-    with table_of_values(posed) as table:
+    nearest = _nearest(pairs, len(samples))
+    points = [posed_samples(item, pose) for item, pose in zip(samples, transforms, strict=True)]
+    with table_of_values(points) as table:
         surfaces = [Shared(key=str(i), reader=surface_from_record, growth=_GRID_GROWTH) for i in range(len(samples))]
         tasks = {
             i: {"surface": surfaces[i], "partners": tuple(surfaces[j] for j in nearest[i])}
             for i in _neighbours_together(nearest)
-            if nearest[i] and posed[i].on_rim.any()
+            if nearest[i] and points[i].on_rim.any()
         }
         shares = session.spread("incomplete shapes", share_beyond, tasks, shared=table)
-    missing = [i for i in range(len(samples)) if shares.get(i, 0.0) >= MISSING_SHARE and _may_be_cut(aligned, i)]
+    missing = [
+        i for i in range(len(samples)) if shares.get(i, 0.0) >= MISSING_SHARE and _may_be_cut(session, shapes, i)
+    ]
     if len(missing) > MOST_MISSING * len(samples):
         return {}
     return {i: f"{percent(shares[i])} of the shapes most like it lie beyond its rim" for i in missing}
@@ -100,9 +105,9 @@ def _neighbours_together(nearest: Sequence[Sequence[int]]) -> list[int]:
     return order
 
 
-def _may_be_cut(aligned: Collection, shape: int) -> bool:
+def _may_be_cut(session: AlignSession, shapes: Shapes, shape: int) -> bool:
     """Whether a shape is a point cloud or an open surface."""
-    found = read_shape(aligned.files[shape], aligned.options.cleaning, digest=aligned.digests[shape])
+    found = read_shape(shapes.files[shape], session.options.cleaning, digest=shapes.digests[shape])
     return not found.is_mesh or is_open_surface(found.vertices, found.faces)
 
 
@@ -136,10 +141,10 @@ def share_beyond(surface: PartialSurface, partners: Sequence[PartialSurface]) ->
     return float(np.median(shares))
 
 
-def _nearest(aligned: Collection, num: int) -> list[list[int]]:
+def _nearest(pairs: Iterable[Pair], num: int) -> list[list[int]]:
     """Return the partners of each shape whose pairs have least energy at the common poses."""
     energies: list[list[tuple[float, int]]] = [[] for _ in range(num)]
-    for pair in aligned.pairs:
+    for pair in pairs:
         energies[pair.target].append((pair.energy, pair.source))
         energies[pair.source].append((pair.energy, pair.target))
     return [[other for _, other in sorted(found)[:NUM_PARTNERS]] for found in energies]

@@ -8,7 +8,6 @@ refined on them, so that a wrong pair of the tree does not stay.
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -16,11 +15,8 @@ import networkx as nx
 import numpy as np
 
 from collalign.engine.store.records import Record
-from collalign.options import AlignSession
-from collalign.products.aligned_collection import ConsistentMaps
-from collalign.products.shapes import Constraints, Shapes
+from collalign.products.shapes import Shapes
 from collalign.stages.incomplete.add import (
-    CollectionT,
     alternatives_of,
     incomplete_note,
     incomplete_pairs,
@@ -35,7 +31,8 @@ from collalign.stages.incomplete.place import (
 )
 from collalign.stages.incomplete.posed_points import posed_points, prepare_points
 from collalign.stages.poses.placement import common_positions
-from data_tools.arrays import FloatArray, IntArray, read_only
+from collalign.stages.steps import Posed, Run
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.surface_points import SurfacePoints
 from data_tools.errors import InputError
 from data_tools.poses import Similarity, scales_of
@@ -62,55 +59,47 @@ def match_scans(target: SurfacePoints, source: SurfacePoints, group: str, estima
     return {"transforms": transforms, "energies": np.array([pose.energy for pose in found])}
 
 
-def align_scans(
-    session: AlignSession,
-    shapes: Shapes,
-    outline: CollectionT,
-    reasons: Mapping[int, str],
-    constraints: Constraints,
-) -> CollectionT:
-    """Return the collection of shapes none of which is complete.
+def align_scans(run: Run, outline: Posed, reasons: Mapping[int, str]) -> Posed:
+    """Return the poses of shapes none of which is complete.
 
     Parameters
     ----------
-    session : Session
+    run : Run
         Its group is decided.
-    shapes : Shapes
-    outline : Collection
-        The same shapes aligned as if they were complete, of which all that depends on poses is replaced.
+    outline : Posed
+        The same shapes posed as if they were complete, of which all that depends on poses is replaced.
     reasons : mapping of int to str
         Why each counts as incomplete.
-    constraints : Constraints
 
     Raises
     ------
     InputError
         If there are too many shapes, or poses are fixed.
     """
-    num, start_s = len(shapes.names), time.perf_counter()
+    session, shapes, constraints = run.session, run.shapes, run.constraints
+    num = len(shapes.names)
     if num > MOST_SHAPES or constraints.fixed:
         raise InputError(
             "incomplete: poses of shapes none of which is complete are found together, for at most "
             f"{MOST_SHAPES} shapes and without fixed poses"
         )
     estimate_scale = session.options.scaling == "similarity"
-    surfaces = prepare_points(session, shapes, range(num))
-    tasks = {
-        (i, j): {
-            "target": surfaces.shared(i),
-            "source": surfaces.shared(j),
-            "group": session.options.group,
-            "estimate_scale": estimate_scale,
+    with run.stage("incomplete shapes"):
+        surfaces = prepare_points(session, shapes, range(num))
+        tasks = {
+            (i, j): {
+                "target": surfaces.shared(i),
+                "source": surfaces.shared(j),
+                "group": session.options.group,
+                "estimate_scale": estimate_scale,
+            }
+            for i, j in itertools.combinations(range(num), 2)
         }
-        for i, j in itertools.combinations(range(num), 2)
-    }
-    found = session.spread("incomplete shapes", match_scans, tasks)
-    points = [surfaces[i] for i in range(num)]
-    transforms, settled = _settled(points, found, constraints.reference, estimate_scale=estimate_scale)
+        found = session.spread("incomplete shapes", match_scans, tasks)
+        points = [surfaces[i] for i in range(num)]
+        transforms, settled = _settled(points, found, constraints.reference, estimate_scale=estimate_scale)
     transforms = _framed(shapes, transforms, session.options.scaling, constraints.reference)
-    merged = _collected(shapes, outline, transforms, settled, reasons)
-    times_s = outline.run.times_s | {"incomplete shapes": time.perf_counter() - start_s}
-    return replace(merged, run=replace(outline.run, times_s=times_s))
+    return _collected(shapes, outline, transforms, settled, reasons)
 
 
 def tree_transforms(found: Mapping[tuple[int, int], Record], num: int, root: int) -> FloatArray:
@@ -187,12 +176,8 @@ def common_points(positions: FloatArray) -> FloatArray:
 
 
 def _collected(
-    shapes: Shapes,
-    outline: CollectionT,
-    transforms: FloatArray,
-    settled: Mapping[int, Record],
-    reasons: Mapping[int, str],
-) -> CollectionT:
+    shapes: Shapes, outline: Posed, transforms: FloatArray, settled: Mapping[int, Record], reasons: Mapping[int, str]
+) -> Posed:
     """Return the outline with the new poses and all that follows from them."""
     num, scales = len(shapes.names), scales_of(transforms)
     rotations = transforms[:, :3, :3] / scales[:, None, None]
@@ -209,19 +194,23 @@ def _collected(
     incomplete = tuple(
         incomplete_record(i, settled[i], reasons.get(i, ""), np.delete(everyone, i)) for i in range(num)
     )
+    solution = replace(
+        outline.solution,
+        confidence=np.array([pose_certainty(settled[i]) for i in range(num)]),
+        alternatives=tuple(alternatives_of(settled[i]) for i in range(num)),
+        parts=(everyone,),
+        warnings=(),
+    )
     return replace(
         outline,
-        transforms=read_only(transforms),
-        rotations=read_only(rotations),
-        reflected=read_only(np.linalg.det(rotations) < 0),
-        confidence=read_only(np.array([pose_certainty(settled[i]) for i in range(num)])),
-        positions=read_only(positions),
-        maps=ConsistentMaps(names=shapes.names, labels=read_only(labels)),
-        consensus=read_only(universe),
-        pairs=tuple(pairs),
-        alternatives=tuple(alternatives_of(settled[i]) for i in range(num)),
-        parts=(read_only(everyone),),
+        pairs=pairs,
+        solution=solution,
+        rotations=rotations,
+        transforms=transforms,
+        labels=labels,
+        consensus=universe,
         notes=(incomplete_note(shapes.names, incomplete),),
         trust=None,
+        vertices=None,
         incomplete=incomplete,
     )

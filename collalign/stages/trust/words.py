@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from collalign.confidence.pose_model import is_symmetric, tied_rivals
-from collalign.products.aligned_collection import DOUBT
 from collalign.products.shapes import Constraints
-from collalign.products.trust import KINDS, Trust
+from collalign.products.trust import DOUBT, KINDS, Trust
 from collalign.stages.trust.own_turns import turns_in_words
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray

@@ -12,12 +12,12 @@ from collalign.cli.interruption import resumable
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.output.certificates import CERTIFIER
-from collalign.output.evidence.evidence_file import load_view, source_files
-from collalign.output.write import inputs_of
+from collalign.output.evidence.loading import load
 from collalign.tools.certify.files import FILES, certification_summary, write_certification
 from collalign.tools.certify.rounds import CertifyOptions
 from collalign.tools.certify.run import certify_collection
 from data_tools.io.output_folder import OutputFolder
+from data_tools.io.source import inputs_of
 
 
 def certify(
@@ -37,7 +37,7 @@ def certify(
     shapes
         Names of the shapes to speak of; all by default.
     """
-    files = source_files(load_view(result))
+    files = load(result).source_files()
     store = run.store or result / STORE_FILE
     with resumable(store), OutputFolder.open(result, writer=CERTIFIER, inputs=inputs_of(files)) as output:
         output.refuse_foreign(FILES)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign.output.certificates import PROOF_FILE
-from collalign.products.evidence import json_types
+from collalign.output.evidence.gather import json_types
 from collalign.tools.certify.result import FREE_RAD, CertifiedCollection, share_of
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder

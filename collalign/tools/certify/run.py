@@ -15,9 +15,8 @@ from collalign.align import matched_samples
 from collalign.analysis.pose_changes import pose_changes
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
-from collalign.output.evidence.evidence_file import load_view, source_files
-from collalign.output.write import recorded_options
-from collalign.products.evidence import CollectionView
+from collalign.output.collection import Collection
+from collalign.output.evidence.loading import load
 from collalign.products.pair import Pair
 from collalign.tools.certify.arrangement import PairEnergies
 from collalign.tools.certify.result import CertifiedCollection
@@ -70,18 +69,16 @@ def certify_collection(
     >>> 0.9 < found.joint.share <= 1.0
     True
     """
-    view, how_far = load_view(result), as_options("options", options, CertifyOptions)
-    members = _members(view, shapes)
-    pairs = _pairs_among(view, members)
-    asked, group = recorded_options(result)
-    files = source_files(view)
+    collection, how_far = load(result), as_options("options", options, CertifyOptions)
+    members = _members(collection, shapes)
+    pairs = _pairs_among(collection, members)
+    files = collection.source_files()
     listing = FolderListing(
-        files=tuple(files[i] for i in members), names=tuple(view.names[i] for i in members), skipped=()
+        files=tuple(files[i] for i in members), names=tuple(collection.names[i] for i in members), skipped=()
     )
-    shown, frames = _numbered(progress_display(progress)), view.rotations[members]
-    with Session.open(
-        replace(asked, group="O" if group == "O" else "SO"), as_options("run", run, RunOptions), shown
-    ) as session:
+    shown, frames = _numbered(progress_display(progress)), collection.rotations[members]
+    decided = replace(collection.options, group="O" if collection.group == "O" else "SO")
+    with Session.open(decided, as_options("run", run, RunOptions), shown) as session:
         prepared = matched_samples(session, listing)
         if prepared.names != listing.names:
             raise InputError(f"{result}: {prepared.excluded[0].file} cannot be read as it was for the result")
@@ -100,7 +97,7 @@ def certify_collection(
             candidates=[pair.rotations for pair in pairs],
         )
         joint = bound_arrangements(rounds, frames, how_far)
-    changes, same = pose_changes(frames, joint.frames, view.part_numbers[members])
+    changes, same = pose_changes(frames, joint.frames, collection.part_numbers[members])
     return CertifiedCollection(
         names=listing.names,
         members=read_only(np.array(members)),
@@ -112,22 +109,22 @@ def certify_collection(
     )
 
 
-def _members(view: CollectionView, shapes: Sequence[str]) -> list[int]:
+def _members(collection: Collection, shapes: Sequence[str]) -> list[int]:
     """Return the positions of the named shapes in the order of the result, of all where none is named."""
-    unknown = sorted(set(shapes) - set(view.names))
+    unknown = sorted(set(shapes) - set(collection.names))
     if unknown:
         raise InputError(
             f"shapes: no aligned shape is called {unknown[0]!r}; names are the files' names without suffix"
         )
-    return [i for i, name in enumerate(view.names) if not shapes or name in shapes]
+    return [i for i, name in enumerate(collection.names) if not shapes or name in shapes]
 
 
-def _pairs_among(view: CollectionView, members: Sequence[int]) -> list[Pair]:
+def _pairs_among(collection: Collection, members: Sequence[int]) -> list[Pair]:
     """Return the pairs of the result with both shapes among the members, by position among these."""
     at = {shape: position for position, shape in enumerate(members)}
     pairs = [
         replace(pair, target=at[pair.target], source=at[pair.source])
-        for pair in view.pairs
+        for pair in collection.pairs
         if pair.target in at and pair.source in at
     ]
     if not pairs:

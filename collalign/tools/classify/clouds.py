@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collalign.products.evidence import CollectionView
+from collalign.output.collection import Collection
 from collalign.tools.classify.surface_distance import unit_cloud
 from data_tools.arrays import FloatArray
 from data_tools.embedding.sampling import farthest_points
@@ -12,10 +12,10 @@ from data_tools.surface.shape import Shape
 NUM_POINTS = 400
 
 
-def posed_clouds(view: CollectionView) -> list[FloatArray]:
+def posed_clouds(collection: Collection) -> list[FloatArray]:
     """Return farthest points of every display mesh, centred and of unit size in the common frame, each (k, 3)."""
     clouds = []
-    for vertices, rotation in zip(view.vertices, view.rotations, strict=True):
+    for vertices, rotation in zip(collection.vertices, collection.rotations, strict=True):
         shape = Shape.from_arrays(vertices)
         chosen = farthest_points(shape, min(NUM_POINTS, len(vertices)), metric="euclidean")
         clouds.append(unit_cloud(vertices[chosen]) @ rotation.T)

@@ -10,7 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.analysis.label_table import read_labels
-from collalign.output.evidence.evidence_file import load_view
+from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.classify.clouds import posed_clouds
 from collalign.tools.classify.run import Singles, classify_leave_one_out
@@ -50,19 +50,19 @@ def classify(
     as_json
         Print one JSON object instead of a table.
     """
-    view = load_view(result)
+    collection = load(result)
     table = read_labels(labels)
-    values = table.column(by, view.names)
-    for sentence in table.mismatches(view.names):
+    values = table.column(by, collection.names)
+    for sentence in table.mismatches(collection.names):
         print(f"collalign: {sentence}", file=sys.stderr)
     who = statistics_members(
-        view, include_doubtful=include_doubtful, include_incomplete=include_doubtful, one_part=False
+        collection, include_doubtful=include_doubtful, include_incomplete=include_doubtful, one_part=False
     )
-    clouds, chosen = posed_clouds(view), who.chosen.tolist()
+    clouds, chosen = posed_clouds(collection), who.chosen.tolist()
     found = classify_leave_one_out(
-        surface_distances([clouds[at] for at in chosen], view.part_numbers[chosen]),
+        surface_distances([clouds[at] for at in chosen], collection.part_numbers[chosen]),
         [values[at] for at in chosen],
-        names=[view.names[at] for at in chosen],
+        names=[collection.names[at] for at in chosen],
         singles=singles,
     )
     if as_json:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +10,10 @@ import numpy as np
 
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
-from collalign.output.evidence.evidence_file import load_view
+from collalign.output.collection import Collection
+from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import main_part
-from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
-from collalign.output.write import recorded_options
-from collalign.products.evidence import CollectionView
+from collalign.output.vertex_maps import VERTEX_MAPS_FILE
 from collalign.registration.mean import medoid
 from collalign.registration.registration_options import RegistrationOptions
 from collalign.tools.correspond.jobs import PosedFile, correspond
@@ -31,7 +30,7 @@ from data_tools.threads import one_blas_thread
 def dense_correspondence(
     result: str | Path,
     *,
-    leave_out: Collection[str] = (),
+    leave_out: Iterable[str] = (),
     options: RegistrationOptions | Mapping[str, Any] | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
@@ -76,34 +75,33 @@ def dense_correspondence(
     >>> dense.vertices.shape == (3, *dense.mean.shape)
     True
     """
-    view = load_view(result)
-    cleaning = recorded_options(result)[0].cleaning
-    members = [at for at in main_part(view).tolist() if view.names[at] not in leave_out]
+    collection = load(result)
+    members = [at for at in main_part(collection).tolist() if collection.names[at] not in leave_out]
     files = [
         PosedFile(
-            name=view.names[at],
-            path=view.file(at),
-            digest=hash_source(view.file(at)),
-            transform=view.transforms[at],
-            cleaning=cleaning,
-            incomplete=bool(view.is_incomplete[at]),
+            name=collection.names[at],
+            path=collection.file(at),
+            digest=hash_source(collection.file(at)),
+            transform=collection.transforms[at],
+            cleaning=collection.options.cleaning,
+            incomplete=bool(collection.is_incomplete[at]),
         )
         for at in members
     ]
-    maps = load_vertex_maps(result) if (Path(result) / VERTEX_MAPS_FILE).is_file() else None
+    maps = collection.vertex_maps if (Path(result) / VERTEX_MAPS_FILE).is_file() else None
     with Session.open(
         as_options("options", options, RegistrationOptions),
         as_options("run", run, RunOptions),
         progress_display(progress),
     ) as session:
-        return correspond(session, files, members.index(reference_shape(view, members)), maps)
+        return correspond(session, files, members.index(reference_shape(collection, members)), maps)
 
 
-def reference_shape(view: CollectionView, members: list[int]) -> int:
+def reference_shape(collection: Collection, members: list[int]) -> int:
     """Return which of some shapes lends its triangles: in the middle of all, complete and without a rim if one is."""
-    whole = [at for at in members if not view.is_incomplete[at]] or members
-    clouds = [_of_unit_size(moved_by(view.transforms[at], view.vertices[at])) for at in whole]
-    closed = [place for place, at in enumerate(whole) if _is_closed(view.faces[at])]
+    whole = [at for at in members if not collection.is_incomplete[at]] or members
+    clouds = [_of_unit_size(moved_by(collection.transforms[at], collection.vertices[at])) for at in whole]
+    closed = [place for place, at in enumerate(whole) if _is_closed(collection.faces[at])]
     return whole[medoid(clouds, closed)]
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from collalign.output.evidence.evidence_file import load_view
+from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, Space, left_out_sentence
 from collalign.tools.export.run import export as write_export
 
@@ -37,9 +37,9 @@ def export(
     include_doubtful
         Let shapes count in means, distances and superimpositions whose pose is in doubt, and incomplete ones.
     """
-    view = load_view(result)
-    paths = write_export(view, format, to, space=space, sources=sources, include_doubtful=include_doubtful)
-    if sentence := left_out_sentence(view, format, space, include_doubtful=include_doubtful):
+    collection = load(result)
+    paths = write_export(collection, format, to, space=space, sources=sources, include_doubtful=include_doubtful)
+    if sentence := left_out_sentence(collection, format, space, include_doubtful=include_doubtful):
         print(f"collalign: {sentence}", file=sys.stderr)
     for path in paths:
         print(path)

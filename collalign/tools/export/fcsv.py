@@ -24,7 +24,7 @@ def write(request: ExportRequest) -> tuple[Path, ...]:
     """
     labels, coordinates = request.landmarks()
     paths = []
-    stems, systems = file_stems(request.view.names), request.landmark_systems()
+    stems, systems = file_stems(request.collection.names), request.landmark_systems()
     for stem, points, system in zip(stems, coordinates, systems, strict=True):
         rows = [
             f"{number},{words(point).replace(' ', ',')},0,0,0,1,1,1,0,{label},,"

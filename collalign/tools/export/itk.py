@@ -19,7 +19,7 @@ def write(request: ExportRequest) -> tuple[Path, ...]:
     pose. Coordinates are the mesh's own, read as LPS, as Slicer reads meshes, unless its file declares RAS.
     """
     paths = []
-    files = zip(file_stems(request.view.names), request.transforms(), request.file_systems(), strict=True)
+    files = zip(file_stems(request.collection.names), request.transforms(), request.file_systems(), strict=True)
     for stem, transform, system in files:
         inverse = np.linalg.inv(transform)
         if system == "RAS":

@@ -16,7 +16,7 @@ def writer(ending: str) -> Callable[[ExportRequest], tuple[Path, ...]]:
     def write(request: ExportRequest) -> tuple[Path, ...]:
         """Write ``NAME.<ending>`` per shape, one shape in memory at a time."""
         transforms = request.transforms()
-        stems = file_stems(request.view.names)
+        stems = file_stems(request.collection.names)
         return tuple(
             write_mesh(request.path(f"{stem}.{ending}"), request.source_shape(at).transformed(transforms[at]))
             for at, stem in enumerate(stems)

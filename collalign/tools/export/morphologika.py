@@ -14,10 +14,10 @@ def write(request: ExportRequest) -> tuple[Path, ...]:
     Labels become the sections ``[labels]`` and ``[labelvalues]``, blanks in them underscores, unknown ones NA.
     """
     landmarks, coordinates = request.landmarks()
-    names = written_names(request.view.names, for_morphologika)
+    names = written_names(request.collection.names, for_morphologika)
     lines = ["[individuals]", str(len(names)), "[landmarks]", str(len(landmarks)), "[dimensions]", "3"]
     lines += ["[names]", *names]
-    columns = request.view.labels
+    columns = request.collection.labels
     if columns:
         lines += ["[labels]", " ".join(without_blanks(column) for column in columns), "[labelvalues]"]
         for values in zip(*columns.values(), strict=True):

@@ -14,7 +14,7 @@ from data_tools.arrays import FloatArray
 def write(request: ExportRequest) -> tuple[Path, ...]:
     """Write ``landmarks.nts`` and ``specimens.csv``; missing landmarks carry the code that the header names."""
     landmarks, coordinates = request.landmarks()
-    names = written_names(request.view.names, without_blanks)
+    names = written_names(request.collection.names, without_blanks)
     missing = _missing_code(coordinates)
     lines = [f"1 {len(names)}L {3 * len(landmarks)} 1 {missing} DIM=3", *names]
     lines += [words(point, missing=missing) for points in coordinates for point in points]

@@ -10,9 +10,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from collalign.analysis.procrustes import MIN_LABELS, common_labels, generalized_procrustes
+from collalign.output.collection import Collection
 from collalign.output.evidence.members import Members
 from collalign.output.report.shown import some_shapes
-from collalign.products.evidence import CollectionView
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
@@ -21,6 +21,7 @@ from data_tools.io.output_folder import output_path
 from data_tools.io.shapes import READERS, read_shape
 from data_tools.landmarks.landmark_files import SemilandmarkRows
 from data_tools.options import CleaningOptions
+from data_tools.poses import each_moved_by
 from data_tools.surface.shape import Shape
 
 Space = Literal["aligned", "unscaled", "raw", "procrustes"]
@@ -32,7 +33,7 @@ class ExportRequest:
 
     Attributes
     ----------
-    view : CollectionView
+    collection : Collection
     folder : Path
         Where files go for now; exists.
     who : Members
@@ -48,7 +49,7 @@ class ExportRequest:
         Coordinates of the files that declare none.
     """
 
-    view: CollectionView
+    collection: Collection
     folder: Path
     who: Members
     space: Space = "aligned"
@@ -64,8 +65,8 @@ class ExportRequest:
     def counted(self) -> ExportRequest:
         """The same of the shapes alone that count in statistics."""
         names = {name for name, _ in self.who.left_out}
-        chosen = [at for at, name in enumerate(self.view.names) if name not in names]
-        return replace(self, view=some_shapes(self.view, np.array(chosen, dtype=np.int64)))
+        chosen = [at for at, name in enumerate(self.collection.names) if name not in names]
+        return replace(self, collection=some_shapes(self.collection, np.array(chosen, dtype=np.int64)))
 
     def transforms(self) -> FloatArray:
         """Take file coordinates to the space asked for, shape (N, 4, 4).
@@ -80,20 +81,20 @@ class ExportRequest:
                 "space: Procrustes coordinates exist for landmarks only; choose aligned, unscaled or raw"
             )
         if self.space == "raw":
-            return np.tile(np.eye(4), (self.view.num_shapes, 1, 1))
+            return np.tile(np.eye(4), (len(self.collection), 1, 1))
         if self.space == "aligned":
-            return self.view.transforms
-        shrink = np.ones((self.view.num_shapes, 4, 4))
-        shrink[:, :3] /= self.view.scales[:, None, None]
-        return self.view.transforms * shrink
+            return self.collection.transforms
+        shrink = np.ones((len(self.collection), 4, 4))
+        shrink[:, :3] /= self.collection.scales[:, None, None]
+        return self.collection.transforms * shrink
 
     def file_systems(self) -> list[CoordinateSystem]:
         """Coordinate system of every original file: what it declares, or :attr:`system`."""
-        return [(declared_system(Path(file)) if file else None) or self.system for file in self.view.files]
+        return [(declared_system(Path(file)) if file else None) or self.system for file in self.collection.files]
 
     def landmark_systems(self) -> list[CoordinateSystem]:
         """Coordinate system of every shape's landmarks in the space asked for; the common frame is read as LPS."""
-        return self.file_systems() if self.space == "raw" else ["LPS"] * self.view.num_shapes
+        return self.file_systems() if self.space == "raw" else ["LPS"] * len(self.collection)
 
     def landmarks(self) -> tuple[tuple[str, ...], FloatArray]:
         """Names of the landmarks and their coordinates in the space asked for.
@@ -110,13 +111,13 @@ class ExportRequest:
         InputError
             If too few landmarks are common to all shapes for Procrustes coordinates.
         """
-        labels = np.array(self.view.landmark_names, dtype=object)
+        labels = np.array(self.collection.landmark_names, dtype=object)
         if self.space != "procrustes":
             T = self.transforms()
-            moved = self.view.samples @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
+            moved = each_moved_by(T, self.collection.landmarks)
             return tuple(labels.tolist()), moved
-        common = complete_labels(self.view)
-        superimposed = generalized_procrustes(self.view.aligned_samples[:, common])
+        common = complete_labels(self.collection)
+        superimposed = generalized_procrustes(self.collection.aligned_landmarks[:, common])
         return tuple(labels[common].tolist()), superimposed.aligned
 
     def source_shape(self, at: int) -> Shape:
@@ -127,9 +128,9 @@ class ExportRequest:
         InputError
             If it is no longer there.
         """
-        name, listed = self.view.names[at], self.view.files[at]
+        name, listed = self.collection.names[at], self.collection.files[at]
         if self.sources is None:
-            path = self.view.file(at)
+            path = self.collection.file(at)
         elif listed:
             path = self.sources / Path(listed).name
         else:  # a shape that came from memory, saved under its name
@@ -140,7 +141,7 @@ class ExportRequest:
                 f"{path}: this file was aligned but is no longer there. "
                 "Put it back, or name the folder that holds the original files now"
             )
-        return read_shape(path, CleaningOptions(largest_component=False), name=self.view.names[at])
+        return read_shape(path, CleaningOptions(largest_component=False), name=self.collection.names[at])
 
     def path(self, name: str) -> Path:
         """Return the path of one file, whose folder exists then; names that would lead elsewhere are refused."""
@@ -155,7 +156,7 @@ class ExportRequest:
         return path
 
 
-def complete_labels(view: CollectionView) -> BoolArray:
+def complete_labels(collection: Collection) -> BoolArray:
     """Labels that every shape has, shape (k,).
 
     Raises
@@ -163,7 +164,7 @@ def complete_labels(view: CollectionView) -> BoolArray:
     InputError
         If they are too few to mean anything.
     """
-    common = common_labels(view.samples)
+    common = common_labels(collection.landmarks)
     if common.sum() < MIN_LABELS:
         raise InputError(
             f"only {int(common.sum())} landmarks exist on every shape, at least {MIN_LABELS} are needed: "
@@ -174,17 +175,31 @@ def complete_labels(view: CollectionView) -> BoolArray:
 
 def member_columns(request: ExportRequest) -> dict[str, list[Any]]:
     """Columns that say why a shape does not count in statistics, and where any lacks parts, what each covers."""
-    view, reasons = request.view, dict(request.who.left_out)
-    columns: dict[str, list[Any]] = {"left_out": [reasons.get(name, "") for name in view.names]}
-    if view.incomplete:
-        columns |= {"incomplete": view.is_incomplete.astype(int).tolist(), "coverage": view.coverage.tolist()}
+    collection, reasons = request.collection, dict(request.who.left_out)
+    columns: dict[str, list[Any]] = {"left_out": [reasons.get(name, "") for name in collection.names]}
+    if collection.incomplete:
+        incomplete = collection.is_incomplete.astype(int).tolist()
+        columns |= {"incomplete": incomplete, "coverage": collection.coverage.tolist()}
     return columns
 
 
-def label_columns(view: CollectionView, taken: Iterable[str]) -> dict[str, list[str]]:
+def centroid_sizes(collection: Collection) -> FloatArray:
+    """Square root of the summed squared distances of landmarks from their centroid, in file units, shape (N,).
+
+    NaN where a shape has no landmarks.
+    """
+    known = np.asarray(np.isfinite(collection.landmarks).all(axis=2))
+    counts = known.sum(axis=1)
+    filled = np.where(known[..., None], collection.landmarks, 0.0)
+    centres = filled.sum(axis=1) / np.maximum(counts, 1)[:, None]
+    squares = np.where(known, ((filled - centres[:, None]) ** 2).sum(axis=2), 0.0).sum(axis=1)
+    return np.asarray(np.sqrt(np.where(counts > 0, squares, np.nan)))
+
+
+def label_columns(collection: Collection, taken: Iterable[str]) -> dict[str, list[str]]:
     """Label columns for a table that has the columns ``taken`` already, which get ``label_`` before their name."""
     fixed = set(taken)
-    return {f"label_{name}" if name in fixed else name: list(values) for name, values in view.labels.items()}
+    return {f"label_{name}" if name in fixed else name: list(values) for name, values in collection.labels.items()}
 
 
 def words(values: Iterable[float], *, missing: str = "NaN") -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from collalign.output.evidence.evidence_file import load_view
+from collalign.output.collection import Collection
+from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members, statistics_members
-from collalign.products.evidence import CollectionView
 from collalign.tools.export import fcsv, itk, meshes, morphologika, nts, shapeworks, slicer_json, tables, tps
 from collalign.tools.export.request import ExportRequest, Space
 from collalign.tools.export.specimen_names import incomplete_table
@@ -39,7 +39,7 @@ FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
 
 @one_blas_thread()
 def export(
-    collection: CollectionView | Path | str,
+    collection: Collection | Path | str,
     format: str,
     to: Path | str,
     *,
@@ -53,7 +53,7 @@ def export(
 
     Parameters
     ----------
-    collection : CollectionView or path
+    collection : Collection or path
         A path is the folder that ``collalign align`` wrote.
     format : str
         A key of :data:`FORMATS`.
@@ -88,17 +88,17 @@ def export(
         command under a name that is to be written.
     """
     check_choice("format", format, FORMATS)
-    view = collection if isinstance(collection, CollectionView) else load_view(collection)
-    who = _who_counts(view, include_doubtful)
+    collection = collection if isinstance(collection, Collection) else load(collection)
+    who = _who_counts(collection, include_doubtful)
     if space == "procrustes" and who.too_few(1):
         raise InputError(f"space: {who.too_few(1)}")
     folder = Path(to)
-    read = {*view.inputs, *([Path(sources)] if sources else [])}
+    read = {*collection.inputs, *([Path(sources)] if sources else [])}
     try:
         with OutputFolder.open(folder, writer=f"export {format}", inputs=read) as output:
             request = ExportRequest(
                 system=system,
-                view=view,
+                collection=collection,
                 folder=output.staging,
                 who=who,
                 space=space,
@@ -117,13 +117,13 @@ def export(
         raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
 
 
-def left_out_sentence(view: CollectionView, format: str, space: Space, *, include_doubtful: bool) -> str:
+def left_out_sentence(collection: Collection, format: str, space: Space, *, include_doubtful: bool) -> str:
     """Return whom an export leaves out of what it computes of several shapes; empty where that is nobody."""
-    return _who_counts(view, include_doubtful).sentence if _computes(format, space) else ""
+    return _who_counts(collection, include_doubtful).sentence if _computes(format, space) else ""
 
 
-def _who_counts(view: CollectionView, include_doubtful: bool) -> Members:
-    return statistics_members(view, include_doubtful=include_doubtful, include_incomplete=include_doubtful)
+def _who_counts(collection: Collection, include_doubtful: bool) -> Members:
+    return statistics_members(collection, include_doubtful=include_doubtful, include_incomplete=include_doubtful)
 
 
 def _computes(format: str, space: Space) -> bool:

@@ -21,11 +21,11 @@ def write(request: ExportRequest) -> tuple[Path, ...]:
     line end, without which its last point would be lost. ShapeWorks reads every section as maps from text to
     text (``JsonProjectReader``), so that numbers are written as text too.
     """
-    view = request.view
-    common = complete_labels(view)
-    local, world = view.samples[:, common], view.aligned_samples[:, common]
+    collection = request.collection
+    common = complete_labels(collection)
+    local, world = collection.landmarks[:, common], collection.aligned_landmarks[:, common]
     paths, entries = [], []
-    for at, stem in enumerate(file_stems(view.names)):
+    for at, stem in enumerate(file_stems(collection.names)):
         files = {
             "mesh": f"meshes/{stem}.ply",
             "local": f"particles/{stem}_local.particles",
@@ -36,13 +36,13 @@ def write(request: ExportRequest) -> tuple[Path, ...]:
         paths.append(request.write(files["world"], _particles(world[at])))
         entries.append(
             {
-                "name": view.names[at],
+                "name": collection.names[at],
                 "shape_1": files["mesh"],
                 "groomed_1": files["mesh"],
-                "alignment_1": words(view.transforms[at].ravel()),
+                "alignment_1": words(collection.transforms[at].ravel()),
                 "local_particles_1": files["local"],
                 "world_particles_1": files["world"],
-                **{f"group_{column}": values[at] for column, values in view.labels.items()},
+                **{f"group_{column}": values[at] for column, values in collection.labels.items()},
             }
         )
     project = {"data": entries, "optimize": {"number_of_particles": str(int(np.sum(common)))}}

@@ -29,7 +29,7 @@ def write(request: ExportRequest) -> tuple[Path, ...]:
     """
     labels, coordinates = request.landmarks()
     curves = tuple(one for one in request.semilandmarks if one.kind != "patch")
-    files = zip(file_stems(request.view.names), coordinates, request.landmark_systems(), strict=True)
+    files = zip(file_stems(request.collection.names), coordinates, request.landmark_systems(), strict=True)
     return tuple(
         request.write(f"{stem}.mrk.json", json.dumps(_markups(labels, points, curves, system), indent=1) + "\n")
         for stem, points, system in files

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.tools.export.request import ExportRequest, label_columns, member_columns
+from collalign.tools.export.request import ExportRequest, centroid_sizes, label_columns, member_columns
 from data_tools.io.csv_cells import csv_text
 
 #: Section names of morphologika files. Readers search for them anywhere in a line, so no specimen may contain one.
@@ -54,28 +54,28 @@ def written_names(names: Iterable[str], rule: Callable[[str], str]) -> list[str]
 
 def specimen_table(request: ExportRequest, written: list[str]) -> Path:
     """Write ``specimens.csv``: shape, size, confidence, whether it counts, and labels of every specimen of a file."""
-    view = request.view
+    collection = request.collection
     columns: dict[str, list[Any]] = {
         "specimen": written,
-        "name": list(view.names),
-        "file": list(view.files),
-        "centroid_size": view.centroid_sizes.tolist(),
-        "confidence": view.confidence.tolist(),
-        "reflected": view.reflected.astype(int).tolist(),
-        "group": view.part_numbers.tolist(),
+        "name": list(collection.names),
+        "file": list(collection.files),
+        "centroid_size": centroid_sizes(collection).tolist(),
+        "confidence": collection.confidence.tolist(),
+        "reflected": collection.reflected.astype(int).tolist(),
+        "group": collection.part_numbers.tolist(),
         **member_columns(request),
     }
-    columns |= label_columns(view, columns)
+    columns |= label_columns(collection, columns)
     return request.write("specimens.csv", csv_text([columns, *zip(*columns.values(), strict=True)]))
 
 
 def incomplete_table(request: ExportRequest) -> tuple[Path, ...]:
     """Write ``incomplete.csv`` where shapes lack parts: which, why they count as such, and what they cover."""
-    view = request.view
-    if not view.incomplete:
+    collection = request.collection
+    if not collection.incomplete:
         return ()
-    lacking = np.isnan(view.samples).any(axis=2).sum(axis=1)
+    num, lacking = collection.landmarks.shape[1], np.isnan(collection.landmarks).any(axis=2).sum(axis=1)
     rows: list[list[Any]] = [["name", "reason", "coverage", "missing_landmarks", "landmarks"]]
-    for one in view.incomplete:
-        rows.append([view.names[one.shape], one.reason, one.coverage, int(lacking[one.shape]), view.samples.shape[1]])
+    for one in collection.incomplete:
+        rows.append([collection.names[one.shape], one.reason, one.coverage, int(lacking[one.shape]), num])
     return (request.write("incomplete.csv", csv_text(rows)),)

@@ -11,7 +11,13 @@ import numpy as np
 
 from collalign.analysis.ordination import cophenetic_tree, newick
 from collalign.analysis.procrustes import generalized_procrustes, principal_components, procrustes_distances
-from collalign.tools.export.request import ExportRequest, complete_labels, label_columns, member_columns
+from collalign.tools.export.request import (
+    ExportRequest,
+    centroid_sizes,
+    complete_labels,
+    label_columns,
+    member_columns,
+)
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.csv_cells import csv_text
 
@@ -64,17 +70,17 @@ def result_tables(request: ExportRequest) -> dict[str, Table]:
         "landmarks": _landmarks(request),
         "pairs": _pairs(request),
     }
-    if not counted.view.num_shapes:
+    if not len(counted.collection):
         return tables
     tables |= {"consensus": _consensus(counted), "procrustes_distances": _distances(counted)}
     try:
-        common = complete_labels(counted.view)
+        common = complete_labels(counted.collection)
     except InputError:
         return tables
-    superimposed = generalized_procrustes(counted.view.aligned_samples[:, common])
-    labels = [f"{counted.view.landmark_names[at]}_{axis}" for at in np.flatnonzero(common) for axis in "xyz"]
+    superimposed = generalized_procrustes(counted.collection.aligned_landmarks[:, common])
+    labels = [f"{counted.collection.landmark_names[at]}_{axis}" for at in np.flatnonzero(common) for axis in "xyz"]
     flat = superimposed.aligned.reshape(len(superimposed.aligned), -1)
-    names = list(counted.view.names)
+    names = list(counted.collection.names)
     tables["procrustes_coordinates"] = {"name": names} | dict(zip(labels, flat.T.tolist(), strict=True))
     if len(names) > 1:
         scores = principal_components(superimposed.aligned).scores
@@ -85,25 +91,25 @@ def result_tables(request: ExportRequest) -> dict[str, Table]:
 
 
 def _shapes(request: ExportRequest) -> Table:
-    view = request.view
-    entries: list[list[float]] = view.transforms[:, :3].reshape(view.num_shapes, 12).T.tolist()
+    collection = request.collection
+    entries: list[list[float]] = collection.transforms[:, :3].reshape(len(collection), 12).T.tolist()
     columns: dict[str, list[Any]] = {
-        "name": list(view.names),
-        "file": list(view.files),
-        "confidence": view.confidence.tolist(),
-        "reflected": view.reflected.astype(int).tolist(),
-        "group": view.part_numbers.tolist(),
-        "centroid_size": view.centroid_sizes.tolist(),
-        "scale": view.scales.tolist(),
+        "name": list(collection.names),
+        "file": list(collection.files),
+        "confidence": collection.confidence.tolist(),
+        "reflected": collection.reflected.astype(int).tolist(),
+        "group": collection.part_numbers.tolist(),
+        "centroid_size": centroid_sizes(collection).tolist(),
+        "scale": collection.scales.tolist(),
         **member_columns(request),
         **{f"T{at // 4 + 1}{at % 4 + 1}": column for at, column in enumerate(entries)},
     }
-    return columns | label_columns(view, columns)
+    return columns | label_columns(collection, columns)
 
 
 def _landmarks(request: ExportRequest) -> Table:
     labels, coordinates = request.landmarks()
-    names = request.view.names
+    names = request.collection.names
     x, y, z = coordinates.reshape(-1, 3).T.tolist()
     return {
         "name": [name for name in names for _ in labels],
@@ -126,7 +132,7 @@ def _consensus(request: ExportRequest) -> Table:
 
 
 def _pairs(request: ExportRequest) -> Table:
-    pairs, names = request.view.pairs, request.view.names
+    pairs, names = request.collection.pairs, request.collection.names
     return {
         "target": [names[pair.target] for pair in pairs],
         "source": [names[pair.source] for pair in pairs],
@@ -140,14 +146,14 @@ def _pairs(request: ExportRequest) -> Table:
 
 
 def _distances(request: ExportRequest) -> Table:
-    distances = procrustes_distances(request.view.aligned_samples)
-    columns = dict(zip(request.view.names, distances.T.tolist(), strict=True))
-    return {"": list(request.view.names)} | columns
+    distances = procrustes_distances(request.collection.aligned_landmarks)
+    columns = dict(zip(request.collection.names, distances.T.tolist(), strict=True))
+    return {"": list(request.collection.names)} | columns
 
 
 def _tree(request: ExportRequest) -> tuple[Path, ...]:
-    counted = request.counted.view
-    distances = procrustes_distances(counted.aligned_samples)
+    counted = request.counted.collection
+    distances = procrustes_distances(counted.aligned_landmarks)
     if len(distances) < 2 or np.isnan(distances).any():
         return ()
     return (request.write("tree.nwk", newick(cophenetic_tree(distances), counted.names) + "\n"),)

@@ -17,7 +17,7 @@ def write(request: ExportRequest) -> tuple[Path, ...]:
     would multiply by it.
     """
     _, coordinates = request.landmarks()
-    names = written_names(request.view.names, without_blanks)
+    names = written_names(request.collection.names, without_blanks)
     return request.write("landmarks.tps", tps_text(names, coordinates)), specimen_table(request, names)
 
 

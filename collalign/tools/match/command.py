@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.options import TwoShapeOptions
-from collalign.products.aligned_collection import DOUBT
+from collalign.products.trust import DOUBT
 from collalign.tools.match.in_part import PartialMatch, match_in_part
 from collalign.tools.match.map_page import vertices_map, write_match_page
 from collalign.tools.match.nonrigid import match_prepared

@@ -11,11 +11,11 @@ from cyclopts import Parameter
 from collalign.cli.interruption import resumable
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
-from collalign.output.evidence.evidence_file import load_view, source_files
-from collalign.output.write import inputs_of
+from collalign.output.evidence.loading import load
 from collalign.tools.stability.files import FILES, WRITER, stability_summary, write_stability
 from collalign.tools.stability.run import StabilityOptions, check_stability
 from data_tools.io.output_folder import OutputFolder
+from data_tools.io.source import inputs_of
 
 
 def stability(
@@ -31,7 +31,7 @@ def stability(
     result
         Folder that ``collalign align`` wrote; stability.html, .csv, .json and .png are written into it.
     """
-    files = source_files(load_view(result))
+    files = load(result).source_files()
     store = run.store or result / STORE_FILE
     with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=inputs_of(files)) as output:
         output.refuse_foreign(FILES)

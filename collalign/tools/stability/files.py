@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from collalign.output.evidence.gather import json_types
 from collalign.output.write import REPORT_FILE
-from collalign.products.aligned_collection import DOUBT
-from collalign.products.evidence import json_types
+from collalign.products.trust import DOUBT
 from collalign.tools.stability.result import Stability
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.html_pages import html_figure, html_table, write_html_page

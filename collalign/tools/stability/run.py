@@ -14,15 +14,12 @@ import numpy as np
 from collalign.align import align_listing
 from collalign.analysis.pose_changes import kept_neighbours, pose_changes
 from collalign.analysis.procrustes import procrustes_distances
-from collalign.collection import AlignedCollection
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.options import AlignOptions
-from collalign.output.evidence.evidence_file import load_view, source_files
-from collalign.output.evidence.gather import by_label
+from collalign.output.collection import Collection
+from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
-from collalign.output.write import recorded_options
-from collalign.products.evidence import CollectionView
 from collalign.tools.stability.result import Stability
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.checks import as_options
@@ -127,31 +124,31 @@ def check_stability(
     >>> bool((found.changes_deg < found.stay_deg).all())
     True
     """
-    view, files = load_view(result), source_files(load_view(result))
-    asked, _ = recorded_options(result)
+    collection = load(result)
+    files, asked = collection.source_files(), collection.options
     wanted = as_options("options", options, StabilityOptions)
-    plan = list(repetitions(replace(asked, reference="", certify=False), view.num_shapes, wanted))
+    plan = list(repetitions(replace(asked, reference="", certify=False), len(collection), wanted))
     if not plan:
         raise OptionsError("num_points, num_seeds, num_subsets: no repetition is left that differs from the result")
     doubtful = wanted.include_doubtful
-    who = statistics_members(view, include_doubtful=doubtful, include_incomplete=doubtful, one_part=False)
-    before = procrustes_distances(view.aligned_samples)
-    before[:, np.setdiff1d(np.arange(view.num_shapes), who.chosen)] = np.nan
+    who = statistics_members(collection, include_doubtful=doubtful, include_incomplete=doubtful, one_part=False)
+    before = procrustes_distances(collection.aligned_landmarks)
+    before[:, np.setdiff1d(np.arange(len(collection)), who.chosen)] = np.nan
     rows = []
     with Session.open(asked, as_options("run", run, RunOptions), progress_display(progress)) as session:
         for number, one in enumerate(plan, 1):
             listing = FolderListing(
                 files=tuple(files[i] for i in one.members),
-                names=tuple(view.names[i] for i in one.members),
+                names=tuple(collection.names[i] for i in one.members),
                 skipped=(),
             )
             shown = _titled(session.progress, f"{one.words} ({number} of {len(plan)})")
             again = align_listing(replace(session, options=one.options, progress=shown), listing, fixed={})
-            rows.append(_compared(view, before, again))
+            rows.append(_compared(collection, before, again))
     present, changes, same, neighbours = (read_only(np.stack(column)) for column in zip(*rows, strict=True))
     return Stability(
-        names=view.names,
-        confidence=view.confidence,
+        names=collection.names,
+        confidence=collection.confidence,
         repetitions=tuple(one.words for one in plan),
         present=present,
         changes_deg=changes,
@@ -191,17 +188,17 @@ def repetitions(
         yield Repetition(words=f"{num} points", options=replace(asked, sampling=sampling), members=every)
 
 
-def _compared(view: CollectionView, before: FloatArray, again: AlignedCollection) -> tuple[Any, Any, Any, Any]:
+def _compared(collection: Collection, before: FloatArray, again: Collection) -> tuple[Any, Any, Any, Any]:
     """Return a repetition's row of ``present``, ``changes_deg``, ``same_chirality`` and ``neighbours``."""
-    members = np.array([view.names.index(name) for name in again.names])
-    num = view.num_shapes
+    members = np.array([collection.names.index(name) for name in again.names])
+    num = len(collection)
     present, same = np.zeros(num, dtype=bool), np.ones(num, dtype=bool)
     changes, neighbours = np.full(num, np.nan), np.full(num, np.nan)
     present[members] = True
     changes[members], same[members] = pose_changes(
-        view.rotations[members], again.rotations, view.part_numbers[members]
+        collection.rotations[members], again.rotations, collection.part_numbers[members]
     )
-    now = procrustes_distances(by_label(again.positions, again.maps.labels))
+    now = procrustes_distances(again.aligned_landmarks)
     known = before[np.ix_(members, members)]
     neighbours[members] = kept_neighbours(known, np.where(np.isnan(known), np.nan, now))
     return present, changes, same, neighbours

@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from collalign.cli.interruption import INCOMPLETE, resumable
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
-from collalign.output.evidence.evidence_file import load_view
+from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, Space, left_out_sentence
 from collalign.tools.export.run import export as write_export
 from collalign.tools.transfer.files import left_out_summary, write_transfer
@@ -68,8 +68,8 @@ def transfer(
     files = [*(landmarks or ()), *(curves or ()), *(patches or ())]
     if leave_one_out and len({specimen_of(path) for path in files}) < 2:
         raise InputError("--leave-one-out: one landmark file cannot be predicted from others; give at least two")
-    view = load_view(result)
-    refuse_overlap(to, {*view.inputs, *files})
+    collection = load(result)
+    refuse_overlap(to, {*collection.inputs, *files})
     store = run.store or result / STORE_FILE
     with resumable(store):
         found = transfer_landmarks(
@@ -81,9 +81,9 @@ def transfer(
             surface_points=surface_points,
             run=with_changes(run, store=store),
         )
-    view = with_changes(view, samples=found.points, landmark_names=found.labels, pairs=())
+    collection = with_changes(collection, landmarks=found.points, landmark_names=found.labels, pairs=())
     paths = write_export(
-        view,
+        collection,
         format,
         to,
         space=space,
@@ -91,7 +91,7 @@ def transfer(
         system=found.system,
         include_doubtful=include_doubtful,
     )
-    if sentence := left_out_sentence(view, format, space, include_doubtful=include_doubtful):
+    if sentence := left_out_sentence(collection, format, space, include_doubtful=include_doubtful):
         print(f"collalign: {sentence}", file=sys.stderr)
     for path in (*paths, *write_transfer(found, to, leave_one_out=leave_one_out)):
         print(path)

@@ -18,9 +18,9 @@ from collalign.landmarks.fusion import fuse, template_distance
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import LandmarkTable, landmark_table
 from collalign.landmarks.templates import read_templates, with_semilandmarks
-from collalign.output.evidence.evidence_file import load_view
-from collalign.products.aligned_collection import DOUBT
-from collalign.products.evidence import CollectionView
+from collalign.output.collection import Collection
+from collalign.output.evidence.loading import load
+from collalign.products.trust import DOUBT
 from collalign.registration.missing import missing_vertices, with_cloud_rim
 from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.surface import RegistrationSurface
@@ -111,28 +111,28 @@ def transfer_landmarks(
     ...     collalign.transfer_landmarks(folder + "/result", marks, progress=False).status[1]
     ('carried over',)
     """
-    view = load_view(result)
+    collection = load(result)
     check_count("surface_points", surface_points, lower=0)
     if curve_points is not None:
         check_count("curve_points", curve_points, lower=2)
     given = dict(landmarks) if isinstance(landmarks, Mapping) else read_templates(landmarks)
     given = with_semilandmarks(given, curves, patches)
-    rows = {name: view.index(name) for name in given}
-    meshes = tuple(zip(view.names, view.vertices, view.faces, strict=True))
-    placed = place_templates(given, {name: view.file(at) for name, at in rows.items()}, meshes)
+    rows = {name: collection.index(name) for name in given}
+    meshes = tuple(zip(collection.names, collection.vertices, collection.faces, strict=True))
+    placed = place_templates(given, {name: collection.file(at) for name, at in rows.items()}, meshes)
     table = landmark_table(
-        placed.landmarks, {name: view.transforms[at] for name, at in rows.items()}, curve_points=curve_points
+        placed.landmarks, {name: collection.transforms[at] for name, at in rows.items()}, curve_points=curve_points
     )
     dense = dense_correspondence(result, options=options, run=run, progress=progress)
-    found = _Transfer(view, dense, table).run(surface_points)
+    found = _Transfer(collection, dense, table).run(surface_points)
     return replace(found, notes=placed.notes, system=placed.system)
 
 
 class _Transfer:
     """One transfer: the collection, its dense correspondence, and the templates on it."""
 
-    def __init__(self, view: CollectionView, dense: DenseCorrespondence, table: LandmarkTable) -> None:
-        self._view, self._dense, self._labels, self._known = view, dense, table.labels, table.points
+    def __init__(self, collection: Collection, dense: DenseCorrespondence, table: LandmarkTable) -> None:
+        self._collection, self._dense, self._labels, self._known = collection, dense, table.labels, table.points
         self._semilandmarks = table.semilandmarks
         self._rows = {name: row for row, name in enumerate(dense.names)}
         centred = dense.mean - dense.mean.mean(axis=0)
@@ -146,20 +146,20 @@ class _Transfer:
         ]
         if not self._templates:
             raise InputError("landmarks: none of the specimens with landmarks could be registered")
-        self._scale = {name: float(scale) for name, scale in zip(view.names, view.scales, strict=True)}
+        self._scale = {name: float(scale) for name, scale in zip(collection.names, collection.scales, strict=True)}
 
     def run(self, surface_points: int) -> TransferredLandmarks:
         """Predict every specimen, and every template from the others; and spread points over all surfaces."""
         errors, evidence = self._leave_one_out()
         calibration = calibrate(errors, evidence)
-        found = [self._specimen(name, calibration) for name in self._view.names]
+        found = [self._specimen(name, calibration) for name in self._collection.names]
         names = tuple(self._dense.names[item.shape] for item in self._templates)
         unit = np.array([self._scale[name] for name in names])[:, None]
         rest = [evidence[:at] + evidence[at + 1 :] for at in range(len(evidence))]
         without = [calibrate(np.delete(errors, at, 0), others) for at, others in enumerate(rest)]
         radius = np.array([radii(one, own) for one, own in zip(without, evidence, strict=True)])
         carried = TransferredLandmarks(
-            names=self._view.names,
+            names=self._collection.names,
             labels=self._labels,
             points=read_only(np.stack([points for points, _, _ in found])),
             radii=read_only(np.stack([radius for _, radius, _ in found])),
@@ -198,7 +198,7 @@ class _Transfer:
             vague = beyond_range(calibration, evidence)
             predicted[nothing | vague] = np.nan
             reasons = np.where(nothing, NO_COUNTERPART, np.where(vague, OUT_OF_RANGE, reasons))
-            inverse = np.linalg.inv(self._view.transforms[self._view.index(name)])
+            inverse = np.linalg.inv(self._collection.transforms[self._collection.index(name)])
             points[~placed] = moved_by(inverse, predicted)[~placed]
             radius[~placed] = radii(calibration, evidence)[~placed] / self._scale[name]
             radius[np.isnan(points).any(axis=1)] = np.nan
@@ -209,7 +209,7 @@ class _Transfer:
     def _abstention(self, name: str) -> str | None:
         if name not in self._rows:
             return NOT_REGISTERED
-        doubtful = self._view.confidence[self._view.index(name)] < DOUBT
+        doubtful = self._collection.confidence[self._collection.index(name)] < DOUBT
         return DOUBTFUL_POSE if doubtful else None
 
     def _predict(self, name: str, templates: list[Template]) -> tuple[FloatArray, Evidence, BoolArray]:
@@ -239,7 +239,7 @@ class _Transfer:
             raise InputError(f"surface_points: the mean has {len(mean.vertices)} vertices, {num} are asked for")
         chosen = farthest_points(mean, num, metric="euclidean")
         places, words = [], []
-        for at, name in enumerate(self._view.names):
+        for at, name in enumerate(self._collection.names):
             reason = self._abstention(name)
             points = np.full((num, 3), np.nan)
             if reason is None:
@@ -247,11 +247,11 @@ class _Transfer:
                 surface = self._surface(name)
                 there = np.isfinite(copies).all(axis=1) & ~_without_counterpart(surface, copies)
                 points[there] = surface.locator.closest(copies[there]).on(surface.vertices)
-                points = moved_by(np.linalg.inv(self._view.transforms[at]), points)
+                points = moved_by(np.linalg.inv(self._collection.transforms[at]), points)
             places.append(points)
             words.append(np.where(np.isfinite(points).all(axis=1), CARRIED, reason or NO_COUNTERPART).tolist())
         rows = SemilandmarkRows(SURFACE, "patch", tuple(range(len(self._labels), len(self._labels) + num)))
-        nothing = np.full((len(self._view.names), num), np.nan)
+        nothing = np.full((len(self._collection.names), num), np.nan)
         left_out = np.full((len(carried.templates), num), np.nan)
         return replace(
             carried,
@@ -266,12 +266,12 @@ class _Transfer:
 
     def _surface(self, name: str) -> RegistrationSurface:
         """Read a specimen's surface, as its file has it, in the common frame."""
-        at = self._view.index(name)
-        shape = read_shape(self._view.file(at), name=name).transformed(self._view.transforms[at])
+        at = self._collection.index(name)
+        shape = read_shape(self._collection.file(at), name=name).transformed(self._collection.transforms[at])
         return with_cloud_rim(RegistrationSurface.from_shape(shape, _NUM_RIM_POINTS))
 
     def _posed(self, name: str, points: FloatArray) -> FloatArray:
-        return moved_by(self._view.transforms[self._view.index(name)], points)
+        return moved_by(self._collection.transforms[self._collection.index(name)], points)
 
 
 def _without_counterpart(surface: RegistrationSurface, points: FloatArray) -> BoolArray:

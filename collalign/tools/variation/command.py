@@ -13,7 +13,7 @@ from collalign.analysis.label_table import read_labels
 from collalign.cli.interruption import resumable
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
-from collalign.output.evidence.evidence_file import load_view
+from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
 from collalign.tools.variation.run import write_surface_variation
@@ -52,11 +52,11 @@ def variation(
     include_doubtful
         Let shapes whose pose is in doubt count as well.
     """
-    view = load_view(result)
-    columns = None if labels is None else read_labels(labels).columns_for(view.names)
-    if individuals is not None and individuals not in (columns or view.labels):
+    collection = load(result)
+    columns = None if labels is None else read_labels(labels).columns_for(collection.names)
+    if individuals is not None and individuals not in (columns or collection.labels):
         raise InputError(f"--individuals: no column of the labels is called {individuals!r}")
-    owners = None if individuals is None else (columns or view.labels)[individuals]
+    owners = None if individuals is None else (columns or collection.labels)[individuals]
     to = result / DEFAULT_FOLDER if to is None else to
     store = run.store or result / STORE_FILE
     with resumable(store):
@@ -70,7 +70,7 @@ def variation(
             include_doubtful=include_doubtful,
             run=with_changes(run, store=store),
         )
-    if sentence := statistics_members(view, include_doubtful=include_doubtful).sentence:
+    if sentence := statistics_members(collection, include_doubtful=include_doubtful).sentence:
         print(f"collalign: {sentence}", file=sys.stderr)
     print(to / PAGE_FILE)
     return 0

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from collalign.output.evidence.camera import camera
 from collalign.output.evidence.display_mesh import display_mesh
+from collalign.output.evidence.gather import json_types
 from collalign.output.report.payload import pack, sample_colors
-from collalign.products.evidence import json_types
 from collalign.tools.variation.surface_symmetry import SurfaceSymmetry
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
 from data_tools.arrays import FloatArray

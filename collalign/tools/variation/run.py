@@ -15,7 +15,7 @@ from collalign.landmarks.carry import template
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import landmark_table
 from collalign.landmarks.templates import read_templates
-from collalign.output.evidence.evidence_file import load_view
+from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.correspond.run import dense_correspondence
@@ -95,30 +95,37 @@ def write_surface_variation(
     >>> found.components.scores.shape
     (3, 2)
     """
-    view = load_view(result)
+    collection = load(result)
     inputs = () if isinstance(landmarks, Mapping) else map(Path, landmarks)
-    refuse_overlap(Path(to), {*view.inputs, *inputs})
-    who = statistics_members(view, include_doubtful=include_doubtful)
+    refuse_overlap(Path(to), {*collection.inputs, *inputs})
+    who = statistics_members(collection, include_doubtful=include_doubtful)
     if who.too_few(2):
         raise CollectionError(f"variation: {who.too_few(2)}")
     names = [name for name, _ in who.left_out]
     dense = dense_correspondence(result, leave_out=names, run=run, progress=progress)
-    rows = [view.index(name) for name in dense.names]
-    vertices = dense.vertices / view.scales[rows][:, None, None]
+    rows = [collection.index(name) for name in dense.names]
+    vertices = dense.vertices / collection.scales[rows][:, None, None]
     found = surface_variation(dense.names, dense.faces, vertices)
     columns = {
         column: tuple(values[at] for at in rows)
-        for column, values in (view.labels if labels is None else labels).items()
+        for column, values in (collection.labels if labels is None else labels).items()
     }
     marked: tuple[tuple[str, ...], FloatArray] = ((), np.empty((0, 3)))
     notes: tuple[str, ...] = ()
     if landmarks:
         given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks)
-        files = {name: view.file(view.index(name)) for name in given}
-        placed = place_templates(given, files, tuple(zip(view.names, view.vertices, view.faces, strict=True)))
-        table = landmark_table(placed.landmarks, {name: view.transforms[view.index(name)] for name in given})
+        files = {name: collection.file(collection.index(name)) for name in given}
+        placed = place_templates(
+            given, files, tuple(zip(collection.names, collection.vertices, collection.faces, strict=True))
+        )
+        table = landmark_table(
+            placed.landmarks, {name: collection.transforms[collection.index(name)] for name in given}
+        )
         alone, notes = table.landmark_rows, placed.notes
-        posed = {name: moved_by(view.transforms[view.index(name)], one[alone]) for name, one in table.points.items()}
+        posed = {
+            name: moved_by(collection.transforms[collection.index(name)], one[alone])
+            for name, one in table.points.items()
+        }
         marked = tuple(table.labels[row] for row in alone), _on_mean(dense, found.mean, posed)
     components = None
     if symmetry is not None:
@@ -126,10 +133,10 @@ def write_surface_variation(
             vertices,
             dense.faces,
             _counterparts(found, symmetry, marked),
-            mirrored=view.reflected[rows],
+            mirrored=collection.reflected[rows],
             individuals=None if individuals is None else [individuals[at] for at in rows],
         )
-    version = str(view.versions.get("collalign", ""))
+    version = str(collection.run.versions.get("collalign", ""))
     write_variation(
         found,
         Path(to),

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from collalign.output.collection import Collection
 from collalign.output.corrections import read_corrections
 from collalign.output.report import write_report
 from collalign.output.report.content import build_content
-from collalign.products.evidence import CollectionView
 from tests.collalign.output.test_report_incomplete import broken_view
 from tests.collalign.output.test_report_places import mapped_view
 from tests.view_problems import view_of
@@ -111,12 +111,12 @@ class Page:
 
 
 @pytest.fixture(scope="module")
-def small() -> CollectionView:
+def small() -> Collection:
     return view_of(10, num_missing=3)
 
 
 @pytest.fixture(scope="module")
-def small_file(small: CollectionView, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small_file(small: Collection, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_report(small, tmp_path_factory.mktemp("small"), title="Ten bodies")
 
 
@@ -215,7 +215,7 @@ def test_overlay_shows_what_is_chosen(opened: Page) -> None:
     assert opened.pixels("#overlay canvas")["share"] > 0.05
 
 
-def test_matrix_opens_the_pair_under_the_mouse_and_under_the_cursor(opened: Page, small: CollectionView) -> None:
+def test_matrix_opens_the_pair_under_the_mouse_and_under_the_cursor(opened: Page, small: Collection) -> None:
     matrix = opened.page.locator("canvas.matrix")
     opened.page.locator("#pairs").get_by_label("Order by").select_option("name")
     matrix.scroll_into_view_if_needed()
@@ -245,7 +245,7 @@ def test_matched_points_carry_equal_colours(opened: Page) -> None:
     assert opened.canvas("dialog[open] canvas", 0).evaluate(NUM_COLOURS) > 500
 
 
-def test_a_correction_is_chosen_downloaded_and_read(opened: Page, small: CollectionView, tmp_path: Path) -> None:
+def test_a_correction_is_chosen_downloaded_and_read(opened: Page, small: Collection, tmp_path: Path) -> None:
     before = opened.image(".tile canvas", 1)
     opened.page.locator("#confidence").get_by_role("button", name="shape_001").click()
     opened.page.get_by_role("button", name="Use this pose").first.click()
@@ -299,7 +299,7 @@ def test_every_part_holds_what_it_should(opened: Page) -> None:
     }
     assert "folder/broken.ply" in text["excluded"]
     assert "export it again" in text["excluded"]
-    assert all(word in text["run"] for word in ("sampling.num_samples", "numpy", "12.3"))
+    assert all(word in text["run"] for word in ("sampling.num_points", "numpy", "12.3"))
     assert "Going around 400 cycles" in text["cycles"]
     assert opened.page.locator("#cycles rect").count() == 36
     assert opened.page.locator("#tree text").count() == 9
@@ -447,7 +447,7 @@ def test_decisions_survive_a_reload_where_files_get_no_storage(browser: Any, tmp
     page.context.close()
 
 
-def test_a_shape_is_turned_by_hand(opened: Page, small: CollectionView, tmp_path: Path) -> None:
+def test_a_shape_is_turned_by_hand(opened: Page, small: Collection, tmp_path: Path) -> None:
     """Three steps of 7.5 degrees to the right turn the shape about the upright axis of the screen."""
     opened.page.locator("#confidence").get_by_role("button", name="shape_001").click()
     figure = opened.page.locator("dialog[open] figure", has_text="turn the shape by hand")

@@ -129,11 +129,11 @@ def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named() -
 
 def test_what_a_doubtful_shape_looks_like_changes_neither_map_nor_components() -> None:
     view = view_of(9)
-    samples = view.samples.copy()
+    samples = view.landmarks.copy()
     samples[1] = samples[1][::-1]
     for found, again in zip(
         (shape_map(view), variation(view)[0]),
-        (shape_map(other := dataclasses.replace(view, samples=samples)), variation(other)[0]),
+        (shape_map(other := dataclasses.replace(view, landmarks=samples)), variation(other)[0]),
         strict=True,
     ):
         assert found == again
@@ -185,7 +185,7 @@ def test_cycle_histogram_counts_every_cycle() -> None:
 @pytest.mark.parametrize("num_shapes", [2, 3])
 def test_tiny_collections_say_what_they_cannot_show(num_shapes: int) -> None:
     plain = view_of(num_shapes)
-    view = dataclasses.replace(plain, samples=plain.samples[:, :2], landmark_names=plain.landmark_names[:2])
+    view = dataclasses.replace(plain, landmarks=plain.landmarks[:, :2], landmark_names=plain.landmark_names[:2])
     document, _ = build_content(view)
     assert "problem" in document["map"]
     assert "problem" in document["variation"]

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from collalign.output.collection import Collection
 from collalign.output.report import render_report
 from collalign.output.report.content import build_content
 from collalign.output.report.coverage import incomplete_content
-from collalign.products.evidence import CollectionView
 from collalign.products.incomplete import Incomplete
 from tests.collalign.output.test_report_content import unpack
 from tests.view_problems import view_of
@@ -18,16 +18,16 @@ from tests.view_problems import view_of
 BROKEN = 3
 
 
-def broken_view(*, every: bool = False) -> CollectionView:
+def broken_view(*, every: bool = False) -> Collection:
     """A collection of which one shape lacks what lies beyond a plane; with ``every`` all count as incomplete."""
     view = view_of(6, subdivisions=3)
     T = view.transforms[BROKEN]
     posed = view.vertices[BROKEN] @ T[:3, :3].T + T[:3, 3]
-    placed = view.aligned_samples[BROKEN]
+    placed = view.aligned_landmarks[BROKEN]
     height = np.quantile(posed[:, 0], 0.7)
     kept = posed[:, 0] <= height
     faces = (np.cumsum(kept) - 1)[view.faces[BROKEN][kept[view.faces[BROKEN]].all(axis=1)]]
-    samples = view.samples.copy()
+    samples = view.landmarks.copy()
     samples[BROKEN][placed[:, 0] > height] = np.nan
     partners = np.array([0, 1, 2])
     incomplete = Incomplete(shape=BROKEN, reason="as told", partners=partners, overlaps=np.full((3, 2), [0.7, 1.0]))
@@ -89,8 +89,8 @@ def test_complete_collections_say_nothing() -> None:
 
 def test_a_shape_with_too_few_points_is_drawn_without_completion() -> None:
     view = broken_view()
-    samples = view.samples.copy()
+    samples = view.landmarks.copy()
     samples[BROKEN][4:] = np.nan
-    content, meshes = incomplete_content(dataclasses.replace(view, samples=samples))
+    content, meshes = incomplete_content(dataclasses.replace(view, landmarks=samples))
     assert "completed" not in content["shapes"][0]
     assert f"missing-{BROKEN}" not in meshes

@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from collalign.output.evidence.evidence_file import load_view, save_view
+from collalign.output.collection import Collection
+from collalign.output.evidence.loading import load
 from collalign.output.report.content import build_content, place_meshes
 from collalign.output.report.shown import some_shapes
-from collalign.products.evidence import CollectionView
 from data_tools.errors import InputError
 from tests.collalign.output.test_report_content import unpack
-from tests.view_problems import view_of
+from tests.view_problems import view_of, write_result
 
 #: The shape without maps.
 WITHOUT = 2
 
 
-def mapped_view() -> CollectionView:
+def mapped_view() -> Collection:
     """A collection of which all shapes but one have maps of all vertices."""
     view = view_of(4)
     rng = np.random.default_rng(0)
@@ -49,11 +49,11 @@ def test_pages_show_the_colours_of_their_shapes() -> None:
 
 def test_colours_come_back_from_the_file_and_impossible_ones_do_not(tmp_path: Path) -> None:
     view = mapped_view()
-    save_view(view, tmp_path / "right")
-    back = load_view(tmp_path / "right")
+    write_result(view, tmp_path / "right")
+    back = load(tmp_path / "right")
     assert all(np.array_equal(a, b) for a, b in zip(back.places, view.places, strict=True))
-    save_view(view_of(4), tmp_path / "none")
-    assert load_view(tmp_path / "none").places == ()
-    save_view(dataclasses.replace(view, places=(view.places[0][:-1], *view.places[1:])), tmp_path / "wrong")
+    write_result(view_of(4), tmp_path / "none")
+    assert load(tmp_path / "none").places == ()
+    write_result(dataclasses.replace(view, places=(view.places[0][:-1], *view.places[1:])), tmp_path / "wrong")
     with pytest.raises(InputError, match="places"):
-        load_view(tmp_path / "wrong")
+        load(tmp_path / "wrong")

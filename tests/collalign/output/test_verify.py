@@ -86,7 +86,7 @@ def rewrite_table(folder: Path, change: Callable[[list[list[str]]], None]) -> No
 @pytest.fixture
 def folder(certified: Certified, tmp_path: Path) -> Path:
     with OutputFolder.open(tmp_path / "out", writer="align") as output:
-        write_certificates(certified, output)  # type: ignore[arg-type]
+        write_certificates(certified.pairs, certified, output)  # type: ignore[arg-type]
         record, positions = summary(certified, "centroid")
         np.savez(output.stage("correspondences.npz"), positions=positions)
         output.stage("alignment.json").write_text(json.dumps(record))

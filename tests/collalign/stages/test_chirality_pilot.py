@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from collalign import AlignedCollection, AlignOptions, RunOptions, align_collection
+from collalign import AlignOptions, Collection, RunOptions, align_collection
 from collalign.cli import main
 from collalign.extend import add_to_collection
 from collalign.output.write import alignment_record
@@ -66,11 +66,11 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> RunOptions:
 
 
 @pytest.fixture(scope="module")
-def aligned_mixed(mixed: Path, store: RunOptions) -> AlignedCollection:
+def aligned_mixed(mixed: Path, store: RunOptions) -> Collection:
     return align_collection(mixed, options=OPTIONS, run=store)
 
 
-def without_decision(collection: AlignedCollection) -> dict[str, Any]:
+def without_decision(collection: Collection) -> dict[str, Any]:
     """What two runs share if one was asked for what the other decided."""
     record = alignment_record(collection)
     record["options"].pop("group")
@@ -79,7 +79,7 @@ def without_decision(collection: AlignedCollection) -> dict[str, Any]:
 
 
 def test_a_mix_is_noticed_and_aligned_as_if_asked_for(
-    aligned_mixed: AlignedCollection, mixed: Path, store: RunOptions
+    aligned_mixed: Collection, mixed: Path, store: RunOptions
 ) -> None:
     assert aligned_mixed.group == "O"
     assert aligned_mixed.reflected.tolist() == [i in (1, 4) for i in range(7)]
@@ -159,7 +159,7 @@ def test_the_pilot_takes_the_nearest_pairs_of_every_shape() -> None:
 
 
 def test_added_shapes_keep_what_was_decided(
-    aligned_mixed: AlignedCollection, one_sided: Path, mixed: Path, store: RunOptions, tmp_path: Path
+    aligned_mixed: Collection, one_sided: Path, mixed: Path, store: RunOptions, tmp_path: Path
 ) -> None:
     new = tmp_path / "new"
     late = read_folder(mixed).files[4]
@@ -197,7 +197,7 @@ def test_added_shapes_do_not_hide_what_was_left_out(one_sided: Path, tmp_path: P
 
 
 def test_a_mirrored_pose_set_by_hand_allows_mirror_images(
-    aligned_mixed: AlignedCollection, mixed: Path, store: RunOptions
+    aligned_mixed: Collection, mixed: Path, store: RunOptions
 ) -> None:
     fixed = {"crown2": aligned_mixed.rotations[1]}
     found = align_collection(mixed, options=OPTIONS, run=store, fixed=fixed)

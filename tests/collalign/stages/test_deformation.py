@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from collalign import Collection, load
 from collalign.align import align_collection
-from collalign.collection import AlignedCollection, load
 from collalign.engine.run_options import RunOptions
 from collalign.nonrigid.collection.bases import common_bases, map_residuals
 from collalign.nonrigid.collection.choice import choose_maps
@@ -107,7 +107,7 @@ def bent_blobs(folder: Path, num: int) -> list[Shape]:
 
 
 @pytest.fixture(scope="module")
-def deformed(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Shape], AlignedCollection, Path]:
+def deformed(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Shape], Collection, Path]:
     root = tmp_path_factory.mktemp("deformed")
     folder = root / "shapes"
     folder.mkdir()
@@ -130,9 +130,9 @@ def worst_share(maps: VertexMaps, shapes: list[Shape], *, within: float) -> floa
     return min(shares)
 
 
-def test_maps_of_bent_blobs_find_every_vertex(deformed: tuple[list[Shape], AlignedCollection, Path]) -> None:
+def test_maps_of_bent_blobs_find_every_vertex(deformed: tuple[list[Shape], Collection, Path]) -> None:
     shapes, aligned, _ = deformed
-    maps = aligned.maps.vertices
+    maps = aligned.made.vertices
     assert maps is not None
     assert maps.names == ("f0", "f1", "f2", "f3")
     assert not maps.left_out
@@ -141,9 +141,9 @@ def test_maps_of_bent_blobs_find_every_vertex(deformed: tuple[list[Shape], Align
     assert worst_share(backwards, shapes, within=0.2) < 0.5
 
 
-def test_maps_compose_around_cycles(deformed: tuple[list[Shape], AlignedCollection, Path]) -> None:
+def test_maps_compose_around_cycles(deformed: tuple[list[Shape], Collection, Path]) -> None:
     shapes, aligned, _ = deformed
-    maps = aligned.maps.vertices
+    maps = aligned.made.vertices
     assert maps is not None
     around = maps["f0", "f1"][maps["f1", "f2"]][maps["f2", "f0"]]
     gaps = np.linalg.norm(shapes[0].vertices[around] - shapes[0].vertices, axis=1)
@@ -151,10 +151,10 @@ def test_maps_compose_around_cycles(deformed: tuple[list[Shape], AlignedCollecti
 
 
 def test_places_lie_on_the_reference_and_maps_go_to_the_nearest_of_them(
-    deformed: tuple[list[Shape], AlignedCollection, Path],
+    deformed: tuple[list[Shape], Collection, Path],
 ) -> None:
     shapes, aligned, _ = deformed
-    maps = aligned.maps.vertices
+    maps = aligned.made.vertices
     assert maps is not None
     reference = shapes[maps.names.index(maps.reference)]
     locator = SurfaceLocator(reference.vertices, reference.faces)
@@ -178,9 +178,9 @@ def test_vertices_without_a_place_have_no_map_and_get_none_to_them() -> None:
     assert (maps["c", "a"] == -1).all()
 
 
-def test_maps_survive_saving(deformed: tuple[list[Shape], AlignedCollection, Path]) -> None:
+def test_maps_survive_saving(deformed: tuple[list[Shape], Collection, Path]) -> None:
     _, aligned, out = deformed
-    maps, again = aligned.maps.vertices, load(out).vertex_maps
+    maps, again = aligned.made.vertices, load(out).vertex_maps
     assert maps is not None
     assert (again["f1", "f3"] == maps["f1", "f3"]).all()
     assert again.reference == maps.reference
@@ -190,7 +190,7 @@ def test_maps_survive_saving(deformed: tuple[list[Shape], AlignedCollection, Pat
 
 
 def test_a_result_without_maps_and_a_damaged_file_say_so(
-    deformed: tuple[list[Shape], AlignedCollection, Path], tmp_path: Path
+    deformed: tuple[list[Shape], Collection, Path], tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match="--deformable"):
         load_vertex_maps(tmp_path)
@@ -203,7 +203,7 @@ def test_a_result_without_maps_and_a_damaged_file_say_so(
 def test_point_clouds_have_no_maps_of_vertices() -> None:
     points = np.random.default_rng(6).random((80, 3))
     aligned = align_collection([points, points[::-1]], options=AlignOptions(deformable=True), progress=False)
-    assert aligned.maps.vertices is None
+    assert aligned.made.vertices is None
     assert any("no maps of vertices" in note for note in aligned.notes)
 
 

@@ -10,17 +10,21 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
-from collalign.collection import AlignedCollection
+from collalign.align import _without_found
 from collalign.engine.session import Session
+from collalign.output.collection import Collection
+from collalign.products.shapes import Constraints
 from collalign.stages.incomplete.detect import find_incomplete, told_incomplete
 from collalign.stages.incomplete.grow import common_points
 from collalign.stages.incomplete.place import nearest_labels, pose_certainty
+from collalign.stages.shape_stage import prepare_shapes
+from collalign.stages.steps import Matched, Run
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, crown
-from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import CollectionError, InputError, OptionsError
+from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import write_mesh
-from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.options import SamplingOptions
 from data_tools.percent import percent
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from tests.pairwise.partial.test_partial_match import cut, moved
@@ -44,19 +48,17 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]
 
 
 @pytest.fixture(scope="module")
-def aligned(planted: tuple[Path, np.ndarray]) -> AlignedCollection:
+def aligned(planted: tuple[Path, np.ndarray]) -> Collection:
     options = replace(OPTIONS, incomplete="tooth2, ")
     return align_collection(planted[0], options=options, progress=False)
 
 
-def errors_deg(collection: AlignedCollection, turns: np.ndarray) -> np.ndarray:
+def errors_deg(collection: Collection, turns: np.ndarray) -> np.ndarray:
     frames = collection.rotations @ turns
     return np.nan_to_num(rotation_angle_deg(frames, frames[0]), nan=180.0)
 
 
-def test_broken_teeth_are_posed_on_the_whole_ones(
-    aligned: AlignedCollection, planted: tuple[Path, np.ndarray]
-) -> None:
+def test_broken_teeth_are_posed_on_the_whole_ones(aligned: Collection, planted: tuple[Path, np.ndarray]) -> None:
     assert errors_deg(aligned, planted[1]).max() < 12
     assert [aligned.names[one.shape] for one in aligned.incomplete] == list(BROKEN)
     for one in aligned.incomplete:
@@ -68,7 +70,7 @@ def test_broken_teeth_are_posed_on_the_whole_ones(
     assert np.isfinite(aligned.consensus).all()
 
 
-def test_missing_regions_have_no_labels(aligned: AlignedCollection) -> None:
+def test_missing_regions_have_no_labels(aligned: Collection) -> None:
     labels = aligned.maps.labels
     for shape, name in enumerate(aligned.names):
         there = labels[shape] >= 0
@@ -82,7 +84,7 @@ def test_missing_regions_have_no_labels(aligned: AlignedCollection) -> None:
 
 
 def test_the_complete_shapes_stay_as_they_are_without_the_broken_ones(
-    aligned: AlignedCollection, planted: tuple[Path, np.ndarray], tmp_path: Path
+    aligned: Collection, planted: tuple[Path, np.ndarray], tmp_path: Path
 ) -> None:
     for file in planted[0].glob("*.ply"):
         if file.stem not in BROKEN:
@@ -95,14 +97,14 @@ def test_the_complete_shapes_stay_as_they_are_without_the_broken_ones(
 
 
 def test_the_result_says_what_is_missing_and_takes_more(
-    aligned: AlignedCollection, planted: tuple[Path, np.ndarray], tmp_path: Path
+    aligned: Collection, planted: tuple[Path, np.ndarray], tmp_path: Path
 ) -> None:
     aligned.save(tmp_path / "out")
     record = json.loads((tmp_path / "out" / "alignment.json").read_text())
     assert [one["name"] for one in record["incomplete"]] == list(BROKEN)
     assert set(record["incomplete"][0]["overlaps"]) <= {"tooth0", "tooth1", "tooth3", "tooth4"}
     view = load(tmp_path / "out")
-    assert np.isnan(view.samples).any(axis=(1, 2)).tolist() == [name in BROKEN for name in aligned.names]
+    assert np.isnan(view.landmarks).any(axis=(1, 2)).tolist() == [name in BROKEN for name in aligned.names]
     fresh = tmp_path / "fresh"
     fresh.mkdir()
     (fresh / "new.ply").write_bytes((planted[0] / "tooth0.ply").read_bytes())
@@ -139,12 +141,14 @@ def test_a_broken_tooth_is_found_among_seven(tmp_path: Path) -> None:
     assert "beyond its rim" in aligned.incomplete[0].reason
 
 
-def test_nothing_is_missing_among_whole_teeth(planted: tuple[Path, np.ndarray], aligned: AlignedCollection) -> None:
+def test_nothing_is_missing_among_whole_teeth(planted: tuple[Path, np.ndarray], aligned: Collection) -> None:
     whole = [i for i, name in enumerate(aligned.names) if name not in BROKEN]
-    again = align_collection([planted[0] / f"{aligned.names[i]}.ply" for i in whole], progress=False)
+    files = [planted[0] / f"{aligned.names[i]}.ply" for i in whole]
+    again = align_collection(files, progress=False)
     assert not again.incomplete
     with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
-        assert find_incomplete(session, [], again) == {}
+        few = prepare_shapes(session, list_shapes(files[:3]))
+        assert find_incomplete(session, few, again.pairs[:0], again.transforms[:3]) == {}
 
 
 def test_a_rival_that_partners_like_nearly_as_much_takes_certainty() -> None:
@@ -169,13 +173,15 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path: Path, monke
     for number in range(5):
         write_mesh(tmp_path / f"blob{number}.ply", blob(np.random.default_rng(1), num_vertices=400))
     closed = align_collection(tmp_path, options=replace(OPTIONS, incomplete="never"), progress=False)
-    samples = [sample_shape(closed._shape(i), OPTIONS.sampling, EmbeddingOptions(kind="xyz")) for i in range(5)]
     clouds = {f"cloud{n}": blob(rng, num_vertices=400).vertices for n in range(5)}
     open_ones = align_collection(clouds, options=replace(OPTIONS, incomplete="never"), progress=False)
     with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
-        assert find_incomplete(session, samples, closed) == {}
-        assert list(find_incomplete(session, samples, open_ones)) == [0, 1, 2, 3, 4]
-        assert find_incomplete(session, samples, replace(open_ones, search_gain=0.0)) == {}
+        for given, found, lacking in ((tmp_path, closed, []), (clouds, open_ones, [0, 1, 2, 3, 4])):
+            shapes = prepare_shapes(session, list_shapes(given))
+            assert list(find_incomplete(session, shapes, found.pairs, found.transforms)) == lacking
+        run = Run(session=session, shapes=shapes, constraints=Constraints(), former=None, times_s={})
+        bent = Matched(group="SO", pairs=[], failed=[], solution=None, notes=(), search_gain=0.0)
+        assert _without_found(run, bent, None) == ({}, bent, None)  # type: ignore[arg-type]
 
 
 def test_parts_of_which_none_is_whole_are_put_together(tmp_path: Path) -> None:

@@ -13,10 +13,9 @@ from collalign.confidence.pose_model import MOST_CONFIDENT, pose_confidence, pro
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
-from collalign.products.aligned_collection import DOUBT
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
-from collalign.products.trust import KINDS, Trust
+from collalign.products.trust import DOUBT, KINDS, Trust
 from collalign.stages.surface_gap import surface_gap
 from collalign.stages.trust.assess import EITHER_SIDE, RIVAL_POWER, gather_trust, partners_of, with_trust
 from collalign.stages.trust.own_turns import near_symmetries, turns_in_words

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from collalign.output.evidence.evidence_file import save_view
-from collalign.products.evidence import CollectionView
+from collalign.output.collection import Collection
 from collalign.products.incomplete import Incomplete
+from collalign.tools.export.request import centroid_sizes
 from collalign.tools.export.run import FORMATS, export
 from data_tools.errors import InputError, OptionsError
 from data_tools.landmarks.landmark_files import read_landmarks
 from tests.export_readers import read_morphologika
-from tests.view_problems import NUM_SAMPLES, view_of
+from tests.view_problems import NUM_SAMPLES, view_of, write_result
 
 TABLES = (
     "shapes",
@@ -34,7 +34,7 @@ TABLES = (
 
 
 @pytest.fixture
-def view(tmp_path_factory: pytest.TempPathFactory) -> CollectionView:
+def view(tmp_path_factory: pytest.TempPathFactory) -> Collection:
     """Six shapes whose files exist, four samples missing."""
     plain = view_of(6, num_missing=4)
     folder = tmp_path_factory.mktemp("in")
@@ -57,7 +57,7 @@ def test_every_format_of_the_contract_exists() -> None:
 
 @pytest.mark.parametrize("format", FORMATS)
 def test_files_are_where_they_are_said_to_be_and_the_same_each_time(
-    view: CollectionView, tmp_path: Path, format: str
+    view: Collection, tmp_path: Path, format: str
 ) -> None:
     first = export(view, format, tmp_path / "one")
     second = export(view, format, tmp_path / "two")
@@ -68,21 +68,21 @@ def test_files_are_where_they_are_said_to_be_and_the_same_each_time(
         assert a.read_bytes() == b.read_bytes()
 
 
-def test_export_reads_the_saved_folder(view: CollectionView, tmp_path: Path) -> None:
-    save_view(view, tmp_path / "out")
+def test_export_reads_the_saved_folder(view: Collection, tmp_path: Path) -> None:
+    write_result(view, tmp_path / "out")
     saved = export(tmp_path / "out", "tps", tmp_path / "a")[0].read_text()
     assert saved == export(view, "tps", tmp_path / "b")[0].read_text()
 
 
-def test_morphologika(view: CollectionView, tmp_path: Path) -> None:
+def test_morphologika(view: Collection, tmp_path: Path) -> None:
     found = read_morphologika(export(view, "morphologika", tmp_path)[0])
     assert found.names == view.names
-    np.testing.assert_array_equal(found.points, view.aligned_samples)
+    np.testing.assert_array_equal(found.points, view.aligned_landmarks)
     assert found.labels == ("taxon", "side")
     assert found.label_values[1] == ("taxon_B", "left")
 
 
-def test_morphologika_survives_specimens_called_like_its_sections(view: CollectionView, tmp_path: Path) -> None:
+def test_morphologika_survives_specimens_called_like_its_sections(view: Collection, tmp_path: Path) -> None:
     names = ("names_1", "Landmarks2", "my rawpoints", "a 'b'", "a _b_", "groups")
     paths = export(dataclasses.replace(view, names=names), "morphologika", tmp_path)
     found = read_morphologika(paths[0])
@@ -91,29 +91,29 @@ def test_morphologika_survives_specimens_called_like_its_sections(view: Collecti
     assert [row["specimen"] for row in rows(paths[1])] == list(found.names)
 
 
-def test_tps_by_ktch(view: CollectionView, tmp_path: Path) -> None:
+def test_tps_by_ktch(view: Collection, tmp_path: Path) -> None:
     ktch_io = pytest.importorskip("ktch.io", reason="ktch is not installed")
     found = ktch_io.read_tps(export(view, "tps", tmp_path)[0])
     assert [specimen.specimen_name for specimen in found] == list(view.names)
-    np.testing.assert_array_equal([specimen.to_numpy() for specimen in found], view.aligned_samples)
+    np.testing.assert_array_equal([specimen.to_numpy() for specimen in found], view.aligned_landmarks)
 
 
-def test_nts_by_morphops(view: CollectionView, tmp_path: Path) -> None:
+def test_nts_by_morphops(view: Collection, tmp_path: Path) -> None:
     morphops_io = pytest.importorskip("morphops.io", reason="morphops is not installed")
     points, names = morphops_io.read_dta(export(view, "nts", tmp_path)[0])
     assert names == list(view.names)
-    np.testing.assert_array_equal(np.where(points == -9999, np.nan, points), view.aligned_samples)
+    np.testing.assert_array_equal(np.where(points == -9999, np.nan, points), view.aligned_landmarks)
 
 
-def test_nts_code_for_missing_is_no_coordinate(view: CollectionView, tmp_path: Path) -> None:
-    far = dataclasses.replace(view, samples=view.samples * 1e6)
+def test_nts_code_for_missing_is_no_coordinate(view: Collection, tmp_path: Path) -> None:
+    far = dataclasses.replace(view, landmarks=view.landmarks * 1e6)
     header = export(far, "nts", tmp_path, space="raw")[0].read_text().splitlines()[0].split()
     assert abs(int(header[4])) > np.nanmax(np.abs(far.samples))
     assert header[:4] == ["1", "6L", str(3 * NUM_SAMPLES), "1"]
 
 
-def test_slicer_json(view: CollectionView, tmp_path: Path) -> None:
-    for path, points in zip(export(view, "slicer-json", tmp_path), view.aligned_samples, strict=True):
+def test_slicer_json(view: Collection, tmp_path: Path) -> None:
+    for path, points in zip(export(view, "slicer-json", tmp_path), view.aligned_landmarks, strict=True):
         markup = json.loads(path.read_text())["markups"][0]
         assert markup["coordinateSystem"] == "LPS"
         status = [control["positionStatus"] for control in markup["controlPoints"]]
@@ -121,9 +121,9 @@ def test_slicer_json(view: CollectionView, tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_landmarks(path).points, points)
 
 
-def test_fcsv_by_slicerio(view: CollectionView, tmp_path: Path) -> None:
+def test_fcsv_by_slicerio(view: Collection, tmp_path: Path) -> None:
     slicerio = pytest.importorskip("slicerio", reason="slicerio is not installed")
-    for path, points in zip(export(view, "fcsv", tmp_path), view.aligned_samples, strict=True):
+    for path, points in zip(export(view, "fcsv", tmp_path), view.aligned_landmarks, strict=True):
         markup = slicerio.read_markups_fcsv(str(path))["markups"][0]
         controls = markup["controlPoints"]
         known = np.flatnonzero(~np.isnan(points).any(axis=1))
@@ -133,7 +133,7 @@ def test_fcsv_by_slicerio(view: CollectionView, tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_landmarks(path).points, points[known])
 
 
-def test_itk_by_simpleitk_is_the_inverse_pose(view: CollectionView, tmp_path: Path) -> None:
+def test_itk_by_simpleitk_is_the_inverse_pose(view: Collection, tmp_path: Path) -> None:
     sitk = pytest.importorskip("SimpleITK", reason="SimpleITK is not installed")
     for at, path in enumerate(export(view, "itk", tmp_path)):
         transform = sitk.ReadTransform(str(path))
@@ -145,7 +145,7 @@ def test_itk_by_simpleitk_is_the_inverse_pose(view: CollectionView, tmp_path: Pa
 
 
 @pytest.mark.parametrize("told", ["header", "caller"])
-def test_files_in_ras_keep_their_numbers_and_say_so(view: CollectionView, tmp_path: Path, told: str) -> None:
+def test_files_in_ras_keep_their_numbers_and_say_so(view: Collection, tmp_path: Path, told: str) -> None:
     if told == "header":
         file = Path(view.files[0])
         file.write_bytes(file.read_bytes().replace(b"\nelement", b"\ncomment SPACE=RAS\nelement", 1))
@@ -153,13 +153,13 @@ def test_files_in_ras_keep_their_numbers_and_say_so(view: CollectionView, tmp_pa
     for format in ("slicer-json", "fcsv"):
         raw = [read_landmarks(p) for p in export(view, format, tmp_path / format, space="raw", system=system)]
         assert [one.system for one in raw] == ["RAS"] + ["RAS" if told == "caller" else "LPS"] * 5
-        known = np.isfinite(view.samples[0]).all(axis=1)
-        assert np.isin(view.samples[0][known], raw[0].points).all()
+        known = np.isfinite(view.landmarks[0]).all(axis=1)
+        assert np.isin(view.landmarks[0][known], raw[0].points).all()
         posed = [read_landmarks(p) for p in export(view, format, tmp_path / "posed" / format, system=system)]
         assert {one.system for one in posed} == {"LPS"}
 
 
-def test_poses_of_files_that_declare_ras_are_those_of_the_scene(view: CollectionView, tmp_path: Path) -> None:
+def test_poses_of_files_that_declare_ras_are_those_of_the_scene(view: Collection, tmp_path: Path) -> None:
     before = [path.read_text().splitlines()[3] for path in export(view, "itk", tmp_path)[:2]]
     file = Path(view.files[0])
     file.write_bytes(file.read_bytes().replace(b"\nelement", b"\ncomment SPACE=RAS\nelement", 1))
@@ -169,11 +169,11 @@ def test_poses_of_files_that_declare_ras_are_those_of_the_scene(view: Collection
     assert after[1] == before[1]
 
 
-def test_shapeworks_project_holds_together(view: CollectionView, tmp_path: Path) -> None:
+def test_shapeworks_project_holds_together(view: Collection, tmp_path: Path) -> None:
     project_file, *files = export(view, "shapeworks", tmp_path)
     project = json.loads(project_file.read_text())
-    complete = ~np.isnan(view.samples).any(axis=(0, 2))
-    assert len(files) == 3 * view.num_shapes
+    complete = ~np.isnan(view.landmarks).any(axis=(0, 2))
+    assert len(files) == 3 * len(view)
     for at, entry in enumerate(project["data"]):
         assert all(isinstance(value, str) for value in entry.values())
         T = np.array(entry["alignment_1"].split(), dtype=float).reshape(4, 4)
@@ -182,7 +182,7 @@ def test_shapeworks_project_holds_together(view: CollectionView, tmp_path: Path)
         text = (tmp_path / entry["local_particles_1"]).read_text()
         assert text.endswith("\n")
         local, world = np.array(text.split(), dtype=float), np.loadtxt(tmp_path / entry["world_particles_1"])
-        np.testing.assert_array_equal(local.reshape(-1, 3), view.samples[at][complete])
+        np.testing.assert_array_equal(local.reshape(-1, 3), view.landmarks[at][complete])
         np.testing.assert_allclose(local.reshape(-1, 3) @ T[:3, :3].T + T[:3, 3], world, rtol=1e-9, atol=1e-9)
 
 
@@ -207,7 +207,7 @@ def shapeworks_problems(project: dict[str, Any]) -> list[str]:
     return found
 
 
-def test_shapeworks_project_follows_its_schema(view: CollectionView, tmp_path: Path) -> None:
+def test_shapeworks_project_follows_its_schema(view: Collection, tmp_path: Path) -> None:
     project = json.loads(export(view, "shapeworks", tmp_path)[0].read_text())
     assert shapeworks_problems(project) == []
     wrong = json.loads(json.dumps(project))
@@ -219,7 +219,7 @@ def test_shapeworks_project_follows_its_schema(view: CollectionView, tmp_path: P
 
 @pytest.mark.parametrize("format", ["ply", "obj", "stl"])
 @pytest.mark.parametrize("space", ["aligned", "unscaled", "raw"])
-def test_meshes_by_trimesh(view: CollectionView, tmp_path: Path, format: str, space: Any) -> None:
+def test_meshes_by_trimesh(view: Collection, tmp_path: Path, format: str, space: Any) -> None:
     for at, path in enumerate(export(view, format, tmp_path, space=space)):
         mesh = trimesh.load_mesh(path)
         T = {"raw": np.eye(4), "aligned": view.transforms[at]}.get(space, view.transforms[at] / view.scales[at])
@@ -230,20 +230,20 @@ def test_meshes_by_trimesh(view: CollectionView, tmp_path: Path, format: str, sp
         assert np.sign(mesh.volume) == np.sign(raw_volume) * (turned if space == "raw" else 1)
 
 
-def test_meshes_are_whole_even_if_the_view_is_decimated(view: CollectionView, tmp_path: Path) -> None:
+def test_meshes_are_whole_even_if_the_view_is_decimated(view: Collection, tmp_path: Path) -> None:
     few = dataclasses.replace(view, faces=tuple(faces[:10] for faces in view.faces))
     mesh = trimesh.load_mesh(export(few, "ply", tmp_path)[0])
     assert len(mesh.faces) == len(view.faces[0])
 
 
-def test_moved_files_are_found_in_the_folder_named(view: CollectionView, tmp_path: Path) -> None:
+def test_moved_files_are_found_in_the_folder_named(view: Collection, tmp_path: Path) -> None:
     moved = dataclasses.replace(view, files=tuple(f"elsewhere/{Path(file).name}" for file in view.files))
     with pytest.raises(InputError, match=r"elsewhere.*no longer there.*name the folder"):
         export(moved, "ply", tmp_path / "out")
     assert len(export(moved, "ply", tmp_path / "out", sources=Path(view.files[0]).parent)) == 6
 
 
-def test_csv_tables(view: CollectionView, tmp_path: Path) -> None:
+def test_csv_tables(view: Collection, tmp_path: Path) -> None:
     files = {path.name: path for path in export(view, "csv", tmp_path)}
     assert set(files) == {f"{name}.csv" for name in TABLES} | {"tree.nwk", "left_out.csv"}
     shapes = rows(files["shapes.csv"])
@@ -254,8 +254,8 @@ def test_csv_tables(view: CollectionView, tmp_path: Path) -> None:
     assert sum(row["x"] == "" for row in landmarks) == 4
     consensus = rows(files["consensus.csv"])
     sure = [0, 2, 3, 4, 5]
-    assert [int(row["shapes"]) for row in consensus] == (~np.isnan(view.samples[sure, :, 0])).sum(axis=0).tolist()
-    mean = np.nanmean(view.aligned_samples[sure, 2], axis=0)
+    assert [int(row["shapes"]) for row in consensus] == (~np.isnan(view.landmarks[sure, :, 0])).sum(axis=0).tolist()
+    mean = np.nanmean(view.aligned_landmarks[sure, 2], axis=0)
     np.testing.assert_allclose([float(consensus[2][axis]) for axis in "xyz"], mean, rtol=1e-12)
     coordinates = rows(files["procrustes_coordinates.csv"])
     assert len(coordinates[0]) == 1 + 3 * (NUM_SAMPLES - 3), "the fourth is missing on the doubtful shape"
@@ -267,7 +267,7 @@ def test_csv_tables(view: CollectionView, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("incomplete", [(), (3,)])
 def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_computed(
-    view: CollectionView, tmp_path: Path, incomplete: tuple[int, ...]
+    view: Collection, tmp_path: Path, incomplete: tuple[int, ...]
 ) -> None:
     none = np.zeros(0, dtype=np.int64)
     lacking = tuple(
@@ -300,19 +300,19 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
 
 
 def test_the_table_of_pairs_names_target_and_source_and_shapes_have_their_sizes(
-    view: CollectionView, tmp_path: Path
+    view: Collection, tmp_path: Path
 ) -> None:
     files = {path.name: path for path in export(view, "csv", tmp_path)}
     found = [(row["target"], row["source"], row["status"]) for row in rows(files["pairs.csv"])]
     assert found == [(view.names[pair.target], view.names[pair.source], pair.status) for pair in view.pairs]
     assert any(target != source for target, source, _ in found)
     shapes = rows(files["shapes.csv"])
-    assert [float(row["centroid_size"]) for row in shapes] == view.centroid_sizes.tolist()
+    assert [float(row["centroid_size"]) for row in shapes] == centroid_sizes(view).tolist()
     assert [float(row["scale"]) for row in shapes] == view.scales.tolist()
-    assert not np.allclose(view.centroid_sizes, view.scales)
+    assert not np.allclose(centroid_sizes(view), view.scales)
 
 
-def test_parquet_says_the_same_as_csv(view: CollectionView, tmp_path: Path) -> None:
+def test_parquet_says_the_same_as_csv(view: Collection, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
     files = {path.stem: path for path in export(view, "parquet", tmp_path)}
     table = parquet.read_table(files["shapes"]).to_pydict()
@@ -320,30 +320,30 @@ def test_parquet_says_the_same_as_csv(view: CollectionView, tmp_path: Path) -> N
     np.testing.assert_array_equal(table["T23"], view.transforms[:, 1, 2])
 
 
-def test_label_columns_never_hide_the_table_s_own(view: CollectionView, tmp_path: Path) -> None:
+def test_label_columns_never_hide_the_table_s_own(view: Collection, tmp_path: Path) -> None:
     labelled = dataclasses.replace(view, labels={"confidence": ("x",) * 6})
     table = rows(tmp_path / "shapes.csv") if export(labelled, "csv", tmp_path) else []
     assert table[0]["label_confidence"] == "x"
     assert float(table[0]["confidence"]) == view.confidence[0]
 
 
-def test_procrustes_space_is_for_landmarks_only(view: CollectionView, tmp_path: Path) -> None:
+def test_procrustes_space_is_for_landmarks_only(view: Collection, tmp_path: Path) -> None:
     text = export(view, "tps", tmp_path, space="procrustes")[0].read_text()
     assert text.count(f"LM3={NUM_SAMPLES - 3}") == 5, "of the shapes that count, in doubt is one"
     with pytest.raises(OptionsError, match="landmarks only"):
         export(view, "ply", tmp_path, space="procrustes")
 
 
-def test_too_few_common_landmarks_are_refused_with_advice(view: CollectionView, tmp_path: Path) -> None:
-    samples = view.samples.copy()
+def test_too_few_common_landmarks_are_refused_with_advice(view: Collection, tmp_path: Path) -> None:
+    samples = view.landmarks.copy()
     samples[0, : NUM_SAMPLES - 2] = np.nan
-    partial = dataclasses.replace(view, samples=samples)
+    partial = dataclasses.replace(view, landmarks=samples)
     with pytest.raises(InputError, match="exist on every shape"):
         export(partial, "shapeworks", tmp_path)
     assert "procrustes_coordinates" not in {path.stem for path in export(partial, "csv", tmp_path)}
 
 
-def test_unknown_formats_and_spaces_are_refused(view: CollectionView, tmp_path: Path) -> None:
+def test_unknown_formats_and_spaces_are_refused(view: Collection, tmp_path: Path) -> None:
     with pytest.raises(OptionsError, match="expected one of morphologika"):
         export(view, "vtk", tmp_path)
     with pytest.raises(OptionsError, match="expected one of aligned"):
@@ -353,7 +353,7 @@ def test_unknown_formats_and_spaces_are_refused(view: CollectionView, tmp_path: 
         export(view, "tps", tmp_path / "file" / "under")
 
 
-def test_names_cannot_leave_the_folder(view: CollectionView, tmp_path: Path) -> None:
+def test_names_cannot_leave_the_folder(view: Collection, tmp_path: Path) -> None:
     names = ("../up", "/etc/passwd", "..", "a\\b", "A", "a")
     paths = export(dataclasses.replace(view, names=names), "itk", tmp_path / "out")
     assert all(path.parent == tmp_path / "out" for path in paths)

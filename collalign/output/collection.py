@@ -1,0 +1,379 @@
+"""The aligned collection: one transform per shape, consistent maps between all of them, and the evidence for both."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from collalign.engine.run_options import RunOptions
+from collalign.options import AlignOptions
+from collalign.output.browsing import AlignedShape, html_of, pairs_table, shapes_table, trimesh_of
+from collalign.output.contact_sheet import contact_sheet, tile_of
+from collalign.output.vertex_maps import load_vertex_maps
+from collalign.products.consistent_maps import ConsistentMaps, position_of
+from collalign.products.deformation import VertexMaps
+from collalign.products.incomplete import Incomplete
+from collalign.products.pair import Alternative, Pair, Pairs
+from collalign.products.run_record import Made, RunRecord
+from collalign.products.shapes import Excluded
+from collalign.products.trust import DOUBT
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.checks import check_choice
+from data_tools.errors import InputError
+from data_tools.io.output_folder import OutputFolder, file_stems
+from data_tools.io.shapes import read_shape
+from data_tools.io.source import inputs_of
+from data_tools.options import AS_STORED
+from data_tools.poses import each_moved_by, scales_of
+from data_tools.surface.shape import Shape
+
+#: The folder of a result in which the aligned shapes lie.
+MESH_FOLDER = "meshes"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Collection:
+    """An aligned collection, just made by :func:`collalign.align_collection` or read by :func:`collalign.load`.
+
+    ``len``, indexing and iteration give the shapes, in natural order of their names; notebooks show a table and a
+    picture. Arrays are read-only.
+
+    Attributes
+    ----------
+    names : tuple of str
+        N names, unique.
+    files : tuple of str
+        Where each shape was read from; empty where it came from memory.
+    transforms : ndarray, shape (N, 4, 4)
+        Each shape's file coordinates to the common frame, scale and reflection included.
+    confidence : ndarray, shape (N,)
+        Probability that the pose is the right one of those considered; NaN where it was not estimated.
+    samples : ndarray of int, shape (N, k)
+        Vertex indices of each shape's samples, as its file counts them.
+    positions : ndarray, shape (N, k, 3)
+        The samples in the common frame.
+    maps : ConsistentMaps
+    consensus : ndarray, shape (num_labels, 3)
+        Mean position of every universe label in the common frame.
+    landmarks : ndarray, shape (N, L, 3)
+        Points that correspond, in file coordinates, NaN where a shape has none: row b of every shape is its sample of
+        label b.
+    landmark_names : tuple of str, length L
+        ``L1``, ``L2``, ... where nothing is given.
+    pairs : Pairs
+        In order, and by the names of two shapes. Those of a result that was loaded have the candidates that a person
+        would tell apart, without their maps.
+    alternatives : tuple of tuple of Alternative
+        Other poses of each shape, the likeliest first.
+    part_numbers : ndarray of int, shape (N,)
+        Shapes of different parts are not aligned with each other: their relative poses are unknown or ambiguous.
+    excluded : tuple of Excluded
+        Files and pairs that were left out.
+    notes : tuple of str
+        What a user must know before trusting the whole, one sentence each.
+    incomplete : tuple of Incomplete
+        The shapes of which parts are missing; what they lack has no labels, and counts in no mean.
+    options : AlignOptions
+        As asked for.
+    group : str
+        "SO" or "O": whether shapes could be mirrored, as asked for or, with ``options.group`` "auto", as decided.
+    run : RunRecord
+    cycle_errors_deg : ndarray
+        Rotation angle left after going around cycles of three pairs.
+    labels : mapping of str to tuple of str
+        Columns of labels that it was saved with, one value per shape, ``""`` where unknown.
+    vertices, faces : tuple of ndarray
+        Display meshes in file coordinates, (v, 3) and (f, 3); none before the result is saved.
+    places : tuple of ndarray of uint8
+        Where all vertices have maps, a colour (v, 3) of each vertex of the display meshes by its place on the
+        reference, alike where vertices correspond; empty (0, 3) for a shape without maps.
+    folder : Path or None
+        Where the result was loaded from.
+    """
+
+    names: tuple[str, ...]
+    files: tuple[str, ...]
+    transforms: FloatArray
+    confidence: FloatArray
+    samples: IntArray
+    positions: FloatArray
+    maps: ConsistentMaps
+    consensus: FloatArray
+    landmarks: FloatArray
+    landmark_names: tuple[str, ...] = ()
+    pairs: Sequence[Pair]
+    alternatives: tuple[tuple[Alternative, ...], ...]
+    part_numbers: IntArray
+    excluded: tuple[Excluded, ...] = ()
+    notes: tuple[str, ...] = ()
+    incomplete: tuple[Incomplete, ...] = ()
+    options: AlignOptions
+    group: str
+    run: RunRecord
+    cycle_errors_deg: FloatArray
+    labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    vertices: tuple[FloatArray, ...] = ()
+    faces: tuple[IntArray, ...] = ()
+    places: tuple[NDArray[np.uint8], ...] = ()
+    folder: Path | None = None
+    fresh: Made | None = None
+
+    def __post_init__(self) -> None:
+        if not self.landmark_names:
+            names = tuple(f"L{at + 1}" for at in range(self.landmarks.shape[1]))
+            object.__setattr__(self, "landmark_names", names)
+        object.__setattr__(self, "pairs", Pairs.of(self.pairs, self.names))
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __iter__(self) -> Iterator[AlignedShape]:
+        return (self[at] for at in range(len(self)))
+
+    def __contains__(self, shape: object) -> bool:
+        """Whether there is a shape of this name."""
+        return (shape.name if isinstance(shape, AlignedShape) else shape) in self.names
+
+    @overload
+    def __getitem__(self, shape: str | int) -> AlignedShape: ...
+    @overload
+    def __getitem__(self, shape: slice) -> tuple[AlignedShape, ...]: ...
+    def __getitem__(self, shape: str | int | slice) -> AlignedShape | tuple[AlignedShape, ...]:
+        """Return one shape by name or position, or the shapes of a slice.
+
+        Raises
+        ------
+        UnknownName
+            If no shape has the name: a ``KeyError`` and an ``InputError``.
+        """
+        if isinstance(shape, slice):
+            return tuple(self[at] for at in range(len(self))[shape])
+        at = self.index(shape)
+        return AlignedShape(
+            name=self.names[at],
+            file=self.files[at],
+            transform=self.transforms[at],
+            reflected=bool(self.reflected[at]),
+            confidence=float(self.confidence[at]),
+            part=int(self.part_numbers[at]),
+            alternatives=self.alternatives[at],
+        )
+
+    def index(self, shape: str | int) -> int:
+        """Return the position of a shape; an unknown name is an ``UnknownName``."""
+        return position_of(self.names, shape)
+
+    def __repr__(self) -> str:
+        doubtful, mirrored = int((self.confidence < DOUBT).sum()), int(self.reflected.sum())
+        found = f"{len(self)} shapes, {len(self.pairs)} pairs, {doubtful} doubtful, {mirrored} mirrored"
+        return f"<{type(self).__name__}: {found}>"
+
+    def _repr_html_(self) -> str:
+        return html_of(repr(self), list(self), self.plot)
+
+    @property
+    def scales(self) -> FloatArray:
+        """Factor of each transform, shape (N,): common-frame length per unit of the file."""
+        return scales_of(self.transforms)
+
+    @property
+    def rotations(self) -> FloatArray:
+        """``R_common_shape``, the orthogonal part of each transform, shape (N, 3, 3)."""
+        return self.transforms[:, :3, :3] / self.scales[:, None, None]
+
+    @property
+    def reflected(self) -> BoolArray:
+        """Whether each shape is mirrored, shape (N,)."""
+        return np.linalg.det(self.transforms[:, :3, :3]) < 0
+
+    @property
+    def aligned_landmarks(self) -> FloatArray:
+        """The landmarks in the common frame, shape (N, L, 3); NaN where missing."""
+        return each_moved_by(self.transforms, self.landmarks)
+
+    @property
+    def is_incomplete(self) -> BoolArray:
+        """Whether parts of each shape are missing, shape (N,)."""
+        return np.isin(np.arange(len(self)), [one.shape for one in self.incomplete])
+
+    @property
+    def coverage(self) -> FloatArray:
+        """Share of its partners' surfaces that each incomplete shape covers, NaN for complete ones, shape (N,)."""
+        found = np.full(len(self), np.nan)
+        for one in self.incomplete:
+            found[one.shape] = one.coverage
+        return found
+
+    @cached_property
+    def vertex_maps(self) -> VertexMaps:
+        """Maps of all vertices between the shapes, as their files count them; of a folder read when first asked for.
+
+        Raises
+        ------
+        InputError
+            If the result has none: it was aligned without ``deformable``.
+        """
+        if self.folder is not None:
+            return load_vertex_maps(self.folder)
+        if self.made.vertices is None:
+            raise InputError("there are no maps of all vertices; align with deformable=True (--deformable)")
+        return self.made.vertices
+
+    @property
+    def made(self) -> Made:
+        """What only the run that made the result knows.
+
+        Raises
+        ------
+        InputError
+            If the result was loaded.
+        """
+        if self.fresh is None:
+            raise InputError(
+                f"{self.folder}: the result was loaded from there and is saved; copy this folder instead"
+            )
+        return self.fresh
+
+    def file(self, at: int) -> Path:
+        """Return the file of one shape.
+
+        Raises
+        ------
+        InputError
+            If the shape came from memory.
+        """
+        if not self.files[at]:
+            raise InputError(
+                f"{self.names[at]}: came from memory, not from a file; save the shapes as files and align these"
+            )
+        return Path(self.files[at])
+
+    @property
+    def inputs(self) -> set[Path]:
+        """Files and their folders, in none of which results may lie, nor they in the results' folder."""
+        return inputs_of(Path(file) for file in self.files if file)
+
+    def source_files(self) -> tuple[Path, ...]:
+        """Return the files that the shapes were read from.
+
+        Raises
+        ------
+        InputError
+            If a shape came from memory, or its file has vanished.
+        """
+        files = tuple(self.file(at) for at in range(len(self)))
+        for file in files:
+            if not file.is_file():
+                raise InputError(
+                    f"{file}: a shape of the collection is not there any more; put it back and try again"
+                )
+        return files
+
+    def save(
+        self,
+        folder: str | Path,
+        *,
+        report: bool = True,
+        labels: Mapping[str, tuple[str, ...]] | None = None,
+        run: RunOptions | None = None,
+    ) -> tuple[Path, ...]:
+        """Write every output into ``folder``, all or nothing, and return the paths written.
+
+        A file there that no earlier run wrote is never overwritten or deleted.
+
+        Parameters
+        ----------
+        folder : str or Path
+        report : bool
+            Write ``report.html`` as well.
+        labels : mapping of str to tuple of str, optional
+            Columns of labels, one value per shape, for the report.
+        run : RunOptions, optional
+            Processes of this machine that share the work, for instance those of the alignment; by default this one
+            alone.
+
+        Raises
+        ------
+        InputError
+            If the folder cannot be written, holds one of the shapes, lies inside of theirs, or holds somebody else's
+            file under the name of an output; or if the result was loaded.
+        """
+        from collalign.output.write import WRITER, save_collection  # which takes a collection
+
+        with OutputFolder.open(folder, writer=WRITER, inputs=inputs_of(self.made.files)) as output:
+            num_jobs = 1 if run is None else run.num_workers
+            return save_collection(self, output, report=report, labels=labels, num_jobs=num_jobs)
+
+    def _shape(self, at: int, *, aligned: bool = False) -> Shape:
+        """Return a shape in file coordinates, maybe decimated, or aligned at full resolution."""
+        if self.folder is None:
+            made, cleaning = self.made, self.options.cleaning
+            shape = read_shape(made.files[at], cleaning, name=self.names[at], digest=made.digests[at])
+            return shape.transformed(self.transforms[at]) if aligned else shape
+        if aligned:
+            file = self.folder / MESH_FOLDER / f"{file_stems(self.names)[at]}.ply"
+            return read_shape(file, AS_STORED, name=self.names[at])
+        return Shape(name=self.names[at], vertices=self.vertices[at], faces=self.faces[at])
+
+    def plot(self, shapes: Iterable[str | int] | None = None) -> Any:
+        """Draw shapes before and after alignment, side by side.
+
+        Parameters
+        ----------
+        shapes : iterable of str or int, optional
+            Names or positions; all by default.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        chosen = [self.index(shape) for shape in (self.names if shapes is None else shapes)]
+        return contact_sheet(
+            tile_of(self._shape(at), self.transforms[at], float(self.confidence[at])) for at in chosen
+        )
+
+    def aligned_meshes(self, shapes: Iterable[str | int] | None = None) -> dict[str, Any]:
+        """Return shapes in the common frame, at full resolution and as cleaned for matching.
+
+        Parameters
+        ----------
+        shapes : iterable of str or int, optional
+            Names or positions; all by default.
+
+        Returns
+        -------
+        dict of str to trimesh.Trimesh or trimesh.PointCloud
+
+        Raises
+        ------
+        InputError
+            If a file is not there any more.
+        """
+        chosen = [self.index(shape) for shape in (self.names if shapes is None else shapes)]
+        return {self.names[at]: trimesh_of(self._shape(at, aligned=True)) for at in chosen}
+
+    def to_dataframe(self, of: Literal["shapes", "pairs"] = "shapes") -> Any:
+        """Return one row per shape, or per matched pair.
+
+        Parameters
+        ----------
+        of : {"shapes", "pairs"}
+
+        Returns
+        -------
+        pandas.DataFrame
+            Indexed by the names of the shapes, or of target and source.
+
+        Raises
+        ------
+        UnavailableError
+            If pandas is not installed.
+        """
+        check_choice("of", of, ("shapes", "pairs"))
+        return shapes_table(self) if of == "shapes" else pairs_table(self.pairs, self.names)

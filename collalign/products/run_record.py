@@ -1,0 +1,65 @@
+"""How a run went, and what it holds in memory beside its result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from collalign.products.deformation import VertexMaps
+from collalign.products.trust import Trust
+from data_tools.arrays import FloatArray
+from data_tools.io.source import Origin
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """How a run went: what may differ between two runs with the same result.
+
+    Attributes
+    ----------
+    times_s : dict of str to float
+        Wall-clock seconds per stage.
+    versions : dict of str to str
+        Of Python and of the libraries that the numbers depend on.
+    num_reused : int
+        Shapes and pairs that came out of the store; 0 where the result was loaded.
+    skipped : tuple of str
+        Files of the folder that are no shapes; none where the result was loaded.
+    """
+
+    times_s: dict[str, float] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+    num_reused: int = 0
+    skipped: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Made:
+    """What a run knows of a result that it has just made; writing the result takes it.
+
+    Attributes
+    ----------
+    files : tuple of Path or Source
+        Where each shape was read from; a source in memory where it came from no file.
+    digests : tuple of str
+        Of the files' contents when they were read; saving refuses a file that has changed since.
+    coordinates, invariants : ndarray, shapes (N, k, d) and (N, k, m)
+        The samples as they were matched: embedded, centred and scaled, and what no rotation changes.
+    shape_notes : tuple of tuple of str
+        What was repaired or simplified in each shape before it was matched.
+    trust : Trust or None
+        The evidence behind the confidences; None where none was gathered.
+    search_gain : float or None
+        Log-odds, summed over the pairs, that trying the rival poses of all shapes by maps gained; None where maps
+        were not asked.
+    vertices : VertexMaps or None
+        Maps of all vertices, where they were asked for (``options.deformable``).
+    """
+
+    files: tuple[Origin, ...]
+    digests: tuple[str, ...]
+    coordinates: FloatArray
+    invariants: FloatArray
+    shape_notes: tuple[tuple[str, ...], ...]
+    trust: Trust | None = None
+    search_gain: float | None = None
+    vertices: VertexMaps | None = None
