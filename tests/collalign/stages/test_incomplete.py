@@ -53,6 +53,13 @@ def aligned(planted: tuple[Path, np.ndarray]) -> Collection:
     return align_collection(planted[0], options=options, progress=False)
 
 
+@pytest.fixture(scope="module")
+def without(planted: tuple[Path, np.ndarray]) -> Collection:
+    """The whole teeth alone."""
+    files = [file for file in sorted(planted[0].glob("*.ply")) if file.stem not in BROKEN]
+    return align_collection(files, options=OPTIONS, progress=False)
+
+
 def errors_deg(collection: Collection, turns: np.ndarray) -> np.ndarray:
     frames = collection.rotations @ turns
     return np.nan_to_num(rotation_angle_deg(frames, frames[0]), nan=180.0)
@@ -84,12 +91,8 @@ def test_missing_regions_have_no_labels(aligned: Collection) -> None:
 
 
 def test_the_complete_shapes_stay_as_they_are_without_the_broken_ones(
-    aligned: Collection, planted: tuple[Path, np.ndarray], tmp_path: Path
+    aligned: Collection, without: Collection
 ) -> None:
-    for file in planted[0].glob("*.ply"):
-        if file.stem not in BROKEN:
-            (tmp_path / file.name).write_bytes(file.read_bytes())
-    without = align_collection(tmp_path, options=OPTIONS, progress=False)
     kept = [aligned.names.index(name) for name in without.names]
     np.testing.assert_array_equal(aligned.transforms[kept], without.transforms)
     np.testing.assert_array_equal(aligned.maps.labels[kept], without.maps.labels)
@@ -141,14 +144,11 @@ def test_a_broken_tooth_is_found_among_seven(tmp_path: Path) -> None:
     assert "beyond its rim" in aligned.incomplete[0].reason
 
 
-def test_nothing_is_missing_among_whole_teeth(planted: tuple[Path, np.ndarray], aligned: Collection) -> None:
-    whole = [i for i, name in enumerate(aligned.names) if name not in BROKEN]
-    files = [planted[0] / f"{aligned.names[i]}.ply" for i in whole]
-    again = align_collection(files, progress=False)
-    assert not again.incomplete
+def test_nothing_is_missing_among_whole_teeth(without: Collection) -> None:
+    assert not without.incomplete
     with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
-        few = prepare_shapes(session, list_shapes(files[:3]))
-        assert find_incomplete(session, few, again.pairs[:0], again.transforms[:3]) == {}
+        few = prepare_shapes(session, list_shapes([Path(file) for file in without.files[:3]]))
+        assert find_incomplete(session, few, without.pairs[:0], without.transforms[:3]) == {}
 
 
 def test_a_rival_that_partners_like_nearly_as_much_takes_certainty() -> None:

@@ -73,6 +73,12 @@ def test_arrays_of_another_kind_are_refused(problem, proofs, kind, name, values)
         proven_bound(problem, kind, arrays)
 
 
+@pytest.mark.parametrize("values", [None, [[1.0]], "array", np.ones((5, 9, 9), dtype=object)])
+def test_what_is_no_array_of_numbers_is_refused(problem, proofs, values) -> None:
+    with pytest.raises(InputError):
+        check(problem, forged(proofs["pm-sdp"], F=values))
+
+
 @pytest.mark.parametrize("field", ["kind", "problem_hash", "bound", "arrays"])
 @pytest.mark.parametrize("value", [None, 7.0, "x", [], ["cells"], np.zeros(2), 1j, float("nan"), float("inf")])
 def test_fields_of_other_types_are_refused(problem, proofs, field, value) -> None:
