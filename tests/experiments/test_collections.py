@@ -19,7 +19,7 @@ from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments import load_experiment
-from experiments.collections import aligning, classification, collections, tooth_distances
+from experiments.collections import aligning, classification, tooth_distances
 from experiments.experiment import Bench, Cell
 from experiments.write import write_experiment
 from pairwise.dense.points import DensePoints
@@ -104,28 +104,6 @@ def test_alignment_record_knows_the_errors_before_and_after(layouts: Path) -> No
     assert (np.nan_to_num(record["candidate_deg"], nan=180) <= np.nan_to_num(record["own_deg"], nan=180)).all()
     assert record["subsets"] == [1.0]
     assert decode(encode(record), "record")["matched"] == 28
-
-
-def test_a_row_counts_mirrored_pairs_as_wrong() -> None:
-    record = {"shapes": 4, "matched": 2, "own_deg": np.array([5.0, np.nan]), "within_10": 1, "within_20": 2}
-    record |= {"median_deg": 5.0, "worst_deg": 5.0, "gross": 0, "mirrored": 1}
-    row = collections.row_of({"collection": "ant", "way": "appendix B", "points": 20, "embedding": "xyz"}, record)
-    assert row["own_20"] == 50
-    assert row["within_20"] == 50
-    assert row["unnoticed"] is None
-
-
-def test_pairs_by_axes_take_the_nearest_start(rng: np.random.Generator) -> None:
-    points = rng.standard_normal((30, 3)) * [3, 2, 1]
-    points = (points - points.mean(axis=0)) / np.linalg.norm(points - points.mean(axis=0))
-    turn = random_rotation(rng) * np.array([-1.0, 1.0, 1.0])
-    relative, distances = aligning.match_by_axes([points, points @ turn], "O")
-    assert np.allclose(relative[0, 1], turn)
-    assert np.allclose(relative[1, 0], turn.T)
-    assert distances[0, 1] == distances[1, 0] == pytest.approx(0, abs=1e-9)
-    relative, distances = aligning.match_by_axes([points, points @ turn], "SO")
-    assert np.linalg.det(relative[0, 1]) > 0
-    assert distances[0, 1] > 0.1
 
 
 def test_published_rotations_are_compared_with_the_landmarks(layouts: Path, tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from collalign.engine.store.store import Store
@@ -16,15 +15,6 @@ from experiments.pairs.incomplete_sets import (
     scan_pair_rows,
     scan_row,
 )
-
-
-def test_a_tool_that_was_not_there_has_no_share() -> None:
-    record = {"best": [5.0, 30.0], "top": [5.0, 10.0], "seconds": [1.0, 3.0], "margin": [0.9, 0.01]}
-    record |= {"open3d": [180.0, 3.0]}
-    row = incomplete.pair_row({"collection": "chair", "cut": 2}, record | {"kiss": [np.nan, np.nan]})
-    assert (row["best"], row["top"], row["open3d"], row["kiss"]) == (50.0, 100.0, 50.0, None)
-    assert (row["noticed"], row["doubtful"]) == ("1 of 1", 0)
-    assert (row["cut"], row["pairs"], row["median"], row["seconds"]) == ("both", 2, 17.5, 2.0)
 
 
 def test_rows_of_collections_count_what_is_cut_apart_from_what_is_whole() -> None:

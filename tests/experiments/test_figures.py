@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from collalign.engine.store.store import Store
 from data_tools.arrays import IntArray
 from data_tools.datasets.synthetic import bent, shuffled
-from data_tools.datasets.synthetic_shapes import chair, figure
+from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import spread_directions
@@ -21,8 +21,6 @@ from experiments import load_experiment
 from experiments.__main__ import app
 from experiments.experiment import Bench
 from experiments.figures import figure3, figure5, figure14
-from experiments.figures.exhaustive import exhaustive_energies
-from experiments.figures.planted import planted_problem
 from experiments.maps import map_cells, map_sets, map_trials
 from experiments.write import write_experiment
 from pairwise.status import Status
@@ -101,14 +99,6 @@ def rows_of(bench: Bench, name: str, folder: Path) -> list[dict[str, Any]]:
     outcome = experiment.measure(bench)
     assert all(file.stat().st_size for file in write_experiment(experiment, outcome, bench, folder))
     return [dict(row) for row in outcome.tables[-1].rows]
-
-
-def test_planted_problems_hold_their_truth() -> None:
-    problem = planted_problem(np.random.default_rng(1), 12, 8, 3, noise=0.0, num_candidates=3, group="O")
-    assert problem.allowed.sum(axis=0).max() <= 3
-    assert exhaustive_energies(problem, 400).min() < 1e-20
-    noisy = planted_problem(np.random.default_rng(1), 12, 8, 3, noise=0.2, num_candidates=3, group="O")
-    assert exhaustive_energies(noisy, 400).min() > 1e-3
 
 
 def test_figure5(bench: Bench, tmp_path: Path) -> None:
@@ -198,29 +188,6 @@ def test_the_true_map_has_no_error_and_another_has(collections: Path) -> None:
     true_map[permuted[1].from_original] = permuted[0].from_original
     assert map_cells.evaluate(maps, settings, true_map, permuted, None).direct.max() == pytest.approx(0.0, abs=1e-6)
     assert map_cells.evaluate(maps, settings, np.arange(num), permuted, None).direct.mean() > 0.3
-
-
-def test_the_mirror_image_is_found_only_where_landmarks_confirm_it(tmp_path: Path) -> None:
-    seat = chair(resolution=2)
-    marks = np.arange(0, len(seat.vertices), 60)
-    gaps = {}
-    for axis in range(3):
-        flipped = seat.vertices.copy()
-        flipped[:, axis] = seat.vertices[:, axis].min() + seat.vertices[:, axis].max() - flipped[:, axis]
-        distances, images = cKDTree(seat.vertices).query(flipped)
-        gaps[float(distances.max())] = images
-    images = gaps[min(gaps)]
-    for folder, partner in (("true", images[marks]), ("false", np.roll(marks, len(marks) // 2))):
-        root = tmp_path / folder / "tosca_centaur6"
-        write_mesh(root / "meshes" / "chair0.off", seat)
-        (root / "chair.pid").write_text("\n".join(f"{v} 0 0 0" for v in (*marks, *partner)))
-        pairs = [f"{i} {i + len(marks)}" for i in range(len(marks))]
-        (root / "chair.sym.info").write_text("\n".join(pairs))
-    settings = {"set": "tosca", "surface": map_trials.QUICK_SURFACE}
-    mirror = map_cells.mirror_of(tmp_path / "true", settings)
-    assert mirror is not None
-    assert np.linalg.norm(seat.vertices[mirror.image] - seat.vertices[images], axis=1).mean() < 1.0
-    assert map_cells.mirror_of(tmp_path / "false", settings) is None
 
 
 @pytest.mark.parametrize("name", ["tosca", "shrec07_maps"])

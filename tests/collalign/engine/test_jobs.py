@@ -16,7 +16,7 @@ import pytest
 import collalign.engine.jobs.shared_table as table_module
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
-from collalign.engine.jobs.worker import _mapped_bytes, describe
+from collalign.engine.jobs.worker import describe
 from data_tools.errors import CollalignError, InputError, OptionsError
 from tests.faults import is_running
 from tests.job_functions import look_up, misbehave, process_id, spectrum
@@ -171,20 +171,6 @@ def test_shared_records_are_looked_up_by_key(num_jobs: int) -> None:
             table["3"]["positions"][0] = 1.0
         path = table.path
     assert not path.exists()
-
-
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the size of a process is read from /proc")
-def test_a_table_takes_no_memory_but_for_the_records_used_last(monkeypatch: pytest.MonkeyPatch) -> None:
-    record = {"positions": np.zeros(2000)}
-    monkeypatch.setattr(table_module, "_MAX_KEPT_BYTES", 10**6)
-    with SharedTable.create((str(i), record) for i in range(3000)) as table:  # 48 MB
-        before = _mapped_bytes()
-        total = sum(len(table[key]["positions"]) for key in table)
-        after = _mapped_bytes()
-    assert total == 3000 * 2000
-    assert before is not None
-    assert after is not None
-    assert after - before < 24e6
 
 
 def test_what_is_made_of_records_is_kept_while_they_fit(monkeypatch: pytest.MonkeyPatch) -> None:

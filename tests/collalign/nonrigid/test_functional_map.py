@@ -58,17 +58,6 @@ def test_unknown_matches_are_left_out(rng: np.random.Generator) -> None:
     assert np.array_equal(refined.map_target_source, np.arange(200))
 
 
-def test_descriptors_decide_between_symmetric_maps(rng: np.random.Generator) -> None:
-    angles = np.linspace(0, 2 * np.pi, 120, endpoint=False)
-    basis = circle_basis(angles, 9)
-    mark = np.cos(angles)[:, None]
-    turned = np.roll(np.arange(120), 3)
-    plain = ZoomOut(basis, basis, [3, 9]).refine(turned)
-    marked = ZoomOut(basis, basis, [3] * 30 + [9], descriptors=(mark, mark), descriptor_weight=3.0).refine(turned)
-    assert np.array_equal(plain.map_target_source, turned)
-    assert np.abs(marked.map_target_source - np.arange(120)).max() <= 1
-
-
 def test_sizes_grow_to_the_last() -> None:
     assert zoomout_sizes(5, 9, factor=1.0) == [5, 6, 7, 8, 9]
     assert zoomout_sizes(20, 20) == [20]

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.output.evidence.camera import camera
-from collalign.output.report.content import build_content
 from data_tools.arrays import FloatArray
-from tests.view_problems import bumpy_shapes, view_of
+from tests.view_problems import bumpy_shapes
 
 
 def wedge() -> FloatArray:
@@ -37,18 +34,3 @@ def test_picture_is_the_same_in_every_frame_and_size(seed: int) -> None:
     np.testing.assert_allclose(turned @ turn, plain, atol=1e-9)
     assert np.linalg.det(plain) == pytest.approx(1)
     assert not np.allclose(turned, plain, atol=0.01)
-
-
-def test_page_shows_a_turned_collection_alike_and_shapes_in_doubt_do_not_count() -> None:
-    view = view_of(6)
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.random(random_state=9).as_matrix()
-    plain = build_content(view)[0]["camera"]
-    turned = build_content(dataclasses.replace(view, transforms=turn @ view.transforms))[0]["camera"]
-    np.testing.assert_allclose(np.array(turned["R"]) @ turn[:3, :3], plain["R"], atol=1e-9)
-    np.testing.assert_allclose(turned["extent"], plain["extent"], atol=1e-9)
-    transforms = view.transforms.copy()
-    transforms[1] = transforms[1] @ turn
-    np.testing.assert_allclose(
-        build_content(dataclasses.replace(view, transforms=transforms))[0]["camera"]["R"], plain["R"], atol=1e-12
-    )

@@ -1,11 +1,9 @@
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.output.evidence.gather import (
     MOST_PAIR_POSES,
     OWN_MAP,
-    by_label,
     cycle_errors_deg,
     distinct_poses,
     label_maps,
@@ -85,19 +83,6 @@ def test_cycle_errors_find_the_wrong_pair() -> None:
     for wrong in (HALF_TURN, MIRROR):
         spoiled = [matched(1, 0, [wrong @ R[1].T @ R[0]], np.arange(K)), *own[1:3], matched(2, 3, [], np.arange(K))]
         np.testing.assert_allclose(cycle_errors_deg(spoiled, 4), [180.0])
-
-
-def test_large_collections_are_sampled_evenly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("collalign.output.evidence.gather.MOST_CYCLES", 10)
-    pairs = tuple(matched(i, j, [np.eye(3)], np.arange(K)) for i in range(8) for j in range(i))
-    assert len(cycle_errors_deg(pairs, 8)) == 10
-
-
-def test_samples_without_label_are_dropped() -> None:
-    positions = np.arange(12.0).reshape(2, 2, 3)
-    found = by_label(positions, np.array([[1, 0], [-1, 1]]))
-    np.testing.assert_array_equal(found[0], positions[0][::-1])
-    np.testing.assert_array_equal(found[1], [[np.nan] * 3, positions[1][1]])
 
 
 def test_parts_are_numbered() -> None:

@@ -23,7 +23,7 @@ from collalign.output.report.content import build_content, categories
 from collalign.output.report.payload import MISSING, pack_mesh, quaternions
 from collalign.output.report.poses import offered_poses
 from collalign.output.report.shown import page_members, shown_part
-from collalign.output.report.statistics import cycle_histogram, shape_map, variation
+from collalign.output.report.statistics import shape_map, variation
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative
 from data_tools.poses import APART_DEG
@@ -159,27 +159,6 @@ def test_only_shared_labels_become_colours() -> None:
         "few": ("x", "y", *[""] * 7),
     }
     assert categories(dataclasses.replace(view, labels=labels)) == ["side", "few"]
-
-
-def test_mean_and_components_are_drawn() -> None:
-    content, meshes = variation(view_of(8, num_missing=3))
-    assert [entry["low"] for entry in content["components"]] == [f"component-{at}-low" for at in range(3)]
-    assert set(meshes) == {"mean", *(f"component-{at}-{side}" for at in range(3) for side in ("low", "high"))}
-    mean, low, high = (
-        unpack(meshes[name][0]["fields"], meshes[name][1]) for name in ("mean", "component-0-low", "component-0-high")
-    )
-    assert not len(mean["scalars"])
-    assert low["scalars"].max() == high["scalars"].max() == 255
-    assert (low["vertices"] != high["vertices"]).any()
-
-
-def test_cycle_histogram_counts_every_cycle() -> None:
-    view = dataclasses.replace(view_of(4), cycle_errors_deg=np.array([0.0, 7.0, 180.0, np.nan]))
-    found = cycle_histogram(view)
-    assert sum(found["counts"]) == 3
-    assert found["counts"][0] == found["counts"][1] == found["counts"][-1] == 1
-    assert "33.3 % of the cycles" in found["words"]
-    assert cycle_histogram(dataclasses.replace(view, cycle_errors_deg=np.empty(0)))["counts"] == []
 
 
 @pytest.mark.parametrize("num_shapes", [2, 3])

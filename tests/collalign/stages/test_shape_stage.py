@@ -129,14 +129,6 @@ def test_point_sets_of_fewer_points_are_matched_at_those_they_have(tmp_path: Pat
     assert "4 points, 9 samples were asked for" in shapes.excluded[0].reason
 
 
-def test_a_few_small_point_sets_do_not_coarsen_all(folder: Path, rng: np.random.Generator) -> None:
-    np.savetxt(folder / "few.xyz", rng.standard_normal((10, 3)))
-    shapes = prepare(folder, aligning=replace(OPTIONS, embedding=EmbeddingOptions(kind="xyz")))
-    assert not shapes.notes
-    assert shapes.excluded[0].file == "few.xyz"
-    assert {len(item.vertex_indices) for item in shapes.samples} == {12}
-
-
 def test_the_number_of_points_follows_the_typical_shape() -> None:
     assert common_num_points([41] * 9 + [3], 64) == 41
     assert common_num_points([39, 45, 41, 64], 64) == 39

@@ -12,24 +12,17 @@ from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.map_evidence import judge
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.portfolio import of_both_orientations
-from collalign.nonrigid.refine import Refiner
 from collalign.nonrigid.surface.geometry import (
-    orientation_form,
     outward,
     signed_volume,
     smoothed_curvature,
-    vertex_normals,
 )
 from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
-from data_tools.datasets.synthetic import mirrored
 from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
-from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
-from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.laplacian import cotangent_laplacian
 from data_tools.surface.shape import Shape
 from experiments.maps.evaluation import MapErrors, MapEvaluator, cumulative_curve, draw_curves, summary
-from experiments.maps.graph_operator import graph_spectrum
 
 SMALL = SurfaceOptions(num_functions=40, num_samples=40, num_dense=300)
 
@@ -54,15 +47,6 @@ def identity_of(shape: SpectralShape) -> FunctionalMap:
     )
 
 
-def test_curvature_of_spheres(sphere: Shape) -> None:
-    operators = cotangent_laplacian(sphere.vertices, sphere.faces)
-    curvature = smoothed_curvature(sphere, operators, time=1e-4)
-    assert curvature == pytest.approx(np.sqrt(4 * np.pi), rel=0.1)
-    large = replace(sphere, vertices=10.0 * sphere.vertices)
-    operators = cotangent_laplacian(large.vertices, large.faces)
-    assert smoothed_curvature(large, operators, time=1e-4) == pytest.approx(curvature, rel=1e-6)
-
-
 def test_curvature_is_positive_on_bumps_and_negative_in_dents(rng: np.random.Generator) -> None:
     shape = blob(rng)
     operators = cotangent_laplacian(shape.vertices, shape.faces)
@@ -71,17 +55,6 @@ def test_curvature_is_positive_on_bumps_and_negative_in_dents(rng: np.random.Gen
     inside_out = outward(replace(shape, faces=shape.faces[:, ::-1].copy()))
     assert signed_volume(inside_out) > 0
     assert smoothed_curvature(inside_out, operators, time=3e-4) == pytest.approx(curvature)
-
-
-def test_orientation_form_of_linear_functions(sphere: Shape) -> None:
-    form = orientation_form(sphere, sphere.vertices)
-    normals = vertex_normals(sphere)
-    unit = sphere.area
-    assert form[:, 0, 1] == pytest.approx(unit * normals[:, 2], abs=0.05 * unit)
-    assert form[:, 1, 2] == pytest.approx(unit * normals[:, 0], abs=0.05 * unit)
-    assert form == pytest.approx(-np.swapaxes(form, 1, 2))
-    image = mirrored(sphere)
-    assert orientation_form(image, sphere.vertices) == pytest.approx(-form)
 
 
 def test_evidence_of_the_identity_is_perfect_and_of_others_is_not(
@@ -103,28 +76,6 @@ def test_evidence_of_the_identity_is_perfect_and_of_others_is_not(
     rotated = np.eye(41)
     rotated[1:3, 1:3] = [[0.0, 1.0], [-1.0, 0.0]]
     assert judge(body, body, replace(identity, C_source_target=rotated)).commutativity > 0.001
-
-
-def test_oriented_refinement_gives_either_orientation(body: SpectralShape) -> None:
-    refiner = Refiner(body, body, num_dense=300, first=14, last=41, factor=1.4)
-    kept = judge(body, body, refiner.oriented(np.eye(11), preserving=True))
-    swapped = judge(body, body, refiner.oriented(np.eye(11), preserving=False))
-    assert kept.orientation > 0.9
-    assert swapped.orientation < 0.3
-
-
-def test_graph_spectrum_of_a_sphere(sphere: Shape) -> None:
-    samples = farthest_points(sphere, 300, metric="euclidean")
-    eigen = graph_spectrum(sphere, GeodesicSolver(sphere), samples, 8)
-    gram = eigen.functions.T @ (eigen.mass[:, None] * eigen.functions)
-    assert gram == pytest.approx(np.eye(8), abs=1e-9)
-    assert np.abs(eigen.mass @ eigen.functions).max() < 1e-9
-    basis = eigen.functions[:, :3]
-    reproduced = basis @ (basis.T @ (eigen.mass[:, None] * sphere.vertices))
-    assert np.abs(reproduced - sphere.vertices).mean() < 0.05
-    assert eigen.values[3] > 1.5 * eigen.values[2]
-    with pytest.raises(InputError, match="too few"):
-        graph_spectrum(sphere, GeodesicSolver(sphere), samples[:9], 8)
 
 
 def test_both_orientations_are_kept() -> None:

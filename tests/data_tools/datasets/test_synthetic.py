@@ -12,8 +12,6 @@ from data_tools.datasets.synthetic import (
     demo_collection,
     mirrored,
     planted_collection,
-    point_cloud,
-    shuffled,
     write_collection,
 )
 from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure
@@ -56,22 +54,6 @@ def test_mirror_images_keep_their_outside_outside(rng: np.random.Generator) -> N
     assert np.linalg.det(corners).sum() == pytest.approx(np.linalg.det(shape.vertices[shape.faces]).sum())
 
 
-def test_shuffling_tells_where_each_vertex_was(rng: np.random.Generator) -> None:
-    shape = blob(rng, num_vertices=100)
-    mixed, origin = shuffled(shape, rng)
-    np.testing.assert_array_equal(mixed.vertices, shape.vertices[origin])
-    assert {tuple(sorted(origin[f])) for f in mixed.faces} == {tuple(sorted(f)) for f in shape.faces}
-    assert mixed.area == pytest.approx(shape.area)
-
-
-def test_point_clouds_have_noise_of_the_stated_size(rng: np.random.Generator) -> None:
-    shape = blob(rng, num_vertices=1000)
-    cloud = point_cloud(shape, rng, noise=0.01)
-    assert not cloud.is_mesh
-    diagonal = np.linalg.norm(np.ptp(shape.vertices, axis=0))
-    assert (cloud.vertices - shape.vertices).std() == pytest.approx(0.01 * diagonal, rel=0.1)
-
-
 @pytest.mark.parametrize("group", ["SO", "O"])
 def test_collection_truth_undoes_the_poses(rng: np.random.Generator, group: str) -> None:
     family = deformed_family(chair(), 5, rng)
@@ -110,8 +92,3 @@ def test_demo_collection_is_written_with_its_truth_and_reads_back(tmp_path: Path
         np.testing.assert_allclose(back.vertices, collection.shapes[i].vertices, rtol=1e-5, atol=1e-6)
         assert rotation_angle_deg(np.array(record["rotation"]), collection.rotations[i]) < 1e-9
         assert record["reflected"] is False
-
-
-def test_demo_collection_repeats_to_the_byte() -> None:
-    a, b, c = (demo_collection(num=2, resolution=1, seed=s) for s in (1, 1, 2))
-    assert a.shapes[1].vertices.tobytes() == b.shapes[1].vertices.tobytes() != c.shapes[1].vertices.tobytes()

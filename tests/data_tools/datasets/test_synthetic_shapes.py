@@ -11,7 +11,6 @@ from data_tools.datasets.synthetic_shapes import (
     table,
     voxel_surface,
 )
-from data_tools.rotations import spread_directions
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import is_open_surface, mesh_edges, vertex_components
 
@@ -32,12 +31,6 @@ def distance_to_itself(shape: Shape, matrix: np.ndarray) -> float:
     points = shape.vertices - (shape.vertices.max(axis=0) + shape.vertices.min(axis=0)) / 2
     moved = points @ np.asarray(matrix, dtype=float).T
     return float(np.linalg.norm(moved[:, None] - points, axis=2).min(axis=1).max())
-
-
-def test_spread_directions_are_even() -> None:
-    points = spread_directions(500)
-    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0)
-    assert np.abs(points.mean(axis=0)).max() < 0.01
 
 
 @pytest.mark.parametrize("make", [blob, chair, table])
@@ -82,12 +75,6 @@ def test_chair_has_one_mirror_and_table_the_symmetries_of_the_square() -> None:
     assert distance_to_itself(table(), mirror) < 1e-9
     assert distance_to_itself(table(), np.array(quarter)) < 1e-9
     assert distance_to_itself(table(), np.diag([1, -1, -1])) > 0.5
-
-
-def test_proportions_vary_but_vertices_correspond(rng: np.random.Generator) -> None:
-    a, b = chair(rng), chair(rng)
-    np.testing.assert_array_equal(a.faces, b.faces)
-    assert np.abs(a.vertices - b.vertices).max() > 0.1
 
 
 def test_voxel_surface_without_smoothing_is_the_box() -> None:

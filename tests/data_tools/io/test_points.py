@@ -85,15 +85,6 @@ def test_npz_arrays_are_checked(tmp_path: Path, arrays: dict[str, np.ndarray], r
     assert str(path) in str(caught.value)
 
 
-def test_truncated_npz_is_refused(tmp_path: Path, rng: np.random.Generator) -> None:
-    np.savez(tmp_path / "whole.npz", vertices=rng.standard_normal((50, 3)))
-    content = (tmp_path / "whole.npz").read_bytes()
-    for length in np.linspace(1, len(content) - 1, 20).astype(int):
-        (tmp_path / "cut.npz").write_bytes(content[:length])
-        with pytest.raises(InputError, match=r"cut\.npz"):
-            read_shape(tmp_path / "cut.npz")
-
-
 def test_compressed_pcd_asks_for_the_missing_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     head = pcd(3, "binary_compressed")
     (tmp_path / "a.pcd").write_text(head)

@@ -11,28 +11,6 @@ from pairwise.problem.support import assignment_support
 from tests.problems import random_rotation
 
 
-@pytest.mark.parametrize(
-    ("pattern", "dim", "group", "cross", "num_variables", "num_equations"),
-    [
-        (None, 3, "O", False, 9, 11),
-        (None, 3, "SO", True, 9, 20),
-        (0, 3, "O", False, 3, 3),
-        ([2, 1], 3, "O", False, 5, 6),
-        ([3, 3], 6, "O", False, 18, 22),
-        ([3, 4], 7, "SO", False, 25, 30),
-        (2, 17, "O", False, 79, 149),
-        (None, 2, "SO", False, 2, 1),
-        (None, 1, "SO", False, 0, 0),
-        (None, 1, "O", False, 1, 1),
-        ([1, 2], 3, "SO", False, 4, 5),
-    ],
-)
-def test_number_of_independent_equations(pattern, dim, group, cross, num_variables, num_equations) -> None:
-    lifted = LiftedRotation.build(RotationPattern.from_user(pattern, dim, group), cross_products=cross)
-    assert (lifted.num_variables, len(lifted.equations)) == (num_variables, num_equations)
-    assert len(lifted.labels) == num_equations
-
-
 @pytest.mark.parametrize("cross", [False, True])
 @pytest.mark.parametrize("sizes", [[2], [3], [3, 2], [2, 2], [1, 3], [4]])
 def test_equations_hold_for_rotations_and_not_for_others(rng: np.random.Generator, sizes, cross) -> None:
@@ -69,12 +47,6 @@ def test_interior_moments_satisfy_the_equations(pattern, dim) -> None:
     moments[1:, 1:] = lifted.interior_moments
     assert np.linalg.eigvalsh(moments)[0] > 0
     assert np.abs(np.einsum("mab,ab->m", lifted.equations, moments)).max() < 1e-10
-
-
-def test_entries_outside_every_matching_vanish() -> None:
-    # Upper triangular and orthogonal: diagonal.
-    pattern = RotationPattern.from_user(np.triu(np.ones((3, 3), dtype=bool)), 3, "O")
-    assert LiftedRotation.build(pattern).num_variables == 3
 
 
 def brute_support(allowed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

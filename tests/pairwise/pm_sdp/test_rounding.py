@@ -75,16 +75,6 @@ def test_draws_find_both_poses_where_one_rounding_finds_none(rng: np.random.Gene
     np.testing.assert_allclose(found.energies[:2], 0.0, atol=1e-12)
 
 
-def test_draws_repeat_with_the_seed(rng: np.random.Generator) -> None:
-    problem, turn, point_map = planted_pose(rng)
-    turns = np.stack([turn, turn @ random_rotations(3, 1, rng)[0]])
-    mixed = mixture(problem, turns, np.stack([point_map, rng.permutation(10)]))
-    first, again, other = (draw_rotations(problem, mixed, 6, np.random.default_rng(s)) for s in (1, 1, 2))
-    np.testing.assert_array_equal(first, again)
-    assert np.abs(first - other).max() > 0.01
-    assert draw_rotations(problem, mixed, 0, np.random.default_rng(0)).shape == (0, 3, 3)
-
-
 def test_the_nearest_map_keeps_to_the_candidates() -> None:
     allowed = np.array([[True, False], [True, True]])
     masked = Problem.from_user(np.zeros((2, 3)), np.zeros((2, 3)), allowed=allowed)
