@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,6 +64,24 @@ def _words(result: Any) -> Iterator[str]:
             yield f"{field.name}={value:.6g}"
         elif value is None or isinstance(value, bool | int | str | Enum):
             yield f"{field.name}={value!r}"
+
+
+class Rows:
+    """Base of dataclasses whose fields are arrays of one length, or such dataclasses: rows are taken and joined."""
+
+    def __len__(self) -> int:
+        return len(next(iter(vars(self).values())))
+
+    def take(self, index: IntArray) -> Self:
+        """Return the rows at the given positions."""
+        return type(self)(**{n: v.take(index) if isinstance(v, Rows) else v[index] for n, v in vars(self).items()})
+
+    def join(self, *others: Self) -> Self:
+        """Return these rows and those of the others."""
+        columns = {name: [getattr(one, name) for one in (self, *others)] for name in vars(self)}
+        return type(self)(
+            **{n: c[0].join(*c[1:]) if isinstance(c[0], Rows) else np.concatenate(c) for n, c in columns.items()}
+        )
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:

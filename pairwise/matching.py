@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.checks import as_options
 from data_tools.threads import one_blas_thread
-from pairwise.branch_and_bound.prove import can_certify
-from pairwise.branch_and_bound.prove import certify as prove_by_branching
+from pairwise.branch_and_bound.prove import can_certify, prove
 from pairwise.candidates import with_better
 from pairwise.dense.points import DensePoints
 from pairwise.dense.rank import DenseLike, dense_pair, refine_candidates
@@ -132,9 +131,9 @@ def match_problem(
     bound, status = _proven(problem, relaxation, ranked[0], options)
     if options.certify and status is not Status.PROVEN_OPTIMAL and can_certify(problem):
         left_s = None if options.time_limit_s is None else max(options.time_limit_s - (found_s - begin_s), 1e-3)
-        proven, better, status = prove_by_branching(problem, ranked, tol=options.gap_tol, time_limit_s=left_s)
-        ranked = with_better(ranked, better, problem, options)
-        bound = min(float(np.fmax(bound, proven)), ranked[0].energy)
+        proof = prove(problem, ranked, tol=options.gap_tol, time_limit_s=left_s)
+        ranked, status = with_better(ranked, proof.candidate, problem, options), proof.status
+        bound = min(float(np.fmax(bound, proof.lower_bound)), ranked[0].energy)
     proven_s = time.perf_counter()
     if dense is not None:
         optimum = ranked[0]

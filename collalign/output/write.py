@@ -119,7 +119,7 @@ def save_collection(
             places=() if colours is None else tuple(part.places for part in parts),
         )
         save_evidence(shown, output.staging)
-        title = f"Aligned collection {_folder_name(collection)}".rstrip() if report else None
+        title = report_title(collection) if report else None
         documents = _documents(parts, shown, output, title)
         share_out(write_document, ((name, {"document": one}) for name, one in documents), num_jobs=num_jobs)
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
@@ -127,6 +127,12 @@ def save_collection(
         raise InputError(f"{output.folder}: the results cannot be written ({error.strerror or error})") from error
     folders = {path.parent for path in written} - {output.folder}
     return (*(path for path in written if path.parent == output.folder), *sorted(folders))
+
+
+def report_title(collection: Collection) -> str:
+    """Return the title of a report, by the folder of the first shape's file."""
+    file = collection.files[0]
+    return f"Aligned collection {Path(file).parent.name if file else ''}".rstrip()
 
 
 def output_names(names: Sequence[str]) -> list[str]:
@@ -240,12 +246,6 @@ def _documents(
     if title is not None:
         for page in report_pages(shown, output.stage(REPORT_FILE).absolute(), title=title):
             yield page.title, page
-
-
-def _folder_name(collection: Collection) -> str:
-    """Return the name of the folder that the shapes lie in, empty for shapes of memory."""
-    first = collection.made.files[0]
-    return first.parent.name if isinstance(first, Path) else ""
 
 
 def _pairs_table(collection: Collection) -> str:

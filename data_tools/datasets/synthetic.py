@@ -24,7 +24,7 @@ NUM_BUMPS = 12
 DEMO_RMS = 0.015
 
 
-def bumped(shape: Shape, rng: np.random.Generator, *, rms: float = 0.05, num_bumps: int = NUM_BUMPS) -> Shape:
+def bumped(shape: Shape, rng: np.random.Generator, *, rms: float = 0.05) -> Shape:
     """Return a copy deformed by random smooth radial bumps, with the same vertices in the same order.
 
     Parameters
@@ -33,12 +33,11 @@ def bumped(shape: Shape, rng: np.random.Generator, *, rms: float = 0.05, num_bum
     rng : numpy.random.Generator
     rms : float
         Root mean square displacement, as a fraction of the bounding box's diagonal: .045 to .08 is strong.
-    num_bumps : int
     """
     centre = shape.vertices.mean(axis=0)
     arms = shape.vertices - centre
     diagonal = float(np.linalg.norm(np.ptp(shape.vertices, axis=0)))
-    field = smooth_field(shape.vertices, rng, num_bumps=num_bumps, width=0.15 * diagonal)[:, None]
+    field = smooth_field(shape.vertices, rng, num_bumps=NUM_BUMPS, width=0.15 * diagonal)[:, None]
     shift = field * arms / np.linalg.norm(arms, axis=1, keepdims=True)
     size = float(np.sqrt((shift**2).sum(axis=1).mean()))
     return _with_vertices(shape, shape.vertices + shift * (rms * diagonal / size))
@@ -129,7 +128,6 @@ def planted_collection(
     *,
     group: str = "SO",
     scale_range: tuple[float, float] = (1.0, 1.0),
-    shift: float = 1.0,
 ) -> PlantedCollection:
     """Put aligned shapes in random poses, with their vertices shuffled.
 
@@ -142,8 +140,6 @@ def planted_collection(
         With "O", each shape is mirrored with probability one half.
     scale_range : pair of float
         Scales are drawn from it, uniformly in the logarithm.
-    shift : float
-        Standard deviation of translations.
 
     Raises
     ------
@@ -156,7 +152,7 @@ def planted_collection(
     shapes, origins = [], []
     rotations = np.stack([random_rotation(rng, group=group) for _ in members])
     scales = np.exp(rng.uniform(np.log(scale_range[0]), np.log(scale_range[1]), len(members)))
-    translations = shift * rng.standard_normal((len(members), 3))
+    translations = rng.standard_normal((len(members), 3))
     for member, rotation, scale, translation in zip(members, rotations, scales, translations, strict=True):
         mixed, origin = shuffled(member, rng)
         faces = mixed.faces if np.linalg.det(rotation) > 0 else mixed.faces[:, ::-1]
@@ -203,7 +199,7 @@ def demo_collection(*, seed: int = 0, num: int = 10, resolution: int = 2) -> Pla
     return planted_collection(members, rng, scale_range=(0.7, 1.5))
 
 
-def write_collection(folder: Path | str, collection: PlantedCollection, *, suffix: str = ".ply") -> tuple[Path, ...]:
+def write_collection(folder: Path | str, collection: PlantedCollection) -> tuple[Path, ...]:
     """Write each shape to ``folder`` and the truth to ``folder/truth.json``.
 
     ``truth.json`` is ``{"shapes": [{"name", "file", "rotation": 3x3 from the shape to the common frame, "scale",
@@ -215,7 +211,7 @@ def write_collection(folder: Path | str, collection: PlantedCollection, *, suffi
         The mesh files, in the order of the collection.
     """
     folder = Path(folder)
-    files = tuple(write_mesh(folder / f"{shape.name}{suffix}", shape) for shape in collection.shapes)
+    files = tuple(write_mesh(folder / f"{shape.name}.ply", shape) for shape in collection.shapes)
     records = [
         {
             "name": shape.name,

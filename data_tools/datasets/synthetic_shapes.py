@@ -24,31 +24,15 @@ def sphere_mesh(num_vertices: int) -> tuple[FloatArray, IntArray]:
     return vertices, faces[np.lexsort(faces.T[::-1])]
 
 
-def blob(
-    rng: np.random.Generator,
-    *,
-    num_vertices: int = 1500,
-    num_bumps: int = 12,
-    height: float = 0.35,
-    name: str = "blob",
-) -> Shape:
-    """Return a star-shaped sphere with random bumps and dents: no symmetry, no limbs.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    num_vertices, num_bumps : int
-    height : float
-        Largest height of a bump, relative to the sphere's radius.
-    name : str
-    """
+def blob(rng: np.random.Generator, *, num_vertices: int = 1500, name: str = "blob") -> Shape:
+    """Return a star-shaped sphere with twelve random bumps and dents: no symmetry, no limbs."""
     directions, faces = sphere_mesh(num_vertices)
     axes = np.array([1.0, rng.uniform(0.7, 0.9), rng.uniform(0.5, 0.65)])
-    radii = 1.0 + height * smooth_field(directions, rng, num_bumps=num_bumps, width=0.45)
+    radii = 1.0 + 0.35 * smooth_field(directions, rng, num_bumps=12, width=0.45)
     return Shape.from_arrays(directions * np.maximum(radii, 0.3)[:, None] * axes, faces, name=name)
 
 
-def crown(rng: np.random.Generator | None = None, *, num_vertices: int = 1500, name: str = "crown") -> Shape:
+def crown(rng: np.random.Generator | None = None, *, num_vertices: int = 1500) -> Shape:
     """Return an open surface like a molar's crown: a cup turned over, with four unequal cusps around a basin.
 
     Parameters
@@ -57,7 +41,6 @@ def crown(rng: np.random.Generator | None = None, *, num_vertices: int = 1500, n
         Varies the cusps; without it, always the same crown.
     num_vertices : int
         About so many are left after the sphere's lower part is cut off.
-    name : str
     """
     share = (1.0 - np.cos(CROWN_RIM)) / 2.0
     directions, faces = sphere_mesh(round(num_vertices / share))
@@ -77,7 +60,7 @@ def crown(rng: np.random.Generator | None = None, *, num_vertices: int = 1500, n
     squared = ((directions[:, None] - cusps) ** 2).sum(axis=2)
     basin = 0.25 * np.exp(-((1.0 - directions[:, 2]) ** 2) / 0.02)
     radii = 1.0 + np.exp(-squared / 0.08) @ heights - basin
-    return Shape.from_arrays(directions * radii[:, None] * [1.0, 0.75, 0.8], faces, name=name)
+    return Shape.from_arrays(directions * radii[:, None] * [1.0, 0.75, 0.8], faces, name="crown")
 
 
 def chair(rng: np.random.Generator | None = None, *, resolution: int = 2, name: str = "chair") -> Shape:

@@ -17,7 +17,7 @@ from itertools import product
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray, Rows
 from pairwise.local.rotation_sets import quaternions_to_rotations
 
 #: Added to radii: covers the rounding of centres, corners and arc cosines.
@@ -27,7 +27,7 @@ MAX_DEPTH = 60
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Cells:
+class Cells(Rows):
     """Boxes in the rotation group.
 
     Attributes
@@ -61,19 +61,6 @@ class Cells:
             halves=np.ones((num, axes)),
         )
 
-    def __len__(self) -> int:
-        return len(self.faces)
-
-    def take(self, index: IntArray) -> Cells:
-        """Return the cells at the given positions."""
-        return Cells(
-            faces=self.faces[index],
-            depths=self.depths[index],
-            paths=self.paths[index],
-            centres=self.centres[index],
-            halves=self.halves[index],
-        )
-
     def split(self) -> Cells:
         """Halve each cell along the axis whose turn it is: two children of each cell, next to each other."""
         axes, rows = self.depths % self.centres.shape[1], np.arange(len(self))
@@ -105,17 +92,6 @@ class Cells:
         far = _quaternions(np.repeat(self.faces, 8), corners).reshape(len(self), 8, 4)
         chords = np.linalg.norm(far - middle[:, None], axis=2).max(axis=1)
         return quaternions_to_rotations(middle), 4.0 * np.arcsin(0.5 * chords) + _RADIUS_MARGIN
-
-
-def join(parts: list[Cells]) -> Cells:
-    """Return all cells of all parts."""
-    return Cells(
-        faces=np.concatenate([p.faces for p in parts]),
-        depths=np.concatenate([p.depths for p in parts]),
-        paths=np.concatenate([p.paths for p in parts]),
-        centres=np.concatenate([p.centres for p in parts]),
-        halves=np.concatenate([p.halves for p in parts]),
-    )
 
 
 #: The corners of a box around its centre.

@@ -70,25 +70,12 @@ class Proof:
 
 
 def can_certify(problem: Problem) -> bool:
-    """Whether :func:`certify` is for this problem: dimension 2 or 3 and full R."""
+    """Whether :func:`prove` is for this problem: dimension 2 or 3 and full R."""
     try:
         chiralities(problem)
     except OptionsError:
         return False
     return True
-
-
-@one_blas_thread()
-def certify(
-    problem: Problem,
-    candidates: Sequence[Candidate] = (),
-    *,
-    tol: float = 1e-3,
-    time_limit_s: float | None = None,
-) -> tuple[float, Candidate, Status]:
-    """Prove the optimum; see :func:`prove`, of which this is the short form: (lower bound, best pose, status)."""
-    proof = prove(problem, candidates, tol=tol, time_limit_s=time_limit_s)
-    return proof.lower_bound, proof.candidate, proof.status
 
 
 @one_blas_thread()

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray, Rows
 from pairwise.branch_and_bound.bounds import CellBounds, QuasiBounds
-from pairwise.branch_and_bound.cells import MAX_DEPTH, Cells, join
+from pairwise.branch_and_bound.cells import MAX_DEPTH, Cells
 from pairwise.local.local_search import minimise
 from pairwise.problem.chirality import mirror
 from pairwise.problem.problem import Problem, energy_scale
@@ -174,7 +174,7 @@ class RotationSearch:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class OpenCells:
+class OpenCells(Rows):
     """Cells with what is known about them.
 
     Attributes
@@ -192,22 +192,3 @@ class OpenCells:
     radii: FloatArray
     bounds: FloatArray
     sources: IntArray
-
-    def take(self, index: IntArray) -> OpenCells:
-        """Return the cells at the given positions."""
-        return OpenCells(
-            cells=self.cells.take(index),
-            radii=self.radii[index],
-            bounds=self.bounds[index],
-            sources=self.sources[index],
-        )
-
-    def join(self, *others: OpenCells) -> OpenCells:
-        """Return these cells and all other ones."""
-        parts = (self, *others)
-        return OpenCells(
-            cells=join([part.cells for part in parts]),
-            radii=np.concatenate([part.radii for part in parts]),
-            bounds=np.concatenate([part.bounds for part in parts]),
-            sources=np.concatenate([part.sources for part in parts]),
-        )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray, Rows
 from pairwise.problem.problem import Problem
 
 #: Entries of the cost matrices that are held at once: what fits the processor's cache is fastest.
@@ -21,7 +21,7 @@ _CHUNK_ENTRIES = 50_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LocalMinima:
+class LocalMinima(Rows):
     """Distinct local minima, best energy first.
 
     Attributes
@@ -37,18 +37,6 @@ class LocalMinima:
     maps: IntArray
     energies: FloatArray
     origins: NDArray[np.str_]
-
-    def __len__(self) -> int:
-        return len(self.energies)
-
-    def take(self, index: IntArray) -> LocalMinima:
-        """Return the minima of the given positions in that order."""
-        return LocalMinima(
-            rotations=self.rotations[index],
-            maps=self.maps[index],
-            energies=self.energies[index],
-            origins=self.origins[index],
-        )
 
 
 class MatchingCosts:
@@ -202,12 +190,7 @@ def merge(parts: list[LocalMinima]) -> LocalMinima:
     """Return the minima of all parts, each in order, best energy first, those of equal maps and chirality once."""
     if len(parts) == 1:
         return parts[0]
-    joined = LocalMinima(
-        rotations=np.concatenate([p.rotations for p in parts]),
-        maps=np.concatenate([p.maps for p in parts]),
-        energies=np.concatenate([p.energies for p in parts]),
-        origins=np.concatenate([p.origins for p in parts]),
-    )
+    joined = parts[0].join(*parts[1:])
     order = np.argsort(joined.energies, kind="stable")
     labels = np.column_stack([np.linalg.det(joined.rotations) < 0, joined.maps])
     first: dict[bytes, int] = {}

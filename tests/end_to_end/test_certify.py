@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import shutil
 from dataclasses import replace
@@ -36,9 +37,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     run = collalign.RunOptions(jobs=1, store=folder / "out" / "store.sqlite")
     (folder / "out").mkdir()
-    collalign.align_collection(folder / "shapes", options=OPTIONS, run=run, progress=False).save(
-        folder / "out", report=False
-    )
+    collalign.align_collection(folder / "shapes", options=OPTIONS, run=run, progress=False).save(folder / "out")
     return folder / "out"
 
 
@@ -54,6 +53,9 @@ def test_the_command_proves_most_of_the_energy_and_goes_on_from_the_store(
     first = (result / "certification.json").read_bytes()
     record = json.loads(first)
     assert record["statement"] == said[:4]
+    notes = load(result).notes
+    assert notes[-4:] == tuple(said[:4])
+    assert html.escape(said[0]) in (result / "report.html").read_text("utf-8")
     assert 0.9 < record["share"] <= 1.0
     assert record["lower_bound"] <= record["energy"]["cheapest_known"]
     assert record["energy"]["cheapest_known"] <= record["energy"]["near"] <= record["energy"]["stated"]
@@ -63,6 +65,7 @@ def test_the_command_proves_most_of_the_energy_and_goes_on_from_the_store(
     assert num_proofs == 6 * len(record["bound_of_each_round"])
     assert main(["certify", str(result), "--jobs", "1"]) == 0
     assert (result / "certification.json").read_bytes() == first
+    assert load(result).notes == notes
     with Store.open(result / "store.sqlite") as store:
         assert len(store.keys("proofs")) == num_proofs
 

@@ -13,7 +13,13 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.output.certificates import CERTIFIER
 from collalign.output.evidence.loading import load
-from collalign.tools.certify.files import FILES, certification_summary, write_certification
+from collalign.tools.certify.files import (
+    FILES,
+    certification_summary,
+    former_statement,
+    tell_in_report,
+    write_certification,
+)
 from collalign.tools.certify.rounds import CertifyOptions
 from collalign.tools.certify.run import certify_collection
 from data_tools.io.output_folder import OutputFolder
@@ -33,7 +39,8 @@ def certify(
     ----------
     result
         Folder that ``collalign align`` wrote; certification.json and
-        certification.npz, which `collalign verify` checks, are written into it.
+        certification.npz, which `collalign verify` checks, are written into it,
+        and what is proven of all shapes becomes a note of the result and its report.
     shapes
         Names of the shapes to speak of; all by default.
     """
@@ -41,8 +48,10 @@ def certify(
     store = run.store or result / STORE_FILE
     with resumable(store), OutputFolder.open(result, writer=CERTIFIER, inputs=inputs_of(files)) as output:
         output.refuse_foreign(FILES)
+        former = former_statement(result)
         found = certify_collection(result, shapes=shapes, options=options, run=replace(run, store=store))
         written = write_certification(found, output)
+    written += tell_in_report(found, result, former)
     for line in (*certification_summary(found), *written):
         print(line)
     return 0

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from collalign.output.certificates import PROOF_FILE
+from collalign.output.evidence.evidence_file import save_evidence
 from collalign.output.evidence.gather import json_types
+from collalign.output.evidence.loading import load
+from collalign.output.report.page import write_report
+from collalign.output.write import REPORT_FILE, WRITER, report_title
 from collalign.tools.certify.result import FREE_RAD, CertifiedCollection, share_of
-from data_tools.io.files import write_atomic
+from data_tools.io.files import read_text, write_atomic
 from data_tools.io.output_folder import OutputFolder
 
 JSON_FILE = "certification.json"
@@ -45,6 +51,35 @@ def write_certification(certified: CertifiedCollection, output: OutputFolder) ->
         bound=np.array(joint.bound),
     )
     return output.publish(complete=True)
+
+
+def tell_in_report(certified: CertifiedCollection, result: Path, former: Sequence[str]) -> tuple[Path, ...]:
+    """Say what is proven of all shapes among the notes of a result and of its report; return what was written.
+
+    Parameters
+    ----------
+    certified : CertifiedCollection
+        Of a part of the shapes nothing is said there.
+    result : Path
+    former : sequence of str
+        What an earlier certification said, which this replaces.
+    """
+    collection = load(result)
+    if len(certified.names) < len(collection):
+        return ()
+    kept = (note for note in collection.notes if note not in former)
+    collection = replace(collection, notes=(*kept, *certification_summary(certified)))
+    with OutputFolder.open(result, writer=WRITER) as output:
+        save_evidence(collection, output.staging)
+        if (result / REPORT_FILE).is_file():
+            write_report(collection, output.stage(REPORT_FILE), title=report_title(collection))
+        return output.publish()
+
+
+def former_statement(result: Path) -> list[str]:
+    """Return what ``certification.json`` of a result says, nothing where there is none."""
+    file = result / JSON_FILE
+    return list(json.loads(read_text(file))["statement"]) if file.is_file() else []
 
 
 def certification_record(certified: CertifiedCollection) -> dict[str, object]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_tools.rotations import rotation_angles
-from pairwise.branch_and_bound.cells import Cells, join
+from pairwise.branch_and_bound.cells import Cells
 from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations
 
 
@@ -14,7 +14,7 @@ def split_at_random(dim, rng, num=40):
     for _ in range(num):
         chosen = rng.integers(len(cells))
         rest = np.delete(np.arange(len(cells)), chosen)
-        cells = join([cells.take(rest), cells.take(np.array([chosen])).split()])
+        cells = cells.take(rest).join(cells.take(np.array([chosen])).split())
     return cells
 
 

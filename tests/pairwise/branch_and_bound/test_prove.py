@@ -4,7 +4,7 @@ import pytest
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import OptionsError
 from experiments.datasets import read_teeth
-from pairwise.branch_and_bound.prove import _proof, can_certify, certify, prove, searches_of
+from pairwise.branch_and_bound.prove import _proof, can_certify, prove, searches_of
 from pairwise.problem.chirality import chiralities
 from pairwise.problem.problem import Problem, energy_scale
 from pairwise.results import Candidate
@@ -85,10 +85,9 @@ def test_a_proof_needs_both_chiralities_and_a_mirror_decision_the_whole_energy()
 
 def test_noisy_problem_of_twenty_points_is_proven():
     problem = Problem.from_user(*planted_cube(20, 0.1, 0))
-    bound, best, status = certify(problem, tol=1e-3, time_limit_s=60)
-    assert status is Status.PROVEN_OPTIMAL
-    assert bound >= (1 - 1e-3) * best.energy - 1e-8
-    assert bound <= best.energy
+    proof = prove(problem, tol=1e-3, time_limit_s=60)
+    assert proof.status is Status.PROVEN_OPTIMAL
+    assert (1 - 1e-3) * proof.candidate.energy - 1e-8 <= proof.lower_bound <= proof.candidate.energy
 
 
 def test_known_poses_are_used_and_the_time_limit_keeps_bounds_valid():
