@@ -184,7 +184,8 @@ class _InteriorPoint:
 
     def _corrected_step(self) -> tuple[Direction, tuple[float, float]]:
         """Return the predictor, corrected and centred, and how far both points may go along it."""
-        system, predictor = self._predictor()
+        system = NewtonSystem(self.data, self.basis, self.primal, self.dual)
+        predictor = system.solve(aim(self.data, self.primal, self.dual, 0.0))
         sizes = self._sizes(predictor)
         mu = self._complementarity()
         target = mu * self._remaining_share(predictor, sizes) ** 2
@@ -199,21 +200,6 @@ class _InteriorPoint:
             if min(centring_sizes) > min(sizes):
                 return centring, centring_sizes
         return step, sizes
-
-    def _predictor(self) -> tuple[NewtonSystem, Direction]:
-        """Return Newton's system and its step to the solution, from exact operators once coarse ones do not do."""
-        targets = aim(self.data, self.primal, self.dual, 0.0)
-        if self.basis.is_coarse:
-            try:
-                system = NewtonSystem(self.data, self.basis, self.primal, self.dual)
-                predictor = system.solve(targets)
-                if system.is_accurate:
-                    return system, predictor
-            except np.linalg.LinAlgError:
-                pass
-            self.basis.is_coarse = False
-        system = NewtonSystem(self.data, self.basis, self.primal, self.dual)
-        return system, system.solve(targets)
 
     def _corrected(
         self, system: NewtonSystem, mu: float, former: Direction, sizes: tuple[float, float]

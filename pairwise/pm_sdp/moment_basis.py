@@ -3,32 +3,12 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.linalg import lapack, solve_triangular
 
 from data_tools.arrays import FloatArray, IntArray
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation
-
-#: From this many variables on, weights are replaced by separable ones.
-_SEPARABLE_SIZE = 48
-
-#: Step and cut of the trapezoidal rule: relative errors of about 1e-4.
-_QUADRATURE_STEP = 0.85
-_QUADRATURE_CUT = 10.0
-
-
-def inverse_quadrature(smallest: float, largest: float) -> tuple[FloatArray, FloatArray]:
-    """Return weights c and rates t with ``1 / x = sum_q c_q exp(-t_q x)`` to 1e-4 on an interval of positive x.
-
-    The trapezoidal rule for ``1 / x = int exp(s - x exp(s)) ds``, which converges exponentially.
-    """
-    start = -_QUADRATURE_CUT - np.log(largest)
-    stop = np.log(_QUADRATURE_CUT / smallest)
-    points = np.arange(start, stop + _QUADRATURE_STEP, _QUADRATURE_STEP)
-    rates = np.exp(points)
-    return _QUADRATURE_STEP * rates, rates
 
 
 def gram(rows: FloatArray) -> FloatArray:
@@ -40,9 +20,6 @@ def gram(rows: FloatArray) -> FloatArray:
 class MomentBasis:
     """Orthonormal coordinates of symmetric (s+1, s+1) matrices without their (0, 0) entry.
 
-    While ``is_coarse``, which it is at first where s is large, operators are formed to about four digits only and
-    kept in single precision, for solutions that are refined.
-
     Parameters
     ----------
     size : int
@@ -53,7 +30,6 @@ class MomentBasis:
 
     def __init__(self, size: int, equations: FloatArray) -> None:
         self.size = size
-        self.is_coarse = size >= _SEPARABLE_SIZE
         rows, cols = np.triu_indices(size + 1)
         self._all_rows, self._all_cols = rows, cols
         self.rows, self.cols = rows[1:], cols[1:]
@@ -67,11 +43,6 @@ class MomentBasis:
         packed = np.asfortranarray(self.pack(equations).T)
         if self.num_equations:
             self._reflectors, self._tau, _, _ = lapack.dgeqrf(packed)
-
-    @property
-    def dtype(self) -> type[np.floating[Any]]:
-        """Type in which operators are formed and factored."""
-        return np.float32 if self.is_coarse else np.float64
 
     @property
     def num_coordinates(self) -> int:
@@ -114,8 +85,7 @@ class MomentBasis:
         """Return the matrix (m, m) of ``X -> sum_j T_j^T (W_j * (T_j X T_j^T)) T_j``.
 
         W_ab is 1 / (lambda_a + lambda_b) for a, b >= 1, W_0b = 1 and W_00 = 0. Costs O(K s^5): pair products of T on
-        one side, weighted Gram matrices on the other. For large s the weights are replaced by a short sum of
-        separable ones (:func:`inverse_quadrature`), which halves and shortens the product; callers refine.
+        one side, weighted Gram matrices on the other.
 
         Parameters
         ----------
@@ -125,34 +95,21 @@ class MomentBasis:
             Positive lambda_1, ..., lambda_s.
         """
         num = len(self._all_rows)
-        if not self.is_coarse:
-            products = T[:, 1:].take(self._all_rows, axis=2) * T[:, 1:].take(self._all_cols, axis=2)
-            weights = 1.0 / (eigenvalues[:, :, None] + eigenvalues[:, None, :])
-            grams = (np.swapaxes(T[:, 1:], 1, 2)[:, None] * weights[:, :, None, :]) @ T[:, None, 1:]
-            flat = grams.reshape(len(T), self.size, -1).take(self._all_flat, axis=2)
-            operator = products.reshape(-1, num).T @ flat.reshape(-1, num)
-        else:
-            operator = self._separable_sum(T[:, 1:], eigenvalues)
+        products = T[:, 1:].take(self._all_rows, axis=2) * T[:, 1:].take(self._all_cols, axis=2)
+        weights = 1.0 / (eigenvalues[:, :, None] + eigenvalues[:, None, :])
+        grams = (np.swapaxes(T[:, 1:], 1, 2)[:, None] * weights[:, :, None, :]) @ T[:, None, 1:]
+        flat = grams.reshape(len(T), self.size, -1).take(self._all_flat, axis=2)
+        operator = products.reshape(-1, num).T @ flat.reshape(-1, num)
         first_row = (T[:, 0, 0] ** 2) @ (np.swapaxes(T[:, 1:], 1, 2) @ T[:, 1:]).reshape(len(T), -1)
-        first_row = first_row[self._all_flat].astype(self.dtype)
+        first_row = first_row[self._all_flat]
         operator[0] += first_row
         operator[:, 0] += first_row
         first, second, half = self.congruence_gather
         result: FloatArray = operator.take(first)
         result += operator.take(second)
-        half = half.astype(self.dtype)
         result *= half[:, None]
         result *= half
         return result
-
-    def _separable_sum(self, T: FloatArray, eigenvalues: FloatArray) -> FloatArray:
-        """Return the pair products' operator with 1 / (lambda_a + lambda_b) as a sum of separable terms."""
-        weights, rates = inverse_quadrature(2.0 * float(eigenvalues.min()), 2.0 * float(eigenvalues.max()))
-        decays = np.sqrt(np.sqrt(weights))[:, None] * np.exp(-0.5 * rates[:, None] * eigenvalues[:, None, :])
-        scaled = T.astype(self.dtype)[:, None] * decays.astype(self.dtype)[..., None]
-        grams = np.swapaxes(scaled, 2, 3) @ scaled
-        flat = grams.reshape(len(T) * len(rates), -1).take(self._all_flat, axis=1)
-        return gram(flat)
 
     def reduce(self, coordinates: FloatArray) -> FloatArray:
         """Return the coordinates (m,) of a vector within the null space of the equations."""
@@ -192,19 +149,14 @@ class MomentBasis:
             )
         return self._rotate(padded[:, None], "N")[:, 0]
 
-    @cached_property
-    def _single_reflections(self) -> tuple[FloatArray, FloatArray]:
-        return self._reflectors.astype(np.float32), self._tau.astype(np.float32)
-
     def _rotate(self, columns: FloatArray, trans: str, *, side: str = "L", overwrite: bool = False) -> FloatArray:
         """Apply the Householder reflections of the equations' QR factorisation."""
         if self.num_equations == 0:
             return columns
         lwork = 64 * max(columns.shape)
-        rotate, (reflectors, tau) = lapack.dormqr, (self._reflectors, self._tau)
-        if columns.dtype == np.float32:
-            rotate, (reflectors, tau) = lapack.sormqr, self._single_reflections
-        rotated, _, info = rotate(side, trans, reflectors, tau, columns, lwork, overwrite_c=overwrite)
+        rotated, _, info = lapack.dormqr(
+            side, trans, self._reflectors, self._tau, columns, lwork, overwrite_c=overwrite
+        )
         if info != 0:
             raise ArithmeticError(f"ormqr returned {info}")
         return rotated

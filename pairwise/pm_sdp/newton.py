@@ -26,27 +26,17 @@ from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint
 #: Most refinements of a solution of the reduced system.
 _MAX_REFINEMENTS = 3
 
-#: A solution whose residual stays above this share of the right hand side is no use.
-_ACCURACY = 1e-3
-
 #: A solution is refined until its residual is this share of the right hand side.
 _REFINEMENT_TOL = 1e-6
 
 
 class NewtonSystem:
-    """Factorisation of the Newton system at one pair of primal and dual points.
-
-    Attributes
-    ----------
-    is_accurate : bool
-        Whether refinement made up for the operators' errors in every solution so far.
-    """
+    """Factorisation of the Newton system at one pair of primal and dual points."""
 
     def __init__(self, data: RelaxationData, basis: MomentBasis, primal: PrimalPoint, dual: DualPoint) -> None:
         from pairwise.pm_sdp.newton_kernels import quaternion_operators
 
         self.data, self.basis, self.primal, self.dual = data, basis, primal, dual
-        self.is_accurate = True
         self.blocks = LocalBlocks(data, basis, primal, dual)
         self.quaternion_operators = quaternion_operators(primal.Y, dual.Y)
         self.dual_sum = basis.sum_of_points(data.lifted, dual.F, dual.u, dual.Y)
@@ -65,8 +55,8 @@ class NewtonSystem:
         self.rows_factor = _factor(self._row_matrix())
         half = _solve_lower(self.rows_factor, coupling.T)
         schur = basis.reduce_operator(moments)
-        schur += gram(half.astype(basis.dtype, copy=False))
-        self.coupling = coupling.astype(np.float64, copy=False)
+        schur += gram(half)
+        self.coupling = coupling
         self.schur_factor = _factor(schur)
 
     def _row_matrix(self) -> FloatArray:
@@ -81,12 +71,12 @@ class NewtonSystem:
         return rows
 
     def solve(self, targets: Targets) -> Direction:
-        """Solve for all variables, refining where the reduced system is inexact."""
+        """Solve for all variables, refining what rounding left."""
         data, basis = self.data, self.basis
         num_rows = data.num_rows
         coordinates, dbeta = np.zeros(basis.num_coordinates), np.zeros(num_rows)
         pushes = targets.products / self._safe_x()
-        first_error = acceptable = 0.0
+        acceptable = 0.0
         for refinement in range(_MAX_REFINEMENTS + 2):
             moments = basis.unpack(coordinates)
             dx, local = self.blocks.solve(targets.moments - moments, pushes + dbeta[data.index])
@@ -96,18 +86,12 @@ class NewtonSystem:
             if error <= acceptable or refinement > _MAX_REFINEMENTS:
                 break
             if refinement == 0:
-                first_error, acceptable = error, _REFINEMENT_TOL * error
+                acceptable = _REFINEMENT_TOL * error
             rhs = imbalance + self.coupling @ _solve(self.rows_factor, row_rhs)
-            step = self._solve_schur(rhs)
+            step = _solve(self.schur_factor, rhs)
             dbeta = dbeta + _solve(self.rows_factor, row_rhs - self.coupling.T @ step)
             coordinates = coordinates + basis.expand(step)
-        self.is_accurate &= error <= _ACCURACY * first_error
         return self._direction(targets, dx, local, moments, dbeta)
-
-    def _solve_schur(self, rhs: FloatArray) -> FloatArray:
-        """Solve the reduced system in the precision of its factor."""
-        solution = _solve(self.schur_factor, rhs.astype(self.schur_factor.dtype, copy=False))
-        return solution.astype(np.float64, copy=False)
 
     def _imbalance(self, targets: Targets, local: FloatArray, moments: FloatArray) -> FloatArray:
         """Return the sum of the new u and F of all points, in coordinates: it must be spanned by the equations."""
@@ -155,9 +139,8 @@ class NewtonSystem:
 
 
 def _factor(matrix: FloatArray) -> FloatArray:
-    """Return the lower Cholesky factor, in the matrix's precision."""
-    potrf = lapack.spotrf if matrix.dtype == np.float32 else lapack.dpotrf
-    factor, info = potrf(matrix, lower=True)
+    """Return the lower Cholesky factor."""
+    factor, info = lapack.dpotrf(matrix, lower=True)
     if info != 0:
         raise np.linalg.LinAlgError("not positive definite")
     return factor
@@ -165,8 +148,7 @@ def _factor(matrix: FloatArray) -> FloatArray:
 
 def _solve(factor: FloatArray, rhs: FloatArray) -> FloatArray:
     """Solve a system whose lower Cholesky factor is given."""
-    potrs = lapack.spotrs if factor.dtype == np.float32 else lapack.dpotrs
-    return potrs(factor, rhs, lower=True)[0]
+    return lapack.dpotrs(factor, rhs, lower=True)[0]
 
 
 def _solve_lower(factor: FloatArray, rhs: FloatArray) -> FloatArray:

@@ -103,14 +103,14 @@ class LocalBlocks:
         from pairwise.pm_sdp.newton_kernels import condense_matches
 
         basis = self.basis
-        root = self.root.astype(basis.dtype, copy=False)
-        direction = root @ (self.ones / np.sqrt(self.inverse_total)[:, None]).astype(root.dtype)[..., None]
+        root = self.root
+        direction = root @ (self.ones / np.sqrt(self.inverse_total)[:, None])[..., None]
         if basis.size <= _DENSE_SIZE:
             halves = condense_matches(
                 self.T, self.root_weights, self.features, root, direction[..., 0], basis.rows, basis.cols
             )
         else:
-            halves = np.empty((*self.ones.shape, basis.num_coordinates), dtype=root.dtype)
+            halves = np.empty((*self.ones.shape, basis.num_coordinates))
             for points in self._chunks():
                 chunk = np.matmul(root[points], self._moves(points), out=halves[points])
                 chunk -= direction[points] * (np.swapaxes(direction[points], 1, 2) @ chunk)
@@ -143,15 +143,15 @@ class LocalBlocks:
     def _moves(self, points: slice) -> FloatArray:
         """Return how the costs of the matches of some points depend on the moments, shape (., c, m)."""
         basis = self.basis
-        T = self.T[points].astype(basis.dtype, copy=False)
-        transformed = np.ascontiguousarray(np.swapaxes(self.transformed[points], 1, 2), dtype=basis.dtype)
+        T = self.T[points]
+        transformed = np.ascontiguousarray(np.swapaxes(self.transformed[points], 1, 2))
         k, c, size = transformed.shape
         pairs = transformed[..., :, None] * transformed[..., None, :]
-        pairs *= basis.unpack(self.root_weights[points] ** 2 * basis.scale).astype(basis.dtype, copy=False)[:, None]
+        pairs *= basis.unpack(self.root_weights[points] ** 2 * basis.scale)[:, None]
         half = (pairs.reshape(k, c * size, size) @ T).reshape(k, c, size, size)
         outer = np.ascontiguousarray(np.swapaxes(half, 2, 3)).reshape(k, c * size, size) @ T
         moves: FloatArray = outer.reshape(k, c, -1).take(basis.flat, axis=2)
-        moves *= basis.scale.astype(basis.dtype)
+        moves *= basis.scale
         return moves
 
     def row_matrix(self) -> FloatArray:
