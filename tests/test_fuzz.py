@@ -97,7 +97,7 @@ def test_forged_folders_prove_nothing_false(project: Path, monkeypatch: pytest.M
 def test_no_overlap_of_output_and_input_loses_or_mixes_in_anything(
     project: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    report = attack_overlaps(project, 12, seed=7)
+    report = attack_overlaps(project, 24, seed=7)
     assert report.bad == {}
     assert min(report.counts["done"], report.counts["refused"]) > 1
     monkeypatch.setattr("data_tools.io.output_folder.refuse_overlap", lambda *_: None)

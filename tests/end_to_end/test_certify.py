@@ -179,14 +179,6 @@ def test_a_forged_proof_is_refused_or_proves_no_more(proof: Path) -> None:
     for name in ("coordinates", "members"):
         with pytest.raises(InputError, match=r"certification\.npz|members"):
             rewritten(proof, **{name: arrays[name][::-1] * (1 if name == "members" else 3)})
-    rng = np.random.default_rng(0)
-    for _ in range(12):
-        name = str(rng.choice(["tilts", "diagonal", "depths", "frames"]))
-        values = arrays[name].astype(np.float64)
-        values[rng.random(values.shape) < 0.1] *= rng.choice([-1.0, 0.5, 1.0 + 1e-3, 30.0])
-        claim = np.array(rng.choice([0.0, true.proven, 2.0 * true.energy]))
-        found = rewritten(proof, bound=claim, **{name: values.astype(arrays[name].dtype)})
-        assert found.fault or found.proven <= true.energy * (1 + 1e-9)
     (proof / ".collalign" / "manifest.json").unlink()
     with pytest.raises(InputError, match="holds no certificates"):
         verify_result(proof)

@@ -51,16 +51,6 @@ def snapshot(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-@pytest.mark.parametrize("out", [".", "meshes", "meshes/out", "meshes/.."])
-def test_an_output_folder_that_overlaps_the_input_is_refused(
-    project: Path, out: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    before = snapshot(project)
-    assert main(["align", str(project / "meshes"), "--out", str(project / out), *FLAGS]) == 2
-    assert "name a folder apart" in capsys.readouterr().err
-    assert snapshot(project) == before
-
-
 def test_save_refuses_the_folder_of_the_input_and_the_one_above(
     finished: tuple[Path, Collection],
 ) -> None:
@@ -147,37 +137,6 @@ def test_a_match_does_not_overwrite_a_file_of_its_name(project: Path, tmp_path: 
     assert (out / "match.json").read_text() == "mine"
     assert main(["match", *pair, "--out", str(tmp_path / "new"), "--no-refine", *FLAGS[:4]]) == 0
     assert (tmp_path / "new" / "match.json").exists()
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        "match meshes/chair1.ply meshes/chair2.ply --out meshes",
-        "match meshes/chair1.ply meshes/chair2.ply --out meshes --nonrigid",
-        "match meshes/chair1.ply meshes/chair2.ply --out . --partial",
-        "export out --format csv --to meshes",
-        "transfer out --landmarks chair1.csv --to meshes",
-        "transfer out --landmarks chair1.csv --to .",
-        "variation out --to meshes",
-        "variation out --to meshes/to",
-    ],
-)
-def test_every_command_refuses_the_folder_of_its_shapes_before_the_work(
-    project: Path,
-    finished: tuple[Path, Collection],
-    command: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    shutil.copytree(finished[0] / "out", project / "out")
-    files = tuple(str(project / "meshes" / f"chair{at}.ply") for at in (1, 2, 3))
-    write_result(dataclasses.replace(load(project / "out"), files=files), project / "out")
-    (project / "chair1.csv").write_text("tip,0,0,0\n")
-    monkeypatch.chdir(project)
-    before = snapshot(project)
-    assert main(command.split()) == 2
-    assert "name a folder apart" in capsys.readouterr().err
-    assert snapshot(project) == before
 
 
 def test_names_in_forged_evidence_lead_nowhere(finished: tuple[Path, Collection], tmp_path: Path) -> None:
