@@ -18,6 +18,25 @@ from data_tools.errors import InputError
 from data_tools.poses import moved_by, scales_of
 from data_tools.threads import one_blas_thread
 
+# Lengths are in parts of the shapes' root mean square radius. All were chosen on eight mouse skulls and sixteen
+# molars, by how well their landmarks carry each other's places over from the landmarks' own poses; quoted figures are
+# of other specimens. ``python -m experiments calibrate registration`` tries other values on four of each.
+#: Widths of the Gaussians that a deformation is made of. Adding .15 follows detail that landmarks do not.
+WIDTHS = (0.6, 0.3)
+#: Standard deviation of a displacement that each width is expected to need.
+AMPLITUDES = (0.15, 0.09)
+#: How far correspondences are trusted, one value per iteration: coarse deformations first.
+NOISE = (0.06, 0.045, 0.03, 0.02, 0.015, 0.01, 0.01, 0.01)
+#: How far normals are trusted: a difference of normals of this length counts as much as a distance of the iteration's
+#: noise. So normals choose the slope of a cusp at first, and positions decide at last.
+NORMAL_NOISE = 0.03
+#: Share of a correspondence's offset along the target's surface that pulls; 0 lets points slide freely. Molars err
+#: least at .7 and more below .4; skulls do not care between .2 and .4.
+TANGENTIAL = 0.5
+#: Correspondences beyond so many times the median distance, or the noise where that is more, do not count.
+CUTOFF = 3.0
+#: Nor do those whose normals differ by more than this cosine says.
+_MIN_COSINE = 0.3
 #: Added to the kernel's diagonal, in parts of it: centres of a smooth kernel are nearly dependent.
 _JITTER = 1e-6
 #: However many correspondences there are, they weigh like so many independent ones: neighbours say the same. With
@@ -29,7 +48,7 @@ MIN_VOLUME_CHANGE = 0.05
 _NUM_POSE_POINTS = 800
 #: Chosen on ten of the mouse skulls, by how near the similarity is to that of the landmarks.
 _POSE_NOISE = (0.06,) * 3 + (0.03,) * 9
-#: Of the correspondences' distances, as in the options; 3 leaves sizes of skulls .1 % worse and turns .03 deg.
+#: Of the correspondences' distances, as ``CUTOFF``; 3 leaves sizes of skulls .1 % worse and turns .03 deg.
 _POSE_CUTOFF = 6.0
 #: Iterations after which the pose of less energy is kept. After fewer, closest points that slid look as good.
 _NUM_COMPARED = 4
@@ -54,7 +73,7 @@ class Registration:
     field : SmoothField
         Bends the source where it was; the pose comes after it.
     stiffness : float
-        So many times the noise of the options was needed to keep space from folding; 1 is none.
+        So many times the noise was needed to keep space from folding; 1 is none.
     """
 
     vertices: FloatArray
@@ -97,19 +116,17 @@ def register(
     """
     options = options or RegistrationOptions()
     solver = _FieldSolver(source, options)
-    poses = [settled_pose(target, source, options, turns=turns) for turns in (False, True)]
-    fits = [_Fit.start(target, source, solver, options, pose) for pose in poses]
-    fits = [fit.iterated(options.noise[:_NUM_COMPARED]) for fit in fits]
-    best = min(fits, key=lambda fit: fit.energy(options.noise[:_NUM_COMPARED][-1]))
-    return best.iterated(options.noise[_NUM_COMPARED:]).result(options.noise[-1])
+    poses = [settled_pose(target, source, turns=turns) for turns in (False, True)]
+    fits = [_Fit.start(target, source, solver, pose) for pose in poses]
+    fits = [fit.iterated(NOISE[:_NUM_COMPARED]) for fit in fits]
+    best = min(fits, key=lambda fit: fit.energy(NOISE[:_NUM_COMPARED][-1]))
+    return best.iterated(NOISE[_NUM_COMPARED:]).result(NOISE[-1])
 
 
-def settled_pose(
-    target: RegistrationSurface, source: RegistrationSurface, options: RegistrationOptions, *, turns: bool
-) -> FloatArray:
+def settled_pose(target: RegistrationSurface, source: RegistrationSurface, *, turns: bool) -> FloatArray:
     """Return the similarity, shape (4, 4), that lays a source onto a target best by what corresponds on both."""
     few = [replace(one, spread=one.spread[:_NUM_POSE_POINTS]) for one in (target, source)]
-    search = _Search(few[0], few[1], replace(options, tangential=1.0, cutoff=_POSE_CUTOFF))
+    search = _Search(few[0], few[1], tangential=1.0, cutoff=_POSE_CUTOFF)
     pose, moved = np.eye(4), source.vertices
     for noise in _POSE_NOISE:
         pulls = search.pulls(moved, noise)
@@ -136,11 +153,10 @@ class _Fit:
         target: RegistrationSurface,
         source: RegistrationSurface,
         solver: _FieldSolver,
-        options: RegistrationOptions,
         pose: FloatArray,
     ) -> _Fit:
         brought = target.placed(np.asarray(np.linalg.inv(pose)))
-        search = _Search(brought, source, options)
+        search = _Search(brought, source, tangential=TANGENTIAL, cutoff=CUTOFF)
         return cls(search=search, solver=solver, pose=pose, radius=brought.radius, field=solver.still, stiffness=1.0)
 
     def iterated(self, noises: Sequence[float]) -> _Fit:
@@ -185,9 +201,9 @@ class _Search:
     """Finds what corresponds: closest points in positions beside normals, which shrink with the iteration's noise."""
 
     def __init__(
-        self, target: RegistrationSurface, source: RegistrationSurface, options: RegistrationOptions
+        self, target: RegistrationSurface, source: RegistrationSurface, *, tangential: float, cutoff: float
     ) -> None:
-        self._target, self._source, self._options = target, source, options
+        self._target, self._source, self._tangential, self._cutoff = target, source, tangential, cutoff
         self._has_normals = target.oriented and source.oriented
         self._target_normals = target.normals(target.vertices)
 
@@ -211,7 +227,7 @@ class _Search:
         offsets = target.vertices[to] - moved[at]
         if self._has_normals:
             along = (offsets * self._target_normals[to]).sum(axis=1, keepdims=True) * self._target_normals[to]
-            offsets = along + self._options.tangential * (offsets - along)
+            offsets = along + self._tangential * (offsets - along)
         return _Pulls(vertices=at, offsets=offsets, weights=weights[kept])
 
     def fit(self, moved: FloatArray, noise: float) -> tuple[FloatArray, FloatArray]:
@@ -228,7 +244,7 @@ class _Search:
 
     def _features(self, vertices: FloatArray, normals: FloatArray, noise: float) -> FloatArray:
         """Positions beside scaled normals: their Euclidean distance is what "closest" means."""
-        scale = self._target.radius * noise / self._options.normal_noise if self._has_normals else 0.0
+        scale = self._target.radius * noise / NORMAL_NOISE if self._has_normals else 0.0
         return np.hstack([vertices, scale * normals])
 
     def _trust(self, moved: FloatArray, normals: FloatArray, at: IntArray, to: IntArray, noise: float) -> FloatArray:
@@ -237,10 +253,10 @@ class _Search:
         Where almost everything fits, the noise is the scale: what differs in one place is not an error for that.
         """
         distances = np.linalg.norm(self._target.vertices[to] - moved[at], axis=1)
-        scale = self._options.cutoff * max(float(np.median(distances)), noise * self._target.radius)
+        scale = self._cutoff * max(float(np.median(distances)), noise * self._target.radius)
         weights = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2
         if self._has_normals:
-            weights *= (normals[at] * self._target_normals[to]).sum(axis=1) > self._options.min_cosine
+            weights *= (normals[at] * self._target_normals[to]).sum(axis=1) > _MIN_COSINE
         return np.asarray(weights)
 
 
@@ -249,8 +265,8 @@ class _FieldSolver:
 
     def __init__(self, source: RegistrationSurface, options: RegistrationOptions) -> None:
         centres = source.vertices[source.spread[: options.num_centres]]
-        widths = tuple(source.radius * width for width in options.widths)
-        amplitudes = tuple(source.radius * amplitude for amplitude in options.amplitudes)
+        widths = tuple(source.radius * width for width in WIDTHS)
+        amplitudes = tuple(source.radius * amplitude for amplitude in AMPLITUDES)
         self.still = SmoothField(
             centres=centres, weights=np.zeros_like(centres), widths=widths, amplitudes=amplitudes
         )

@@ -35,7 +35,7 @@ class RegistrationSurface:
     spread : ndarray of int, shape (p,)
         Farthest points in the order of choice.
     radius : float
-        Root mean square distance of the spread points from their centroid: the unit of the options.
+        Root mean square distance of the spread points from their centroid: the unit of lengths in a registration.
     """
 
     vertices: FloatArray

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,8 @@ from experiments.collections.landmarked import read_dataset
 #: Specimens of each collection, drawn at random; each is registered to the next.
 NUM_SHAPES, NUM_QUICK = 4, 2
 SEED = 5
-_OF_MODULE = ("_NUM_INDEPENDENT", "_POSE_NOISE", "_POSE_CUTOFF")
+_CONSTANTS = ("WIDTHS", "AMPLITUDES", "NOISE", "NORMAL_NOISE", "TANGENTIAL", "CUTOFF", "_NUM_INDEPENDENT")
+_OF_POSE = ("_POSE_NOISE", "_POSE_CUTOFF")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,10 +35,10 @@ class LandmarkedPair:
     landmarks: FloatArray
     goals: FloatArray
 
-    def error(self, options: RegistrationOptions) -> float:
+    def error(self) -> float:
         """Return the mean distance of carried landmarks from their goals, in the target's radii."""
         places = SurfaceLocator(self.source.vertices, self.source.faces).closest(self.landmarks)
-        found = register.register(self.target, self.source, options)
+        found = register.register(self.target, self.source)
         return float(np.linalg.norm(places.on(found.vertices) - self.goals, axis=1).mean() / self.target.radius)
 
 
@@ -66,22 +67,15 @@ def measure_registration(data: Path, collections: Sequence[str], quick: bool) ->
     drawn = {collection: draw_pairs(data, collection, quick) for collection in collections}
 
     def score(collection: str, changed: Mapping[str, Constant]) -> float:
-        of_module = {name: value for name, value in changed.items() if name in _OF_MODULE}
-        options = replace(RegistrationOptions(), **{k: v for k, v in changed.items() if k not in of_module})  # type: ignore[arg-type]
-        with patched(register, of_module):
-            return -float(np.mean([pair.error(options) for pair in drawn[collection]]))
+        with patched(register, changed):
+            return -float(np.mean([pair.error() for pair in drawn[collection]]))
 
     return scan(CALIBRATION.constants, collections, score, quick=quick)
 
 
 CALIBRATION = Calibration(
     module="collalign.registration",
-    constants={
-        **constants_of(
-            RegistrationOptions(), "widths", "amplitudes", "noise", "normal_noise", "tangential", "cutoff"
-        ),
-        **constants_of(register, *_OF_MODULE),
-    },
+    constants=constants_of(register, *_CONSTANTS, *_OF_POSE),
     measure=measure_registration,
     collections=("teeth", "mouse skulls"),
     score="mean error of landmarks in root mean square radii, negative",

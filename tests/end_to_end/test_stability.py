@@ -130,7 +130,7 @@ def test_what_is_repeated_differs_from_the_result_and_follows_its_seed() -> None
     assert not list(repetitions(OPTIONS, 2, StabilityOptions(num_points=(16,), num_seeds=0)))
 
 
-@pytest.mark.parametrize("wrong", [{"num_points": (2,)}, {"num_seeds": -1}, {"subset_share": 1.0}])
+@pytest.mark.parametrize("wrong", [{"num_points": (2,)}, {"num_seeds": -1}])
 def test_impossible_options_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(OptionsError, match=next(iter(wrong))):
         StabilityOptions(**wrong)  # type: ignore[arg-type]

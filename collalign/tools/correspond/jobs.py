@@ -222,7 +222,7 @@ def register_file(
 
 
 #: Registers a surface. The version changes whenever the same surfaces and options would give another registration.
-REGISTERING = Job(kind="registrations", version="dense-5", run=register_file, reader=Registered)
+REGISTERING = Job(kind="registrations", version="dense-6", run=register_file, reader=Registered)
 
 
 def _pose(vertices: FloatArray, source: FloatArray) -> FloatArray:

@@ -29,6 +29,9 @@ from data_tools.options import MIN_POINTS
 from data_tools.poses import AGREE_DEG
 from data_tools.threads import one_blas_thread
 
+#: Share of the shapes that take part in a repetition with some of them.
+SUBSET_SHARE = 0.8
+
 
 @dataclass(frozen=True, kw_only=True)
 class StabilityOptions:
@@ -49,9 +52,6 @@ class StabilityOptions:
     num_subsets: int = 3
     """Repetitions with some of the shapes, chosen at random."""
 
-    subset_share: float = 0.8
-    """Share of the shapes that take part in each of these."""
-
     include_doubtful: bool = False
     """Let shapes whose pose is in doubt, and incomplete ones, count in the shares of all together."""
 
@@ -63,8 +63,6 @@ class StabilityOptions:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or value < 0:
                 raise OptionsError(f"{name}: expected an integer of at least 0, got {value!r}")
-        if not 0 < self.subset_share < 1:
-            raise OptionsError(f"subset_share: expected a number between 0 and 1, got {self.subset_share!r}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,7 +174,7 @@ def repetitions(
     Repetition
     """
     wanted, every = options or StabilityOptions(), np.arange(num_shapes)
-    size = max(2, round(wanted.subset_share * num_shapes))
+    size = max(2, round(SUBSET_SHARE * num_shapes))
     rng = np.random.default_rng(asked.seed)
     for number in range(1, wanted.num_subsets + 1 if size < num_shapes else 1):
         members = np.sort(rng.permutation(num_shapes)[:size])

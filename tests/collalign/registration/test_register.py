@@ -166,16 +166,9 @@ def test_the_medoid_of_dense_clouds_does_not_depend_on_where_their_points_lie() 
 
 
 def test_impossible_options_are_refused() -> None:
-    for wrong in (
-        {"widths": ()},
-        {"amplitudes": (0.1,)},
-        {"noise": (0.1, 0.0)},
-        {"num_centres": 2},
-        {"tangential": 1.5},
-        {"min_cosine": 1.0},
-    ):
+    for wrong in ({"num_centres": 2}, {"num_points": 0.5}):
         with pytest.raises(OptionsError):
-            RegistrationOptions(**wrong)
+            RegistrationOptions(**wrong)  # type: ignore[arg-type]
 
 
 def test_surfaces_that_face_each_other_nowhere_are_refused() -> None:
