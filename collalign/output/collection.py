@@ -95,6 +95,8 @@ class Collection:
         reference, alike where vertices correspond; empty (0, 3) for a shape without maps.
     folder : Path or None
         Where the result was loaded from.
+    fresh : Made or None
+        What its run knows, of a result just made; ask for ``made``.
     """
 
     names: tuple[str, ...]

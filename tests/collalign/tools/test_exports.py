@@ -74,6 +74,16 @@ def test_export_reads_the_saved_folder(view: Collection, tmp_path: Path) -> None
     assert saved == export(view, "tps", tmp_path / "b")[0].read_text()
 
 
+def test_a_result_that_was_just_made_has_no_display_meshes_and_is_exported_all_the_same(
+    view: Collection, tmp_path: Path
+) -> None:
+    made = dataclasses.replace(view, vertices=(), faces=())
+    for to, collection in (("made", made), ("saved", view)):
+        export(collection, "csv", tmp_path / to)
+    for path in (tmp_path / "saved").glob("*.csv"):
+        assert path.read_bytes() == (tmp_path / "made" / path.name).read_bytes()
+
+
 def test_morphologika(view: Collection, tmp_path: Path) -> None:
     found = read_morphologika(export(view, "morphologika", tmp_path)[0])
     assert found.names == view.names
