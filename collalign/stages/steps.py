@@ -34,6 +34,7 @@ from collalign.stages.poses.synchronize import synchronize_shapes
 from collalign.stages.proofs import certify_pairs, contradictions
 from collalign.stages.trial import rest_s
 from collalign.stages.trust.assess import gather_trust, with_trust
+from collalign.stages.trust.witnesses import hear_witnesses, witness_notes
 from collalign.stages.trust.words import trust_notes
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
@@ -192,9 +193,11 @@ def state_trust(run: Run, posed: Posed) -> Posed:
     names, rotations = run.shapes.names, posed.rotations
     with run.stage("confidence"):
         trust = gather_trust(run.session, run.shapes.samples, posed.matched, rotations, posed.solution.components)
-        solution = with_trust(posed.solution, trust, run.constraints, posed.may_be_mirrored)
+        witnesses = hear_witnesses(run.session.options, posed.matched, rotations, posed.solution.components)
+        solution = with_trust(posed.solution, trust, run.constraints, posed.may_be_mirrored, witnesses)
         notes = trust_notes(names, trust, solution.confidence, posed.first, rotations, run.constraints)
-    return replace(posed, solution=solution, trust=trust, notes=(*posed.notes, *notes))
+    notes = (*posed.notes, *notes, *witness_notes(names, witnesses, rotations))
+    return replace(posed, solution=solution, trust=trust, notes=notes)
 
 
 def with_vertices(run: Run, posed: Posed) -> Posed:

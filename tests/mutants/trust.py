@@ -32,7 +32,7 @@ TRUST: tuple[Mutant, ...] = (
         ("partners_of", "np.swapaxes(turns, 1, 2)", "turns"),
         ("partners_of", "(partner.energy, partner.shape)", "(-partner.energy, partner.shape)"),
         ("partners_of", "-pair.log_odds if is", "pair.log_odds if is"),
-        ("with_trust", "np.minimum(confidence[doubted], EITHER_SIDE)", "confidence[doubted]"),
+        ("with_trust", "np.minimum(confidence[doubted], ONE_OF_TWO)", "confidence[doubted]"),
         ("with_trust", "-RIVAL_POWER *", "RIVAL_POWER *"),
         ("with_trust", "(1.0 - confidence[i]) * share", "share"),
         ("with_trust", "np.argsort(-chances", "np.argsort(chances"),

@@ -29,7 +29,7 @@ class WeighedPose:
     rotation : ndarray, shape (3, 3)
     point_map : ndarray of int, shape (k,)
         The samples' best one-to-one match there.
-    evidence : ndarray, shape (7,)
+    evidence : ndarray, shape (len(EVIDENCE),)
         As :data:`collalign.confidence.candidate_model.EVIDENCE` names it.
     """
 
@@ -78,7 +78,6 @@ class PoseWeigher:
         evidence = {
             "energy": energy,
             "surface": self._mapper.surface_gap(rotation),
-            "normals": self._mapper.normal_gap(found, rotation),
             "curvature": of_map.curvature,
             "commutativity": of_map.commutativity,
             "roughness": of_map.roughness,

@@ -16,10 +16,11 @@ from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.trust.own_turns import near_symmetries
 from collalign.stages.trust.rival_poses import MAX_PARTNERS, Partner, leads_over, pose_costs, rival_poses
+from collalign.stages.trust.witnesses import Witness
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
-from data_tools.poses import AGREE_DEG, turn_deg
+from data_tools.poses import AGREE_DEG, APART_DEG, keep_apart, turn_deg
 
 VOTES, MARGIN, COLLECTION_VOTES, LEAD = range(len(KINDS))
 #: Added to the votes on either side: few pairs settle little (Laplace's rule of succession).
@@ -30,8 +31,8 @@ RESOLUTION = 0.01
 RIVAL_POWER = 6.0
 #: Log-odds of a pair's candidates per unit of the logarithm of their costs, where these alone decide.
 COST_LOG_ODDS = 8.0
-#: Confidence in a pose without mirror image, where one with it is as likely.
-EITHER_SIDE = 0.5
+#: Most confidence in a pose where another one is as likely: its mirror image, or what a witness asks for.
+ONE_OF_TWO = 0.5
 #: Alternatives reported per shape.
 MAX_ALTERNATIVES = 3
 
@@ -169,26 +170,31 @@ def _costs(
 
 
 def with_trust(
-    solution: SynchronizationResult, trust: Trust, constraints: Constraints, may_be_mirrored: Sequence[int] = ()
+    solution: SynchronizationResult,
+    trust: Trust,
+    constraints: Constraints,
+    may_be_mirrored: Sequence[int] = (),
+    witnesses: Sequence[Witness] = (),
 ) -> SynchronizationResult:
     """Return the solution with confidences and alternatives as the evidence has them; poses set by hand are certain.
 
     The odds of the rivals share what the reported pose leaves, by what they cost on dense points. A shape that is as
-    likely a mirror image is trusted by :data:`EITHER_SIDE` at most.
+    likely a mirror image, or for which a witness has another pose, is trusted by :data:`ONE_OF_TWO` at most.
     """
     confidence = pose_confidence(trust)
-    doubted = list(may_be_mirrored)
-    confidence[doubted] = np.minimum(confidence[doubted], EITHER_SIDE)
+    doubted = [*may_be_mirrored, *(i for witness in witnesses for i in np.flatnonzero(witness.contradicts).tolist())]
+    confidence[doubted] = np.minimum(confidence[doubted], ONE_OF_TWO)
     alternatives = []
     for i, (rivals, excess) in enumerate(zip(trust.rivals, trust.excess, strict=True)):
         share = np.exp(-RIVAL_POWER * (excess - excess.min())) if len(excess) else excess
         chances = (1.0 - confidence[i]) * share / share.sum() if len(share) else share
-        alternatives.append(
-            tuple(
-                Alternative(rotation=read_only(rivals[r]), log_odds=float(np.log(confidence[i] / chances[r])))
-                for r in np.argsort(-chances, kind="stable")[:MAX_ALTERNATIVES]
-                if confidence[i] > 0 and chances[r] > 0
-            )
-        )
+        likeliest = [r for r in np.argsort(-chances, kind="stable") if confidence[i] > 0 and chances[r] > 0]
+        offered = [
+            *((witness.poses[i], 0.0) for witness in witnesses if witness.contradicts[i]),
+            *((rivals[r], float(np.log(confidence[i] / chances[r]))) for r in likeliest),
+        ]
+        apart = keep_apart(np.array([pose for pose, _ in offered]), APART_DEG, num=MAX_ALTERNATIVES)
+        chosen = tuple(Alternative(rotation=read_only(offered[r][0]), log_odds=offered[r][1]) for r in apart)
+        alternatives.append(chosen)
     confidence[list(constraints.fixed)] = 1.0
     return replace(solution, confidence=read_only(confidence), alternatives=tuple(alternatives))

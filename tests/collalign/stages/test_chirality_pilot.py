@@ -18,7 +18,7 @@ from collalign.products.pair import Pair
 from collalign.stages.chirality import pilot
 from collalign.stages.chirality.pilot import KEPT_UNMIRRORED, chirality_energies, nearest_pairs
 from collalign.stages.pairs.sparse_pairs import all_pairs
-from collalign.stages.trust.assess import EITHER_SIDE
+from collalign.stages.trust.assess import ONE_OF_TWO
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
 from data_tools.datasets.synthetic_shapes import chair, crown
@@ -105,8 +105,8 @@ def test_of_too_few_shapes_those_that_may_be_mirrored_are_in_doubt(tmp_path: Pat
     found = align_collection(crowns(tmp_path, num=5, sides=(1,)), options=OPTIONS, run=ONE)
     assert found.group == "SO"
     assert "may be mirror images" in " ".join(found.notes)
-    assert found.confidence[1] <= EITHER_SIDE
-    assert (np.delete(found.confidence, 1) > EITHER_SIDE).all()
+    assert found.confidence[1] <= ONE_OF_TWO
+    assert (np.delete(found.confidence, 1) > ONE_OF_TWO).all()
 
 
 def test_bilateral_shapes_are_not_mirrored(tmp_path: Path) -> None:

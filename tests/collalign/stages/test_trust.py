@@ -17,7 +17,7 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT, KINDS, Trust
 from collalign.stages.surface_gap import surface_gap
-from collalign.stages.trust.assess import EITHER_SIDE, RIVAL_POWER, gather_trust, partners_of, with_trust
+from collalign.stages.trust.assess import ONE_OF_TWO, RIVAL_POWER, gather_trust, partners_of, with_trust
 from collalign.stages.trust.own_turns import near_symmetries, turns_in_words
 from collalign.stages.trust.rival_poses import Partner, leads_over, rival_poses
 from collalign.stages.trust.words import listed, trust_notes
@@ -274,8 +274,8 @@ def test_what_may_be_a_mirror_image_is_trusted_by_one_half(rng: np.random.Genera
     trust = trusted(samples, pairs, truth)
     plain = with_trust(solved(pairs), trust, Constraints()).confidence
     capped = with_trust(solved(pairs), trust, Constraints(), may_be_mirrored=(2, 5)).confidence
-    assert plain.min() > EITHER_SIDE
-    np.testing.assert_array_equal(capped[[2, 5]], EITHER_SIDE)
+    assert plain.min() > ONE_OF_TWO
+    np.testing.assert_array_equal(capped[[2, 5]], ONE_OF_TWO)
     np.testing.assert_array_equal(np.delete(capped, [2, 5]), np.delete(plain, [2, 5]))
 
 
