@@ -34,7 +34,7 @@ TRUST: tuple[Mutant, ...] = (
         ("partners_of", "-pair.log_odds if is", "pair.log_odds if is"),
         ("with_trust", "np.minimum(confidence[doubted], ONE_OF_TWO)", "confidence[doubted]"),
         ("with_trust", "-RIVAL_POWER *", "RIVAL_POWER *"),
-        ("with_trust", "(1.0 - confidence[i]) * share", "share"),
+        ("with_trust", "chances = (1.0 - confidence[i]) * ", "chances = "),
         ("with_trust", "np.argsort(-chances", "np.argsort(chances"),
         ("with_trust", "confidence[list(constraints.fixed)] = 1.0", "pass"),
     ),

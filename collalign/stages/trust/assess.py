@@ -178,23 +178,25 @@ def with_trust(
 ) -> SynchronizationResult:
     """Return the solution with confidences and alternatives as the evidence has them; poses set by hand are certain.
 
-    The odds of the rivals share what the reported pose leaves, by what they cost on dense points. A shape that is as
-    likely a mirror image, or for which a witness has another pose, is trusted by :data:`ONE_OF_TWO` at most.
+    The odds of the rivals share what the reported pose leaves, by what they cost on dense points; poses that
+    witnesses ask for have half of it. A shape that is as likely a mirror image, or for which a witness has another
+    pose, is trusted by :data:`ONE_OF_TWO` at most.
     """
     confidence = pose_confidence(trust)
     doubted = [*may_be_mirrored, *(i for witness in witnesses for i in np.flatnonzero(witness.contradicts).tolist())]
     confidence[doubted] = np.minimum(confidence[doubted], ONE_OF_TWO)
     alternatives = []
     for i, (rivals, excess) in enumerate(zip(trust.rivals, trust.excess, strict=True)):
+        heard = [witness.poses[i] for witness in witnesses if witness.contradicts[i]]
         share = np.exp(-RIVAL_POWER * (excess - excess.min())) if len(excess) else excess
-        chances = (1.0 - confidence[i]) * share / share.sum() if len(share) else share
-        likeliest = [r for r in np.argsort(-chances, kind="stable") if confidence[i] > 0 and chances[r] > 0]
-        offered = [
-            *((witness.poses[i], 0.0) for witness in witnesses if witness.contradicts[i]),
-            *((rivals[r], float(np.log(confidence[i] / chances[r]))) for r in likeliest),
-        ]
-        apart = keep_apart(np.array([pose for pose, _ in offered]), APART_DEG, num=MAX_ALTERNATIVES)
-        chosen = tuple(Alternative(rotation=read_only(offered[r][0]), log_odds=offered[r][1]) for r in apart)
+        share = share / max(share.sum(), LEAST_COST) * (0.5 if heard else 1.0)
+        chances = (1.0 - confidence[i]) * np.concatenate([np.full(len(heard), 0.5 / max(len(heard), 1)), share])
+        order = [r for r in np.argsort(-chances, kind="stable") if confidence[i] > 0 and chances[r] > 0]
+        poses = np.array([*heard, *rivals])[order]
+        chosen = tuple(
+            Alternative(rotation=read_only(poses[r]), log_odds=float(np.log(confidence[i] / chances[order[r]])))
+            for r in keep_apart(poses, APART_DEG, num=MAX_ALTERNATIVES)
+        )
         alternatives.append(chosen)
     confidence[list(constraints.fixed)] = 1.0
     return replace(solution, confidence=read_only(confidence), alternatives=tuple(alternatives))

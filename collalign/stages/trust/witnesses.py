@@ -108,7 +108,7 @@ def witness_notes(names: Sequence[str], witnesses: Sequence[Witness], rotations:
             turns = turn_deg(witness.poses[against], rotations[against])
             shapes = listed([names[i] for i in against.tolist()])
             notes.append(
-                f"Taken by themselves, {witness.family} ask for other poses of {shapes}, turned by {turns.min():.0f} "
-                f"to {turns.max():.0f} deg: compare both in the report."
+                f"Taken by themselves, {witness.family} ask for other poses of {shapes}, turned by up to "
+                f"{turns.max():.0f} deg: compare both in the report."
             )
     return notes

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from collalign.confidence.candidate_model import EVIDENCE, evidence_score
 from collalign.confidence.pose_model import MOST_CONFIDENT, pose_confidence, probability
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
@@ -20,6 +21,7 @@ from collalign.stages.surface_gap import surface_gap
 from collalign.stages.trust.assess import ONE_OF_TWO, RIVAL_POWER, gather_trust, partners_of, with_trust
 from collalign.stages.trust.own_turns import near_symmetries, turns_in_words
 from collalign.stages.trust.rival_poses import Partner, leads_over, rival_poses
+from collalign.stages.trust.witnesses import FAMILIES, hear_witnesses, witness_notes
 from collalign.stages.trust.words import listed, trust_notes
 from collalign.synchronization import SynchronizationResult, synchronize
 from collalign.synchronization.result import WeakCut
@@ -277,6 +279,40 @@ def test_what_may_be_a_mirror_image_is_trusted_by_one_half(rng: np.random.Genera
     assert plain.min() > ONE_OF_TWO
     np.testing.assert_array_equal(capped[[2, 5]], ONE_OF_TWO)
     np.testing.assert_array_equal(np.delete(capped, [2, 5]), np.delete(plain, [2, 5]))
+
+
+def test_a_pose_that_a_witness_contradicts_is_doubted_and_the_other_one_offered(rng: np.random.Generator) -> None:
+    samples, truth = crowns(rng)
+    flipped = truth.copy()
+    flipped[2] = HALF_TURN @ truth[2]
+
+    def two_poses(pair: Pair) -> Pair:
+        """Points find the truth more plausible, maps what shape 2 would be half turned, and maps weigh more."""
+        other = flipped[pair.target].T @ flipped[pair.source]
+        evidence = np.full((2, len(EVIDENCE)), 0.5)
+        evidence[0, [EVIDENCE.index(kind) for kind in FAMILIES["points"]]] = 0.4
+        evidence[1, [EVIDENCE.index(kind) for kind in FAMILIES["maps"]]] = 0.3
+        rotations = np.stack([truth[pair.target].T @ truth[pair.source], other])
+        maps, energies = np.tile(pair.maps[:1], (2, 1)), np.full(2, 0.5)
+        odds = evidence_score(evidence)
+        return replace(pair, rotations=rotations, maps=maps, energies=energies, evidence=evidence, log_odds=odds)
+
+    pairs = [two_poses(pair) for pair in pairs_at(truth)]
+    options, everything = AlignOptions(group="SO"), [np.arange(NUM)]
+    common = Rotation.from_euler("xyz", [20.0, 50.0, -70.0], degrees=True).as_matrix()
+    points, maps = hear_witnesses(options, pairs, common @ flipped, everything)
+    assert np.flatnonzero(points.contradicts).tolist() == [2]
+    assert not maps.contradicts.any()
+    assert not hear_witnesses(options, pairs, common @ truth, everything)[0].contradicts.any()
+    np.testing.assert_allclose(points.poses[2], common @ truth[2], atol=1e-6)
+    trust = trusted(samples, pairs, flipped)
+    doubted = with_trust(solved(pairs), trust, Constraints(), witnesses=[replace(points, poses=truth), maps])
+    assert doubted.confidence[2] <= ONE_OF_TWO
+    assert any(np.allclose(other.rotation, truth[2]) for other in doubted.alternatives[2])
+    (note,) = witness_notes([f"shape{i}" for i in range(NUM)], [points, maps], common @ flipped)
+    assert "points ask for other poses of shape2, turned by up to 180 deg" in note
+    rigid = [replace(pair, evidence=np.full((2, len(EVIDENCE)), np.nan)) for pair in pairs]
+    assert hear_witnesses(options, rigid, truth, everything) == []
 
 
 def test_notes_name_the_doubtful_the_contradicted_and_the_block(rng: np.random.Generator) -> None:
