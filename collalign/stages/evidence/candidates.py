@@ -78,6 +78,7 @@ class PoseWeigher:
         evidence = {
             "energy": energy,
             "surface": self._mapper.surface_gap(rotation),
+            "normals": self._mapper.normal_gap(found, rotation),
             "curvature": of_map.curvature,
             "commutativity": of_map.commutativity,
             "roughness": of_map.roughness,

@@ -52,7 +52,7 @@ def a_record(num: int) -> dict[str, object]:
     }
 
 
-@pytest.mark.parametrize("kind", range(5))
+@pytest.mark.parametrize("kind", range(6))
 def test_every_disagreement_counts_against_a_pose(kind: int) -> None:
     evidence = np.full((2, len(EVIDENCE)), 0.2)
     evidence[1, kind] = 0.4
