@@ -16,7 +16,6 @@ import pytest
 import collalign.engine.jobs.shared_table as table_module
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
-from collalign.engine.jobs.worker import describe
 from data_tools.errors import CollalignError, InputError, OptionsError
 from tests.faults import is_running
 from tests.job_functions import look_up, misbehave, process_id, spectrum
@@ -199,12 +198,6 @@ def test_progress_is_told_of_every_result() -> None:
         progress.advance()
     assert "6/6" in text.getvalue()
     assert "failed=1" in text.getvalue()
-
-
-def test_errors_are_described_in_one_line() -> None:
-    assert describe(InputError("a.ply: no\npoints")) == "a.ply: no points"
-    assert describe(ZeroDivisionError("x" * 5000)).startswith("ZeroDivisionError: xxx")
-    assert len(describe(ZeroDivisionError("x" * 5000))) < 1200
 
 
 @pytest.mark.parametrize(

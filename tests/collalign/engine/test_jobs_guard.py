@@ -9,7 +9,8 @@ import pytest
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from collalign.engine.jobs.local import _LocalRun
-from collalign.engine.jobs.worker import Call, Guard, Limits, Outcome, Task, run_guarded
+from collalign.engine.jobs.worker import Call, Guard, Limits, Outcome, Task, describe, run_guarded
+from data_tools.errors import InputError
 
 pytestmark = pytest.mark.xdist_group("processes")  # they kill processes: one worker for all
 
@@ -66,3 +67,8 @@ def test_the_watchdog_is_called_off(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         monkeypatch.setattr(faulthandler, name, lambda *_, name=name, **__: calls.append(name))
     assert isinstance(run_guarded(call_of(abs, time_limit_s=60.0), TASK, Guard(directory=tmp_path)), Outcome)
     assert calls == ["dump_traceback_later", "cancel_dump_traceback_later"]
+
+
+def test_expected_errors_are_told_as_they_are_and_others_with_their_place() -> None:
+    assert describe(InputError("a.ply:\n truncated")) == "a.ply: truncated"
+    assert describe(ValueError("no")) == "ValueError: no"
