@@ -37,7 +37,7 @@ from data_tools.surface.laplacian import vertex_areas
 from data_tools.threads import one_blas_thread
 from pairwise.certificates.certificate import MAX_BYTES, Certificate
 from pairwise.certificates.verify import verify_certificate
-from pairwise.problem.problem import Problem
+from pairwise.problem.problem import LARGEST_COORDINATE, Problem
 
 #: Largest distance, as a share of a shape's size, between its samples in the common frame and as they were matched.
 _SAMPLE_TOL = 1e-6
@@ -325,7 +325,8 @@ def _check_samples(folder: Path, result: _Result, shape: int, file: Path) -> Non
         mesh = read_shape(folder / MESH_FOLDER / f"{result.stems[shape]}.ply", AS_STORED)
         length = float(vertex_areas(mesh).sum()) ** 0.5 / abs(float(np.linalg.det(linear))) ** (1 / 3)
         unit = unit if abs((unit / length) ** 2 - 1.0) <= _AREA_TOL else float("nan")
-    if not np.abs(matched * unit - own).max() <= _SAMPLE_TOL * size:
+    fits = np.abs(matched * unit - own).max() <= _SAMPLE_TOL * size
+    if not (fits and 1.0 / LARGEST_COORDINATE <= size <= LARGEST_COORDINATE):  # what vanishes fits everything
         raise InputError(
             f"{file}: the samples of shape {shape} are not those of "
             f"{CORRESPONDENCES_FILE}, centred and scaled; the certificates are about other shapes"

@@ -119,12 +119,18 @@ def test_other_invariants_are_noticed(folder: Path, certified: Certified) -> Non
     assert found.as_dict()["pairs"][0]["proven"] is None
 
 
-@pytest.mark.parametrize("change", ["scaled", "shifted", "mirrored"])
+@pytest.mark.parametrize("change", ["scaled", "shifted", "mirrored", "vanishing"])
 def test_samples_of_the_result_must_be_centred_and_scaled_as_by_the_run(
     folder: Path, certified: Certified, change: str
 ) -> None:
     samples = certified.coordinates[2]
-    samples = {"scaled": 1.5 * samples, "shifted": samples + 0.1, "mirrored": -samples}[change]
+    samples = {"shifted": samples + 0.1, "mirrored": -samples}.get(change, 1.5 * samples)
+    if change == "vanishing":  # taken back, those of the result are zeros, which fit whatever has no size
+        record, positions = summary(certified, "centroid")
+        record["shapes"][2]["transform"] = np.diag([1e300, 1e300, 1e300, 1.0]).tolist()
+        (folder / "alignment.json").write_text(json.dumps(record))
+        positions[2] *= 1e-30
+        np.savez(folder / "correspondences.npz", positions=positions)
     coordinates = np.array([*certified.coordinates[:2], samples])
     ends = (coordinates[0], coordinates[2])
     proof = solve_relaxation(*ends, invariants=(certified.invariants[0], certified.invariants[2]))
