@@ -33,7 +33,7 @@ def try_command(folder: Path) -> None:
     """Run the README's demonstration, with three shapes, and look for its report."""
     command = Path(sysconfig.get_path("scripts")) / "collalign"
     words = ["demo", "--num-shapes", "3", "--sampling.num-points", "16", "--out", "demo"]
-    subprocess.run([command, *words], cwd=folder, check=True, timeout=300)
+    subprocess.run([command, *words], cwd=folder, check=True, timeout=1200)
     report = (folder / "demo" / "aligned" / "report.html").read_text("utf-8")
     if "<script" not in report or len(report) < 500_000:
         raise SystemExit("the report came without its viewer")

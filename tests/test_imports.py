@@ -60,14 +60,14 @@ except ModuleNotFoundError as error:
 
 
 def test_the_packages_beside_collalign_are_the_same_below_its_name() -> None:
-    subprocess.run([sys.executable, "-c", BESIDE], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", BESIDE], check=True, timeout=600)
     assert {"pairwise", "data_tools", "errors"} < set(dir(collalign))
     assert not {"Any", "TYPE_CHECKING", "sys"} & set(dir(collalign))
 
 
 def run_without(blocked: tuple[str, ...]) -> subprocess.CompletedProcess[str]:
     code = ALIGN_WITHOUT.format(blocked=blocked)
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=600)
 
 
 def test_alignment_needs_no_optional_package() -> None:

@@ -21,7 +21,7 @@ def run(*words: str | Path, folder: Path = ROOT) -> str:
     """Run a command apart from this checkout's import paths and return what it prints."""
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
     done = subprocess.run(
-        words, cwd=folder, check=False, capture_output=True, text=True, timeout=300, env=environment
+        words, cwd=folder, check=False, capture_output=True, text=True, timeout=1200, env=environment
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

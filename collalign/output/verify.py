@@ -272,6 +272,8 @@ def _read(folder: Path, samples: Sequence[NDArray[Any]], members: NDArray[Any] |
     names, num_shapes = tuple(names[i] for i in chosen), len(names)
     coordinates = as_floats(samples[0], "coordinates", shape=(len(names), None, None))
     num_samples = coordinates.shape[1]
+    if coordinates.shape[2] < 3:
+        raise InputError(f"coordinates: {coordinates.shape[2]} of each sample, expected at least those in space")
     (placed,) = _load(folder / CORRESPONDENCES_FILE, ("positions",))
     result = _Result(
         names=names,

@@ -157,7 +157,7 @@ def _cells(lines: list[str], delimiter: str | None) -> TextTable:
         rows = [[cell.strip("\"'") for cell in line.split()] for line in lines]
         if not _is_data(rows[0]):  # units in brackets are no columns
             rows[0] = [cell.strip("\"'") for cell in re.sub(r"\s*[(\[{][^)\]}]*[)\]}]", "", lines[0]).split()]
-    if rows[0] and not _is_number(rows[0][0].replace(",", ".")) and not _is_data(rows[0]):
+    if rows[0] and not _is_data(rows[0]):
         return TextTable(heading=tuple(rows[0]), rows=rows[1:])
     return TextTable(heading=None, rows=rows)
 

@@ -14,6 +14,9 @@ import pytest
 from collalign.batch import estimate_job, read_batch
 from collalign.cli import main
 from collalign.engine.run_options import RunOptions
+from collalign.engine.store.layout import Costs
+from collalign.options import AlignOptions
+from collalign.stages.trial import Trial, later_work
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError, OptionsError
@@ -110,6 +113,18 @@ def test_one_bad_folder_does_not_stop_the_others(folder: Path) -> None:
     assert (estimate.num_shapes, estimate.num_pairs) == (0, 0)
     assert (estimate.stages_s["shapes"], estimate.stages_s["pairs"]) == (0.0, 0.0)
     assert estimate.stages_s["poses"] > 0  # of which no store keeps anything
+
+
+@pytest.mark.parametrize(
+    ("incomplete", "num_shapes", "looked_for"), [("auto", 40, True), ("auto", 2, False), ("none", 40, False)]
+)
+def test_incomplete_shapes_cost_where_they_are_looked_for(incomplete: str, num_shapes: int, looked_for: bool) -> None:
+    costs = Costs(num_records=3, mean_seconds=1.0, mean_bytes=1.0)
+    kinds = dict.fromkeys(("shape_costs", "pair_costs", "surface_costs", "map_costs"), costs)
+    trial = Trial(start_s=0.0, refinement_s=1.0, read_s=0.0, **kinds)
+    options = AlignOptions(incomplete=incomplete)
+    work = later_work(trial, num_shapes, 10, options, missing_pairs=10, pilot=False)
+    assert ("incomplete shapes" in {one.stage for one in work}) == looked_for
 
 
 @pytest.mark.parametrize("flags", [[], ["--dry-run"]])

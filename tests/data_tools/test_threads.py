@@ -72,12 +72,12 @@ def test_a_thread_that_leaves_takes_nothing_from_one_that_is_still_inside() -> N
     def stay() -> None:
         with one_blas_thread():
             inside.set()
-            may_leave.wait(10)
+            may_leave.wait(600)
 
     other = threading.Thread(target=stay)
     with one_blas_thread():
         other.start()
-        assert inside.wait(10)
+        assert inside.wait(600)
     assert num_threads() == {1}
     may_leave.set()
     other.join()

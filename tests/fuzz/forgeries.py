@@ -145,7 +145,7 @@ def _archives(folder: Path) -> list[Path]:
 def _arrays(folder: Path, rng: np.random.Generator) -> None:
     """Change some arrays of an archive as those of a certificate are changed."""
     file = drawn(_archives(folder), rng)
-    with np.load(file, allow_pickle=True) as archive:
+    with np.load(file) as archive:
         arrays = dict(archive)
     np.savez(file, **drawn(CHANGES, rng)(arrays, rng))
 

@@ -14,7 +14,7 @@ import numpy as np
 from collalign.engine.jobs.run import JobResult, run_jobs
 from tests.fuzz.mutations import mutate
 
-TIME_LIMIT_S = 10.0
+TIME_LIMIT_S = 60.0
 MEMORY_LIMIT_BYTES = 2 * 2**30
 
 

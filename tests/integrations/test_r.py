@@ -17,7 +17,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "integrations" / "r"
 def run_r(code: str) -> subprocess.CompletedProcess[str]:
     sources = "".join(f"source({json.dumps(str(file))}); " for file in sorted((PACKAGE / "R").glob("*.R")))
     return subprocess.run(
-        ["Rscript", "--vanilla", "-e", sources + code], capture_output=True, text=True, timeout=120, check=False
+        ["Rscript", "--vanilla", "-e", sources + code], capture_output=True, text=True, timeout=1200, check=False
     )
 
 

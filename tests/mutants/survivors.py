@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.mutants.place import faults
+from tests.mutants.place import MODULE, faults
 
 SURVIVORS = (
     *faults(
@@ -50,5 +50,58 @@ SURVIVORS = (
         ("tests/data_tools/embedding/test_surface_points.py",),
         ("cloud_rim", "RIM_NEIGHBOURS + 1", "RIM_NEIGHBOURS - 1"),
         ("cloud_rim", "min(RIM", "max(RIM"),
+    ),
+    *faults(
+        "collalign/stages/poses/agreement.py",
+        ("tests/collalign/stages/test_pose_parts.py",),
+        ("resolve_pair", "start))[1])", "start))[2])"),
+    ),
+    *faults(
+        "data_tools/io/text_tables.py",
+        ("tests/data_tools/io/test_text_tables.py",),
+        ("_cells", "skipinitialspace=True", "skipinitialspace=False"),
+        ("_cells", "if rows[0] and not", "if rows[0] or not"),
+    ),
+    *faults(
+        "collalign/synchronization/solvers/turns.py",
+        ("tests/collalign/synchronization/test_synchronization_parts.py",),
+        (MODULE, "8.0 * np.sin(np.deg2rad(15.0))", "8.0 * np.sin(np.deg2rad(30.0))"),
+    ),
+    *faults(
+        "collalign/synchronization/clusters.py",
+        ("tests/collalign/synchronization/test_synchronization_parts.py",),
+        ("_typical_affinity", "LEAST_TYPICAL * max(", "LEAST_TYPICAL * min("),
+    ),
+    *faults(
+        "collalign/synchronization/problem/model.py",
+        ("tests/collalign/synchronization/test_synchronization_parts.py",),
+        ("relative_energies", "middle <= 0.0", "middle < 0.0"),
+    ),
+    *faults(
+        "collalign/tools/variation/surface_symmetry.py",
+        ("tests/collalign/tools/test_variation.py",),
+        ("_one_side", "> _OFF_PLANE", "<= _OFF_PLANE"),
+        ("_one_side", "[:NUM_PAIRS]", "[: NUM_PAIRS + 1]"),
+    ),
+    *faults(
+        "pairwise/partial/counterparts.py",
+        ("tests/pairwise/partial/test_partial_match.py",),
+        ("_apart", "4.0 - squared", "8.0 - squared"),
+    ),
+    *faults(
+        "pairwise/problem/problem.py",
+        ("tests/pairwise/problem/test_problem.py",),
+        ("energy_scale", "(problem.source**2).sum(axis=1)", "(problem.source**2).max(axis=1)"),
+        ("energy_scale", ".sum(axis=1).mean()", ".sum(axis=1).sum()"),
+    ),
+    *faults(
+        "collalign/stages/trial.py",
+        ("tests/collalign/test_batch.py",),
+        ("later_work", "options.incomplete == AUTO", "options.incomplete != AUTO"),
+    ),
+    *faults(
+        "collalign/output/verify.py",
+        ("tests/collalign/output/test_verify.py",),
+        ("_check_samples", "fits and 1.0", "fits or 1.0"),
     ),
 )

@@ -48,7 +48,7 @@ def test_names_need_not_fit_the_encoding_of_the_terminal(tmp_path: Path) -> None
     (tmp_path / "Schädel").mkdir()
     command = [*COLLALIGN, "align", str(tmp_path / "Schädel"), "--out", str(tmp_path / "out")]
     done = subprocess.run(
-        command, capture_output=True, check=False, env={**os.environ, "PYTHONIOENCODING": "ascii"}, timeout=60
+        command, capture_output=True, check=False, env={**os.environ, "PYTHONIOENCODING": "ascii"}, timeout=600
     )
     assert done.returncode == 2
     assert b"Sch\\xe4del: holds no shape file" in done.stderr
@@ -64,7 +64,7 @@ def test_ctrl_c_says_what_is_kept_and_how_to_go_on(presses: int, folder: Path, t
     for _ in range(presses):  # a terminal sends it to all processes in the foreground
         os.killpg(process.pid, signal.SIGINT)
         time.sleep(0.02)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=600)
     assert process.returncode == 130
     assert "Traceback" not in errors
     assert "Warning" not in errors
@@ -85,7 +85,7 @@ def test_ctrl_c_before_anything_began_has_a_message_too() -> None:
         assert process.poll() is None
         time.sleep(0.005)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=600)
     assert process.returncode == 130
     assert errors.startswith("collalign: interrupted")
     assert errors.endswith("; run the same command to go on\n")

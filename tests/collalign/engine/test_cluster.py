@@ -82,7 +82,7 @@ def test_what_sends_much_may_take_longer(monkeypatch: pytest.MonkeyPatch) -> Non
     cluster = module.Cluster(client, "tcp://there:1")
     with pytest.raises(RunLost):
         cluster.ask(client.slow)
-    assert cluster.ask(client.slow, num_bytes=2.0 * module._LEAST_BYTES_PER_S) == 7
+    assert cluster.ask(client.slow, num_bytes=300.0 * module._LEAST_BYTES_PER_S) == 7
 
 
 @contextmanager

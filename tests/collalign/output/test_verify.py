@@ -224,6 +224,9 @@ def test_samples_that_are_not_those_of_the_result_are_refused(folder: Path, cert
     np.savez(folder / "certificates" / "problems.npz", coordinates=moved, invariants=certified.invariants)
     with pytest.raises(InputError, match="samples of shape 1 are not those"):
         verify_result(folder)
+    np.savez(folder / "certificates" / "problems.npz", coordinates=moved[..., :2], invariants=certified.invariants)
+    with pytest.raises(InputError, match="coordinates: 2 of each sample"):
+        verify_result(folder)
 
 
 @pytest.mark.parametrize(

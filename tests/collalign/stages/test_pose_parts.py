@@ -10,14 +10,17 @@ from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
-from collalign.stages.poses.agreement import resolve_pairs
+from collalign.stages.poses.agreement import resolve_pair, resolve_pairs
 from collalign.stages.poses.frame import turned
 from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.synchronize import synchronize_pairs, synchronize_shapes
 from collalign.synchronization import SynchronizationResult
-from data_tools.embedding.embedding import Samples
+from data_tools.datasets.synthetic_shapes import chair
+from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.errors import CollectionError, OptionsError
+from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
+from data_tools.surface.shape import Shape
 from tests.synchronization_problems import mixed_collection, pose_errors_deg
 
 SIZES = (9, 7)
@@ -110,3 +113,17 @@ def test_a_turn_moves_poses_alternatives_and_cuts_together(pairs: list[Pair], rn
     assert np.allclose(after.weak_cuts[0].rotation @ turn, turn @ before.weak_cuts[0].rotation)
     for poses, others in zip(after.alternatives, before.alternatives, strict=True):
         assert all(np.allclose(p.rotation, turn @ o.rotation) for p, o in zip(poses, others, strict=True))
+
+
+def test_eigenfunctions_follow_the_map_that_positions_give_a_pair_that_is_solved_again() -> None:
+    rng = np.random.default_rng(2)
+    options = EmbeddingOptions(kind="xyz+lb")
+    shape = chair(rng, resolution=1)
+    turn = random_rotation(rng)
+    sampling = SamplingOptions(num_points=16, num_dense_points=60)
+    moved = Shape.from_arrays(shape.vertices @ turn.T, shape.faces, name="b")
+    one, other = (sample_shape(each, sampling, options) for each in (shape, moved))
+    found = resolve_pair(one, other, "SO", turn.T)
+    assert one.coordinates.shape[1] > 3
+    assert found["energies"][0] < 1e-6
+    np.testing.assert_array_equal(found["maps"][0], np.arange(16))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
 from collalign.synchronization.clusters import _aligned_parts, pair_affinity, spectral_clusters
@@ -116,6 +117,7 @@ def test_features_energies_and_weights_are_relative() -> None:
     assert features[..., 0].tolist() == [[0, 1], [0, 1], [1, 0]]
     np.testing.assert_allclose(features[..., 1], [[0, 1], [0, 1], [1, 0]], atol=1e-12)
     np.testing.assert_allclose(relative_energies(graph), [0.5, 1.0, 2.0])
+    assert relative_energies(replace(graph, energies=0.0 * energies)).tolist() == [1.0] * 3, "copies are no ties"
     np.testing.assert_allclose(relative_weights(graph), [0.5, 1.0, 4.0])
     fixed = replace(graph, fixed=np.array([False, False, True]))
     assert relative_weights(fixed)[2] == pytest.approx(1e3 * relative_weights(fixed)[:2].max())
@@ -147,6 +149,19 @@ def test_a_turned_shape_proposes_its_own_turn_whichever_side_of_its_pairs_it_is(
     asked = np.where(swap[:, None, None], np.swapaxes(aligned[:, 0], 1, 2), one_sided[:, 0])
     mine = asked[(model.graph.edges == shape).any(axis=1)]
     assert rotation_angle_deg(turns[shape, 1], mine[0]) < 1.0
+
+
+@pytest.mark.parametrize(("angle_deg", "count"), [(26.0, 0), (36.0, 1)])
+def test_what_is_within_thirty_degrees_of_a_known_turn_is_no_other(angle_deg: float, count: int) -> None:
+    turn = Rotation.from_euler("z", angle_deg, degrees=True).as_matrix()
+    pattern = RotationPattern.from_user(None, 3, "SO")
+    assert len(_modes(np.tile(turn, (9, 1, 1)), np.ones(9), 0.02, 5, np.eye(3)[None], pattern, 48)) == count
+
+
+def test_a_shape_without_affinities_is_a_part_of_its_own() -> None:
+    affinity = np.zeros((7, 7))
+    affinity[:6, :6] = 1.0 - np.eye(6)
+    assert spectral_clusters(affinity, 2).tolist() == [0] * 6 + [1]
 
 
 def test_modes_are_apart_and_the_heaviest_first() -> None:

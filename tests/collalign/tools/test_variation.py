@@ -93,6 +93,10 @@ def written(variation: SurfaceVariation, tmp_path_factory: pytest.TempPathFactor
     mean, faces = sphere_mesh(300)
     other_side = SurfaceLocator(mean, faces).closest(mean * [-1, 1, 1])
     symmetry = surface_symmetry(stretched()[0], faces, other_side)
+    here, there = np.split(symmetry.pairs, 2, axis=1)
+    across = (here - there) / np.linalg.norm(here - there, axis=2, keepdims=True)
+    assert len(np.unique(here[0], axis=0)) == here.shape[1] == 100, "each pair once, and as many as are written"
+    assert (across @ across.mean(axis=1)[:, :, None] > 0.9).all(), "all on the same side"
     paths = write_variation(
         variation, to, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), who=ALL, symmetry=symmetry
     )
@@ -129,7 +133,7 @@ def test_the_page_works_in_a_browser(written: Path, variation: SurfaceVariation,
     with playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         page = browser.new_context(offline=True, viewport={"width": 400, "height": 800}).new_page()
-        page.set_default_timeout(20_000)
+        page.set_default_timeout(300_000)
         problems: list[str] = []
         page.on("pageerror", lambda error: problems.append(str(error)))
         page.on("console", lambda message: message.type == "error" and problems.append(message.text))

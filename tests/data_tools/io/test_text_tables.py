@@ -50,6 +50,8 @@ def test_blank_lines_hold_no_words() -> None:
         "nx,ny,nz,X [mm],Y [mm],Z [mm]\n9,9,9,-1,2.42,.5\n9,9,9,3.25,0,-7.75\n",
         "X (mm) Y (mm) Z (mm) nx ny nz\n-1 2.42 .5 9 9 9\n3.25 0 -7.75 9 9 9\n",
         "name;x_mm;y_mm;z_mm\na b;-1;2.42;.5\nc, d;3.25;0;-7.75\n",
+        'x, y, z, name\n-1, 2.42, .5, "c, d"\n3.25, 0, -7.75, e\n',
+        "'nx' 'x' 'y' 'z'\n9 -1 2.42 .5\n9 3.25 0 -7.75\n",
         '"Points:0","Points:1","Points:2","Normals:0"\n-1,2.42,.5,9\n3.25,0,-7.75,9\n',
         "tooth a, -1, 2.42, .5\ntooth b, 3.25, 0, -7.75\n".replace("tooth", "name,x,y,z\ntooth", 1),
         "pos_x pos_y pos_z\n-1 2.42 .5\n3.25 0 -7.75\n",

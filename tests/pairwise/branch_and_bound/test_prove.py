@@ -38,7 +38,7 @@ def test_points_with_a_single_candidate_do_not_spoil_the_potentials(seed):
     target, source = rng.random((2, 5, 3))
     target[:2], source[:1] = 0.0, 0.0
     allowed = (rng.random((5, 5)) < 0.4) | np.eye(5, dtype=bool)
-    proof = prove(Problem.from_user(target, source, allowed=allowed), time_limit_s=20)
+    proof = prove(Problem.from_user(target, source, allowed=allowed), time_limit_s=600)
     assert proof.status is Status.PROVEN_OPTIMAL
     assert proof.num_cells < 20000
 
@@ -85,7 +85,7 @@ def test_a_proof_needs_both_chiralities_and_a_mirror_decision_the_whole_energy()
 
 def test_noisy_problem_of_twenty_points_is_proven():
     problem = Problem.from_user(*planted_cube(20, 0.1, 0))
-    proof = prove(problem, tol=1e-3, time_limit_s=60)
+    proof = prove(problem, tol=1e-3, time_limit_s=600)
     assert proof.status is Status.PROVEN_OPTIMAL
     assert (1 - 1e-3) * proof.candidate.energy - 1e-8 <= proof.lower_bound <= proof.candidate.energy
 
@@ -116,7 +116,7 @@ def test_a_pair_of_teeth_is_proven_with_its_chirality(shared_data):
         points = shape.vertices[farthest_points(shape, 16, metric="euclidean")]
         points = points - points.mean(axis=0)
         clouds.append(points / np.linalg.norm(points))
-    proof = prove(Problem.from_user(*clouds, group="O"), time_limit_s=60)
+    proof = prove(Problem.from_user(*clouds, group="O"), time_limit_s=600)
     assert proof.status is Status.PROVEN_OPTIMAL
     assert proof.is_chirality_proven
 

@@ -13,11 +13,17 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from pairwise.partial.counterparts import counterparts
+from pairwise.partial.counterparts import _apart, counterparts
 from pairwise.partial.match import match_partial, refine, scales_allowed
 from pairwise.partial.surface import PartialSurface
 
 NUM = 400
+
+
+def test_normals_without_a_sign_are_at_most_a_right_angle_apart() -> None:
+    x, y = np.eye(3)[[0, 0, 0]], np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0]])
+    for signed, expected in ((True, [0, 2, 4]), (False, [0, 2, 0])):
+        assert _apart(x[None], y[None], signed=signed).tolist() == [expected]
 
 
 def cut(shape: Shape, direction: np.ndarray, share: float) -> Shape:

@@ -8,7 +8,7 @@ import pytest
 from data_tools.errors import InputError, OptionsError
 from pairwise import match, solve_relaxation
 from pairwise.problem.pattern import RotationPattern
-from pairwise.problem.problem import Problem
+from pairwise.problem.problem import Problem, energy_scale
 
 
 def some_problem(rng: np.random.Generator, **options: object) -> Problem:
@@ -22,6 +22,14 @@ def test_costs_and_energy_agree(rng: np.random.Generator) -> None:
     costs = problem.assignment_costs(rotation)
     assert problem.energy(rotation, point_map) == pytest.approx(costs[point_map, np.arange(5)].sum())
     assert not np.isclose(problem.energy(rotation, np.roll(point_map, 1)), problem.energy(rotation, point_map))
+
+
+def test_the_scale_of_energies_is_their_mean_over_all_matches_of_centred_shapes(rng: np.random.Generator) -> None:
+    points = rng.standard_normal((7, 3))
+    invariants = rng.random((7, 2)), rng.random((5, 2))
+    target = points - points.mean(axis=0)
+    problem = Problem.from_user(target, 2.0 * rng.random((5, 3)), weights=rng.random(5), invariants=invariants)
+    assert energy_scale(problem) == pytest.approx(problem.assignment_costs(np.eye(3)).mean(axis=0).sum())
 
 
 def test_procrustes_beats_every_other_rotation(rng: np.random.Generator) -> None:
