@@ -125,6 +125,7 @@ def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named() -
     assert "7 shapes are complete and sure, at least 8 are needed; left out: shape_001" in (
         statistics_members(dataclasses.replace(view, incomplete=())).too_few(8)
     )
+    assert not statistics_members(dataclasses.replace(view, incomplete=())).too_few(7)
 
 
 def test_what_a_doubtful_shape_looks_like_changes_neither_map_nor_components() -> None:
