@@ -6,7 +6,7 @@ import platform
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from importlib.metadata import version
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +41,8 @@ from data_tools.threads import one_blas_thread
 
 #: How often incomplete shapes are looked for among those that are left.
 MAX_ROUNDS = 3
+#: The run of the shapes that are posed, its group decided; their pairs; their poses.
+_Answer: TypeAlias = tuple[Run, Matched, Posed]
 _LIBRARIES = ("collalign", "numpy", "scipy", "trimesh", "potpourri3d", "robust-laplacian", "joblib")
 
 
@@ -136,13 +138,15 @@ def align_listing(
     run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)
     missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
     if len(missing) == len(shapes.names):
-        matched, posed = _pose(run)
+        decided, matched, posed = _pose(run)
+        posed = _judged(decided, posed)
         posed = align_scans(with_group(run, matched.group), posed, missing)
         matched = replace(matched, notes=())  # they speak of other poses
     else:
-        matched, posed = _pose_others(run, missing)
+        decided, matched, posed = _pose_others(run, missing)
         if not missing and session.options.incomplete == AUTO and session.options.clusters == 1:
-            missing, matched, posed = _without_found(run, matched, posed)
+            missing, (decided, matched, posed) = _without_found(run, (decided, matched, posed))
+        posed = _judged(decided, posed)
         if missing:
             posed = with_incomplete(with_group(run, matched.group), posed, missing)
     session.enter(FINISHED)
@@ -154,14 +158,15 @@ def matched_samples(session: AlignSession, listing: FolderListing) -> Shapes:
     return prepare_shapes(session, listing)
 
 
-def _without_found(run: Run, matched: Matched, posed: Posed) -> tuple[dict[int, str], Matched, Posed]:
+def _without_found(run: Run, answer: _Answer) -> tuple[dict[int, str], _Answer]:
     """Return the shapes that turn out to be incomplete, and the others posed without them; in rounds.
 
     Incomplete shapes among complete ones may spoil poses, and so hide others. Shapes that bend so much that maps were
     asked tell nothing.
     """
     missing: dict[int, str] = {}
-    for _ in range(MAX_ROUNDS if matched.search_gain is None else 0):
+    for _ in range(MAX_ROUNDS if answer[1].search_gain is None else 0):
+        posed = answer[2]
         kept = [i for i in range(len(run.shapes.names)) if i not in missing]
         with run.stage("incomplete shapes"):
             found = find_incomplete(run.session, run.shapes.some(kept), posed.pairs, posed.transforms)
@@ -169,11 +174,11 @@ def _without_found(run: Run, matched: Matched, posed: Posed) -> tuple[dict[int, 
         if not fresh or len(kept) - len(fresh) < MIN_SHAPES:
             break
         missing |= fresh
-        matched, posed = _pose_others(run, missing)
-    return missing, matched, posed
+        answer = _pose_others(run, missing)
+    return missing, answer
 
 
-def _pose_others(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
+def _pose_others(run: Run, missing: Mapping[int, str]) -> _Answer:
     """Pose the shapes that are not incomplete."""
     if not missing:
         return _pose(run)
@@ -188,15 +193,18 @@ def _pose_others(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
     return _pose(run.some(kept))
 
 
-def _pose(run: Run) -> tuple[Matched, Posed]:
+def _pose(run: Run) -> _Answer:
     """Pose complete shapes; the steps are those of section 6.3 of Maron et al. (2016)."""
     decided, matched = steps.match(run)
     matched = steps.prove(decided, matched)
     matched = steps.weigh(decided, matched)
     decided = steps.expecting(decided, matched)
-    posed = steps.pose(decided, matched)
-    posed = steps.state_trust(decided, posed)
-    return matched, steps.with_vertices(decided, posed)
+    return decided, matched, steps.pose(decided, matched)
+
+
+def _judged(decided: Run, posed: Posed) -> Posed:
+    """State confidences and map all vertices, once it is settled which shapes are posed together."""
+    return steps.with_vertices(decided, steps.state_trust(decided, posed))
 
 
 def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...]) -> Collection:

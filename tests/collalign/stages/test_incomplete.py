@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,15 +14,19 @@ import pytest
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
 from collalign.align import _without_found
 from collalign.engine.session import Session
+from collalign.options import AlignSession
 from collalign.output.collection import Collection
 from collalign.products.shapes import Constraints
+from collalign.products.trust import Trust
 from collalign.stages.incomplete.detect import find_incomplete, told_incomplete
 from collalign.stages.incomplete.grow import common_points
 from collalign.stages.incomplete.place import nearest_labels, pose_certainty
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Run
+from collalign.stages.trust.assess import gather_trust
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, crown
+from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import write_mesh
@@ -132,7 +138,14 @@ def test_names_are_checked(planted: tuple[Path, np.ndarray]) -> None:
         align_collection(planted[0], options=options, progress=False)
 
 
-def test_a_broken_tooth_is_found_among_seven(tmp_path: Path) -> None:
+def test_a_broken_tooth_is_found_among_seven(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    judged: list[int] = []
+
+    def counted(session: AlignSession, samples: Sequence[Samples], *posed: Any) -> Trust:
+        judged.append(len(samples))
+        return gather_trust(session, samples, *posed)
+
+    monkeypatch.setattr("collalign.stages.steps.gather_trust", counted)
     rng = np.random.default_rng(3)
     teeth = deformed_family(crown(rng, num_vertices=900), 7, rng, rms=0.012)
     for number, tooth in enumerate(teeth):
@@ -142,6 +155,7 @@ def test_a_broken_tooth_is_found_among_seven(tmp_path: Path) -> None:
     aligned = align_collection(tmp_path, options=options, progress=False)
     assert [aligned.names[one.shape] for one in aligned.incomplete] == ["tooth4"]
     assert "beyond its rim" in aligned.incomplete[0].reason
+    assert judged == [6]  # confidences of poses that are thrown away are not computed
 
 
 def test_nothing_is_missing_among_whole_teeth(without: Collection) -> None:
@@ -181,7 +195,7 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path: Path, monke
             assert list(find_incomplete(session, shapes, found.pairs, found.transforms)) == lacking
         run = Run(session=session, shapes=shapes, constraints=Constraints(), former=None, times_s={})
         bent = Matched(group="SO", pairs=[], failed=[], solution=None, notes=(), search_gain=0.0)
-        assert _without_found(run, bent, None) == ({}, bent, None)  # type: ignore[arg-type]
+        assert _without_found(run, (run, bent, None)) == ({}, (run, bent, None))  # type: ignore[arg-type,comparison-overlap]
 
 
 def test_parts_of_which_none_is_whole_are_put_together(tmp_path: Path) -> None:
