@@ -25,10 +25,11 @@ def measure_weights(data: Path, collections: Sequence[str], quick: bool) -> dict
     """Fit the logistic model to evidence and truth of the shapes of random sub-collections."""
     shared = {"seed": SEED, "runs": NUM_QUICK if quick else NUM_RUNS}
     records = {kind: measure_collection(Cell(data=data, settings={"kind": kind, **shared})) for kind in collections}
-    evidence, right, kind = training_rows(records)
-    weights, constant = fit_weights(evidence, right, kind)
-    fitted = 1.0 / (1.0 + np.exp(-(model.terms(evidence) @ weights + constant)))
-    stated = [model.probability(evidence), fitted, left_out(evidence, right, kind)]
+    seen, right, kind = training_rows(records)
+    weights, constant = fit_weights(seen, right, kind)
+    code = np.array([model.AGREEMENT_WEIGHT, model.MARGIN_WEIGHT, model.LEAD_WEIGHT]), model.CONSTANT
+    stated = [*(1.0 / (1.0 + np.exp(-(seen @ w + c))) for w, c in (code, (weights, constant)))]
+    stated.append(left_out(seen, right, kind))
     now, best, without = (float(right[chance >= DOUBT].mean()) for chance in stated)
     values = dict(zip(NAMES, [*weights.tolist(), constant], strict=True))
     return {name: Finding(value=value, now=now, best=best, left_out=without) for name, value in values.items()}

@@ -1,4 +1,4 @@
-"""How far a non-rigid map can be trusted, and which of two nearly equal ones is chosen, against landmarks."""
+"""How far a non-rigid map can be trusted, and which of two nearly equal ones is chosen, against the truth."""
 
 from __future__ import annotations
 
@@ -11,78 +11,128 @@ import numpy as np
 
 from collalign.confidence import map_model
 from collalign.nonrigid.map_options import NonrigidOptions
+from collalign.nonrigid.map_trust import map_terms, point_terms
 from collalign.nonrigid.portfolio import Refined, find_candidates, full_harmonic
 from collalign.nonrigid.refine import between_files
+from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from collalign.tools.match import nonrigid as match
-from data_tools.arrays import IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
-from experiments.maps.map_cells import NUM_EVALUATED, evaluate, map_set, prepared
+from experiments.confidence.fit import fit_weights, left_out
+from experiments.confidence.reliability import reliability
+from experiments.maps.map_cells import NUM_EVALUATED, evaluate, evaluated_points, map_set, prepared
+from experiments.maps.map_sets import ANIMALS, BODIES, SHREC07_CLASSES
 from experiments.maps.map_trials import QUICK_SURFACE
 
 #: Pairs of each set, drawn at random.
 NUM_PAIRS, NUM_QUICK, SEED = 12, 2, 5
-#: A map of this mean error at the evaluated points, in units of sqrt(area), is right.
-RIGHT = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JudgedPair:
-    """The candidates of one pair of shapes, and which of them are right."""
+    """The candidates of one pair of shapes, and what is known of each of them.
 
+    Attributes
+    ----------
+    target : SpectralShape
+    found : list of Refined
+    terms : ndarray, shape (m, 3)
+        As :func:`~collalign.nonrigid.map_trust.map_terms`.
+    points : ndarray, shape (m, s, 2)
+        As :func:`~collalign.nonrigid.map_trust.point_terms`, at the evaluated points.
+    in_place : ndarray of bool, shape (m, s)
+        Whether these are near their true places.
+    """
+
+    target: SpectralShape
     found: list[Refined]
-    right: list[bool]
+    terms: FloatArray
+    points: FloatArray
+    in_place: BoolArray
 
-    def chosen(self, options: NonrigidOptions) -> tuple[float, bool]:
-        """Return the confidence of the chosen candidate, and whether it is right."""
-        ordered = match.chosen_first(self.found, options)
-        return match.confidence(ordered, options), self.right[self.found.index(ordered[0])]
+    @property
+    def right(self) -> BoolArray:
+        """Whether each candidate is right."""
+        return np.asarray(self.in_place.mean(axis=1) >= map_model.RIGHT_SHARE)
+
+    def chosen(self) -> int:
+        """Return the position of the chosen candidate."""
+        return self.found.index(match.chosen_first(self.target, self.found, NonrigidOptions())[0])
 
 
 def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
     """Match some pairs of a set of maps and compare each of their candidates with the truth."""
     maps = map_set(data, name)
     order = np.random.default_rng(SEED).permutation(len(maps.pairs))[: NUM_QUICK if quick else NUM_PAIRS]
-    options, judged = NonrigidOptions(), []
+    judged = []
     for target, source in (maps.pairs[number] for number in order):
         settings: dict[str, Any] = {"set": name, "variant": "original", "surface": QUICK_SURFACE if quick else {}}
         settings |= {"target": target, "source": source, "points": NUM_EVALUATED}
         to, of = prepared(data, settings, target), prepared(data, settings, source)
-        found = find_candidates(to.spectral, of.spectral, options)
+        found = find_candidates(to.spectral, of.spectral, NonrigidOptions())
+        harmonic = full_harmonic(to.spectral, of.spectral)
 
         def images(candidate: Refined) -> IntArray:
-            forward, _ = full_harmonic(to.spectral, of.spectral).of_all_vertices(candidate.functional_map)  # noqa: B023
+            forward, _ = harmonic.of_all_vertices(candidate.functional_map)  # noqa: B023
             return between_files(forward, to.spectral.to_original, of.spectral.to_working)  # noqa: B023
 
         errors = [evaluate(maps, settings, images(one), (to.copy, of.copy), None).direct for one in found]
-        judged.append(JudgedPair(found=found, right=[float(error.mean()) <= RIGHT for error in errors]))
+        at = of.spectral.nearest_dense[of.spectral.to_working[evaluated_points(maps, source, NUM_EVALUATED)]]
+        numbers = range(len(found))
+        judged.append(
+            JudgedPair(
+                target=to.spectral,
+                found=found,
+                terms=np.stack([map_terms(to.spectral, of.spectral, found, number) for number in numbers]),
+                points=np.stack([point_terms(to.spectral, of.spectral, found, number)[at] for number in numbers]),
+                in_place=np.stack(errors) <= map_model.NEAR,
+            )
+        )
     return judged
 
 
 def measure_maps(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
-    """Choose and trust candidates with other values; see :data:`CALIBRATION` for their scores."""
+    """Fit the weights to all candidates, judge them on the chosen ones; scan the margin of the choice."""
     drawn = {collection: judged_pairs(data, collection, quick) for collection in collections}
-    options = NonrigidOptions()
-
-    def stated(collection: str, changed: Mapping[str, Constant]) -> float:
-        with patched(map_model, changed):
-            chosen = [pair.chosen(options) for pair in drawn[collection]]
-        return 1.0 - float(np.mean([(confidence - right) ** 2 for confidence, right in chosen]))
+    pairs = [(number, pair) for number, some in enumerate(drawn.values()) for pair in some]
+    terms, right = (np.concatenate([getattr(pair, one) for _, pair in pairs]) for one in ("terms", "right"))
+    kind = np.concatenate([np.full(len(pair.found), number) for number, pair in pairs])
+    chosen = np.concatenate([np.arange(len(pair.found)) == pair.chosen() for _, pair in pairs])
+    found = _fitted("MAP", terms, right, kind, chosen)
+    odds = terms @ map_model.MAP_WEIGHTS + map_model.MAP_CONSTANT
+    sizes = np.concatenate([np.full(len(pair.found), pair.in_place.shape[1]) for _, pair in pairs])
+    at_points = np.concatenate([pair.points.reshape(-1, 2) for _, pair in pairs])
+    in_place = np.concatenate([pair.in_place.ravel() for _, pair in pairs])
+    spread = [np.repeat(values, sizes) for values in (odds, kind, chosen)]
+    found |= _fitted("POINT", np.column_stack([at_points, spread[0]]), in_place, spread[1], spread[2])
 
     def share(collection: str, changed: Mapping[str, Constant]) -> float:
         with patched(match, changed):
-            return float(np.mean([pair.chosen(options)[1] for pair in drawn[collection]]))
+            return float(np.mean([pair.right[pair.chosen()] for pair in drawn[collection]]))
 
-    constants = dict(CALIBRATION.constants)
-    margin = {"ORIENTATION_MARGIN": constants.pop("ORIENTATION_MARGIN")}
-    found = scan(constants, collections, stated, quick=quick)
-    return found | scan(margin, collections, share, quick=quick)
+    return found | scan(constants_of(match, "CHOICE_MARGIN"), collections, share, quick=quick)
+
+
+def _fitted(
+    name: str, terms: FloatArray, right: BoolArray, kind: FloatArray, chosen: BoolArray
+) -> dict[str, Finding]:
+    """Fit the weights of one of the two models."""
+    weights, constant = fit_weights(terms, right, kind)
+    code = getattr(map_model, f"{name}_WEIGHTS"), getattr(map_model, f"{name}_CONSTANT")
+    stated = [1.0 / (1.0 + np.exp(-(terms @ some + one))) for some, one in (code, (weights, constant))]
+    if len(np.unique(kind)) > 1:
+        stated.append(left_out(terms, right, kind))
+    scores = [1.0 - reliability(one[chosen], right[chosen]).expected_error for one in stated]
+    now, best, without = [*scores, float("nan")][:3]
+    values: dict[str, Constant] = {f"{name}_WEIGHTS": tuple(weights.tolist()), f"{name}_CONSTANT": constant}
+    return {key: Finding(value=value, now=now, best=best, left_out=without) for key, value in values.items()}
 
 
 CALIBRATION = Calibration(
     module=map_model.__name__,
-    constants=constants_of(map_model, "SCORE_SCALE", "DOUBTFUL_SCORE", "DOUBT_SCALE")
-    | constants_of(match, "ORIENTATION_MARGIN"),
+    constants=constants_of(map_model, "MAP_WEIGHTS", "MAP_CONSTANT", "POINT_WEIGHTS", "POINT_CONSTANT")
+    | constants_of(match, "CHOICE_MARGIN"),
     measure=measure_maps,
-    collections=("scape", "ant"),
-    score=f"1 - Brier score of the stated confidence; of ORIENTATION_MARGIN the share of maps of error below {RIGHT}",
+    collections=("scape", "tosca", *SHREC07_CLASSES, BODIES, ANIMALS),
+    score="1 - expected calibration error of chosen maps; of CHOICE_MARGIN the share of them that is right",
 )

@@ -16,11 +16,9 @@ RIDGE = 3.0
 #: Every collection counts as if it had this many shapes.
 COLLECTION_WEIGHT = 50.0
 _NUM_STEPS = 50
-#: Agreement, margin and lead.
-NUM_TERMS = 3
 
 
-def fit_weights(evidence: FloatArray, right: BoolArray, kind: FloatArray) -> tuple[FloatArray, float]:
+def fit_weights(seen: FloatArray, right: BoolArray, kind: FloatArray) -> tuple[FloatArray, float]:
     """Return weights and constant of the logistic model, by Newton's method (iteratively reweighted least squares).
 
     Weights of evidence that speaks for a pose are not allowed to be negative: where one would be, it is left out and
@@ -28,23 +26,24 @@ def fit_weights(evidence: FloatArray, right: BoolArray, kind: FloatArray) -> tup
 
     Parameters
     ----------
-    evidence : ndarray, shape (n, len(KINDS))
+    seen : ndarray, shape (n, m)
+        What the model weighs.
     right : ndarray of bool, shape (n,)
     kind : ndarray of int, shape (n,)
         Which collection each row is from.
 
     Returns
     -------
-    weights : ndarray, shape (NUM_TERMS,)
+    weights : ndarray, shape (m,)
     constant : float
     """
-    seen = terms(evidence)
+    num_terms = seen.shape[1]
     centre, spread = seen.mean(axis=0), np.maximum(seen.std(axis=0), 1e-9)
     _, which, counts = np.unique(kind, return_inverse=True, return_counts=True)
     trust = (COLLECTION_WEIGHT / counts)[which]
-    used = np.ones(NUM_TERMS, dtype=bool)
+    used = np.ones(num_terms, dtype=bool)
     while True:
-        weights = np.zeros(NUM_TERMS)
+        weights = np.zeros(num_terms)
         weights[used], constant = _newton(((seen - centre) / spread)[:, used], right, trust)
         if not (weights < 0).any():
             break
@@ -69,19 +68,18 @@ def _newton(columns: FloatArray, right: BoolArray, trust: FloatArray) -> tuple[F
     return solution[:-1], float(solution[-1])
 
 
-def left_out(evidence: FloatArray, right: BoolArray, kind: FloatArray) -> FloatArray:
+def left_out(seen: FloatArray, right: BoolArray, kind: FloatArray) -> FloatArray:
     """Return the probability of each row by weights that were fitted without its collection, shape (n,)."""
     found = np.empty(len(right))
-    seen = terms(evidence)
     for one in np.unique(kind):
         out = kind == one
-        weights, constant = fit_weights(evidence[~out], right[~out], kind[~out])
+        weights, constant = fit_weights(seen[~out], right[~out], kind[~out])
         found[out] = 1.0 / (1.0 + np.exp(-(seen[out] @ weights + constant)))
     return found
 
 
 def training_rows(records: Mapping[str, Mapping[str, Any]]) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """Return evidence, truth and collection of all shapes that are no intruders and have evidence.
+    """Return what the model weighs, truth and collection of all shapes that are no intruders and have evidence.
 
     Poses of the wrong chirality are left out: the evidence is about turns, and sides are judged apart from it.
     """
@@ -90,4 +88,4 @@ def training_rows(records: Mapping[str, Mapping[str, Any]]) -> tuple[FloatArray,
         used = ~record["intruder"] & ~np.isnan(record["evidence"]).any(axis=1) & (record["error_deg"] != MIRRORED_DEG)
         parts.append((record["evidence"][used], record["right"][used], np.full(used.sum(), number)))
     evidence, right, kind = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return evidence, right, kind
+    return terms(evidence), right, kind

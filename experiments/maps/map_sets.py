@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from data_tools.arrays import IntArray
 from data_tools.datasets.synthetic import shuffled
+from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.files import existing_file
 from data_tools.io.shapes import read_shape
@@ -37,11 +38,14 @@ SAME_PLACES = {
     "armadillo": (26, 27, 6, 7, 4, 5, 12, 13, 22, 24, 23, 25, 16, 18),
 }
 MIRRORED_PLACES = (1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 12, 13)
+#: Cats and dogs with a dense map between the two, of which so many farthest points of the first cat are landmarks.
+ANIMALS, NUM_ANIMAL_POINTS = "cat and dog", 200
 #: Sets that are evaluated at landmarks.
-LANDMARKED = (*SHREC07_CLASSES, BODIES)
+LANDMARKED = (*SHREC07_CLASSES, BODIES, ANIMALS)
 #: Folder of each set.
 FOLDERS = {
     BODIES: "shrec07_dev",
+    ANIMALS: "tosca_cat_dog",
     "scape": "scape71",
     "tosca": "tosca_centaur6",
     "faust": "faust",
@@ -134,8 +138,8 @@ def read_map_set(root: Path, name: str) -> MapSet:
         data = read_shrec07_class(folder)
         published = read_published(folder.parent / "bim2011_published_errors.csv", data.names)
         pairs = tuple(next(iter(published.values()), {}))
-    elif name == BODIES:
-        data = _bodies(folder)
+    elif name in (BODIES, ANIMALS):
+        data = _bodies(folder) if name == BODIES else _animals(folder)
         published, pairs = {}, _pairs_of_kinds(data)
     else:
         data = read_registered_folder(folder) if name == "tosca" else read_faust(folder)
@@ -153,6 +157,22 @@ def _bodies(folder: Path) -> Dataset:
         landmark_vertices=np.concatenate(marks),
         mirror=np.array(MIRRORED_PLACES),
     )
+
+
+def _animals(folder: Path) -> Dataset:
+    """Return as many cats as dogs, in this order, with the places on the dogs of points of the cats."""
+    cats, dogs, to_dog = (dict(np.load(folder / f"{name}.npz")) for name in ("cat", "dog", "cat_to_dog"))
+    names, loaders = [], []
+    for kind in (cats, dogs):
+        for at in range(min(len(cats["names"]), len(dogs["names"]))):
+            shape = Shape.from_arrays(kind["vertices"][at], kind["faces"], name=str(kind["names"][at]))
+            names.append(shape.name)
+            loaders.append(lambda shape=shape: shape)
+    points = farthest_points(loaders[0](), NUM_ANIMAL_POINTS, metric="euclidean")
+    corners = dogs["faces"][to_dog["triangle"][points]]
+    images = corners[np.arange(len(points)), to_dog["barycentric"][points].argmax(axis=1)]
+    marks = np.repeat(np.stack([points, images]), len(names) // 2, axis=0)
+    return Dataset(names=tuple(names), loaders=tuple(loaders), landmark_vertices=marks)
 
 
 def _pairs_of_kinds(data: Dataset) -> tuple[Pair, ...]:

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
-from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.portfolio import Refined, judged
 from collalign.nonrigid.starts.eigenfunctions import descend_maps
 from collalign.nonrigid.starts.masks import candidate_mask
 from collalign.nonrigid.surface.spectral_shape import SpectralShape
-from collalign.tools.match.nonrigid import confidence, match_of
+from collalign.tools.match.nonrigid import match_of
 from collalign.tools.match.result import NonrigidMatch
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal
@@ -76,7 +75,7 @@ def match_by_paper(target: SpectralShape, source: SpectralShape, chain: PaperCha
         for rotation in minima.rotations[: chain.num_candidates]
     ]
     maps = dense_point_maps(target, source, found[0].functional_map.C_source_target)
-    return match_of(target, source, found, maps, confidence=confidence(found, NonrigidOptions())), status
+    return match_of(target, source, found, maps, num_candidates=len(found)), status
 
 
 def agd_gaps(target: SpectralShape, source: SpectralShape, source_samples: IntArray) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from experiments.experiment import Bench, Experiment, Outcome
 from experiments.maps.map_results import PROTOCOL, outcome_of
-from experiments.maps.map_sets import LANDMARKED, SAME_PLACES, read_map_set
+from experiments.maps.map_sets import BODIES, SAME_PLACES, SHREC07_CLASSES, read_map_set
 from experiments.maps.map_trials import SEED, measure_trials, usual_trials
 
 #: Pairs of each class matched by the paper's own strategies.
@@ -25,7 +25,7 @@ def measure(bench: Bench) -> Outcome:
     """Run all trials of all classes."""
     bench.seeds.add(SEED)
     results = []
-    for name in LANDMARKED:
+    for name in (*SHREC07_CLASSES, BODIES):
         maps = read_map_set(bench.data, name)
         trials = usual_trials(maps, num_copies=0, num_paper=NUM_PAPER, quick=bench.quick)
         results.append((maps, measure_trials(bench, maps, trials)))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from collalign import TwoShapeOptions, match_in_part, match_rigid
 from collalign.cli import main
@@ -85,6 +87,10 @@ def test_nonrigid_match_writes_a_map_of_all_vertices(
     tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shape = figure(resolution=2)
+    marked = np.array([0, len(shape.vertices) // 2])
+    for name in ("a", "stranger"):
+        rows = (f"tip{v},{','.join(map(str, shape.vertices[v]))}\n" for v in marked)
+        (tmp_path / f"{name}.csv").write_text("label,x,y,z\n" + "".join(rows))
     target, source = (
         write_mesh(tmp_path / "a.ply", shape),
         write_mesh(tmp_path / "b.ply", bent(shape, rng, angle=0.3)),
@@ -98,11 +104,26 @@ def test_nonrigid_match_writes_a_map_of_all_vertices(
         "--out",
         str(tmp_path / "o"),
     ]
-    assert main(["match", str(target), str(source), *flags]) == 0
+    assert main(["match", str(target), str(source), *flags, "--landmarks", str(tmp_path / "stranger.csv")]) == 2
+    assert not (tmp_path / "o").exists() or not any((tmp_path / "o").glob("map*"))
+    assert main(["match", str(target), str(source), *flags, "--landmarks", str(tmp_path / "a.csv")]) == 0
     lines = (tmp_path / "o" / "map.txt").read_text().split()
     assert len(lines) == len(shape.vertices)
     with np.load(tmp_path / "o" / "map.npz", allow_pickle=False) as arrays:
         assert np.array_equal(arrays["point_map_target_source"], np.array(lines, dtype=np.int64))
+        back, confidence = arrays["point_map_source_target"], arrays["vertex_confidence"]
+    assert np.array_equal(np.loadtxt(tmp_path / "o" / "map_back.txt", dtype=int), back)
+    with (tmp_path / "o" / "map_landmarks.csv").open(newline="") as stream:
+        carried = list(csv.DictReader(stream))
+    places = np.array([[float(row[axis]) for axis in "xyz"] for row in carried])
+    np.testing.assert_allclose(places, read_shape(source).vertices[back[marked]], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose([float(row["confidence"]) for row in carried], confidence[back[marked]], rtol=1e-4)
+    coloured = {end: trimesh.load(tmp_path / "o" / f"map_{end}.ply", process=False) for end in ("target", "source")}
+    colours = {end: mesh.visual.vertex_colors[:, :3] for end, mesh in coloured.items()}
+    assert np.array_equal(colours["source"], colours["target"][np.array(lines, dtype=int)])
+    assert len(np.unique(colours["target"], axis=0)) > 100
+    stored = coloured["source"].metadata["_ply_raw"]["vertex"]["data"]["confidence"].ravel()
+    np.testing.assert_allclose(stored, confidence, rtol=1e-5)
     distance = np.linalg.norm(shape.vertices[np.array(lines, dtype=int)] - shape.vertices, axis=1)
     assert np.median(distance) < 0.15 * np.linalg.norm(np.ptp(shape.vertices, axis=0))
     assert (tmp_path / "o" / "map.png").read_bytes().startswith(b"\x89PNG")
@@ -139,5 +160,7 @@ def test_surfaces_that_overlap_in_part_are_matched_and_say_so(
     found = match_in_part(*files, options=TwoShapeOptions(group="O"))
     assert found.transforms.shape == (len(found.poses), 4, 4)
     assert repr(found).count(" %") == 3
+    assert main(["match", *files, "--landmarks", "a.csv"]) == 2
+    assert "--nonrigid" in capsys.readouterr().err
     assert main(["match", *files, "--partial", "--certify"]) == 2
     assert "--partial works on surfaces" in capsys.readouterr().err

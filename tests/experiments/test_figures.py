@@ -190,6 +190,23 @@ def test_the_true_map_has_no_error_and_another_has(collections: Path) -> None:
     assert map_cells.evaluate(maps, settings, np.arange(num), permuted, None).direct.mean() > 0.3
 
 
+def test_points_of_cats_are_landmarks_of_dogs(tmp_path: Path, bodies: list[Shape]) -> None:
+    dog, order = shuffled(bodies[0], np.random.default_rng(0))
+    folder = tmp_path / map_sets.FOLDERS[map_sets.ANIMALS]
+    folder.mkdir()
+    for name, shape, num in (("cat", bodies[0], 3), ("dog", dog, 2)):
+        names = [f"{name}{i}" for i in range(num)]
+        np.savez(folder / f"{name}.npz", names=names, vertices=np.stack([shape.vertices] * num), faces=shape.faces)
+    triangles = np.array([np.flatnonzero((dog.faces == v).any(axis=1))[0] for v in np.argsort(order)])
+    corners = (dog.faces[triangles] == np.argsort(order)[:, None]).astype(float)
+    np.savez(folder / "cat_to_dog.npz", triangle=triangles, barycentric=corners)
+    maps = map_sets.read_map_set(tmp_path, map_sets.ANIMALS)
+    assert maps.pairs == (("dog0", "cat0"), ("cat1", "dog1"))
+    on_cat, on_dog = (maps.data.shape(name).vertices[maps.landmarks(name)] for name in ("cat1", "dog1"))
+    assert len(on_cat) == map_sets.NUM_ANIMAL_POINTS
+    np.testing.assert_array_equal(on_cat, on_dog)
+
+
 @pytest.mark.parametrize("name", ["tosca", "shrec07_maps"])
 def test_maps_of_registered_bodies_and_of_classes(bench: Bench, tmp_path: Path, name: str) -> None:
     rows = rows_of(bench, name, tmp_path)

@@ -99,6 +99,11 @@ class SpectralShape:
         return np.column_stack([np.ones(len(self.functions)), self.functions])
 
     @property
+    def nearest_dense(self) -> IntArray:
+        """Position in ``dense`` of the sample nearest to each working vertex, shape (w,)."""
+        return np.asarray(cKDTree(self.vertices[self.dense]).query(self.vertices)[1])
+
+    @property
     def working_shape(self) -> Shape:
         """The working surface as a shape."""
         return Shape.from_arrays(self.vertices, self.faces, name=self.name)

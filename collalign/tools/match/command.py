@@ -16,24 +16,21 @@ from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.options import TwoShapeOptions
 from collalign.products.trust import DOUBT
 from collalign.tools.match.in_part import PartialMatch, match_in_part
-from collalign.tools.match.map_page import vertices_map, write_match_page
+from collalign.tools.match.map_files import NONRIGID_FILES, stage_match
 from collalign.tools.match.nonrigid import match_prepared
 from collalign.tools.match.pictures import draw_match
 from collalign.tools.match.prepare import prepare_file
-from collalign.tools.match.result import NonrigidMatch
 from collalign.tools.match.rigid import RigidMatch, match_rigid
 from data_tools.errors import OptionsError
-from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import read_shape
-from data_tools.options import AS_STORED, CleaningOptions
+from data_tools.options import CleaningOptions
 from data_tools.percent import percent
 from data_tools.rotations import rotation_angle_deg
 from pairwise.status import Status
 
 #: The command whose files these are, in the manifest of an output folder.
 WRITER = "match"
-NONRIGID_FILES = ("map.npz", "map.txt", "map.png", "map.html")
 
 
 def match(
@@ -43,6 +40,7 @@ def match(
     out: Path | None = None,
     json: Annotated[bool, Parameter(negative=())] = False,
     nonrigid: Annotated[bool, Parameter(negative=())] = False,
+    landmarks: tuple[Path, ...] = (),
     partial: Annotated[bool, Parameter(negative=())] = False,
     options: Annotated[TwoShapeOptions, Parameter(name="*")] = TwoShapeOptions(),  # noqa: B008
     deformation: NonrigidOptions = NonrigidOptions(),  # noqa: B008
@@ -58,13 +56,15 @@ def match(
     target, source
         Two mesh or point cloud files; the result takes the source to the target.
     out
-        Folder for the result: match.json and match.png, or map.npz, map.txt, map.png and map.html. In match.json the
-        first "transform" is the answer, those of the candidates are about the samples alone. Maps go to the folder
-        ``map`` by default.
+        Folder for the result: match.json and match.png, or the map both ways with its page and coloured surfaces. In
+        match.json the first "transform" is the answer, those of the candidates are about the samples alone. Maps go
+        to the folder ``map`` by default.
     json
         Print match.json instead of a summary.
     nonrigid
         Match deformable shapes; the options of deformation and surface belong to this.
+    landmarks
+        Files of landmarks of either shape, called like it, that --nonrigid carries to the other (map_landmarks.csv).
     partial
         Match the surfaces by what has a counterpart: rotations, shifts and sizes are searched (sizes stay with
         --sampling.normalisation none), and the overlap of both is said.
@@ -73,7 +73,9 @@ def match(
     if out is not None:
         refuse_overlap(out, (target, source))
         if nonrigid:
-            return _match_nonrigid(target, source, out, deformation, surface)
+            return _match_nonrigid(target, source, out, deformation, surface, landmarks)
+    if landmarks:
+        raise OptionsError("--landmarks are carried by --nonrigid; `collalign transfer` carries them by poses")
     if partial:
         if options.certify:
             raise OptionsError("--partial works on surfaces: --certify is for samples")
@@ -130,7 +132,14 @@ def _write_rigid(
             print(path)
 
 
-def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOptions, surface: SurfaceOptions) -> int:
+def _match_nonrigid(
+    target: Path,
+    source: Path,
+    out: Path,
+    options: NonrigidOptions,
+    surface: SurfaceOptions,
+    landmarks: tuple[Path, ...],
+) -> int:
     """Write the map of all vertices and its picture; say what is known about it."""
     with (
         OutputFolder.open(out, writer=WRITER) as output,
@@ -144,9 +153,7 @@ def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOpti
         bar.advance()
         result = match_prepared(to, of, options, prepared_s=time.perf_counter() - started)
         bar.advance()
-        write_atomic(output.stage("map.npz"), result.npz_bytes())
-        write_atomic(output.stage("map.txt"), result.text_bytes())
-        _draw_nonrigid(result, target, source, output)
+        stage_match(output, result, target, source, landmarks)
         written = output.publish()
         bar.advance()
     best = result.candidates[0]
@@ -161,11 +168,3 @@ def _match_nonrigid(target: Path, source: Path, out: Path, options: NonrigidOpti
     for path in written:
         print(path)
     return 0
-
-
-def _draw_nonrigid(result: NonrigidMatch, target: Path, source: Path, output: OutputFolder) -> None:
-    """Stage the picture and the page of a map."""
-    left, right = (read_shape(file, AS_STORED) for file in (target, source))
-    point_map = vertices_map(result.point_map_target_source, left, right)
-    draw_match(output.stage("map.png"), left, right, point_map)
-    write_match_page(output.stage("map.html"), result, left, right)

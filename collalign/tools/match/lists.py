@@ -139,4 +139,4 @@ def _prepared(record: Record, key: str) -> SpectralShape:
 
 #: Prepare a shape and match two. The version changes whenever the same files and options would give others.
 PREPARING = Job(kind="shapes", version="map-4", run=_prepare, reader=_prepared)
-MATCHING = Job(kind="pairs", version="map-4", run=_match, reader=FoundMap)
+MATCHING = Job(kind="pairs", version="map-5", run=_match, reader=FoundMap)

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from collalign.tools.match.pictures import draw_match
 from collalign.tools.match.result import NonrigidCandidate, NonrigidMatch
-from data_tools.arrays import IntArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.html_pages import html_figure, html_table, write_html_page
 from data_tools.percent import percent
 from data_tools.surface.shape import Shape
@@ -37,14 +37,16 @@ def write_match_page(path: Path | str, match: NonrigidMatch, target: Shape, sour
     Path
     """
     chosen = vertices_map(match.point_map_target_source, target, source)
-    figures = [_figure("The chosen map", target, source, chosen)]
+    trust = at_vertices(match.vertex_confidence, source)
+    figures = [_figure("The chosen map", target, source, chosen, trust)]
     for rank, candidate in enumerate(match.candidates[1 : 1 + MAX_DRAWN], start=2):
         caption = f"Candidate {rank}: {candidate.origin}, orientation {candidate.orientation}"
         figures.append(
             _figure(caption, target, source, vertices_map(_spread(match, candidate, source), target, source))
         )
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in match.notes)
-    body = f"""<p>Equal colours correspond. Confidence {percent(match.confidence)}; orientation
+    body = f"""<p>Equal colours correspond. Nine points in ten are in place with a probability of
+{percent(match.confidence)}; the mean probability of a vertex is {percent(float(np.nanmean(trust)))}; orientation
 {html.escape(match.orientation)};
 {percent(match.bijectivity)} of the samples come back near themselves by map and inverse.</p>
 <ul>{notes}</ul>
@@ -75,6 +77,11 @@ def vertices_map(point_map_target_source: IntArray, target: Shape, source: Shape
     return places[point_map_target_source[of_source]]
 
 
+def at_vertices(values: FloatArray, shape: Shape) -> FloatArray:
+    """Return values of a file's vertices at the vertices of the shape as it was read, NaN where there is none."""
+    return np.asarray(np.append(values, np.nan)[np.minimum(_file_indices(shape), len(values))])
+
+
 def _file_indices(shape: Shape) -> IntArray:
     indices = shape.source_indices
     return np.arange(len(shape.vertices)) if indices is None else indices
@@ -91,9 +98,11 @@ def _spread(match: NonrigidMatch, candidate: NonrigidCandidate, source: Shape) -
     return spread
 
 
-def _figure(caption: str, target: Shape, source: Shape, point_map: IntArray) -> str:
+def _figure(
+    caption: str, target: Shape, source: Shape, point_map: IntArray, confidence: FloatArray | None = None
+) -> str:
     with tempfile.TemporaryDirectory() as folder:
-        picture = draw_match(Path(folder) / "map.png", target, source, point_map).read_bytes()
+        picture = draw_match(Path(folder) / "map.png", target, source, point_map, confidence).read_bytes()
     return html_figure(picture, caption)
 
 

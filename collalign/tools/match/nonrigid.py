@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from collalign.confidence.map_model import map_confidence
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.portfolio import FROM_POSES, Refined, find_candidates, full_harmonic
+from collalign.nonrigid.map_trust import agreements, trust_of
+from collalign.nonrigid.portfolio import Refined, find_candidates, full_harmonic
 from collalign.nonrigid.refine import between_files
 from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from collalign.tools.match.prepare import prepare_file
@@ -23,8 +23,9 @@ from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
 
-#: A map that keeps left and right may be this much behind the best one.
-ORIENTATION_MARGIN = 1.0
+#: The chosen map may be this much behind the best score. On 19 pairs, see
+#: :data:`collalign.nonrigid.map_trust.SCORE_SCALE`, 2 and more choose 12 right maps, 1 chooses 11; the best score 9.
+CHOICE_MARGIN = 2.0
 #: Eigenfunctions in which the energies of candidates are compared.
 ENERGY_DIM = 30
 
@@ -94,13 +95,12 @@ def match_prepared(
     options = options or NonrigidOptions()
     _check_fit(target, source)
     started = time.perf_counter()
-    found = chosen_first(find_candidates(target, source, options), options)
+    found = chosen_first(target, find_candidates(target, source, options), options)
     searched = time.perf_counter()
     maps = full_harmonic(target, source).of_all_vertices(found[0].functional_map)
     finished = time.perf_counter()
     times_s = {"prepare": prepared_s, "candidates": searched - started, "vertices": finished - searched}
-    kept = found[: options.num_candidates]
-    return match_of(target, source, kept, maps, confidence=confidence(found, options), times_s=times_s)
+    return match_of(target, source, found, maps, num_candidates=options.num_candidates, times_s=times_s)
 
 
 def match_of(
@@ -109,52 +109,42 @@ def match_of(
     found: list[Refined],
     maps: tuple[IntArray, IntArray],
     *,
-    confidence: float,
+    num_candidates: int,
     times_s: dict[str, float] | None = None,
 ) -> NonrigidMatch:
     """Return candidates, the chosen one first, and its maps of all working vertices both ways as a match of files."""
     forward, backward = maps
+    confidence, at_vertices = trust_of(target, source, found)
     return NonrigidMatch(
         target_name=target.name,
         source_name=source.name,
         point_map_target_source=read_only(between_files(forward, target.to_original, source.to_working)),
         point_map_source_target=read_only(between_files(backward, source.to_original, target.to_working)),
         functional_map=read_only(found[0].functional_map.C_source_target),
-        candidates=tuple(_public(target, source, candidate) for candidate in found),
+        candidates=tuple(_public(target, source, candidate) for candidate in found[:num_candidates]),
         dense_source=read_only(source.to_original[source.dense]),
         confidence=confidence,
+        vertex_confidence=read_only(np.where(source.to_working >= 0, at_vertices[source.to_working], np.nan)),
         times_s=times_s or {},
         notes=tuple(f"{s.name}: {note}" for s in (target, source) for note in s.notes),
     )
 
 
-def chosen_first(found: list[Refined], options: NonrigidOptions) -> list[Refined]:
+def chosen_first(target: SpectralShape, found: list[Refined], options: NonrigidOptions) -> list[Refined]:
     """Return candidates with the chosen one first, then by score.
 
-    It is the best one that keeps left and right, where normals tell, unless its evidence is far behind: a mirror
-    image scores like the true map, so the difference means that no true map was found.
+    It is the one that the others agree with most, of those that keep left and right, where normals tell, unless their
+    evidence is far behind: a mirror image scores like the true map, so the difference means that none was found.
     """
     ordered = sorted(found, key=lambda c: c.score)
-    if options.orientation == "any":
-        return ordered
-    near = [c for c in ordered if c.score <= ordered[0].score + ORIENTATION_MARGIN]
-    chosen = next((c for c in near if not c.evidence.orientation < MIXED_ORIENTATION), ordered[0])
+    near = [c.score <= ordered[0].score + CHOICE_MARGIN for c in ordered]
+    if options.orientation == "preserving":
+        near = [
+            is_near and not c.evidence.orientation < MIXED_ORIENTATION
+            for is_near, c in zip(near, ordered, strict=True)
+        ]
+    chosen = ordered[int(np.argmax(np.where(near, agreements(target, ordered), -1.0)))] if any(near) else ordered[0]
     return [chosen, *(c for c in ordered if c is not chosen)]
-
-
-def confidence(found: list[Refined], options: NonrigidOptions) -> float:
-    """Return how far the chosen candidate can be trusted.
-
-    Rivals are candidates of its orientation; its mirror image is none where normals tell the two apart.
-    """
-    chosen = found[0]
-    rivals = [c.score for c in found[1:] if options.orientation == "any" or _same_orientation(c, chosen)]
-    return map_confidence(chosen.evidence, chosen.score, rivals, from_poses=chosen.origin == FROM_POSES)
-
-
-def _same_orientation(candidate: Refined, chosen: Refined) -> bool:
-    first, second = candidate.evidence.orientation, chosen.evidence.orientation
-    return not (np.isfinite(first) and np.isfinite(second)) or first * second > 0
 
 
 def _public(target: SpectralShape, source: SpectralShape, candidate: Refined) -> NonrigidCandidate:

@@ -44,22 +44,37 @@ def transferred_colours(target: Shape, point_map_target_source: IntArray) -> tup
     return colours, np.where((point_map_target_source >= 0)[:, None], colours[images], _GREY)
 
 
-def draw_match(path: Path | str, target: Shape, source: Shape, point_map_target_source: IntArray) -> Path:
+def draw_match(
+    path: Path | str,
+    target: Shape,
+    source: Shape,
+    point_map_target_source: IntArray,
+    confidence: FloatArray | None = None,
+) -> Path:
     """Write the picture of :func:`match_figure` as a PNG."""
     buffer = BytesIO()
-    figure = match_figure(target, source, point_map_target_source)
+    figure = match_figure(target, source, point_map_target_source, confidence)
     figure.savefig(buffer, format="png", metadata={"Software": None})
     return write_atomic(Path(path), buffer.getvalue())
 
 
-def match_figure(target: Shape, source: Shape, point_map_target_source: IntArray, *, title: str = "") -> Figure:
-    """Draw target and source from the front and from behind, coloured by the map.
+def match_figure(
+    target: Shape,
+    source: Shape,
+    point_map_target_source: IntArray,
+    confidence: FloatArray | None = None,
+    *,
+    title: str = "",
+) -> Figure:
+    """Draw target and source from the front and from behind, coloured by the map, and the source by its confidence.
 
     Parameters
     ----------
     target, source : Shape
         As in their files; point clouds are drawn as points.
     point_map_target_source : ndarray of int, shape (v,)
+    confidence : ndarray, shape (v,), optional
+        Of the image of each vertex of the source; NaN is grey.
     title : str
     """
     of_target, of_source = transferred_colours(target, point_map_target_source)
@@ -68,15 +83,24 @@ def match_figure(target: Shape, source: Shape, point_map_target_source: IntArray
     turned = frame
     if len(matched):
         turned = _procrustes(target.vertices[point_map_target_source[matched]], source.vertices[matched]).T @ frame
-    figure = new_figure(figsize=(9.0, 3.6), dpi=130)
-    panels = [(target, of_target, frame), (source, of_source, turned)]
-    for column, (shape, colours, axes) in enumerate(panels):
+    panels = [(target, of_target, frame, target.name), (source, of_source, turned, source.name)]
+    if confidence is not None:
+        panels.append((source, _confidence_colours(confidence), turned, "confidence: dark 0, yellow 1"))
+    figure = new_figure(figsize=(4.5 * len(panels), 3.6), dpi=130)
+    for column, (shape, colours, axes, name) in enumerate(panels):
         for view, behind in enumerate((np.eye(3), _FROM_BEHIND)):
-            panel = figure.add_subplot(1, 4, 2 * column + view + 1)
+            panel = figure.add_subplot(1, 2 * len(panels), 2 * column + view + 1)
             _draw(panel, shape, colours, axes @ behind)
-            panel.set_title(shape.name if view == 0 else "from behind", fontsize="small")
+            panel.set_title(name if view == 0 else "from behind", fontsize="small")
     figure.suptitle(title, fontsize="small")
     return figure
+
+
+def _confidence_colours(confidence: FloatArray) -> FloatArray:
+    from matplotlib import colormaps
+
+    colours = np.asarray(colormaps["viridis"](np.nan_to_num(confidence)))[:, :3]
+    return np.where(np.isnan(confidence)[:, None], _GREY, colours)
 
 
 def _axes(vertices: FloatArray) -> FloatArray:

@@ -77,7 +77,10 @@ class NonrigidMatch:
     dense_source : ndarray of int, shape (s,)
         Vertices of the source file at which the candidates are given.
     confidence : float
-        In [0, 1]: near 1 where the evidence is good and no other candidate of the same orientation comes near it.
+        Probability that at least 90 % of the source's points are within .1 sqrt(area) of where they belong; see
+        :mod:`collalign.confidence.map_model`.
+    vertex_confidence : ndarray, shape (number of source vertices,)
+        Probability that the image of each vertex of the source file is within that; NaN where there is none.
     times_s : dict of str to float
     notes : tuple of str
     """
@@ -90,6 +93,7 @@ class NonrigidMatch:
     candidates: tuple[NonrigidCandidate, ...]
     dense_source: IntArray
     confidence: float
+    vertex_confidence: FloatArray
     times_s: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
@@ -118,19 +122,16 @@ class NonrigidMatch:
         target, source : as in :func:`collalign.match_shapes`
             The shapes that were matched.
         """
-        from collalign.tools.match.map_page import vertices_map
+        from collalign.tools.match.map_page import at_vertices, vertices_map
         from collalign.tools.match.pictures import match_figure
 
         left = read_shape(as_origin(target, self.target_name), AS_STORED, name=self.target_name)
         right = read_shape(as_origin(source, self.source_name), AS_STORED, name=self.source_name)
-        return match_figure(left, right, vertices_map(self.point_map_target_source, left, right))
+        point_map = vertices_map(self.point_map_target_source, left, right)
+        return match_figure(left, right, point_map, at_vertices(self.vertex_confidence, right))
 
-    def save(self, folder: Path | str) -> tuple[Path, Path]:
-        """Write ``map.npz`` and ``map.txt``, each complete or not at all; other files of these names stay.
-
-        ``map.npz`` holds the arrays under the names of the attributes, and of the candidates ``candidate_maps``,
-        ``candidate_energies``, ``candidate_scores``, ``candidate_orientations`` and ``candidate_origins``.
-        ``map.txt`` has one line for each vertex of the source: the vertex of the target, counted from 0, or -1.
+    def save(self, folder: Path | str) -> tuple[Path, ...]:
+        """Write the files of :meth:`stage`, each complete or not at all; other files of these names stay.
 
         Raises
         ------
@@ -138,10 +139,21 @@ class NonrigidMatch:
             If the folder cannot be written, or holds somebody else's file under one of the names.
         """
         with OutputFolder.open(folder, writer="match") as output:
-            write_atomic(output.stage("map.npz"), self.npz_bytes())
-            write_atomic(output.stage("map.txt"), self.text_bytes())
-            npz, text = output.publish()
-        return npz, text
+            self.stage(output)
+            return output.publish()
+
+    def stage(self, output: OutputFolder) -> None:
+        """Stage ``map.npz``, ``map.txt`` and ``map_back.txt``.
+
+        ``map.npz`` holds the arrays under the names of the attributes, and of the candidates ``candidate_maps``,
+        ``candidate_energies``, ``candidate_scores``, ``candidate_orientations`` and ``candidate_origins``.
+        ``map.txt`` has one line for each vertex of the source: the vertex of the target, counted from 0, or -1; and
+        ``map_back.txt`` one for each vertex of the target. These are the point maps that pyFM (``p2p_21``, the target
+        being its first mesh) and geomfum take.
+        """
+        write_atomic(output.stage("map.npz"), self.npz_bytes())
+        write_atomic(output.stage("map.txt"), self.text_bytes())
+        write_atomic(output.stage("map_back.txt"), _lines(self.point_map_source_target))
 
     def npz_bytes(self) -> bytes:
         """Return the content of ``map.npz``."""
@@ -160,11 +172,15 @@ class NonrigidMatch:
             candidate_orientations=np.array([c.evidence.orientation for c in self.candidates]),
             candidate_origins=np.array([c.origin for c in self.candidates]),
             confidence=self.confidence,
+            vertex_confidence=self.vertex_confidence,
             notes=np.array(self.notes, dtype=np.str_),
         )
         return buffer.getvalue()
 
     def text_bytes(self) -> bytes:
         """Return the content of ``map.txt``."""
-        lines = "\n".join(str(index) for index in self.point_map_target_source.tolist())
-        return f"{lines}\n".encode("ascii")
+        return _lines(self.point_map_target_source)
+
+
+def _lines(point_map: IntArray) -> bytes:
+    return "".join(f"{index}\n" for index in point_map.tolist()).encode("ascii")

@@ -89,7 +89,8 @@ def test_a_mirror_image_is_detected_as_such(
 def test_files_in_files_out(tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray], files: tuple[Path, Path]) -> None:
     match = match_shapes(*files, options=QUICK, surface_options=SMALL)
     assert mean_error(pair[0], match.point_map_target_source, pair[2]) < 0.03
-    npz, text = match.save(tmp_path / "out")
+    npz, text, back = sorted(match.save(tmp_path / "out"))
+    assert np.array_equal(np.loadtxt(back, dtype=np.int64), match.point_map_source_target)
     with np.load(npz, allow_pickle=False) as stored:
         assert np.array_equal(stored["point_map_target_source"], match.point_map_target_source)
         assert len(stored["candidate_maps"]) == len(match.candidates)

@@ -38,7 +38,7 @@ def test_the_page_loads_and_sends_nothing(tmp_path: Path) -> None:
     shape = Shape.from_arrays(np.random.default_rng(0).random((30, 3)))
     match: Any = SimpleNamespace(
         point_map_target_source=np.arange(30), candidates=(), target_name="<b>", source_name="cat", notes=("A & B",),
-        confidence=0.5, orientation="preserving", bijectivity=0.9,
+        confidence=0.5, orientation="preserving", bijectivity=0.9, vertex_confidence=np.full(30, 0.5),
     )  # fmt: skip
     page = write_match_page(tmp_path / "map.html", match, shape, shape).read_text(encoding="utf-8")
     assert "default-src 'none'; script-src 'none'; style-src 'unsafe-inline'; img-src data:" in page

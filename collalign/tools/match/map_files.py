@@ -1,0 +1,107 @@
+"""What a non-rigid match leaves in a folder: the map both ways, picture, page, coloured surfaces, landmarks."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from collalign.landmarks.on_surface import place_templates
+from collalign.landmarks.templates import read_templates
+from collalign.tools.match.map_page import at_vertices, vertices_map, write_match_page
+from collalign.tools.match.pictures import draw_match, transferred_colours
+from collalign.tools.match.result import NonrigidMatch
+from data_tools.arrays import FloatArray
+from data_tools.errors import InputError
+from data_tools.io.files import write_atomic
+from data_tools.io.output_folder import OutputFolder
+from data_tools.io.shapes import read_shape
+from data_tools.options import AS_STORED
+from data_tools.surface.shape import Shape
+
+LANDMARKS_FILE = "map_landmarks.csv"
+NONRIGID_FILES = (
+    "map.npz", "map.txt", "map_back.txt", "map.png", "map.html", "map_target.ply", "map_source.ply", LANDMARKS_FILE,
+)  # fmt: skip
+
+
+def stage_match(
+    output: OutputFolder, found: NonrigidMatch, target: Path, source: Path, landmarks: Sequence[Path] = ()
+) -> None:
+    """Stage all files of a match.
+
+    Parameters
+    ----------
+    output : OutputFolder
+    found : NonrigidMatch
+    target, source : Path
+        The files that were matched.
+    landmarks : sequence of Path
+        Landmarks of either, called like it; see :func:`carried_rows`.
+    """
+    left, right = (read_shape(file, AS_STORED) for file in (target, source))
+    rows = carried_rows(found, {left.name: target, right.name: source}, (left, right), landmarks)
+    found.stage(output)
+    point_map = vertices_map(found.point_map_target_source, left, right)
+    confidence = at_vertices(found.vertex_confidence, right)
+    draw_match(output.stage("map.png"), left, right, point_map, confidence)
+    write_match_page(output.stage("map.html"), found, left, right)
+    of_target, of_source = transferred_colours(left, point_map)
+    _write_coloured(output.stage("map_target.ply"), left, of_target)
+    _write_coloured(output.stage("map_source.ply"), right, of_source, confidence)
+    if landmarks:
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(rows)
+        write_atomic(output.stage(LANDMARKS_FILE), text.getvalue().encode())
+
+
+def carried_rows(
+    found: NonrigidMatch, files: dict[str, Path], shapes: tuple[Shape, Shape], landmarks: Sequence[Path]
+) -> list[list[str]]:
+    """Return where landmarks of either shape are on the other one: a header, and a row for each.
+
+    A landmark goes with the vertex that is nearest to it; its confidence is that of the vertex of the source, and it
+    has no place where that has no counterpart.
+
+    Raises
+    ------
+    InputError
+        If a file belongs to neither shape, or its landmarks do not lie on that.
+    """
+    given = read_templates(landmarks)
+    strangers = sorted(set(given) - set(files))
+    if strangers:
+        raise InputError(f"landmarks of {strangers[0]}: the shapes are called {' and '.join(files)}")
+    meshes = [(shape.name, shape.vertices, shape.faces) for shape in shapes]
+    placed = place_templates(given, {name: files[name] for name in given}, meshes).landmarks
+    rows = [["name", "landmark", "x", "y", "z", "confidence"]]
+    for name, marks in placed.items():
+        is_target = name == shapes[0].name
+        on, other = shapes if is_target else shapes[::-1]
+        to_source = vertices_map(found.point_map_source_target, shapes[1], shapes[0])
+        to_target = vertices_map(found.point_map_target_source, *shapes)
+        confidence = at_vertices(found.vertex_confidence, shapes[1])
+        for label, point in zip(marks.labels, marks.points, strict=True):
+            own = int(((on.vertices - point) ** 2).sum(axis=1).argmin())
+            image = int((to_source if is_target else to_target)[own])
+            trust = confidence[image if is_target else own]
+            known = image >= 0 and bool(np.isfinite(point).all())
+            place = [*other.vertices[image], trust] if known else [np.nan] * 4
+            rows.append([other.name, label, *("" if np.isnan(value) else f"{value:.6g}" for value in place)])
+    return rows
+
+
+def _write_coloured(path: Path, shape: Shape, colours: FloatArray, confidence: FloatArray | None = None) -> Path:
+    """Write a PLY with colours, and with the confidence as a further property of the vertices."""
+    import trimesh
+
+    rgb = np.round(255 * colours).astype(np.uint8)
+    if not shape.is_mesh:
+        return write_atomic(path, trimesh.PointCloud(shape.vertices, colors=rgb).export(file_type="ply"))
+    mesh = trimesh.Trimesh(shape.vertices, shape.faces, vertex_colors=rgb, process=False)
+    if confidence is not None:
+        mesh.vertex_attributes["confidence"] = confidence.astype(np.float32)
+    return write_atomic(path, mesh.export(file_type="ply", include_attributes=True))

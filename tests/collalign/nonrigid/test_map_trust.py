@@ -1,0 +1,79 @@
+"""How far maps can be trusted: what speaks for a map raises its confidence, wrong places lower their own."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from collalign.confidence.map_model import MOST_CONFIDENT, WITHOUT_SIDES, map_probability, point_probability
+from collalign.nonrigid.map_options import NonrigidOptions
+from collalign.nonrigid.map_trust import MOST_LEAD, SCORE_SCALE, map_terms, point_terms, trust_of
+from collalign.tools.match.nonrigid import CHOICE_MARGIN, chosen_first
+
+NUM = 50
+ANGLES = np.arange(NUM) * 2 * np.pi / NUM
+CIRCLE = np.column_stack([np.cos(ANGLES), np.sin(ANGLES), np.zeros(NUM)])
+SHAPE: Any = SimpleNamespace(vertices=CIRCLE, dense=np.arange(NUM), nearest_dense=np.arange(NUM), area=1.0)
+
+
+def candidate(forward: np.ndarray, score: float, *, commutativity: float = 0.1, orientation: float = 1.0) -> Any:
+    """Return a candidate map of the circle to itself, with its inverse."""
+    maps = SimpleNamespace(map_target_source=forward, map_source_target=np.argsort(forward, kind="stable"))
+    evidence = SimpleNamespace(commutativity=commutativity, orientation=orientation)
+    return SimpleNamespace(functional_map=maps, evidence=evidence, score=score)
+
+
+SAME, TURNED, BACKWARDS = np.arange(NUM), np.roll(np.arange(NUM), 20), np.arange(NUM)[::-1].copy()
+
+
+def test_agreement_and_lead_are_those_of_the_candidates() -> None:
+    found = [candidate(SAME, -2.0), candidate(SAME, -1.9)]
+    agreement, lead, logarithm = map_terms(SHAPE, SHAPE, found, 0)
+    assert agreement == 1.0
+    assert lead == MOST_LEAD  # who says the same is no rival
+    assert logarithm == -np.log(0.1)
+    found = [candidate(SAME, -2.0), candidate(TURNED, -1.5)]
+    agreement, lead, _ = map_terms(SHAPE, SHAPE, found, 0)
+    assert agreement == pytest.approx(1.0 / (1.0 + np.exp(-0.5 / SCORE_SCALE)))
+    assert lead == 0.5
+    assert map_terms(SHAPE, SHAPE, found, 1)[1] == -0.5
+
+
+def test_the_choice_is_what_others_agree_with_and_keeps_the_sides() -> None:
+    best, many = candidate(TURNED, -2.0), [candidate(np.roll(SAME, shift), -1.9) for shift in (0, 0)]
+    found = [*many, best]
+    first, second, _ = chosen_first(SHAPE, found, NonrigidOptions())
+    assert first is many[0]
+    assert second is best
+    far = [candidate(SAME, -2.0 + 1.1 * CHOICE_MARGIN), best]
+    assert chosen_first(SHAPE, far, NonrigidOptions())[0] is best
+    swapped = [candidate(BACKWARDS, -2.0, orientation=-1.0), candidate(SAME, -1.9)]
+    assert chosen_first(SHAPE, swapped, NonrigidOptions())[0] is swapped[1]
+    assert chosen_first(SHAPE, swapped, NonrigidOptions(orientation="any"))[0] is swapped[0]
+
+
+def test_what_speaks_for_a_map_raises_its_confidence() -> None:
+    terms = np.array([0.6, 0.0, 2.0])
+    base = map_probability(terms, knows_sides=True)
+    assert all(map_probability(terms + 0.2 * step, knows_sides=True) > base for step in np.eye(3))
+    assert map_probability(np.full(3, 99.0), knows_sides=True) == MOST_CONFIDENT
+    assert map_probability(np.full(3, 99.0), knows_sides=False) == WITHOUT_SIDES
+    points = point_probability(np.array([[0.0, 2.0], [-2.0, 2.0], [0.0, 1.0]]), 0.5)
+    assert points[0] > max(points[1:])
+    assert (point_probability(np.array([[0.0, 2.0], [-2.0, 2.0]]), 0.9) > points[:2]).all()
+
+
+def test_points_that_candidates_take_elsewhere_or_that_do_not_come_back_are_doubted() -> None:
+    torn = SAME.copy()
+    torn[:10] = 25
+    found = [candidate(SAME, -2.0), candidate(torn, -2.0)]
+    at_points = point_terms(SHAPE, SHAPE, found, 0)[:, 0]
+    assert at_points[:10].max() < at_points[10:].min()
+    returns = point_terms(SHAPE, SHAPE, found, 1)[:, 1]
+    assert returns[:10].max() < returns[30:].min()
+    whole, vertices = trust_of(SHAPE, SHAPE, found)
+    assert 0.0 < whole < 1.0
+    assert vertices[:10].max() < vertices[30:].min()
