@@ -1,14 +1,13 @@
 """The command line: parses, calls the library, prints, and turns errors into advice and an exit code.
 
 Exit codes: 0 all went well, 1 unexpected error, 2 bad input or options, 3 finished with something left out, 4 the
-workers were lost, 130 interrupted, 141 nobody reads the output any more.
+workers were lost, 5 (of ``status``) not finished, 130 interrupted, 141 nobody reads the output any more.
 """
 
 from __future__ import annotations
 
 import errno
 import io
-import logging
 import os
 import sys
 import traceback
@@ -22,6 +21,7 @@ from collalign import __version__
 from collalign.cli.config import ConfigFile, refuse_rounding
 from collalign.cli.help import HELP_ALL, GroupedHelp
 from collalign.cli.interruption import GO_ON, INTERRUPTED, orderly_interrupts, was_interrupted
+from collalign.cli.talk import end, speak, talking, tell
 from collalign.tools import TOOLS
 from data_tools.errors import CollalignError
 
@@ -62,6 +62,9 @@ def _launch(
     *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
     config: Path | None = None,
     verbose: Annotated[bool, Parameter(name=["--verbose", "-v"], negative=())] = False,
+    quiet: Annotated[bool, Parameter(name=["--quiet", "-q"], negative=())] = False,
+    as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    log: Path | None = None,
 ) -> Any:
     """Run a command.
 
@@ -71,8 +74,14 @@ def _launch(
         TOML file with options of the command; the command line wins over it.
     verbose
         Say what is being done, and show the whole traceback of an error.
+    quiet
+        Print warnings and errors only.
+    as_json
+        Print one JSON object instead of text: what came out, files, warnings, errors, exit code.
+    log
+        File that what is said and each stage are appended to, with the time.
     """
-    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s", stream=sys.stderr)
+    speak(quiet=quiet, as_json=as_json, verbose=verbose, log=log)
     app.config = (refuse_rounding,) if config is None else (ConfigFile(config, _COMMANDS), refuse_rounding)
     return app(tokens, exit_on_error=False)
 
@@ -100,13 +109,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(words: list[str]) -> int:
     """Run a command; every way to end has its message and its exit code."""
+    with talking():
+        return _ended(words)
+
+
+def _ended(words: list[str]) -> int:
     app.config = ()  # an earlier call may have set one
     app.help_formatter = GroupedHelp(everything=HELP_ALL in words)
     words = ["--help" if word == HELP_ALL else word for word in words]
     try:
-        return int(app.meta(words, exit_on_error=False) or 0)
-    except CycloptsError:
-        return 2
+        tell(command=next((word for word in words if word in _COMMANDS), ""))
+        return end(int(app.meta(words, exit_on_error=False) or 0))
+    except CycloptsError as error:
+        return end(2, str(error))
     except BrokenPipeError:
         raise
     except KeyboardInterrupt as interrupt:
@@ -125,4 +140,4 @@ def _run(words: list[str]) -> int:
 
 def _say(message: str, code: int) -> int:
     print(f"collalign: {message}", file=sys.stderr)
-    return code
+    return end(code, message)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import re
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,6 +17,7 @@ from cyclopts import Parameter
 import collalign
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.interruption import INCOMPLETE, resumable
+from collalign.cli.talk import say, say_files, tell, warn
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import FINISHED, STAGE, STORE_FILE
@@ -134,9 +134,7 @@ def demo(
     start_s = time.perf_counter()
     if num_shapes < 2:
         raise OptionsError(f"--num-shapes: expected at least 2, got {num_shapes}")
-    print(
-        f"This generates {num_shapes} chairs in random poses, aligns them consistently and compares with the truth."
-    )
+    say(f"This generates {num_shapes} chairs in random poses, aligns them consistently and compares with the truth.")
     planted = demo_collection(seed=options.seed, num=num_shapes)
     with OutputFolder.open(out / "shapes", writer="demo") as output:
         write_collection(output.staging, planted)
@@ -148,11 +146,12 @@ def demo(
     code = align(out / "shapes", out=out / "aligned", options=options, run=run)
     if code in (0, INCOMPLETE):
         errors = _errors_deg(out / "aligned" / ALIGNMENT_FILE, planted)
-        print(f"Rotation error against the truth, over all pairs: median {np.median(errors):.2f} deg, ", end="")
-        print(f"worst {errors.max():.2f} deg")
-    print(f"Took {time.perf_counter() - start_s:.0f} s. The shapes, the result, and the page to open in a browser:")
+        median, worst = float(np.median(errors)), float(errors.max())
+        tell(median_error_deg=median, worst_error_deg=worst)
+        say(f"Rotation error against the truth, over all pairs: median {median:.2f} deg, worst {worst:.2f} deg")
+    say(f"Took {time.perf_counter() - start_s:.0f} s. The shapes, the result, and the page to open in a browser:")
     for path in (out / "shapes", out / "aligned", out / "aligned" / REPORT_FILE):
-        print(path)
+        say(str(path))
     return code
 
 
@@ -167,7 +166,7 @@ def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:
         return None
     table = read_labels(path)
     for sentence in table.mismatches(names):
-        print(f"collalign: {sentence}", file=sys.stderr)
+        warn(sentence)
     return table
 
 
@@ -183,7 +182,7 @@ def _save(
     """Write the outputs, with a progress bar where somebody watches a terminal; the store says so meanwhile."""
     _set_stage(store, "outputs")
     columns = table.columns_for(collection.names) if table is not None else None
-    with ProgressBar("outputs", len(collection.names), disable=not sys.stderr.isatty()) as bar:
+    with ProgressBar("outputs", len(collection.names)) as bar:
         written = save_collection(
             collection, output, report=report, labels=columns, advance=bar.advance, num_jobs=num_jobs
         )
@@ -214,28 +213,24 @@ def _errors_deg(alignment: Path, planted: PlantedCollection) -> FloatArray:
     )
 
 
-def _doubtful(collection: Collection) -> list[str]:
-    """Return name and confidence of the doubtful shapes, the most doubtful first; none if nothing was estimated."""
-    known = ~np.isnan(collection.confidence)
-    if not known.any():
-        return []
-    order = np.argsort(np.where(known, collection.confidence, -1.0), kind="stable")
-    words = [percent(confidence) for confidence in collection.confidence]
-    return [f"{collection.names[i]} ({words[i]})" for i in order if not collection.confidence[i] >= DOUBT]
+def _doubtful(collection: Collection) -> dict[str, float]:
+    """Return the confidence of the doubtful shapes, the most doubtful first; of none if nothing was estimated."""
+    stated = dict(zip(collection.names, np.nan_to_num(collection.confidence, nan=-1.0).tolist(), strict=True))
+    if max(stated.values()) < 0:
+        return {}
+    return {name: stated[name] for name in sorted(stated, key=lambda name: stated[name]) if stated[name] < DOUBT}
 
 
 def _finish(collection: Collection, written: Sequence[Path]) -> int:
     """Say what came out, whom to doubt, what was left out, and where everything is; return the exit code."""
-    seconds = sum(collection.run.times_s.values())
-    print(f"Aligned {len(collection.names)} shapes by {len(collection.pairs)} pairs in {seconds:.1f} s", end="")
-    print(f" ({collection.run.num_reused} results reused)." if collection.run.num_reused else ".")
-    doubtful = _doubtful(collection)
+    seconds, doubtful = sum(collection.run.times_s.values()), _doubtful(collection)
+    reused = f" ({collection.run.num_reused} results reused)" if collection.run.num_reused else ""
+    say(f"Aligned {len(collection.names)} shapes by {len(collection.pairs)} pairs in {seconds:.1f} s{reused}.")
     if doubtful:
-        print(
-            f"Doubtful poses, look at them first: {', '.join(doubtful[:10])}{', ...' if len(doubtful) > 10 else ''}"
-        )
+        shown = [f"{name} ({percent(value) if value >= 0 else 'unknown'})" for name, value in doubtful.items()]
+        say(f"Doubtful poses, look at them first: {', '.join(shown[:10])}{', ...' if shown[10:] else ''}")
     for note in collection.notes:
-        print(f"Note: {note}")
+        say(f"Note: {note}")
     lost = [
         f"{name}: {note}"
         for name, notes in zip(collection.names, collection.made.shape_notes, strict=True)
@@ -243,13 +238,20 @@ def _finish(collection: Collection, written: Sequence[Path]) -> int:
     ]
     if lost:
         more = f" and {len(lost) - 1} more" if lost[1:] else ""
-        print(
-            f"Matched on a repaired copy ({lost[0]}){more}. Your files stay as they are; {ALIGNMENT_FILE} lists all."
-        )
+        say(f"Matched on a repaired copy ({lost[0]}){more}. Your files stay as they are; {ALIGNMENT_FILE} lists all.")
     if collection.run.skipped:
-        print(f"Skipped, no shapes: {', '.join(collection.run.skipped)}")
+        say(f"Skipped, no shapes: {', '.join(collection.run.skipped)}")
     for item in collection.excluded:
-        print(f"Left out: {item.file}: {item.reason}", file=sys.stderr)
-    for path in written:
-        print(path)
+        warn(f"Left out: {item.file}: {item.reason}")
+    tell(
+        shapes=len(collection.names),
+        pairs=len(collection.pairs),
+        seconds=seconds,
+        reused=collection.run.num_reused,
+        doubtful=[{"name": name, "confidence": value if value >= 0 else None} for name, value in doubtful.items()],
+        left_out=[{"file": item.file, "reason": item.reason} for item in collection.excluded],
+        skipped=collection.run.skipped,
+        notes=collection.notes,
+    )
+    say_files(written)
     return INCOMPLETE if collection.excluded else 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +10,7 @@ from cyclopts import Parameter
 from collalign.batch import estimate_job, read_batch
 from collalign.cli.align_command import align
 from collalign.cli.interruption import INCOMPLETE
+from collalign.cli.talk import say, tell, told_apart, warn
 from collalign.engine.run_options import RunOptions
 from data_tools.errors import CollalignError
 
@@ -30,17 +30,26 @@ def batch(
     dry_run
         Only estimate time, disk space and memory of all stages, from a trial with the first shapes of each folder.
     """
-    failed = False
+    failed, jobs = False, []
     for job in read_batch(file):
-        print(f"{job.folder} -> {job.out}")
-        try:
-            if dry_run:
-                print(f"  {estimate_job(job, run)}")
-            else:
-                failed |= align(job.folder, out=job.out, options=job.options, run=run) != 0
-        except BrokenPipeError:
-            raise
-        except (CollalignError, OSError) as error:
-            print(f"collalign: {error}", file=sys.stderr)
-            failed = True
+        say(f"{job.folder} -> {job.out}")
+        with told_apart() as told:
+            jobs.append(told)
+            tell(folder=str(job.folder), out=str(job.out))
+            try:
+                if dry_run:
+                    estimate = str(estimate_job(job, run))
+                    tell(estimate=estimate)
+                    say(f"  {estimate}")
+                else:
+                    code = align(job.folder, out=job.out, options=job.options, run=run)
+                    tell(exit_code=code)
+                    failed |= code != 0
+            except BrokenPipeError:
+                raise
+            except (CollalignError, OSError) as error:
+                warn(str(error))
+                tell(error=str(error), exit_code=error.exit_code if isinstance(error, CollalignError) else 1)
+                failed = True
+    tell(jobs=jobs)
     return INCOMPLETE if failed else 0

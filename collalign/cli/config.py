@@ -13,7 +13,7 @@ from data_tools.errors import OptionsError
 from data_tools.io.files import read_toml
 
 #: Options of the program itself; a configuration file holds those of a command.
-_OWN_OPTIONS = ("config", "verbose")
+_OWN_OPTIONS = ("config", "verbose", "quiet", "json", "log")
 
 
 class ConfigFile:

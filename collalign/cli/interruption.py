@@ -14,8 +14,8 @@ from types import FrameType
 
 from data_tools.errors import RunLost
 
-#: Exit codes of a run that left something out, and of one that was interrupted.
-INCOMPLETE, INTERRUPTED = 3, 130
+#: Exit codes: something was left out; ``status`` of a run that is not finished; interrupted.
+INCOMPLETE, UNFINISHED, INTERRUPTED = 3, 5, 130
 #: What every interruption says in the end.
 GO_ON = "run the same command to go on"
 

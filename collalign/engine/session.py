@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 from collalign.engine.jobs.job import Job, K, Results, Runner, T, Wanted, table_of_stored
-from collalign.engine.jobs.progress import ProgressBar
+from collalign.engine.jobs.progress import STAGES, ProgressBar, is_watched
 from collalign.engine.jobs.run import JobResult, SharedTable, end_runs, run_jobs
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import KINDS, STAGE
@@ -30,11 +30,10 @@ _BATCHES_OF_CLUSTER, _LEAST_CLUSTER_BATCH = 512, 8
 
 
 def progress_display(progress: ProgressFactory | bool) -> ProgressFactory | None:
-    """Return what shows the progress of a run: for True a bar where somebody watches a terminal or a notebook."""
+    """Return what shows the progress of a run: for True bars where somebody watches, lines where somebody listens."""
     if not isinstance(progress, bool):
         return progress
-    watched = sys.stderr.isatty() or "ipykernel" in sys.modules
-    return ProgressBar if progress and watched else None
+    return ProgressBar if progress and (is_watched() or STAGES.isEnabledFor(logging.INFO)) else None
 
 
 #: One step of what needs no worker, as a display counts it.

@@ -269,6 +269,7 @@ def test_status_counts(finished: tuple[Path, str], capsys: pytest.CaptureFixture
     report = json.loads(capsys.readouterr().out)
     assert (report["shapes"]["done"], report["pairs"]["done"], report["pairs"]["left"]) == (5, 10, 0)
     assert report["run"] == {"files": "5", "stage": "finished"}
+    assert (report["command"], report["exit_code"], report["finished"]) == ("status", 0, True)
     assert main(["status", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == report
 
@@ -280,7 +281,7 @@ def test_status_of_an_unfinished_run_says_the_stage_and_how_to_go_on(
         store.plan("shapes", {"a" * 40: "one.ply"})
         store.set_note("files", "3")
         store.set_note("stage", "confidence")
-    assert main(["status", str(tmp_path)]) == 0
+    assert main(["status", str(tmp_path)]) == 5
     said = capsys.readouterr().out
     assert "files: 3, of which 2 hold what another one holds" in said
     assert "shapes: 0 done, 0 failed, 1 left of 1" in said

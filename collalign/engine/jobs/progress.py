@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
-from typing import IO
+import logging
+import sys
+import time
+from contextvars import ContextVar
+from typing import IO, TYPE_CHECKING
 
 from tqdm import tqdm
 
-from collalign.engine.jobs.worker import Outcome
+if TYPE_CHECKING:
+    from collalign.engine.jobs.worker import Outcome
+
+#: Says every stage as it begins and each minute of it, for logs.
+STAGES = logging.getLogger("collalign.stages")
+#: Whether bars are drawn where somebody watches.
+SHOW_BARS: ContextVar[bool] = ContextVar("show_bars", default=True)
+_LINE_EVERY_S = 60.0
+
+
+def is_watched() -> bool:
+    """Whether somebody watches bars, on a terminal or in a notebook."""
+    return SHOW_BARS.get() and (sys.stderr.isatty() or "ipykernel" in sys.modules)
 
 
 class ProgressBar:
-    """Counts results, and shows rate, remaining time and failures on a terminal.
+    """Counts results, and shows rate, remaining time and failures where somebody watches; :data:`STAGES` hears of it.
 
     Parameters
     ----------
@@ -21,23 +37,15 @@ class ProgressBar:
     done : int
         How many earlier runs left; they do not count for the rate.
     file : optional
-        Standard error by default.
-    disable : bool
-        Show nothing.
+        Standard error by default, where somebody watches it.
     """
 
-    def __init__(
-        self,
-        description: str,
-        total: int,
-        *,
-        done: int = 0,
-        file: IO[str] | None = None,
-        disable: bool = False,
-    ) -> None:
+    def __init__(self, description: str, total: int, *, done: int = 0, file: IO[str] | None = None) -> None:
         unit = description.partition(" (")[0].rstrip("s")
-        self._bar = tqdm(desc=description, total=total, initial=done, file=file, unit=unit, disable=disable)
-        self._num_failed = 0
+        hidden = file is None and not is_watched()
+        self._bar = tqdm(desc=description, total=total, initial=done, file=file, unit=unit, disable=hidden)
+        self._description, self._total, self._num_done, self._num_failed = description, total, done, 0
+        self._say()
 
     def __call__(self, outcome: Outcome) -> None:
         """Count one result."""
@@ -49,6 +57,14 @@ class ProgressBar:
     def advance(self, num: int = 1) -> None:
         """Count so many results."""
         self._bar.update(num)
+        self._num_done += num
+        if time.monotonic() - self._said_s >= _LINE_EVERY_S:
+            self._say()
+
+    def _say(self) -> None:
+        self._said_s = time.monotonic()
+        failed = f", {self._num_failed} failed" if self._num_failed else ""
+        STAGES.info("%s: %d of %d%s", self._description, self._num_done, self._total, failed)
 
     def __enter__(self) -> ProgressBar:
         return self

@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.cli.interruption import resumable
+from collalign.cli.talk import say, say_files
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.output.certificates import CERTIFIER
@@ -52,6 +53,7 @@ def certify(
         found = certify_collection(result, shapes=shapes, options=options, run=replace(run, store=store))
         written = write_certification(found, output)
     written += tell_in_report(found, result, former)
-    for line in (*certification_summary(found), *written):
-        print(line)
+    for line in certification_summary(found):
+        say(line)
+    say_files(written)
     return 0

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from collalign.analysis.label_table import read_labels
+from collalign.cli.talk import say, tell, warn
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.classify.clouds import posed_clouds
@@ -27,7 +26,6 @@ def classify(
     by: str,
     singles: Singles = "leave-out",
     include_doubtful: Annotated[bool, Parameter(negative=())] = False,
-    as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Classify every shape by its nearest neighbour, leaving it out.
 
@@ -47,14 +45,12 @@ def classify(
         Whether labels that only one shape carries are left out of the count or count as wrong.
     include_doubtful
         Let shapes count whose pose is in doubt, and incomplete ones.
-    as_json
-        Print one JSON object instead of a table.
     """
     collection = load(result)
     table = read_labels(labels)
     values = table.column(by, collection.names)
     for sentence in table.mismatches(collection.names):
-        print(f"collalign: {sentence}", file=sys.stderr)
+        warn(sentence)
     who = statistics_members(
         collection, include_doubtful=include_doubtful, include_incomplete=include_doubtful, one_part=False
     )
@@ -65,8 +61,6 @@ def classify(
         names=[collection.names[at] for at in chosen],
         singles=singles,
     )
-    if as_json:
-        print(json.dumps(found.as_dict() | {"left_out": dict(who.left_out)}, indent=1))
-    else:
-        print("\n".join(filter(None, [found.table(), _DISTANCES, who.sentence])))
+    tell(**found.as_dict(), left_out=dict(who.left_out))
+    say("\n".join(filter(None, [found.table(), _DISTANCES, who.sentence])))
     return 0

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from collalign.cli.talk import say_files, warn
 from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, Space, left_out_sentence
 from collalign.tools.export.run import export as write_export
@@ -40,7 +40,6 @@ def export(
     collection = load(result)
     paths = write_export(collection, format, to, space=space, sources=sources, include_doubtful=include_doubtful)
     if sentence := left_out_sentence(collection, format, space, include_doubtful=include_doubtful):
-        print(f"collalign: {sentence}", file=sys.stderr)
-    for path in paths:
-        print(path)
+        warn(sentence)
+    say_files(paths)
     return 0

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json as json_text
-import sys
+import json
 import time
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from scipy.spatial import cKDTree
 
+from collalign.cli.talk import say, say_files, tell
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.options import TwoShapeOptions
@@ -38,7 +38,6 @@ def match(
     source: Path,
     *,
     out: Path | None = None,
-    json: Annotated[bool, Parameter(negative=())] = False,
     nonrigid: Annotated[bool, Parameter(negative=())] = False,
     landmarks: tuple[Path, ...] = (),
     partial: Annotated[bool, Parameter(negative=())] = False,
@@ -59,8 +58,6 @@ def match(
         Folder for the result: match.json and match.png, or the map both ways with its page and coloured surfaces. In
         match.json the first "transform" is the answer, those of the candidates are about the samples alone. Maps go
         to the folder ``map`` by default.
-    json
-        Print match.json instead of a summary.
     nonrigid
         Match deformable shapes; the options of deformation and surface belong to this.
     landmarks
@@ -79,10 +76,10 @@ def match(
     if partial:
         if options.certify:
             raise OptionsError("--partial works on surfaces: --certify is for samples")
-        return _match_partial(target, source, out, options, json=json)
+        return _match_partial(target, source, out, options)
     found = match_rigid(target, source, options=options)
-    text = json_text.dumps(found.record(), indent=1)
-    print(text if json else _summary(found))
+    tell(**found.record())
+    say(_summary(found))
     if out is not None:
         _write_rigid(found, target, source, out, options.cleaning)
     return 0
@@ -105,15 +102,16 @@ def _summary(found: RigidMatch) -> str:
     return "\n".join([words, *("".join(f"{value:14.6g}" for value in row) for row in found.transform)])
 
 
-def _match_partial(target: Path, source: Path, out: Path | None, options: TwoShapeOptions, *, json: bool) -> int:
+def _match_partial(target: Path, source: Path, out: Path | None, options: TwoShapeOptions) -> int:
     """Print and write the pose of two surfaces that overlap in part."""
     found = match_in_part(target, source, options=options)
-    best, text = found.poses[0], json_text.dumps(found.record(), indent=1)
+    best = found.poses[0]
     doubt = " (in doubt)" if found.confidence < DOUBT else ""
     words = f"{found.source} -> {found.target}: confidence {percent(found.confidence)}{doubt}; "
     words += f"{percent(best.overlap_source)} of it lies on {percent(best.overlap_target)} of the other"
     rows = ("".join(f"{value:14.6g}" for value in row) for row in found.transform)
-    print(text if json else "\n".join([words, *rows]))
+    tell(**found.record())
+    say("\n".join([words, *rows]))
     if out is not None:
         _write_rigid(found, target, source, out, options.cleaning)
     return 0
@@ -124,12 +122,11 @@ def _write_rigid(
 ) -> None:
     """Write the record and a picture of both shapes in one pose, equal colours where they lie on each other."""
     with OutputFolder.open(out, writer=WRITER) as output:
-        output.stage("match.json").write_text(json_text.dumps(found.record(), indent=1), encoding="utf-8")
+        output.stage("match.json").write_text(json.dumps(found.record(), indent=1), encoding="utf-8")
         left, right = (read_shape(file, cleaning) for file in (target, source))
         nearest = cKDTree(left.vertices).query(right.transformed(found.transform).vertices)[1]
         draw_match(output.stage("match.png"), left, right, nearest)
-        for path in output.publish():
-            print(path)
+        say_files(output.publish())
 
 
 def _match_nonrigid(
@@ -143,7 +140,7 @@ def _match_nonrigid(
     """Write the map of all vertices and its picture; say what is known about it."""
     with (
         OutputFolder.open(out, writer=WRITER) as output,
-        ProgressBar("steps", 4, disable=not sys.stderr.isatty()) as bar,
+        ProgressBar("steps", 4) as bar,
     ):
         output.refuse_foreign(NONRIGID_FILES)
         started = time.perf_counter()
@@ -157,14 +154,12 @@ def _match_nonrigid(
         written = output.publish()
         bar.advance()
     best = result.candidates[0]
-    print(
-        f"{result.source_name} -> {result.target_name}: confidence {percent(result.confidence)}, {best.orientation}"
-    )
-    print(
+    say(f"{result.source_name} -> {result.target_name}: confidence {percent(result.confidence)}, {best.orientation}")
+    say(
         f"{percent(result.bijectivity)} of the samples come back near themselves; {len(result.candidates)} candidates"
     )
     for note in result.notes:
-        print(f"Note: {note}")
-    for path in written:
-        print(path)
+        say(f"Note: {note}")
+    tell(confidence=result.confidence, orientation=best.orientation, notes=result.notes)
+    say_files(written)
     return 0

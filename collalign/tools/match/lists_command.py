@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.cli.interruption import INCOMPLETE, resumable
+from collalign.cli.talk import say, tell, warn
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session, progress_display
 from collalign.engine.store.layout import STORE_FILE
@@ -51,12 +51,13 @@ def maps(
             found = match_surfaces(session, listed)
         for (target, source), one in zip(listed, found, strict=True):
             if isinstance(one, Excluded):
-                print(f"Left out: {one.file}: {one.reason}", file=sys.stderr)
+                warn(f"Left out: {one.file}: {one.reason}")
                 continue
-            print(f"{target.name} <- {source.name}: confidence {percent(one.confidence)}")
+            say(f"{target.name} <- {source.name}: confidence {percent(one.confidence)}")
             write_atomic(output.stage(f"{target.stem}__{source.stem}.npz"), one.npz)
             write_atomic(output.stage(f"{target.stem}__{source.stem}.txt"), one.text)
         output.publish(complete=True)
     num_failed = sum(isinstance(one, Excluded) for one in found)
-    print(f"{len(found) - num_failed} of {len(found)} maps are in {out}")
+    say(f"{len(found) - num_failed} of {len(found)} maps are in {out}")
+    tell(maps=len(found) - num_failed, left_out=[vars(one) for one in found if isinstance(one, Excluded)])
     return INCOMPLETE if num_failed else 0

@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.cli.interruption import resumable
+from collalign.cli.talk import say, say_files
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.output.evidence.loading import load
@@ -37,6 +38,7 @@ def stability(
         output.refuse_foreign(FILES)
         found = check_stability(result, options=options, run=replace(run, store=store))
         written = write_stability(found, output)
-    for line in (*stability_summary(found), *written):
-        print(line)
+    for line in stability_summary(found):
+        say(line)
+    say_files(written)
     return 0

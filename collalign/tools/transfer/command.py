@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace as with_changes
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +10,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from collalign.cli.interruption import INCOMPLETE, resumable
+from collalign.cli.talk import say, say_files, tell, warn
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.output.evidence.loading import load
@@ -92,21 +92,23 @@ def transfer(
         include_doubtful=include_doubtful,
     )
     if sentence := left_out_sentence(collection, format, space, include_doubtful=include_doubtful):
-        print(f"collalign: {sentence}", file=sys.stderr)
-    for path in (*paths, *write_transfer(found, to, leave_one_out=leave_one_out)):
-        print(path)
+        warn(sentence)
+    say_files((*paths, *write_transfer(found, to, leave_one_out=leave_one_out)))
     return _summarise(found, leave_one_out=leave_one_out)
 
 
 def _summarise(found: TransferredLandmarks, *, leave_one_out: bool) -> int:
     """Print what came out and return the exit code."""
     if leave_one_out:
-        print(left_out_summary(found))
+        say(left_out_summary(found))
     for note in found.notes:
-        print(f"Note: {note}")
+        say(f"Note: {note}")
+    left_out: dict[str, object] = {}
     missing = np.isnan(found.points).any(axis=2).sum(axis=1)
     for name, count, status in zip(found.names, missing.tolist(), found.status, strict=True):
         if count:
             reasons = sorted({reason for reason in status if reason.startswith(("abstained", "missing"))})
-            print(f"{name}: {count} of {len(found.labels)} landmarks left out; {', '.join(reasons)}")
+            left_out[name] = {"landmarks": count, "reasons": reasons}
+            say(f"{name}: {count} of {len(found.labels)} landmarks left out; {', '.join(reasons)}")
+    tell(notes=found.notes, left_out=left_out)
     return INCOMPLETE if missing.any() else 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace as with_changes
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +10,7 @@ from cyclopts import Parameter
 
 from collalign.analysis.label_table import read_labels
 from collalign.cli.interruption import resumable
+from collalign.cli.talk import say_files, warn
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.output.evidence.loading import load
@@ -71,6 +71,6 @@ def variation(
             run=with_changes(run, store=store),
         )
     if sentence := statistics_members(collection, include_doubtful=include_doubtful).sentence:
-        print(f"collalign: {sentence}", file=sys.stderr)
-    print(to / PAGE_FILE)
+        warn(sentence)
+    say_files([to / PAGE_FILE])
     return 0

@@ -25,7 +25,7 @@ def test_one_screen_first_and_everything_when_asked_for(capsys: pytest.CaptureFi
     assert main(["align", "--help-all"]) == 0
     everything = capsys.readouterr().out
     named = {argument.name for argument in app["align"].assemble_argument_collection() if argument.show}
-    named |= {"--config", "--verbose"}
+    named |= {"--config", "--verbose", "--quiet", "--json", "--log"}
     assert named <= options_in(everything)
     shown = options_in(first) & named
     assert {"--folder", "--out", "--group", "--jobs"} <= shown < named
@@ -41,3 +41,8 @@ def test_commands_with_few_options_show_them_all(command: str, capsys: pytest.Ca
         assert main([command, flag]) == 0
         assert "--help-all shows" not in (said := capsys.readouterr().out)
         assert "--result" in options_in(said)
+
+
+def test_help_shows_first_what_a_command_is_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["transfer", "--help"]) == 0
+    assert {"--result", "--landmarks", "--to", "--format"} <= options_in(capsys.readouterr().out)

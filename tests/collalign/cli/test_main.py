@@ -73,7 +73,7 @@ def test_ctrl_c_says_what_is_kept_and_how_to_go_on(presses: int, folder: Path, t
         "run the same command to go on"
     )
     assert not (tmp_path / "alignment.json").exists()
-    assert main(["status", str(tmp_path)]) == 0
+    assert main(["status", str(tmp_path)]) == 5
 
 
 def test_ctrl_c_before_anything_began_has_a_message_too() -> None:

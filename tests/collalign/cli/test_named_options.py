@@ -18,9 +18,11 @@ MODULES = [path for package in ("collalign", "pairwise", "data_tools") for path 
 OPTION = re.compile(r"(?<![\w/(-])--[a-z][a-z0-9]*(?:[.-][a-z0-9]+)*(?![\w:.-]*[:(])")
 #: A call of a command, in a code block or between backquotes, on one line.
 CALL = re.compile(r"collalign ([a-z]+)((?: [^`\n|]*)?)")
+#: A word where a command's name belongs: after backquotes, at the beginning of a line, or after a folder of programs.
+COMMAND = re.compile(r"(?:`|/bin/|^\$ |^(?=\w+ \w+ .*--))collalign ([a-z]+)\b", re.MULTILINE)
 #: Of the program itself, of `python -m experiments`, of the scripts below tests, and of Dask, pip and ruff.
 OTHERS = {
-    *("--config", "--verbose", "--help", "--help-all", "--version"),
+    *("--config", "--verbose", "--quiet", "--json", "--log", "--help", "--help-all", "--version"),
     *("--data", "--quick"),
     *("--only", "--random", "--stores", "--shapes", "--certificates", "--kills", "--signals"),
     *("--nthreads", "--nworkers", "--port", "--check"),
@@ -47,11 +49,17 @@ def misplaced(text: str, commands: Mapping[str, set[str]]) -> set[str]:
     return {f"collalign {name}{rest}" for name, rest in calls if unknown(rest, commands[name] | OTHERS)}
 
 
+def gone(text: str, commands: Iterable[str]) -> set[str]:
+    """Return the commands that a text calls and that are not there."""
+    return set(COMMAND.findall(text)) - set(commands)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_options_of_pages_exist(page: Path, commands: dict[str, set[str]]) -> None:
     text = page.read_text("utf-8")
     assert not unknown(text, set.union(OTHERS, *commands.values()))
     assert not misplaced(text, commands)
+    assert page.name == "CHANGELOG.md" or not gone(text, commands), "only the changelog speaks of what went"
 
 
 def test_options_in_messages_and_docstrings_exist(commands: dict[str, set[str]]) -> None:
@@ -63,10 +71,13 @@ def test_options_in_messages_and_docstrings_exist(commands: dict[str, set[str]])
         texts = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
         assert not unknown("\n".join(texts), known), module
         assert not misplaced("\n".join(texts), commands), module
+        assert not gone("\n".join(texts), commands), module
 
 
 def test_wrong_names_are_noticed(commands: dict[str, set[str]]) -> None:
     assert unknown("give --num-pionts more, or `--group`", commands["align"]) == {"--num-pionts"}
     assert not unknown("color: var(--ink); --card: #fff", commands["align"])
+    assert gone("run `collalign poses OUT`, or .venv/bin/collalign algin FOLDER", commands) == {"poses", "algin"}
+    assert not gone("`collalign align`; collalign matches pairs", commands)
     assert misplaced("`collalign verify OUT --certify`", commands) == {"collalign verify OUT --certify"}
     assert not misplaced("`collalign align FOLDER --out OUT --certify` and `--json`", commands)
