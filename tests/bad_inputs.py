@@ -92,7 +92,7 @@ def write_bad_inputs(folder: Path, *, every: int = 1) -> int:
 
 def unaccounted(folder: Path, collection: Collection) -> set[str]:
     """Return the entries of a folder that a result says nothing about."""
-    told = {file.name for file in collection.files} | {item.file for item in collection.excluded}
+    told = {Path(file).name for file in collection.files} | {item.file for item in collection.excluded}
     readable = {os.fsencode(entry).decode("utf-8", "backslashreplace"): entry for entry in os.listdir(folder)}
     return {name for name, entry in readable.items() if not {name, entry} & (told | set(collection.run.skipped))}
 

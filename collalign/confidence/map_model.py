@@ -25,7 +25,8 @@ LEAST_AGREEMENT = 0.02
 #: whether a candidate is right, fitted on the 298 candidates of 20 pairs of SCAPE, centaurs, ants, glasses, teddies,
 #: humans and armadillos, and cats and dogs, of surfaces of up to 25 000 triangles. With each set judged by weights
 #: fitted without it, right candidates rank above wrong ones in 88 %, and stated and right differ by .04; among the
-#: twenty chosen ones, in 81 % and by .21. ``python -m experiments calibrate maps`` fits them again, on more pairs.
+#: twenty chosen ones, in 81 % and by .21 (five bins). ``python -m experiments calibrate maps`` fits them again, on
+#: more pairs.
 MAP_WEIGHTS, MAP_CONSTANT = (6.0, 0.7, 1.6), -7.9
 #: Weights of the logarithm of agreement at a point, of the negative logarithm of the distance at which it comes back,
 #: and of the log-odds of the whole map, and the constant: fitted likewise on the points of the same candidates. On
