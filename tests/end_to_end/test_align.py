@@ -383,7 +383,7 @@ def test_certification_proves_pairs_and_says_so(
 ) -> None:
     out = tmp_path / "out"
     flags = ["--sampling.num-points", "8", "--sampling.num-dense-points", "0", "--jobs", "1", "--certify"]
-    flags += ["--certify-pair-s", "1", "--certify-budget-s", "3"]
+    flags += ["--certify-pair-s", "60", "--certify-budget-s", "240"]
     assert main(["align", str(folder), "--out", str(out), *flags]) == 0
     with open(out / "pairs.csv", newline="") as table:
         rows = list(csv.DictReader(table))
