@@ -3,8 +3,6 @@
 A run has to name every one of them, with a reason or as no shape, or to align it.
 """
 
-from __future__ import annotations
-
 import argparse
 import io
 import json

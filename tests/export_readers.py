@@ -1,7 +1,5 @@
 """Readers by the rules of the programs that have none packaged for Python: geomorph's morphologika, plain tables."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Runs a command to its end while killing it, or one of its workers, at random instants."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

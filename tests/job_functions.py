@@ -1,7 +1,5 @@
 """Functions for the tests of jobs: they live in a module so that worker processes can import them."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal

@@ -4,8 +4,6 @@ Nothing here calls the numerical code under test: rotations, maps and lifted con
 definitions. ``tests/test_oracles.py`` shows that each oracle rejects a wrong answer.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A catalogue of small Procrustes matching problems with known answers, shared by the tests of every solver."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -3,8 +3,6 @@
 Usage: python3 tests/readme_commands.py {demo,test}
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Small problems of every variant of PM-SDP, drawn by Hypothesis, and their comparison with the CVXPY reference."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

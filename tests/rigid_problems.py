@@ -1,7 +1,5 @@
 """Small random and degenerate problems over SO(2), SO(3), O(2), O(3), whose optimum brute force can find."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

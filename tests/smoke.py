@@ -3,8 +3,6 @@
 Usage: python smoke.py FOLDER, in the environment to be tried; nothing of the checkout is needed.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import sysconfig

@@ -1,7 +1,5 @@
 """Planted synchronization problems with known answers, for the tests and the benchmarks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import networkx

@@ -1,7 +1,5 @@
 """CONTRIBUTING.md shows the house as it is: its rooms, the way of a pair, and where something new goes."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Every bash and python block of the documentation runs, in order; `console` and `py` blocks need a cluster."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

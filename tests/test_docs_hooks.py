@@ -1,7 +1,5 @@
 """The documentation's equations and roles, as mkdocs writes them."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Every example in a docstring runs, and what a newcomer calls explains itself on one screen."""
 
-from __future__ import annotations
-
 import doctest
 import pydoc
 from importlib import import_module

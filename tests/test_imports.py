@@ -1,7 +1,5 @@
 """Heavy packages are imported when they are needed, and one that is missing is named with the way to get it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from importlib import import_module

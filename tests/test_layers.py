@@ -1,7 +1,5 @@
 """The three packages import only downwards, and heavy libraries only where they are used."""
 
-from __future__ import annotations
-
 import ast
 from collections import Counter
 from pathlib import Path

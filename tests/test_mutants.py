@@ -1,7 +1,5 @@
 """The list of mutants fits the code, and the runner tells killed ones from survivors."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Each oracle accepts the right answer and rejects wrong ones; the catalogue's answers agree with brute force."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The wheel and the source archive hold what they must, and the wheel alone works."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The README's commands and the files it names are there."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

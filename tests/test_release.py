@@ -1,7 +1,5 @@
 """What makes a release, checked as far as it can be without a forge, conda or Docker."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Generated collections as the report and the exports receive them, with everything known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

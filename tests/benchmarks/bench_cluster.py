@@ -7,8 +7,6 @@ larger collection would take on more and more workers, all in proportion to the 
 is the network: ``--bytes-per-s`` is what the scheduler's machine sends (1.25e9 is ten gigabits).
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import logging

@@ -5,8 +5,6 @@ process, on one thread, and both sides are processor seconds: other work on the 
 clock would compare a quiet trial with a loaded run. ``start`` is zero then: there are no workers to start.
 """
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import tempfile

@@ -4,8 +4,6 @@ Prints a table of Markdown, one row per tool and collection as soon as it is mea
 its own with one thread or worker, from the files to the rotations, with what it has to import.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import multiprocessing

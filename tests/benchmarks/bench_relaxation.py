@@ -5,8 +5,6 @@ this process (so that other users of the machine count less). The dual's least t
 one; SCS runs at 1e-4, and the set-up of CVXPY is not counted.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable

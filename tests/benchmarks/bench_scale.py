@@ -6,8 +6,6 @@ changes these), the peak memory of the parent and of the largest worker, the err
 exponent of the processor time against the number of shapes; ``--plot`` draws it.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import resource

@@ -6,8 +6,6 @@ Prints, per setting, the share of shapes within 20 degrees, the share of runs wi
 the worst error, for both methods on the same data; then flipped blocks and chirality.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ outputs must be those of one complete run, or lack the summary. At the end the r
 run, and nothing temporary is left.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

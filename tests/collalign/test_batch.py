@@ -1,7 +1,5 @@
 """Batch files: read with care, estimated without being run, run one after the other."""
 
-from __future__ import annotations
-
 import errno
 import math
 import os

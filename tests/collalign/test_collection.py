@@ -1,7 +1,5 @@
 """What a person does with a result in a notebook, just made or read from its folder."""
 
-from __future__ import annotations
-
 import pickle
 import sys
 from html.parser import HTMLParser

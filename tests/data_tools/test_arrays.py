@@ -1,7 +1,5 @@
 """Validators accept what is right, copy it, and refuse what is wrong by name."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Plain pages: texts of users stay texts, and nothing is loaded."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from data_tools.html_pages import html_figure, html_table, write_html_page

@@ -1,7 +1,5 @@
 """Confidences read alike everywhere."""
 
-from __future__ import annotations
-
 import pytest
 
 from data_tools.percent import percent

@@ -1,7 +1,5 @@
 """Similarities of one shape and of many, and the greedy choice of rotations that lie apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Folders of meshes through the whole line, as a user runs it."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import io

@@ -1,7 +1,5 @@
 """A part of :mod:`tests.bad_inputs` with every run of the tests; all 300 by ``python -m tests.bad_inputs``."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

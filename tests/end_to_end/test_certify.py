@@ -1,7 +1,5 @@
 """The certification of a collection, as a user runs it, on generated shapes."""
 
-from __future__ import annotations
-
 import html
 import json
 import shutil

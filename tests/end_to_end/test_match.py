@@ -1,7 +1,5 @@
 """``collalign match`` on two files, rigid and deformable."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What follows from a broken shape in all that is made of a result: nothing is invented where it has nothing."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -1,7 +1,5 @@
 """No command deletes or overwrites a file that no command wrote, or writes outside of the folder that it is given."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import shutil

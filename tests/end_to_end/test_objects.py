@@ -1,7 +1,5 @@
 """A collection that lies in memory is aligned exactly like the same collection in a folder."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Folders that are unusual but allowed: odd file names, the same file many times."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

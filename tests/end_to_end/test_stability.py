@@ -1,7 +1,5 @@
 """The check of a result's stability, as a user runs it, on generated shapes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

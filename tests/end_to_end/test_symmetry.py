@@ -1,7 +1,5 @@
 """Asymmetry that was planted in generated bilateral shapes is found from their files, as a user does it."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Landmarks carried over a generated collection whose true places are known, as a user does it."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Landmarks of bodies that bend: maps of all vertices bring them to limbs that moved, poses alone do not."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

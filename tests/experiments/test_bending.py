@@ -1,7 +1,5 @@
 """What the best poses could come to: nothing where the truth is consistent, something where it is not."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tuned constants are listed as the code has them, and measured on what is named."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from math import isfinite
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The collections and the classification: their parts, and each from end to end on generated layouts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Theorem 3: every symmetry of an exactly symmetric shape is found, as often as backtracking finds it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

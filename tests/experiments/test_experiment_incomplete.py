@@ -1,7 +1,5 @@
 """Rows of the experiment on cut shapes, and a pair of them with data."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What is done to shapes before invariants are compared, and the experiment end to end on generated shapes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

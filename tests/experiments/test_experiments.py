@@ -1,7 +1,5 @@
 """The experiments' framework: cells are kept and resumed, tables compare, the committed page is made of its parts."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The experiments of the paper's figures: their parts, and each from end to end on generated collections."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The full lifted relaxation has the value of PM-SDP: the claim of chordality, checked on every variant."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Poses by landmarks, vertices and mirror pairs of landmarks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The experiments of the matcher: their parts, and each from end to end on generated layouts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

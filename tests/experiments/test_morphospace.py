@@ -1,7 +1,5 @@
 """Likeness of morphospaces: 1 for the same up to a similarity, less for others."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from data_tools.rotations import random_rotation

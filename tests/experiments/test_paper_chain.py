@@ -1,7 +1,5 @@
 """The paper's own chain of non-rigid matching runs to its end, and its ICP finds a rotation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

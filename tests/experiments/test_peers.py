@@ -1,7 +1,5 @@
 """The comparison with other tools, the jobs of teeth and the deformed families: their parts and their quick runs."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Measures of a confidence: honest statements pass, overconfident and shuffled ones do not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

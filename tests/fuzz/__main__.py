@@ -4,8 +4,6 @@
 ``--folders N`` forges N folders of a result, ``--overlaps N`` runs N of the ways in which output and input overlap.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

@@ -4,8 +4,6 @@ What is true is read from the folder without the verifier: the energy of some ar
 lower bound may exceed.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """Damages files, hands them to a target in a guarded worker, and counts how each ended."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """Forged certificates by the thousand: none may prove more than brute force finds, or end in an unclear error."""
 
-from __future__ import annotations
-
 import contextlib
 import warnings
 from collections import Counter

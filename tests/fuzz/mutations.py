@@ -1,7 +1,5 @@
 """Random damage to the bytes of a file: what disks, editors, converters and attackers do."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

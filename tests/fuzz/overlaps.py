@@ -1,7 +1,5 @@
 """Every command with its output in every way over, in or around its input: nothing of the user's is lost."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import itertools

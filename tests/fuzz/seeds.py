@@ -1,7 +1,5 @@
 """Small good files of every kind that the project reads, to be damaged."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is done to a damaged file: each ends in a value, or in an error that the project raises on purpose."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

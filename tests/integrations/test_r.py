@@ -1,7 +1,5 @@
 """The R package reads what a run writes, and refuses what is none of it. Skips without Rscript and jsonlite."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

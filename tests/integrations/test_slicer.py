@@ -1,7 +1,5 @@
 """The Slicer module's logic, without Slicer: results, coordinates, command line; and that its files are in place."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

@@ -6,8 +6,6 @@ places over the three packages instead of the list. ``--record FOLDER`` runs all
 functions each calls; with ``--calls FOLDER`` a fault is shown to the tests that call what it changes.
 """
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from pathlib import Path

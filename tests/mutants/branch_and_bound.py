@@ -1,7 +1,5 @@
 """Faults in branch and bound: bounds that are none, cells that do not cover, a status that was not earned."""
 
-from __future__ import annotations
-
 from tests.mutants.place import Mutant, faults
 
 _T = "tests/pairwise/branch_and_bound/"

@@ -3,8 +3,6 @@
 One run of all tests with ``-p tests.mutants.calls`` writes a file per process into the folder that ``CALLS`` names.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import os

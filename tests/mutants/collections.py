@@ -1,7 +1,5 @@
 """Faults in what makes, keeps and shows a collection (:mod:`collalign`) and in reading shapes (:mod:`data_tools`)."""
 
-from __future__ import annotations
-
 from tests.mutants.place import MODULE, Mutant, faults
 
 _SYNC = "collalign/synchronization/"

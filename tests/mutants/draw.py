@@ -1,7 +1,5 @@
 """Faults at places drawn at random over the three packages, for the tests of the modules and their users."""
 
-from __future__ import annotations
-
 import ast
 import random
 from collections.abc import Iterator, Sequence
@@ -32,6 +30,35 @@ class Change:
     start: int
     end: int
     new: str
+
+
+class _Offsets:
+    """Where nodes begin and end in a text, in characters."""
+
+    def __init__(self, source: str) -> None:
+        self._source = source
+        self._lines = source.splitlines(keepends=True)
+        self._starts = [0]
+        for line in self._lines:
+            self._starts.append(self._starts[-1] + len(line))
+
+    def start(self, node: ast.AST) -> int:
+        return self._at(node.lineno, node.col_offset)  # type: ignore[attr-defined]
+
+    def end(self, node: ast.AST) -> int:
+        return self._at(node.end_lineno, node.end_col_offset)  # type: ignore[attr-defined]
+
+    def between(self, left: ast.AST, right: ast.AST, operator: str) -> Change:
+        """Replace the operator between two operands, and no parenthesis or line break around it."""
+        start, end = self.end(left), self.start(right)
+        text = self._source[start:end]
+        inner = text.strip("() \n\t")
+        at = start + text.index(inner)
+        return Change(at, at + len(inner), operator)
+
+    def _at(self, line: int, column: int) -> int:
+        """Columns of the syntax tree are bytes."""
+        return self._starts[line - 1] + len(self._lines[line - 1].encode()[:column].decode())
 
 
 def draw(root: Path, num: int, seed: int) -> list[Mutant]:
@@ -105,35 +132,6 @@ def _is_type_or_text(node: ast.expr) -> bool:
     return isinstance(node, ast.JoinedStr) or (
         isinstance(node, ast.Name) and node.id[0].isupper() and not node.id.isupper()
     )
-
-
-class _Offsets:
-    """Where nodes begin and end in a text, in characters."""
-
-    def __init__(self, source: str) -> None:
-        self._source = source
-        self._lines = source.splitlines(keepends=True)
-        self._starts = [0]
-        for line in self._lines:
-            self._starts.append(self._starts[-1] + len(line))
-
-    def start(self, node: ast.AST) -> int:
-        return self._at(node.lineno, node.col_offset)  # type: ignore[attr-defined]
-
-    def end(self, node: ast.AST) -> int:
-        return self._at(node.end_lineno, node.end_col_offset)  # type: ignore[attr-defined]
-
-    def between(self, left: ast.AST, right: ast.AST, operator: str) -> Change:
-        """Replace the operator between two operands, and no parenthesis or line break around it."""
-        start, end = self.end(left), self.start(right)
-        text = self._source[start:end]
-        inner = text.strip("() \n\t")
-        at = start + text.index(inner)
-        return Change(at, at + len(inner), operator)
-
-    def _at(self, line: int, column: int) -> int:
-        """Columns of the syntax tree are bytes."""
-        return self._starts[line - 1] + len(self._lines[line - 1].encode()[:column].decode())
 
 
 def as_mutant(source: str, change: Change) -> Mutant:

@@ -2,8 +2,6 @@
 
 # ruff: noqa: E501
 
-from __future__ import annotations
-
 #: By the text of the mutant.
 EQUIVALENT: dict[str, str] = {
     "pairwise/certificates/verify_pm_sdp.py _quadratic_upper_bounds: '    gamma = 2.0 * (len(F) + 4) * _EPS' -> '    gamma = 2.0 * (len(F) + 5) * _EPS'": "a wider allowance for rounding stays sound",

@@ -1,7 +1,5 @@
 """Faults in what is said of incomplete shapes: margins that were not earned, marks that lack."""
 
-from __future__ import annotations
-
 from tests.mutants.place import Mutant, faults
 
 _MISSING = ("tests/end_to_end/test_missing_regions.py",)

@@ -1,7 +1,5 @@
 """A place of the code and a fault to put there, named by function and text so that it survives moves of lines."""
 
-from __future__ import annotations
-
 import ast
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """All places, in the order in which they are tried."""
 
-from __future__ import annotations
-
 from tests.mutants.branch_and_bound import BRANCH_AND_BOUND
 from tests.mutants.collections import COLLECTIONS, ENGINE, NONRIGID, SHAPES
 from tests.mutants.incomplete import INCOMPLETE

@@ -1,7 +1,5 @@
 """Faults in the proofs and in the search for poses (:mod:`pairwise`)."""
 
-from __future__ import annotations
-
 from tests.mutants.place import MODULE, Mutant, faults
 
 _C = "tests/pairwise/certificates/"

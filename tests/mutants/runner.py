@@ -4,8 +4,6 @@ mutmut and cosmic-ray choose places themselves and run all tests for each, which
 list of places with the few test files that should notice, so that the share of killed mutants can be compared.
 """
 
-from __future__ import annotations
-
 import importlib
 import multiprocessing
 import os

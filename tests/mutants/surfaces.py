@@ -1,7 +1,5 @@
 """Faults in left and right, in semilandmarks of curves, and in what landmarks may not be carried to."""
 
-from __future__ import annotations
-
 from tests.mutants.place import Mutant, faults
 
 SURFACES: tuple[Mutant, ...] = (

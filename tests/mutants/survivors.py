@@ -1,7 +1,5 @@
 """Faults drawn at random that no test noticed once."""
 
-from __future__ import annotations
-
 from tests.mutants.place import MODULE, faults
 
 SURVIVORS = (

@@ -1,7 +1,5 @@
 """Faults in what is said about the trust in poses (:mod:`collalign.stages.trust`)."""
 
-from __future__ import annotations
-
 from tests.mutants.place import MODULE, Mutant, faults
 
 _TESTS = ("tests/collalign/stages/test_trust.py",)

@@ -1,7 +1,5 @@
 """Candidates: ranking, the best of each chirality, and poses that are found later."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

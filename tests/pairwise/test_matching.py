@@ -1,7 +1,5 @@
 """The matcher: global optimum on the catalogue, alternatives, chirality, proof, invariances, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

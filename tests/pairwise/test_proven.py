@@ -1,7 +1,5 @@
 """When a pose counts as proven: never without its bound, and never by more than was asked for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a second alignment keeps does not depend on its frame, and one that moves is found."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Symmetric and asymmetric components come back from shapes that were made of known ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What a file or a word says reaches its option unchanged, or is refused by name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The help fits a screen first, and all of it is there when asked for."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """The command as a process: its streams, its messages and its exit codes, whatever the other end does."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

@@ -1,7 +1,5 @@
 """Options that messages and pages name are there."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterable, Mapping

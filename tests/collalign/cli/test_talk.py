@@ -1,7 +1,5 @@
 """What commands say to people, to programs and to logs."""
 
-from __future__ import annotations
-
 import json
 import logging
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How sure a pose is: nearly tied rivals make doubt, more targets make certainty."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Two sides are found in planted preferences, and not in noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

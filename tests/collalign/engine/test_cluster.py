@@ -1,7 +1,5 @@
 """Clusters that are not there, or go away in the middle: a message in good time, and nothing finished is lost."""
 
-from __future__ import annotations
-
 import signal
 import socket
 import subprocess

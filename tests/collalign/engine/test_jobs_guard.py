@@ -1,7 +1,5 @@
 """What is concluded from deaths of workers and from the ledger, without any worker."""
 
-from __future__ import annotations
-
 import faulthandler
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Ctrl-C meets worker processes and the pool's threads at the worst instants."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

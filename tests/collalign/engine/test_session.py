@@ -1,7 +1,5 @@
 """A session computes what its store lacks, keeps results and failures, and counts what it found there."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace

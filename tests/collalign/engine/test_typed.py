@@ -1,7 +1,5 @@
 """Dataclasses come back from records as they were, and records that cannot be are refused."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any
 

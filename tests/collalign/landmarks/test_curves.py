@@ -1,7 +1,5 @@
 """Semilandmarks of curves and patches: evenly spaced, counted alike, one table for all templates."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Landmarks are brought into their template's coordinates, and refused with a remedy where they do not lie on it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Functional maps: nearest rows by brute force, ICP and ZoomOut repair perturbed maps, bad input is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Maps that are smooth both ways, and tips of limbs: matched as all matchings together say, and mended where torn."""
 
-from __future__ import annotations
-
 from itertools import permutations
 
 import numpy as np

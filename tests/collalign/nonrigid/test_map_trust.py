@@ -1,7 +1,5 @@
 """How far maps can be trusted: what speaks for a map raises its confidence, wrong places lower their own."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Evidence for a map, masks and the graph operator, on numbers that are known."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

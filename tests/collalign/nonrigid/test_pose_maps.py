@@ -1,7 +1,5 @@
 """Maps that start from rigid poses: they find the pose of a bent figure and know the right start from a wrong one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From where a collection is looked at."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """The report in a real headless Chromium: it loads, draws, answers to mouse and keyboard, and stays offline."""
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 from collections.abc import Iterator

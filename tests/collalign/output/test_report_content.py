@@ -1,7 +1,5 @@
 """What goes into the page, without a browser."""
 
-from __future__ import annotations
-
 import base64
 import dataclasses
 import gzip

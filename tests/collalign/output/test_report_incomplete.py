@@ -1,7 +1,5 @@
 """What the page says and draws of incomplete shapes."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What files, report and its pages know of the maps of all vertices: a colour by place for every vertex."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Which shapes the contact sheet draws, and the colours of their places."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

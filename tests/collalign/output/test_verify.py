@@ -1,7 +1,5 @@
 """The certificates of a result's folder: written, checked against the shapes they are about, refused once changed."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

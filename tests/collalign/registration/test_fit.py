@@ -1,7 +1,5 @@
 """Fitted surfaces: exact maps give the truth, scattered ones a surface nearer to it that lies on the target."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """Surfaces bent by maps: exact maps give the truth back, partly wrong ones nearly, others are not believed."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """Poses of bent shapes: every pair measured in several ways, each trusted by how well it agrees with itself."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from dataclasses import replace

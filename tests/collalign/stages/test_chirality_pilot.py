@@ -1,7 +1,5 @@
 """Whole runs that decide by themselves whether shapes are mirrored."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

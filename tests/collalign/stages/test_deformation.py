@@ -1,7 +1,5 @@
 """Consistent maps of a collection: bases that synchronize functional maps, choice by cycles, and bent shapes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Evidence of pairs: what it prefers, when maps are asked, and bent figures that rigid evidence alone gets wrong."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Incomplete shapes of a collection: told or found, posed on the complete ones, which stay as without them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Mixed folders in parts, and turning a solution as a whole."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

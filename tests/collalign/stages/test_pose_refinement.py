@@ -1,7 +1,5 @@
 """Which pairs are refined, and that refinement brings disturbed poses of equal shapes back."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Which pairs are worth a proof, and what a proof changes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the shape stage remembers: results of what was read, and failures that the content causes."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What is known of all shapes, of some of them: by their positions among these."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from collalign.products.pair import FormerPairs

@@ -1,7 +1,5 @@
 """Confidence comes from pairs as first matched and from rival poses; what is symmetric or wrong is in doubt."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

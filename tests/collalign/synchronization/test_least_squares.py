@@ -1,7 +1,5 @@
 """The equations of large collections: solved on chains, grids and random graphs, whatever the weights."""
 
-from __future__ import annotations
-
 import networkx as nx
 import numpy as np
 import pytest

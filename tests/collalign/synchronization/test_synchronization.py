@@ -1,7 +1,5 @@
 """Poses from pairs: exactness, gauge, invariances, candidates, constraints, and what is refused."""
 
-from __future__ import annotations
-
 import networkx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Every detector reports the failure that is planted for it, and is silent where there is none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

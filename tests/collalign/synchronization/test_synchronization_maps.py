@@ -1,7 +1,5 @@
 """Consistent labels, generalised Procrustes analysis, and the paper's alternation of assignments and rotations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Parts of synchronization against their definitions: noise model, turns, affinities, last weights, signs, gauge."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Every format is read back by an independent reader; where none can be installed, by the rules of the main one."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import io

@@ -1,7 +1,5 @@
 """The joint lower bound: against brute force and arrangements, and its parts against what they must be."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Maps for a list of pairs: kept in the store, failures named, the command on top."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

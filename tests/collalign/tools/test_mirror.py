@@ -1,7 +1,5 @@
 """The other side of a bilateral surface is found, and a surface that has none is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

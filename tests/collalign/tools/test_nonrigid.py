@@ -1,7 +1,5 @@
 """Non-rigid matching end to end on a generated near-isometric pair with a known dense map, and its parts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Maps between files become maps between shapes whose unused vertices were dropped."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Parts of non-rigid matching: curvature, orientation, masks, the graph operator, evidence, evaluation."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

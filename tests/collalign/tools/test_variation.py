@@ -1,7 +1,5 @@
 """The variation of surfaces: what is computed, what the files say, and the page in a headless browser."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 from pathlib import Path

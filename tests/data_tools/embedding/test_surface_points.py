@@ -1,7 +1,5 @@
 """Surfaces as points: what is a rim, and normals with and without signs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from data_tools.datasets.synthetic_shapes import blob, crown

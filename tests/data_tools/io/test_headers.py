@@ -1,7 +1,5 @@
 """What headers promise, PCD files, and the parts of scenes, on files made by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """A lock is held by one process at a time and freed with the file."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Arrays and the objects of other libraries are listed and read like files."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 from types import SimpleNamespace

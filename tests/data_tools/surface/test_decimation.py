@@ -1,7 +1,5 @@
 """Decimated meshes lie on the surface they come from, whether vertices were put together first or not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

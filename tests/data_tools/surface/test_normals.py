@@ -1,7 +1,5 @@
 """Normals point outwards whatever the winding, turn with the shape, and are absent where sides disagree."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from data_tools.datasets.synthetic_shapes import sphere_mesh

@@ -1,7 +1,5 @@
 """The search bounds cells that cover all rotations, and settles none that may hold a better pose."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

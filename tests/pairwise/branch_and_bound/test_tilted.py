@@ -1,7 +1,5 @@
 """Branch and bound of an energy less a linear function of the rotation, against brute force over all maps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Certificates: saved and loaded, accepted when right, refused when changed, damaged or for another problem."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Certificates that somebody forged: each is refused by name, or proves no more than is true."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """What a certificate states, field by field: read as strictly as what a caller gives, and hashed as a whole."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

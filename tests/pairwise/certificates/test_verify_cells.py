@@ -1,7 +1,5 @@
 """Proofs by quasi-bounds: valid for every kind of problem, and refused where the cells do not tile the rotations."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

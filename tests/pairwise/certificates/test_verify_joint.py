@@ -1,7 +1,5 @@
 """What joins the pairs in a proof of all arrangements, checked against arrangements."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every step of PM-SDP's verifier against its definition: nothing exceeds its bound, and something reaches it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

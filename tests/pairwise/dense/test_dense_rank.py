@@ -1,7 +1,5 @@
 """The stage on dense points: ranks by both energies, reports both, and claims no proof that is not the answer's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """Refinement on dense samples: recovers a disturbed pose, never raises its own energy, keeps chirality."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree

@@ -1,7 +1,5 @@
 """Alternating minimisation: every end is a local minimum, runs that meet are one, the cost kernel is exact."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment

@@ -1,7 +1,5 @@
 """Starts: covering sets of rotations, principal axes, signs, small turns."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

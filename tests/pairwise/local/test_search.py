@@ -1,7 +1,5 @@
 """Search: never worse than many random starts, distinct poses, chirality, blocks in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

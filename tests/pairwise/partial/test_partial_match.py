@@ -1,7 +1,5 @@
 """Matching surfaces that overlap in part: planted poses of cut blobs, wrong poses that cost more, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree

@@ -1,7 +1,5 @@
 """The lifted rotation: its equations hold for every rotation with the pattern, and are as many as there should be."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The dual solver against the CVXPY reference, brute force and theory."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings

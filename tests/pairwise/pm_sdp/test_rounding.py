@@ -1,7 +1,5 @@
 """Rounding: the four starts of appendix A with the right signs, and draws that keep several poses apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

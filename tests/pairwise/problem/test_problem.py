@@ -1,7 +1,5 @@
 """The problem's energy, costs and Procrustes step agree with each other, and impossible problems are refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

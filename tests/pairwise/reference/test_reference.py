@@ -1,7 +1,5 @@
 """PM-SDP in CVXPY against brute force, invariances, and refusals."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
