@@ -6,6 +6,8 @@ from pathlib import Path
 
 #: Stands for the body of a module outside of all functions: its constants.
 MODULE = "<module>"
+#: By module and the files in ``tests`` that should fail: the function, its text and what replaces it, of every fault.
+Table = dict[tuple[str, ...], list[tuple[str, str, str]]]
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,10 @@ def function_spans(tree: ast.Module) -> dict[str, tuple[int, int]]:
     return found
 
 
-def faults(file: str, tests: tuple[str, ...], *places: tuple[str, str, str]) -> tuple[Mutant, ...]:
-    """Return the mutants of one file, from (function, old, new) each."""
-    return tuple(Mutant(file, function, old, new, tests) for function, old, new in places)
+def listed(table: Table) -> tuple[Mutant, ...]:
+    """Return the mutants of a table."""
+    return tuple(
+        Mutant(file, *fault, tuple(f"tests/{test}" for test in tests))
+        for (file, *tests), faults in table.items()
+        for fault in faults
+    )

@@ -1,23 +1,6 @@
 """All places, in the order in which they are tried."""
 
-from tests.mutants.branch_and_bound import BRANCH_AND_BOUND
-from tests.mutants.collections import COLLECTIONS, ENGINE, NONRIGID, SHAPES
-from tests.mutants.incomplete import INCOMPLETE
-from tests.mutants.proofs import MATCHING, VERIFIERS
-from tests.mutants.surfaces import SURFACES
-from tests.mutants.survivors import SURVIVORS
-from tests.mutants.trust import TRUST
+from tests.mutants import of_pairwise, of_poses, of_results, of_shapes
+from tests.mutants.place import listed
 
-MUTANTS = (
-    *VERIFIERS,
-    *MATCHING,
-    *BRANCH_AND_BOUND,
-    *INCOMPLETE,
-    *COLLECTIONS,
-    *TRUST,
-    *ENGINE,
-    *NONRIGID,
-    *SHAPES,
-    *SURFACES,
-    *SURVIVORS,
-)
+MUTANTS = tuple(one for part in (of_pairwise, of_poses, of_results, of_shapes) for one in listed(part.FAULTS))
