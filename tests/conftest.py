@@ -10,15 +10,26 @@ import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+#: Ends of the names of files whose tests kill processes: one worker for all.
+KILLING = (
+    *(f"collalign/engine/test_{name}.py" for name in ("cluster", "faults", "jobs", "jobs_dask", "jobs_guard")),
+    "collalign/engine/test_jobs_interrupted.py",
+    "collalign/cli/test_main.py",
+)
 SHARED_DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests of a file in one worker, which makes what they share once; marked files go together."""
-    for item in items:
-        if item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(str(item.path)))
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Keep the tests of a file in one worker, which makes what they share once; those of ``KILLING`` go together."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class ByFile(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = super()._split_scope(nodeid)
+            return "killing" if file.endswith(KILLING) else file
+
+    return ByFile(config, log)
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,11 @@
 """CONTRIBUTING.md shows the house as it is: its rooms, the way of a pair, and where something new goes."""
 
+import os
 import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -69,3 +74,19 @@ def test_the_checks_can_fail() -> None:
     assert defined("match_pair")
     with pytest.raises(AssertionError):
         section("No such heading")
+
+
+def test_two_workers_share_the_files(tmp_path: Path) -> None:
+    shutil.copy(ROOT / "tests" / "conftest.py", tmp_path)
+    killing = "collalign/engine/test_jobs.py", "collalign/cli/test_main.py"
+    for name in ("test_a.py", "test_b.py", *killing):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("import pytest\n@pytest.mark.parametrize('n', range(9))\ndef test_it(n): pass\n")
+    command = [sys.executable, "-m", "pytest", "-p", "xdist.plugin", "-n", "2", "-v", "--import-mode=importlib"]
+    environment = os.environ | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    said = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stdout
+    found = re.findall(r"\[(gw.)\].* PASSED (.*)::", said)
+    workers = {name: {worker for worker, one in found if one == name} for name in ("test_a.py", "test_b.py", *killing)}
+    assert len(found) == 36
+    assert all(len(one) == 1 for one in workers.values())
+    assert workers[killing[0]] == workers[killing[1]]

@@ -119,7 +119,7 @@ def _run_tests(copy: Path, tests: Sequence[str]) -> None:
     os.environ |= {"PYTHONPATH": str(copy), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     sys.dont_write_bytecode = True
     sys.path.insert(0, str(copy))
-    os._exit(int(pytest.main(["-p", "xdist.plugin", "-x", "-q", "-m", "not data", *tests])))
+    os._exit(int(pytest.main(["-x", "-q", "-m", "not data", *tests])))
 
 
 def warm_up() -> None:

@@ -17,8 +17,6 @@ from data_tools.datasets.synthetic import deformed_family, planted_collection, w
 from data_tools.datasets.synthetic_shapes import chair
 from tests.faults import worker_processes
 
-pytestmark = pytest.mark.xdist_group("processes")  # they kill processes: one worker for all
-
 COLLALIGN = [sys.executable, "-m", "collalign"]
 FLAGS = ["--sampling.num-points", "16", "--sampling.num-dense-points", "0", "--jobs", "2"]
 

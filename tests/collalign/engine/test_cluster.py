@@ -21,8 +21,6 @@ from data_tools.errors import OptionsError, RunLost
 from data_tools.options import SamplingOptions
 from tests.job_functions import spectrum
 
-pytestmark = pytest.mark.xdist_group("processes")  # they kill processes: one worker for all
-
 pytest.importorskip("distributed", reason="Dask is not installed: pip install 'collalign[dask]'")
 
 #: What a user waits for a message at most.

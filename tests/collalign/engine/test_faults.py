@@ -11,8 +11,6 @@ from collalign.engine.store.store import Store
 from tests.benchmarks import fault_test
 from tests.faults import run_with_kills, worker_processes
 
-pytestmark = pytest.mark.xdist_group("processes")  # they kill processes: one worker for all
-
 ROOT = Path(__file__).resolve().parents[3]
 
 

@@ -18,8 +18,6 @@ from data_tools.errors import CollalignError, InputError, OptionsError
 from tests.faults import is_running
 from tests.job_functions import look_up, misbehave, process_id, spectrum
 
-pytestmark = pytest.mark.xdist_group("processes")  # they kill processes: one worker for all
-
 ROOT = Path(__file__).resolve().parents[3]
 SPECTRA = [(f"s{seed}", seed) for seed in range(12)]
 

@@ -24,8 +24,6 @@ distributed = pytest.importorskip("distributed", reason="Dask is not installed: 
 dask = pytest.importorskip("dask")
 dask_jobs = pytest.importorskip("collalign.engine.jobs.dask")
 
-pytestmark = pytest.mark.xdist_group("processes")  # they kill processes: one worker for all
-
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:

@@ -10,8 +10,6 @@ from collalign.engine.jobs.local import _LocalRun
 from collalign.engine.jobs.worker import Call, Guard, Limits, Outcome, Task, describe, run_guarded
 from data_tools.errors import InputError
 
-pytestmark = pytest.mark.xdist_group("processes")  # they kill processes: one worker for all
-
 TASK = Task(token=7, key="a", payload=3)
 
 

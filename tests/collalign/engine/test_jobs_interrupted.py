@@ -19,8 +19,6 @@ from collalign.engine.jobs.run import run_jobs
 from tests.faults import is_running
 from tests.job_functions import misbehave, nothing
 
-pytestmark = pytest.mark.xdist_group("processes")  # they kill processes: one worker for all
-
 
 @pytest.fixture
 def no_pool() -> None:
