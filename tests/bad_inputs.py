@@ -1,16 +1,13 @@
-"""300 bad inputs in one folder, made by hand: ``python -m tests.bad_inputs`` aligns it and looks for each.
+"""300 bad inputs in one folder, by hand and by random damage: ``python -m tests.bad_inputs`` looks for each.
 
 A run has to name every one of them, with a reason or as no shape, or to align it.
 """
 
 import argparse
-import io
 import json
 import os
-import struct
 import tempfile
 import time
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +20,10 @@ from data_tools.options import SamplingOptions
 from tests.data_tools.io.test_points import MALFORMED as POINTS
 from tests.data_tools.io.test_shapes import MALFORMED as MESHES
 from tests.data_tools.io.test_text_tables import AMBIGUOUS
+from tests.fuzz.harness import damaged
 from tests.fuzz.seeds import shape_files
 
-NUM_GOOD = 3
+NUM_GOOD, NUM_DAMAGED = 3, 180
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0), pairs="sparse", refine=False)
 
 #: Contents by suffix beside those that the tests of the readers name; each is bad in its own way.
@@ -78,9 +76,11 @@ def write_bad_inputs(folder: Path, *, every: int = 1) -> int:
     files |= {name: content.encode() for name, content, _ in (*MESHES, *POINTS)}
     files |= {f"table{number:02d}.csv": content.encode() for number, (content, _) in enumerate(AMBIGUOUS)}
     with tempfile.TemporaryDirectory() as seeds:
-        for name, content in shape_files(Path(seeds)).items():
-            files |= _damaged(name, content)
-    files |= _archives() | _names()
+        good = shape_files(Path(seeds))
+    for number in range(NUM_DAMAGED):
+        name, content = damaged(good, 0, number)
+        files[f"damaged{number:03d}-{name}"] = content
+    files |= _names()
     chosen = dict(list(files.items())[::every])
     for name, content in chosen.items():
         with open(os.fsencode(folder) + b"/" + os.fsencode(name), "wb") as stream:
@@ -93,59 +93,6 @@ def unaccounted(folder: Path, collection: Collection) -> set[str]:
     told = {Path(file).name for file in collection.files} | {item.file for item in collection.excluded}
     readable = {os.fsencode(entry).decode("utf-8", "backslashreplace"): entry for entry in os.listdir(folder)}
     return {name for name, entry in readable.items() if not {name, entry} & (told | set(collection.run.skipped))}
-
-
-def _damaged(name: str, content: bytes) -> dict[str, bytes]:
-    """Every good file cut short, swapped, padded and under a wrong suffix."""
-    stem, suffix = name.rsplit(".", 1)
-    half = len(content) // 2
-    kinds = {
-        "empty": b"",
-        "first": content[:1],
-        "third": content[: half * 2 // 3],
-        "signed": b"\xef\xbb\xbf" + content,
-        "backwards": content[::-1],
-        "cut": content[:half],
-        "tail": content[half:],
-        "zeros": bytes(len(content)),
-        "hole": content[: half // 2] + bytes(half) + content[half + half // 2 :],
-        "twice": content + content,
-        "gzip": b"\x1f\x8b\x08" + content,
-        "utf16": content.decode("latin-1").encode("utf-16"),
-    }
-    wrong = "off" if suffix != "off" else "ply"
-    return {f"{stem}-{kind}.{suffix}": data for kind, data in kinds.items()} | {
-        f"{stem}-{suffix}-as.{wrong}": content
-    }
-
-
-def _archives() -> dict[str, bytes]:
-    """NPZ archives: wrong names, shapes, types, a pickle, a bomb, a promise that is not kept."""
-    arrays: dict[str, dict[str, np.ndarray]] = {
-        "names": {"other": np.zeros((3, 3))},
-        "flat": {"vertices": np.zeros((4, 2))},
-        "none": {"vertices": np.zeros((0, 3))},
-        "nan": {"points": np.full((4, 3), np.nan)},
-        "text": {"points": np.array([["a", "b", "c"]])},
-        "objects": {"points": np.array([{}], dtype=object)},
-        "complex": {"points": np.ones((4, 3), dtype=complex)},
-        "index": {"vertices": np.eye(3), "faces": np.array([[0, 1, 9]])},
-        "float": {"vertices": np.eye(3), "faces": np.array([[0.0, 1.0, 2.0]])},
-        "quads": {"vertices": np.eye(3), "faces": np.array([[0, 1, 2, 0]])},
-        "huge": {"points": np.full((4, 3), 1e200)},
-        "same": {"points": np.ones((9, 3))},
-    }
-    made = {}
-    for name, content in arrays.items():
-        stream = io.BytesIO()
-        np.savez(stream, **content)  # type: ignore[arg-type]
-        made[f"archive-{name}.npz"] = stream.getvalue()
-    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 3), }".ljust(117) + b"\n"
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        archive.writestr("points.npy", b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(24))
-    made["archive-promise.npz"] = stream.getvalue()
-    return made
 
 
 def _names() -> dict[str, bytes]:

@@ -1,6 +1,7 @@
 """Fixtures that every test file may use."""
 
 import os
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -52,3 +53,21 @@ def open3d() -> Any:
         return import_module("open3d")
     except (ImportError, OSError) as error:
         pytest.skip(f"the extra open3d cannot be imported here: {error}")
+
+
+@pytest.fixture(scope="module")
+def driver() -> Iterator[Any]:
+    """Playwright, which drives browsers; the test skips where it is missing."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def browser(driver: Any) -> Iterator[Any]:
+    """A headless Chromium; the test skips where none is installed."""
+    from tests.browser import launched
+
+    chromium = launched(driver)
+    yield chromium
+    chromium.close()

@@ -86,7 +86,9 @@ def test_two_workers_share_the_files(tmp_path: Path) -> None:
     environment = os.environ | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     said = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stdout
     found = re.findall(r"\[(gw.)\].* PASSED (.*)::", said)
-    workers = {name: {worker for worker, one in found if one == name} for name in ("test_a.py", "test_b.py", *killing)}
+    workers = {
+        name: {worker for worker, one in found if one == name} for name in ("test_a.py", "test_b.py", *killing)
+    }
     assert len(found) == 36
     assert all(len(one) == 1 for one in workers.values())
     assert workers[killing[0]] == workers[killing[1]]

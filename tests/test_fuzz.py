@@ -98,6 +98,8 @@ def test_no_overlap_of_output_and_input_loses_or_mixes_in_anything(
     report = attack_overlaps(project, 24, seed=7)
     assert report.bad == {}
     assert min(report.counts["done"], report.counts["refused"]) > 1
+    for command, place in (("align", "apart/mine"), ("export csv", "apart/mine"), ("match", "apart/hard")):
+        assert run_case(project, command, place) == "refused"
     monkeypatch.setattr("data_tools.io.output_folder.refuse_overlap", lambda *_: None)
     assert run_case(project, "export csv", "meshes/../meshes").startswith("mixed into")
 

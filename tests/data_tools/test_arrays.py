@@ -5,7 +5,6 @@ import pytest
 
 from data_tools import arrays
 from data_tools.errors import InputError
-from data_tools.surface.shape import Shape
 
 
 def test_points_become_fresh_contiguous_float64() -> None:
@@ -35,40 +34,11 @@ def test_bad_points_are_refused_by_name(values: object, word: str) -> None:
     assert "molar.ply" in str(error.value)
 
 
-def test_face_index_beyond_the_vertices_is_refused() -> None:
-    with pytest.raises(InputError, match="99"):
-        Shape.from_arrays(np.eye(3), [[0, 1, 99]])
-    with pytest.raises(InputError, match="-1"):
-        Shape.from_arrays(np.eye(3), [[0, 1, -1]])
-    with pytest.raises(InputError, match="integer"):
-        Shape.from_arrays(np.eye(3), [[0, 1, 2.5]])
-    assert Shape.from_arrays(np.eye(3), [[0, 1, 2]]).is_mesh
-
-
-def test_shape_measures_and_is_read_only() -> None:
-    shape = Shape.from_arrays([[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0, 1, 2]], name="t")
-    assert shape.area == pytest.approx(2.0)
-    assert not Shape.from_arrays(np.eye(3)).is_mesh
-    with pytest.raises(ValueError, match="read-only"):
-        shape.vertices[0, 0] = 1
-
-
 def test_weights() -> None:
     assert arrays.as_weights(None, "w", num=3).tolist() == [1, 1, 1]
     for wrong in ([1, -1, 1], [0, 0, 0], [1, 1], [1, np.nan, 1]):
         with pytest.raises(InputError, match="w:"):
             arrays.as_weights(wrong, "w", num=3)
-
-
-def test_rotations() -> None:
-    mirror = np.diag([1.0, 1.0, -1.0])
-    assert arrays.as_rotations([np.eye(3), mirror], "R").shape == (2, 3, 3)
-    with pytest.raises(InputError, match="reflection"):
-        arrays.as_rotations(mirror, "R", group="SO")
-    with pytest.raises(InputError, match="not orthogonal"):
-        arrays.as_rotations(2 * np.eye(3), "R")
-    with pytest.raises(InputError, match="square"):
-        arrays.as_rotations(np.ones((2, 3)), "R")
 
 
 def test_masks_and_indices() -> None:
@@ -97,6 +67,8 @@ def test_limits_belong_to_the_right_side() -> None:
 def test_one_reflection_among_rotations_is_refused_and_so_is_a_matrix_that_is_slightly_off() -> None:
     both = np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])])
     assert len(arrays.as_rotations(both, "R", group="O")) == 2
+    with pytest.raises(InputError, match="square"):
+        arrays.as_rotations(np.ones((2, 3)), "R")
     with pytest.raises(InputError, match="contains a reflection"):
         arrays.as_rotations(both, "R", group="SO")
     with pytest.raises(InputError, match="not orthogonal"):

@@ -8,11 +8,7 @@ from data_tools.rotations import (
     rotation_angle_deg,
     rotation_angles,
 )
-
-
-def about_z(degrees: float) -> np.ndarray:
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+from tests.data_tools.test_poses import about_z
 
 
 def test_random_rotations_are_orthogonal_and_of_the_group(rng: np.random.Generator) -> None:

@@ -24,7 +24,6 @@ from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
-from pairwise import Certificate
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
 FLAGS = ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--jobs", "1"]
@@ -240,21 +239,6 @@ def test_bad_arguments_exit_with_2_and_name_the_cause(
     assert word in (captured.err + captured.out).lower()
 
 
-def test_config_file_is_overruled_by_the_command_line_and_checked(
-    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    config = tmp_path / "options.toml"
-    config.write_text('seed = 7\n[sampling]\nnum_points = 24\nmetric = "euclidean"\n')
-    out = tmp_path / "out"
-    flags = ["--sampling.num-dense-points", "0", "--jobs", "1", "--seed", "3"]
-    assert main(["--config", str(config), "align", str(folder), "--out", str(out), *flags]) == 0
-    options = json.loads((out / "alignment.json").read_text())["options"]
-    assert (options["seed"], options["sampling"]["metric"]) == (3, "euclidean")
-    config.write_text("sead = 7\n")
-    assert main(["--config", str(config), "align", str(folder), "--out", str(out)]) == 2
-    assert "sead" in "".join(capfd.readouterr())
-
-
 def test_fewer_than_two_shapes_is_an_error_that_lists_the_reasons(tmp_path: Path) -> None:
     (tmp_path / "a.ply").write_bytes(b"rubbish")
     with pytest.raises(CollectionError, match=r"a\.ply"):
@@ -331,26 +315,8 @@ def test_corrections_are_kept_without_matching_again(folder: Path, out: Path, tm
     assert json.loads((out / "run.json").read_text())["num_reused"] == 15
 
 
-def test_export_and_classify_read_a_result(
-    finished: tuple[Path, str], aligned: Collection, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out, _ = finished
-    assert main(["export", str(out), "--format", "tps", "--to", str(tmp_path / "tps")]) == 0
-    assert list((tmp_path / "tps").iterdir())
-    labels = "name,kind\n" + "".join(f"{name},{'ab'[i % 2]}\n" for i, name in enumerate(aligned.names))
-    (tmp_path / "labels.csv").write_text(labels)
-    capsys.readouterr()
-    arguments = ["classify", str(out), "--labels", str(tmp_path / "labels.csv"), "--by", "kind", "--json"]
-    assert main(arguments) == 0
-    assert 0 <= json.loads(capsys.readouterr().out)["accuracy"] <= 1
-    assert main(arguments[:-1]) == 0
-    assert "closest points at the poses" in capsys.readouterr().out
-    assert main(["export", str(out), "--format", "doc", "--to", str(tmp_path)]) == 2
-    assert (out / "report.html").stat().st_size > 100_000
-
-
 def check_certificates(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The certificates of a result hold, prove no more than the energies, and are refused once changed."""
+    """The certificates of a result hold, and prove no more than the energies."""
     capsys.readouterr()
     assert main(["verify", str(out), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -362,18 +328,6 @@ def check_certificates(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
         limit = min(energies[pair["target"], pair["source"]], pair["stated"])
         assert pair["proven"] <= limit + 1e-9 * abs(limit)
     assert max(pair["proven"] for pair in found["pairs"]) > 0.0
-    files = sorted((out / "certificates").glob("*-*.npz"))
-    certificate = Certificate.load(files[0])
-    replace(certificate, bound=1.01 * certificate.bound + 1e-3).save(files[0])
-    assert main(["verify", str(out)]) == 2
-    assert "claims the bound" in capsys.readouterr().out
-    problems = out / "certificates" / "problems.npz"
-    with np.load(problems) as archive:
-        arrays = dict(archive)
-    arrays["coordinates"][0, 0] *= 1.01
-    np.savez(problems, **arrays)
-    assert main(["verify", str(out)]) == 2
-    assert "samples of shape 0 are not those" in capsys.readouterr().err
 
 
 def test_certification_proves_pairs_and_says_so(
@@ -403,11 +357,3 @@ def test_the_published_synchronization_runs_with_both_embeddings(
     assert worst_error_deg(published.rotations, planted) < 20
     assert np.isnan(published.confidence).all()
     assert any("No confidence" in note for note in published.notes)
-
-
-def test_sparse_pairs_are_fewer(folder: Path, tmp_path: Path) -> None:
-    rng = np.random.default_rng(8)
-    family = deformed_family(chair(rng, resolution=1), 16, rng, rms=0.02)
-    write_collection(tmp_path, planted_collection(family, rng))
-    quick = replace(OPTIONS, sampling=SamplingOptions(num_points=8, num_dense_points=0), pairs="sparse")
-    assert len(align_collection(tmp_path, options=quick, run=RunOptions(jobs=1)).pairs) < 120

@@ -49,17 +49,6 @@ def snapshot(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-def test_save_refuses_the_folder_of_the_input_and_the_one_above(
-    finished: tuple[Path, Collection],
-) -> None:
-    folder, collection = finished
-    before = snapshot(folder)
-    for out in (folder, folder / "shapes", folder / "shapes" / "out"):
-        with pytest.raises(InputError, match="name a folder apart"):
-            collection.save(out)
-    assert snapshot(folder) == before
-
-
 def test_what_was_aligned_again_is_not_replaced_by_its_own_result(
     finished: tuple[Path, Collection], tmp_path: Path
 ) -> None:
@@ -116,25 +105,6 @@ def test_exports_do_not_overwrite_originals(finished: tuple[Path, Collection], t
     export(folder / "out", "tps", tmp_path)
     assert len(export(folder / "out", "ply", tmp_path)) == 3
     assert (tmp_path / "landmarks.tps").exists()
-
-
-def test_demo_does_not_overwrite_shapes_of_the_same_names(tmp_path: Path) -> None:
-    mine = tmp_path / "shapes" / "chair1.ply"
-    mine.parent.mkdir()
-    mine.write_text("mine")
-    assert main(["demo", "--num-shapes", "2", "--out", str(tmp_path), *FLAGS]) == 2
-    assert mine.read_text() == "mine"
-
-
-def test_a_match_does_not_overwrite_a_file_of_its_name(project: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "match.json").write_text("mine")
-    pair = [str(project / "meshes" / f"chair{i}.ply") for i in (1, 2)]
-    assert main(["match", *pair, "--out", str(out), "--no-refine", *FLAGS[:4]]) == 2
-    assert (out / "match.json").read_text() == "mine"
-    assert main(["match", *pair, "--out", str(tmp_path / "new"), "--no-refine", *FLAGS[:4]]) == 0
-    assert (tmp_path / "new" / "match.json").exists()
 
 
 def test_names_in_forged_evidence_lead_nowhere(finished: tuple[Path, Collection], tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """The report in a real headless Chromium: it loads, draws, answers to mouse and keyboard, and stays offline."""
 
 import dataclasses
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,28 +13,11 @@ from collalign.output.collection import Collection
 from collalign.output.corrections import read_corrections
 from collalign.output.report import write_report
 from collalign.output.report.content import build_content
+from tests.browser import Page, launched
 from tests.collalign.output.test_report_incomplete import broken_view
 from tests.collalign.output.test_report_places import mapped_view
 from tests.view_problems import view_of
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-CHROMIUM = next(
-    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
-)
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)"
-)
-
-#: Opaque pixels of a canvas and their mean colour.
-PIXELS = """canvas => {
-  const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
-  let [count, sum] = [0, [0, 0, 0]];
-  for (let at = 0; at < data.length; at += 4) if (data[at + 3] > 128) {
-    count++;
-    [0, 1, 2].forEach(c => sum[c] += data[at + c]);
-  }
-  return { share: count / (data.length / 4), mean: sum.map(value => value / count) };
-}"""
 SILHOUETTE = """canvas => {
   const small = new OffscreenCanvas(32, 32).getContext('2d');
   small.drawImage(canvas, 0, 0, 32, 32);
@@ -56,59 +38,6 @@ ALL_DRAWN = "() => [...document.querySelectorAll('.tile canvas')].every(canvas =
 
 
 @pytest.fixture(scope="module")
-def driver() -> Iterator[Any]:
-    with playwright.sync_playwright() as started:
-        yield started
-
-
-@pytest.fixture(scope="module")
-def browser(driver: Any) -> Iterator[Any]:
-    chromium = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-    yield chromium
-    chromium.close()
-
-
-class Page:
-    """A report that is open, with everything that went wrong since."""
-
-    def __init__(self, browser: Any, path: Path, **context: Any) -> None:
-        context = {"offline": True, "accept_downloads": True, "viewport": {"width": 900, "height": 700}} | context
-        self.context = browser.new_context(**context)
-        self.page = self.context.new_page()
-        self.page.set_default_timeout(300_000)
-        self.problems: list[str] = []
-        self.requests: list[str] = []
-        self.page.on("console", self.note)
-        self.page.on("pageerror", lambda error: self.problems.append(str(error)))
-        self.page.on("request", lambda request: self.requests.append(request.url))
-        self.page.goto(path.as_uri())
-        self.page.wait_for_selector("html[data-ready]", state="attached")
-
-    def note(self, message: Any) -> None:
-        """Keep errors, and what three.js warns of: a colour that it cannot read is drawn white."""
-        if message.type == "error" or "THREE." in message.text:
-            self.problems.append(message.text)
-
-    def canvas(self, selector: str, at: int = 0) -> Any:
-        canvas = self.page.locator(selector).nth(at)
-        canvas.scroll_into_view_if_needed()
-        canvas.and_(self.page.locator("[data-drawn]")).wait_for()
-        return canvas
-
-    def pixels(self, selector: str, at: int = 0) -> dict[str, Any]:
-        return self.canvas(selector, at).evaluate(PIXELS)
-
-    def image(self, selector: str, at: int = 0) -> str:
-        return self.canvas(selector, at).evaluate("canvas => canvas.toDataURL()")
-
-    def wait_until_changed(self, selector: str, before: str, at: int = 0) -> None:
-        self.page.wait_for_function(
-            "([selector, at, before]) => document.querySelectorAll(selector)[at].toDataURL() !== before",
-            arg=[selector, at, before],
-        )
-
-
-@pytest.fixture(scope="module")
 def small() -> Collection:
     return view_of(10, num_missing=3)
 
@@ -121,29 +50,25 @@ def small_file(small: Collection, tmp_path_factory: pytest.TempPathFactory) -> P
 @pytest.fixture
 def opened(browser: Any, small_file: Path) -> Iterator[Page]:
     """The report of ten shapes; the test fails if the page complained about anything."""
-    page = Page(browser, small_file)
-    yield page
-    page.context.close()
-    assert page.problems == []
+    with Page(browser, small_file) as page:
+        yield page
     assert page.requests == [small_file.as_uri()]
 
 
 def test_a_hundred_shapes_load_draw_and_open_without_a_complaint(browser: Any, tmp_path: Path) -> None:
-    page = Page(browser, write_report(view_of(100), tmp_path))
-    assert page.page.locator(".card").count() == 100
-    before, after = page.pixels(".tile canvas", 0), page.pixels(".tile canvas", 1)
-    assert 0.1 < before["share"] < 0.9
-    assert 0.1 < after["share"] < 0.9
-    assert before["mean"][0] < before["mean"][2]
-    assert after["mean"][0] > after["mean"][2] + 20
-    page.page.wait_for_function(ALL_DRAWN, timeout=300_000)
-    page.page.locator(".tile").first.click()
-    assert page.page.locator("dialog h2", has_text="shape_001").is_visible()
-    page.page.keyboard.press("Escape")
-    page.page.locator("#pairs table button").first.click()
-    assert page.page.locator("dialog[open] canvas").count() == 3
-    assert page.problems == []
-    page.context.close()
+    with Page(browser, write_report(view_of(100), tmp_path)) as page:
+        assert page.page.locator(".card").count() == 100
+        before, after = page.pixels(".tile canvas", 0), page.pixels(".tile canvas", 1)
+        assert 0.1 < before["share"] < 0.9
+        assert 0.1 < after["share"] < 0.9
+        assert before["mean"][0] < before["mean"][2]
+        assert after["mean"][0] > after["mean"][2] + 20
+        page.page.wait_for_function(ALL_DRAWN, timeout=300_000)
+        page.page.locator(".tile").first.click()
+        assert page.page.locator("dialog h2", has_text="shape_001").is_visible()
+        page.page.keyboard.press("Escape")
+        page.page.locator("#pairs table button").first.click()
+        assert page.page.locator("dialog[open] canvas").count() == 3
 
 
 def test_alignment_is_visible(opened: Page) -> None:
@@ -330,18 +255,16 @@ def test_the_first_line_is_a_verdict_whose_names_open(opened: Page) -> None:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_nothing_sticks_out_and_text_can_be_read(browser: Any, small_file: Path, scheme: str) -> None:
-    page = Page(browser, small_file, color_scheme=scheme)
-    for width in (360, 900, 1600):
-        page.page.set_viewport_size({"width": width, "height": 700})
-        assert page.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-    text, back = (page.page.evaluate(BRIGHTNESS, ["body", what]) for what in ("color", "backgroundColor"))
-    assert (text > back + 300) == (scheme == "dark")
-    page.page.locator("#theme").click()
-    assert page.page.evaluate(BRIGHTNESS, ["body", "backgroundColor"]) > 600
-    page.page.locator("#theme").click()
-    assert page.page.evaluate(BRIGHTNESS, ["body", "backgroundColor"]) < 200
-    assert page.problems == []
-    page.context.close()
+    with Page(browser, small_file, color_scheme=scheme) as page:
+        for width in (360, 900, 1600):
+            page.page.set_viewport_size({"width": width, "height": 700})
+            assert page.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        text, back = (page.page.evaluate(BRIGHTNESS, ["body", what]) for what in ("color", "backgroundColor"))
+        assert (text > back + 300) == (scheme == "dark")
+        page.page.locator("#theme").click()
+        assert page.page.evaluate(BRIGHTNESS, ["body", "backgroundColor"]) > 600
+        page.page.locator("#theme").click()
+        assert page.page.evaluate(BRIGHTNESS, ["body", "backgroundColor"]) < 200
 
 
 def test_printing_finds_every_shape_drawn(opened: Page, tmp_path: Path) -> None:
@@ -354,34 +277,30 @@ def test_printing_finds_every_shape_drawn(opened: Page, tmp_path: Path) -> None:
 
 
 def test_page_without_webgl_keeps_tables_and_charts(driver: Any, small_file: Path) -> None:
-    chromium = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-3d-apis"])
-    page = Page(chromium, small_file)
-    assert "no WebGL" in page.page.get_by_role("alert").inner_text()
-    assert page.page.locator("#map g.dot").count() == 9
-    page.page.locator(".tile").first.click()
-    assert page.page.locator("dialog[open] table").is_visible()
-    assert [problem for problem in page.problems if "WebGL" not in problem] == []
+    chromium = launched(driver, "--disable-3d-apis")
+    with Page(chromium, small_file) as page:
+        assert "no WebGL" in page.page.get_by_role("alert").inner_text()
+        assert page.page.locator("#map g.dot").count() == 9
+        page.page.locator(".tile").first.click()
+        assert page.page.locator("dialog[open] table").is_visible()
+        page.problems = [problem for problem in page.problems if "WebGL" not in problem]
     chromium.close()
 
 
 def test_hostile_names_stay_text(browser: Any, tmp_path: Path) -> None:
     bad = "</script><img src=x onerror=\"document.title='owned'\">"
     view = dataclasses.replace(view_of(3), names=(bad, "<b>b</b>", "c"), labels={"<i>kind</i>": ("<u>", "v", "")})
-    page = Page(browser, write_report(view, tmp_path, title="safe"))
-    assert page.page.title() == "safe"
-    assert page.page.locator("main img, main b, main i, main u").count() == 0
-    assert bad in page.page.locator("#gallery").inner_text()
-    assert page.problems == []
-    page.context.close()
+    with Page(browser, write_report(view, tmp_path, title="safe")) as page:
+        assert page.page.title() == "safe"
+        assert page.page.locator("main img, main b, main i, main u").count() == 0
+        assert bad in page.page.locator("#gallery").inner_text()
 
 
 def test_point_clouds_are_drawn(browser: Any, tmp_path: Path) -> None:
     plain = view_of(3)
     view = dataclasses.replace(plain, faces=(np.empty((0, 3), dtype=np.int64),) * 3)
-    page = Page(browser, write_report(view, tmp_path))
-    assert page.pixels(".tile canvas", 1)["share"] > 0.01
-    assert page.problems == []
-    page.context.close()
+    with Page(browser, write_report(view, tmp_path)) as page:
+        assert page.pixels(".tile canvas", 1)["share"] > 0.01
 
 
 def test_a_page_that_was_cut_short_says_so(browser: Any, small_file: Path, tmp_path: Path) -> None:
@@ -412,36 +331,34 @@ def test_chances_of_a_shape_add_up(opened: Page) -> None:
 
 
 def test_decisions_survive_a_reload_and_belong_to_one_result(browser: Any, tmp_path: Path) -> None:
-    page = Page(browser, write_report(view_of(4), tmp_path / "one.html"))
-    page.page.locator("#confidence").get_by_role("button", name="shape_001").click()
-    page.page.get_by_role("button", name="Use this pose").first.click()
-    page.page.keyboard.press("Escape")
-    page.page.reload()
-    page.page.wait_for_selector("html[data-ready]", state="attached")
-    assert "set to pose 1" in page.page.locator(".decisions").inner_text()
-    assert "set to pose 1" in page.page.locator(".card").first.inner_text()
-    page.page.goto(write_report(view_of(4, seed=1), tmp_path / "two.html").as_uri())
-    page.page.wait_for_selector("html[data-ready]", state="attached")
-    assert not page.page.locator(".decisions").is_visible()
-    page.context.close()
+    with Page(browser, write_report(view_of(4), tmp_path / "one.html")) as page:
+        page.page.locator("#confidence").get_by_role("button", name="shape_001").click()
+        page.page.get_by_role("button", name="Use this pose").first.click()
+        page.page.keyboard.press("Escape")
+        page.page.reload()
+        page.page.wait_for_selector("html[data-ready]", state="attached")
+        assert "set to pose 1" in page.page.locator(".decisions").inner_text()
+        assert "set to pose 1" in page.page.locator(".card").first.inner_text()
+        page.page.goto(write_report(view_of(4, seed=1), tmp_path / "two.html").as_uri())
+        page.page.wait_for_selector("html[data-ready]", state="attached")
+        assert not page.page.locator(".decisions").is_visible()
 
 
 def test_decisions_survive_a_reload_where_files_get_no_storage(browser: Any, tmp_path: Path) -> None:
-    page = Page(browser, write_report(view_of(4), tmp_path))
-    page.context.add_init_script(
-        "Object.defineProperty(window, 'localStorage', { get() { throw new Error('no'); } })"
-    )
-    page.page.reload()
-    page.page.wait_for_selector("html[data-ready]", state="attached")
-    page.page.locator("#confidence").get_by_role("button", name="shape_001").click()
-    page.page.get_by_role("button", name="This pose is right").click()
-    page.page.keyboard.press("Escape")
-    assert "keeps nothing" in page.page.locator(".decisions").inner_text()
-    page.page.on("dialog", lambda dialog: dialog.accept())
-    page.page.reload()
-    page.page.wait_for_selector("html[data-ready]", state="attached")
-    assert "pose confirmed" in page.page.locator(".decisions").inner_text()
-    page.context.close()
+    with Page(browser, write_report(view_of(4), tmp_path)) as page:
+        page.context.add_init_script(
+            "Object.defineProperty(window, 'localStorage', { get() { throw new Error('no'); } })"
+        )
+        page.page.reload()
+        page.page.wait_for_selector("html[data-ready]", state="attached")
+        page.page.locator("#confidence").get_by_role("button", name="shape_001").click()
+        page.page.get_by_role("button", name="This pose is right").click()
+        page.page.keyboard.press("Escape")
+        assert "keeps nothing" in page.page.locator(".decisions").inner_text()
+        page.page.on("dialog", lambda dialog: dialog.accept())
+        page.page.reload()
+        page.page.wait_for_selector("html[data-ready]", state="attached")
+        assert "pose confirmed" in page.page.locator(".decisions").inner_text()
 
 
 def test_a_shape_is_turned_by_hand(opened: Page, small: Collection, tmp_path: Path) -> None:
@@ -464,39 +381,33 @@ def test_a_shape_is_turned_by_hand(opened: Page, small: Collection, tmp_path: Pa
 
 
 def test_charts_fit_a_narrow_window(browser: Any, small_file: Path) -> None:
-    page = Page(browser, small_file, viewport={"width": 400, "height": 800})
-    for part in ("map", "tree", "cycles"):
-        picture = page.page.locator(f"#{part} svg").locator("..")
-        assert picture.evaluate("box => box.scrollWidth <= box.clientWidth"), part
-        shown = page.page.locator(f"#{part} svg text").first.evaluate("one => one.getBoundingClientRect().height")
-        assert shown > 9, part
-    page.context.close()
+    with Page(browser, small_file, viewport={"width": 400, "height": 800}) as page:
+        for part in ("map", "tree", "cycles"):
+            picture = page.page.locator(f"#{part} svg").locator("..")
+            assert picture.evaluate("box => box.scrollWidth <= box.clientWidth"), part
+            shown = page.page.locator(f"#{part} svg text").first.evaluate("one => one.getBoundingClientRect().height")
+            assert shown > 9, part
 
 
 def test_incomplete_shapes_have_a_section_of_their_own(browser: Any, tmp_path: Path) -> None:
-    page = Page(browser, write_report(broken_view(), tmp_path))
-    section = page.page.locator("#incomplete")
-    assert section.locator("canvas").count() == 3
-    assert page.pixels("#incomplete canvas", 2)["share"] > 0.05
-    assert "Covers 70 %" in section.inner_text()
-    section.locator("summary").click()
-    assert section.locator("tbody tr").count() == 3
-    section.locator("tbody button").first.click()
-    assert "70 % has a counterpart on" in page.page.locator("dialog[open]").inner_text()
-    page.context.close()
-    assert page.problems == []
+    with Page(browser, write_report(broken_view(), tmp_path)) as page:
+        section = page.page.locator("#incomplete")
+        assert section.locator("canvas").count() == 3
+        assert page.pixels("#incomplete canvas", 2)["share"] > 0.05
+        assert "Covers 70 %" in section.inner_text()
+        section.locator("summary").click()
+        assert section.locator("tbody tr").count() == 3
+        section.locator("tbody button").first.click()
+        assert "70 % has a counterpart on" in page.page.locator("dialog[open]").inner_text()
 
 
 def test_maps_of_vertices_have_a_section_where_there_are_any(browser: Any, tmp_path: Path) -> None:
-    page = Page(browser, write_report(mapped_view(), tmp_path / "mapped"))
-    section = page.page.locator("#places")
-    assert section.locator("canvas").count() == 3
-    assert page.pixels("#places canvas", 0)["share"] > 0.05
-    assert "No maps: " in section.inner_text()
-    section.locator("button").first.click()
-    assert page.page.locator("dialog[open]").count() == 1
-    page.context.close()
-    assert page.problems == []
-    plain = Page(browser, write_report(view_of(4), tmp_path / "plain"))
-    assert plain.page.locator("#places").count() == 0
-    plain.context.close()
+    with Page(browser, write_report(mapped_view(), tmp_path / "mapped")) as page:
+        section = page.page.locator("#places")
+        assert section.locator("canvas").count() == 3
+        assert page.pixels("#places canvas", 0)["share"] > 0.05
+        assert "No maps: " in section.inner_text()
+        section.locator("button").first.click()
+        assert page.page.locator("dialog[open]").count() == 1
+    with Page(browser, write_report(view_of(4), tmp_path / "plain")) as plain:
+        assert plain.page.locator("#places").count() == 0

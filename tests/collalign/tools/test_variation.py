@@ -1,8 +1,8 @@
 """The variation of surfaces: what is computed, what the files say, and the page in a headless browser."""
 
 import csv
-import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +23,7 @@ from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
+from tests.browser import Page
 
 ALL = Members(chosen=np.arange(8), left_out=())
 LABELS = ("long", "long", "long", "flat", "flat", "flat", "", "")
@@ -123,27 +124,13 @@ def test_a_second_write_gives_the_same_bytes(written: Path, variation: SurfaceVa
         assert (tmp_path / name).read_bytes() == (written / name).read_bytes(), name
 
 
-def test_the_page_works_in_a_browser(written: Path, variation: SurfaceVariation, tmp_path: Path) -> None:
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
-    if chromium is None:
-        pytest.skip("no Chromium is installed")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        page = browser.new_context(offline=True, viewport={"width": 400, "height": 800}).new_page()
-        page.set_default_timeout(300_000)
-        problems: list[str] = []
-        page.on("pageerror", lambda error: problems.append(str(error)))
-        page.on("console", lambda message: message.type == "error" and problems.append(message.text))
-        page.goto((written / "variation.html").as_uri())
-        page.wait_for_selector("html[data-ready]", state="attached")
-        canvas = page.locator("#components canvas")
-        canvas.and_(page.locator("[data-drawn]")).wait_for()
-        before = canvas.evaluate("canvas => canvas.toDataURL()")
+def test_the_page_works_in_a_browser(
+    browser: Any, written: Path, variation: SurfaceVariation, tmp_path: Path
+) -> None:
+    with Page(browser, written / "variation.html", viewport={"width": 400, "height": 800}) as opened:
+        page, before = opened.page, opened.image("#components canvas")
         page.locator("#components input[type=range]").first.fill("2.5")
-        page.wait_for_function(
-            "before => document.querySelector('#components canvas').toDataURL() !== before", arg=before
-        )
+        opened.wait_until_changed("#components canvas", before)
         assert page.locator("#morphospace polygon").count() == 2
         page.locator("#morphospace select").nth(0).select_option("1")
         assert "component 2" in page.locator("#morphospace text.axis").first.text_content()
@@ -157,9 +144,7 @@ def test_the_page_works_in_a_browser(written: Path, variation: SurfaceVariation,
             page.get_by_role("button", name="Save chart (SVG)").click()
         assert "<polygon" in Path(started.value.path()).read_text()
         assert page.evaluate("document.documentElement.scrollWidth") <= 400
-        write_variation(variation, tmp_path, columns={}, landmarks=((), np.empty((0, 3))), who=ALL)
-        page.goto((tmp_path / "variation.html").as_uri())
-        page.wait_for_selector("html[data-ready]", state="attached")
-        assert page.locator("#specimens p.muted").text_content()[-1].isdigit()  # no labels, and nothing before them
-        browser.close()
-    assert not problems
+    write_variation(variation, tmp_path, columns={}, landmarks=((), np.empty((0, 3))), who=ALL)
+    with Page(browser, tmp_path / "variation.html") as plain:
+        words = plain.page.locator("#specimens p.muted").text_content()
+        assert words[-1].isdigit()  # no labels, and nothing before them

@@ -1,4 +1,3 @@
-import json
 import os
 import subprocess
 import sys
@@ -109,12 +108,6 @@ def test_a_folder_that_is_mounted_elsewhere_is_told_by_device_and_inode(
     refuse_overlap(tmp_path / "mounted", [paths[1]])
 
 
-def test_folders_side_by_side_are_fine(tmp_path: Path) -> None:
-    (tmp_path / "in").mkdir()
-    with OutputFolder.open(tmp_path / "in2", writer="t", inputs=[tmp_path / "in"]) as output:
-        assert output.staging.is_dir()
-
-
 @pytest.mark.parametrize("part", ["..", "", ".", "a/b", "/etc", "a\x00", "a\\b", "x" * 300])
 def test_paths_that_leave_the_folder_are_refused(tmp_path: Path, part: str) -> None:
     with pytest.raises(InputError, match="name of an output"):
@@ -195,13 +188,6 @@ def test_a_manifest_is_not_believed(tmp_path: Path, content: str) -> None:
     with pytest.raises(InputError, match=r"manifest|name of an output"):
         write(tmp_path / "out", {"summary": "2"})
     assert contents(tmp_path) == {"out/summary": "1", "x": "mine"}
-
-
-def test_the_manifest_names_the_writer_and_the_content(tmp_path: Path) -> None:
-    write(tmp_path, {"summary": "1"})
-    files = json.loads((tmp_path / BOOKS / MANIFEST_FILE).read_text())["files"]
-    assert files["summary"]["writer"] == "test"
-    assert [len(digest) for digest in files["summary"]["digests"]] == [64]
 
 
 def test_stems_are_names_of_files() -> None:

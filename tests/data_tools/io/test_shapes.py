@@ -11,6 +11,7 @@ from data_tools.errors import InputError, UnavailableError
 from data_tools.io.shapes import READERS, read_folder, read_shape, write_mesh
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
+from tests.data_tools.io.test_points import MALFORMED as POINTS
 
 TRIANGLE = "0 0 0\n1 0 0\n0 1 0\n"
 PLY = "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n{}end_header\n"
@@ -74,7 +75,7 @@ MALFORMED = [
 ]
 
 
-@pytest.mark.parametrize(("name", "content", "reason"), MALFORMED, ids=[row[0] for row in MALFORMED])
+@pytest.mark.parametrize(("name", "content", "reason"), [pytest.param(*row, id=row[0]) for row in MALFORMED + POINTS])
 def test_malformed_files_are_refused_by_name_and_reason(tmp_path: Path, name: str, content: str, reason: str) -> None:
     path = tmp_path / name
     path.write_text(content)

@@ -1,0 +1,75 @@
+"""A page that is open in a real headless Chromium."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+CHROMIUM = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
+#: Opaque pixels of a canvas and their mean colour.
+PIXELS = """canvas => {
+  const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+  let [count, sum] = [0, [0, 0, 0]];
+  for (let at = 0; at < data.length; at += 4) if (data[at + 3] > 128) {
+    count++;
+    [0, 1, 2].forEach(c => sum[c] += data[at + c]);
+  }
+  return { share: count / (data.length / 4), mean: sum.map(value => value / count) };
+}"""
+
+
+def launched(driver: Any, *flags: str) -> Any:
+    """Start a browser; the test skips where none is installed."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
+    return driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", *flags])
+
+
+class Page:
+    """A page that is open, with everything that went wrong since; leaving it fails if anything did."""
+
+    def __init__(self, browser: Any, path: Path, **context: Any) -> None:
+        context = {"offline": True, "accept_downloads": True, "viewport": {"width": 900, "height": 700}} | context
+        self.context = browser.new_context(**context)
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(300_000)
+        self.problems: list[str] = []
+        self.requests: list[str] = []
+        self.page.on("console", self.note)
+        self.page.on("pageerror", lambda error: self.problems.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(path.as_uri())
+        self.page.wait_for_selector("html[data-ready]", state="attached")
+
+    def __enter__(self) -> "Page":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.context.close()
+        assert kind is not None or self.problems == []
+
+    def note(self, message: Any) -> None:
+        """Keep errors, and what three.js warns of: a colour that it cannot read is drawn white."""
+        if message.type == "error" or "THREE." in message.text:
+            self.problems.append(message.text)
+
+    def canvas(self, selector: str, at: int = 0) -> Any:
+        canvas = self.page.locator(selector).nth(at)
+        canvas.scroll_into_view_if_needed()
+        canvas.and_(self.page.locator("[data-drawn]")).wait_for()
+        return canvas
+
+    def pixels(self, selector: str, at: int = 0) -> dict[str, Any]:
+        return self.canvas(selector, at).evaluate(PIXELS)
+
+    def image(self, selector: str, at: int = 0) -> str:
+        return self.canvas(selector, at).evaluate("canvas => canvas.toDataURL()")
+
+    def wait_until_changed(self, selector: str, before: str, at: int = 0) -> None:
+        self.page.wait_for_function(
+            "([selector, at, before]) => document.querySelectorAll(selector)[at].toDataURL() !== before",
+            arg=[selector, at, before],
+        )
