@@ -53,6 +53,7 @@ def align_collection(
     options: AlignOptions | Mapping[str, Any] | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
     fixed: Mapping[str, ArrayLike] | None = None,
+    recursive: bool = False,
     progress: ProgressFactory | bool = True,
     **keywords: Any,
 ) -> Collection:
@@ -61,14 +62,17 @@ def align_collection(
     Parameters
     ----------
     shapes : str, Path, iterable or mapping of name to shape
-        A folder of meshes (PLY, OFF, OBJ, STL, GLB) and point clouds (PLY, PCD, XYZ, TXT, CSV, NPZ), or several of:
-        files, arrays (n, 3), pairs (V, F), trimesh and Open3D objects.
+        A folder of meshes (PLY, OFF, OBJ, STL, GLB) and point clouds (PLY, PCD, XYZ, TXT, CSV, NPZ), a pattern
+        (``data/*/*.stl``) or ``@FILE`` of places, one a line; or several of these, files, arrays (n, 3), pairs
+        (V, F), trimesh and Open3D objects.
     options : AlignOptions or mapping, optional
         What decides the result.
     run : RunOptions or mapping, optional
         Processes, store, limits: how the work is done.
     fixed : mapping of name to array_like (3, 3), optional
         ``R_common_shape`` of shapes whose orientation a person has decided; they come out exactly so.
+    recursive : bool
+        Whether folders in a folder count. Files of one name are called ``folder/name``.
     progress : bool or callable
         A bar per stage in terminals and notebooks; False is silent; a callable makes another display.
     **keywords
@@ -101,7 +105,7 @@ def align_collection(
     of_run = {one.name: keywords.pop(one.name) for one in fields(RunOptions) if one.name in keywords}
     asked = as_options("options", options, AlignOptions, keywords)
     how = as_options("run", run, RunOptions, of_run)
-    listing = list_shapes(shapes)
+    listing = list_shapes(shapes, recursive=recursive)
     with Session.open(asked, how, progress_display(progress)) as session:
         return align_listing(session, listing, fixed=fixed or {})
 

@@ -19,7 +19,8 @@ from collalign.stages.trial import later_work, try_shapes
 from data_tools.checks import as_options
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import read_toml, resolved
-from data_tools.io.shapes import FolderListing, read_folder
+from data_tools.io.objects import list_shapes
+from data_tools.io.shapes import FolderListing
 from data_tools.threads import one_blas_thread
 
 
@@ -29,12 +30,16 @@ class BatchJob:
 
     Attributes
     ----------
-    folder, out : Path
+    folders : tuple of Path
+        What ``collalign align`` takes: folders, files, patterns, ``@FILE``.
+    out : Path
+    recursive : bool
     options : AlignOptions
     """
 
-    folder: Path
+    folders: tuple[Path, ...]
     out: Path
+    recursive: bool
     options: AlignOptions
 
 
@@ -42,8 +47,8 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
     """Read a batch file.
 
     It is TOML with a table ``[options]`` for all jobs (as in a configuration file of ``collalign align``) and one
-    ``[[jobs]]`` per folder with ``folder``, ``out`` and, where they differ, ``[jobs.options]``. Paths are relative to
-    the file.
+    ``[[jobs]]`` per folder with ``folder`` (or a list of several), ``out``, perhaps ``recursive = true`` and, where
+    they differ, ``[jobs.options]``. Paths are relative to the file.
 
     Raises
     ------
@@ -84,7 +89,7 @@ def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
     is_auto = job.options.group == "auto"
     if is_auto:
         job = replace(job, options=replace(job.options, group="SO"))
-    listing = read_folder(job.folder)
+    listing = list_shapes(job.folders, recursive=job.recursive)
     trial = try_shapes(listing, job.options, run)
     missing_shapes, missing_pairs, num_pairs = _missing(listing, job, run)
     return estimate_run(
@@ -120,10 +125,18 @@ def _missing(listing: FolderListing, job: BatchJob, run: RunOptions) -> tuple[in
 
 def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> BatchJob:
     name = f"{path}: job {number}"
-    if not isinstance(entry, dict) or not {"folder", "out"} <= entry.keys() <= {"folder", "out", "options"}:
-        raise InputError(f"{name}: expected 'folder', 'out' and perhaps 'options'")
-    if not isinstance(entry["folder"], str) or not isinstance(entry["out"], str):
-        raise InputError(f"{name}: 'folder' and 'out' must be paths in quotes")
+    if not isinstance(entry, dict) or not {"folder", "out"} <= entry.keys() <= {
+        "folder",
+        "out",
+        "recursive",
+        "options",
+    }:
+        raise InputError(f"{name}: expected 'folder', 'out' and perhaps 'recursive' and 'options'")
+    places = entry["folder"] if isinstance(entry["folder"], list) else [entry["folder"]]
+    if not places or not all(isinstance(place, str) for place in (*places, entry["out"])):
+        raise InputError(f"{name}: 'folder' and 'out' must be paths in quotes, 'folder' perhaps a list")
+    if not isinstance(recursive := entry.get("recursive", False), bool):
+        raise InputError(f"{name}: 'recursive' must be true or false")
     special = entry.get("options", {})
     if not isinstance(special, dict):
         raise InputError(f"{name}: [jobs.options] must be a table")
@@ -131,7 +144,10 @@ def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> Batc
         options = as_options("options", _merged(shared, special), AlignOptions)
     except OptionsError as error:
         raise OptionsError(f"{name}: {error}") from None
-    return BatchJob(folder=path.parent / entry["folder"], out=path.parent / entry["out"], options=options)
+    folders = tuple(
+        Path(f"@{path.parent / place[1:]}") if place.startswith("@") else path.parent / place for place in places
+    )
+    return BatchJob(folders=folders, out=path.parent / entry["out"], recursive=recursive, options=options)
 
 
 def _merged(general: Mapping[str, Any], special: Mapping[str, Any]) -> dict[str, Any]:

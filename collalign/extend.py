@@ -29,6 +29,7 @@ def add_to_collection(
     shapes: ShapesLike,
     *,
     run: RunOptions | Mapping[str, Any] | None = None,
+    recursive: bool = False,
     progress: ProgressFactory | bool = True,
 ) -> Collection:
     """Align more shapes to an existing result, with the options of that result.
@@ -44,7 +45,7 @@ def add_to_collection(
         The new shapes, as :func:`collalign.align_collection` takes them; their names must be new as well.
     run : RunOptions or mapping, optional
         With the store of the first run, no old pair is matched again.
-    progress : bool or callable
+    recursive, progress
         As in :func:`collalign.align_collection`.
 
     Returns
@@ -73,7 +74,7 @@ def add_to_collection(
     """
     former = load(result)
     files = former.source_files()
-    new = list_shapes(shapes)
+    new = list_shapes(shapes, recursive=recursive)
     taken = sorted(set(former.names) & set(new.names))
     if taken:
         raise InputError(f"the collection has a shape called {taken[0]!r} already; rename the new one")

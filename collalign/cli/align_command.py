@@ -16,6 +16,7 @@ from cyclopts import Parameter
 
 import collalign
 from collalign.analysis.label_table import Labels, read_labels
+from collalign.cli.check import check_shapes
 from collalign.cli.interruption import INCOMPLETE, resumable
 from collalign.cli.talk import say, say_files, tell, warn
 from collalign.engine.jobs.progress import ProgressBar
@@ -31,8 +32,9 @@ from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
 from data_tools.errors import InputError, OptionsError
+from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import OutputFolder, refuse_overlap
-from data_tools.io.shapes import read_folder
+from data_tools.io.shapes import FolderListing, read_folder
 from data_tools.io.source import inputs_of
 from data_tools.percent import percent
 from data_tools.poses import scales_of
@@ -45,23 +47,30 @@ _USUAL = re.compile(
 
 
 def align(
-    folder: Path,
+    folder: Annotated[list[Path], Parameter(negative=())],
     *,
     out: Path,
+    recursive: Annotated[bool, Parameter(negative=())] = False,
+    check: Annotated[bool, Parameter(negative=())] = False,
     corrections: Annotated[list[Path] | None, Parameter(negative=())] = None,
     labels: Path | None = None,
     report: bool = True,
     options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
-    """Align all shapes of a folder.
+    """Align all shapes of a folder, or of several.
 
     Parameters
     ----------
     folder
-        Meshes and point clouds, in any poses.
+        Folders of meshes and point clouds in any poses; or files, patterns ('left/A*.stl'), @FILE with one of
+        these a line.
     out
         Folder for the results; an interrupted run goes on from the store in it.
+    recursive
+        Take the folders in a folder too; files of one name are called folder/name.
+    check
+        Only read every file and say what is in it: nothing is aligned or written.
     corrections
         Decisions downloaded from the report: poses that are kept, with no pair matched again. Once for each file.
     labels
@@ -69,26 +78,26 @@ def align(
     report
         Write report.html.
     """
-    refuse_overlap(out, [folder])
-    listing = read_folder(folder)
+    listing, inputs = _listed(folder if folder[1:] else folder[0], recursive=recursive)
+    refuse_overlap(out, inputs)
     fixed = fixed_by([read_corrections(path) for path in corrections or ()], listing.names)
     table = _labels(labels, listing.names)
+    if check:
+        return check_shapes(listing, options)
     store = run.store or out / STORE_FILE
     run = replace(run, store=store)
-    with (
-        resumable(store),
-        OutputFolder.open(out, writer=WRITER, inputs={folder, *inputs_of(listing.files)}) as output,
-    ):
+    with resumable(store), OutputFolder.open(out, writer=WRITER, inputs=inputs) as output:
         output.refuse_foreign(output_names(listing.names))
-        collection = collalign.align_collection(folder, options=options, run=run, fixed=fixed)
+        collection = collalign.align_collection(listing, options=options, run=run, fixed=fixed)
         written = _save(collection, output, table, store, report=report, num_jobs=run.num_workers)
     return _finish(collection, written)
 
 
 def add(
     result: Path,
-    folder: Path,
+    folder: Annotated[list[Path], Parameter(negative=())],
     *,
+    recursive: Annotated[bool, Parameter(negative=())] = False,
     labels: Path | None = None,
     report: bool = True,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
@@ -100,17 +109,20 @@ def add(
     result
         Folder that ``collalign align`` wrote; it is brought up to date.
     folder
-        The new shapes.
+        The new shapes, as in ``collalign align``.
+    recursive
+        Take the folders in a folder too.
     labels
         CSV file with one row per shape, old and new, for the report.
     report
         Write report.html.
     """
-    table = _labels(labels, (*load(result).names, *read_folder(folder).names))
+    listing, inputs = _listed(folder, recursive=recursive)
+    table = _labels(labels, (*load(result).names, *listing.names))
     store = run.store or result / STORE_FILE
     run = replace(run, store=store)
-    with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=[folder]) as output:
-        collection = collalign.add_to_collection(result, folder, run=run)
+    with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=inputs) as output:
+        collection = collalign.add_to_collection(result, listing, run=run)
         written = _save(collection, output, table, store, report=report, num_jobs=run.num_workers)
     return _finish(collection, written)
 
@@ -143,7 +155,7 @@ def demo(
         raise InputError(f"{out / 'shapes'}: holds other shapes as well, from an earlier call; choose another --out")
     if not options.reference and options.gauge == "reference":
         options = replace(options, reference=_most_upright(planted))
-    code = align(out / "shapes", out=out / "aligned", options=options, run=run)
+    code = align([out / "shapes"], out=out / "aligned", options=options, run=run)
     if code in (0, INCOMPLETE):
         errors = _errors_deg(out / "aligned" / ALIGNMENT_FILE, planted)
         median, worst = float(np.median(errors)), float(errors.max())
@@ -153,6 +165,12 @@ def demo(
     for path in (out / "shapes", out / "aligned", out / "aligned" / REPORT_FILE):
         say(str(path))
     return code
+
+
+def _listed(given: Path | list[Path], *, recursive: bool) -> tuple[FolderListing, set[Path]]:
+    """Return the shapes that places hold, and all that results must lie apart from."""
+    listing, places = list_shapes(given, recursive=recursive), given if isinstance(given, list) else [given]
+    return listing, {*(Path(str(place).removeprefix("@")) for place in places), *inputs_of(listing.files)}
 
 
 def _most_upright(planted: PlantedCollection) -> str:

@@ -32,17 +32,18 @@ def batch(
     """
     failed, jobs = False, []
     for job in read_batch(file):
-        say(f"{job.folder} -> {job.out}")
+        folder = ", ".join(map(str, job.folders))
+        say(f"{folder} -> {job.out}")
         with told_apart() as told:
             jobs.append(told)
-            tell(folder=str(job.folder), out=str(job.out))
+            tell(folder=folder, out=str(job.out))
             try:
                 if dry_run:
                     estimate = str(estimate_job(job, run))
                     tell(estimate=estimate)
                     say(f"  {estimate}")
                 else:
-                    code = align(job.folder, out=job.out, options=job.options, run=run)
+                    code = align([*job.folders], out=job.out, recursive=job.recursive, options=job.options, run=run)
                     tell(exit_code=code)
                     failed |= code != 0
             except BrokenPipeError:

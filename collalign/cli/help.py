@@ -17,6 +17,7 @@ _BASIC = frozenset(
     {
         "--by",
         "--certify",
+        "--check",
         "--clusters",
         "--budget-s",
         "--corrections",
@@ -41,6 +42,7 @@ _BASIC = frozenset(
         "--out",
         "--partial",
         "--patches",
+        "--recursive",
         "--result",
         "--sampling.num-points",
         "--scaling",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,8 @@ from data_tools.io.source import Origin, Source, hash_source
 
 #: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
 SMALLEST_SHARE = 0.5
+#: Shapes so many times smaller or larger than the median are named: units that are mixed up differ by 10 at least.
+ODD_FACTOR = 8.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +62,8 @@ def prepare_shapes(session: AlignSession, listing: FolderListing) -> Shapes:
         note = f"Shapes are matched at {num} points instead of {asked}: most have fewer than {asked}."
         shapes = replace(shapes, notes=(note,))
     shapes = _with_enough(shapes, num, strict=session.options.strict)
+    odd = odd_sizes(dict(zip(shapes.names, [item.scale for item in shapes.samples], strict=True)))
+    shapes = replace(shapes, notes=(*shapes.notes, *odd))
     if len(shapes.names) < 2:
         reasons = "".join(f"\n  {item.file}: {item.reason}" for item in shapes.excluded)
         raise CollectionError(
@@ -85,6 +89,25 @@ def common_num_points(counts: Sequence[int], asked: int) -> int:
     return int(few[few >= SMALLEST_SHARE * median][0]) if median < asked else asked
 
 
+def odd_sizes(sizes: Mapping[str, float]) -> tuple[str, ...]:
+    """Return sentences that name shapes of quite another size than the others.
+
+    Parameters
+    ----------
+    sizes : mapping of str to float
+        A length of each shape in the unit of its file.
+    """
+    middle = float(np.median(list(sizes.values()))) if sizes else 1.0
+    words = {"smaller": {name: middle / size for name, size in sizes.items() if size > 0}}
+    words["larger"] = {name: 1.0 / ratio for name, ratio in words["smaller"].items()}
+    said = []
+    for word, ratios in words.items():
+        odd = [f"{name} ({ratio:.3g} times)" for name, ratio in ratios.items() if ratio >= ODD_FACTOR]
+        if odd:
+            said.append(f"Much {word} than the median shape, perhaps in another unit: {', '.join(odd)}.")
+    return tuple(said)
+
+
 def _with_enough(shapes: Shapes, num: int, *, strict: bool) -> Shapes:
     """Leave out the shapes of fewer points than all others are matched at."""
     counts = [len(item.vertex_indices) for item in shapes.samples]
@@ -92,7 +115,9 @@ def _with_enough(shapes: Shapes, num: int, *, strict: bool) -> Shapes:
     reasons = [f"{counts[i]} points, {num} samples were asked for (sampling.num_points)" for i in small]
     if strict and small:
         raise InputError(f"{shapes.files[small[0]]}: {reasons[0]}")
-    left_out = tuple(_excluded(shapes.files[i], reason) for i, reason in zip(small, reasons, strict=True))
+    left_out = tuple(
+        excluded_file(shapes.files[i], shapes.names[i], reason) for i, reason in zip(small, reasons, strict=True)
+    )
     kept = shapes.some([i for i in range(len(counts)) if i not in small])
     return replace(kept, excluded=shapes.excluded + left_out)
 
@@ -117,7 +142,7 @@ def _prepare(session: AlignSession, listing: FolderListing, options: AlignOption
         for name, item in keyed.items()
     }
     found = session.compute(SAMPLING, wanted, time_limit_s=session.run.shape_time_limit_s, strict=options.strict)
-    excluded += [_excluded(keyed[name].file, reason) for name, reason in found.failures.items()]
+    excluded += [excluded_file(keyed[name].file, name, reason) for name, reason in found.failures.items()]
     good = [keyed[name] for name in found]
     return Shapes(
         names=tuple(found),
@@ -129,11 +154,12 @@ def _prepare(session: AlignSession, listing: FolderListing, options: AlignOption
     )
 
 
-def _excluded(file: Origin, reason: str) -> Excluded:
-    """Return the file and why it is left out; the reason does not say again where it lies."""
+def excluded_file(file: Origin, name: str, reason: str) -> Excluded:
+    """Return a file, called with as many folders as its shape is, and why it is left out, without its place again."""
     for path in (file.path,) if isinstance(file, Source) else (file.absolute(), file):
         reason = reason.removeprefix(f"{path}: ")
-    return Excluded(file=file.name, reason=reason)
+    shown = file.name if isinstance(file, Source) else "/".join(file.absolute().parts[-1 - name.count("/") :])
+    return Excluded(file=shown, reason=reason)
 
 
 def shape_keys(listing: FolderListing, options: AlignOptions) -> tuple[dict[str, KeyedFile], list[Excluded]]:
@@ -146,7 +172,7 @@ def shape_keys(listing: FolderListing, options: AlignOptions) -> tuple[dict[str,
         except InputError as error:
             if options.strict:
                 raise
-            excluded.append(_excluded(file, str(error)))
+            excluded.append(excluded_file(file, name, str(error)))
             continue
         # The reader depends on the suffix as well as on the content.
         key = SAMPLING.key(settings | {"suffix": file.suffix.lower()}, digest)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Mapping
+from glob import has_magic
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -12,38 +13,47 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.io.files import natural_key
-from data_tools.io.shapes import FolderListing, distinct_names, read_folder
+from data_tools.io.shapes import FolderListing, distinct_names, files_at, read_folder
 from data_tools.io.source import Origin, Source
 
 #: One shape: a file, an array (n, 3) of points, a pair (V, F), or an object of trimesh, Open3D or of this project.
 ShapeLike: TypeAlias = Any
-#: A folder, shapes in a list, or shapes by name.
-ShapesLike: TypeAlias = str | Path | Iterable[ShapeLike] | Mapping[str, ShapeLike]
+#: A folder, shapes in a list, shapes by name, or what :func:`list_shapes` made of them.
+ShapesLike: TypeAlias = str | Path | Iterable[ShapeLike] | Mapping[str, ShapeLike] | FolderListing
 
 _KNOWN = "a file, an array (n, 3), a pair (vertices, faces), or a mesh or point cloud of trimesh or Open3D"
 
 
-def list_shapes(shapes: ShapesLike) -> FolderListing:
+def list_shapes(shapes: ShapesLike, *, recursive: bool = False) -> FolderListing:
     """List the shapes of a collection, whatever form they come in; files are not read yet.
 
     Parameters
     ----------
     shapes : str, Path, iterable or mapping
-        A folder; or files, arrays (n, 3), pairs (V, F), trimesh and Open3D objects, in any mixture. A mapping gives
-        their names; files are called by their stems and other shapes ``shape1``, ``shape2``, ... by position.
+        A folder, a pattern or ``@FILE`` (:func:`data_tools.io.shapes.files_at`); or several of these, files, arrays
+        (n, 3), pairs (V, F), trimesh and Open3D objects, in any mixture. A mapping gives their names; files are
+        called by their stems (``folder/stem`` where those are equal), others ``shape1``, ``shape2``, ... by position.
+    recursive : bool
+        Whether the folders in a folder count.
 
     Raises
     ------
     InputError
-        If it is no folder and no several shapes, two shapes carry the same name, or an object is none that is known.
+        If there is no such folder, no several shapes, two shapes carry the same name, or an object is none that is
+        known.
     """
+    if isinstance(shapes, FolderListing):
+        return shapes
     if isinstance(shapes, str | Path):
-        return read_folder(shapes)
-    named = _named(shapes)
+        if Path(shapes).is_dir() or not (str(shapes).startswith("@") or has_magic(str(shapes))):
+            return read_folder(shapes, recursive=recursive)
+        shapes = [shapes]
+    named, skipped = _named(shapes, recursive=recursive)
     if not named:
         raise InputError("shapes: there are none")
     names = sorted(named, key=natural_key)
-    return FolderListing(files=tuple(as_origin(named[name], name) for name in names), names=tuple(names))
+    files = tuple(as_origin(named[name], name) for name in names)
+    return FolderListing(files=files, names=tuple(names), skipped=skipped)
 
 
 def as_origin(shape: ShapeLike, name: str) -> Origin:
@@ -71,24 +81,30 @@ def as_origin(shape: ShapeLike, name: str) -> Origin:
     return Source(Path(name), buffer.getvalue(), suffix=".npz")
 
 
-def _named(shapes: Any) -> dict[str, ShapeLike]:
-    """Return the shapes by name."""
+def _named(shapes: Any, *, recursive: bool) -> tuple[dict[str, ShapeLike], tuple[Path, ...]]:
+    """Return the shapes by name, and what places hold beside shapes."""
     if isinstance(shapes, Mapping):
         if not all(isinstance(name, str) and name for name in shapes):
             raise InputError("shapes: their names must be text that is not empty")
-        return dict(shapes)
+        return dict(shapes), ()
     if isinstance(shapes, np.ndarray) and shapes.ndim != 3:
         raise InputError(f"shapes: one array of shape {shapes.shape}; a collection is several shapes in a list")
     try:
         given = list(shapes)
     except TypeError:
         raise InputError(f"shapes: expected a folder, a list or a dict of shapes, got {_kind(shapes)}") from None
-    files = {i: Path(shape) for i, shape in enumerate(given) if isinstance(shape, str | Path)}
-    names = dict(zip(files, distinct_names(list(files.values())), strict=True))
-    named = {names.get(i, getattr(shape, "name", None) or f"shape{i + 1}"): shape for i, shape in enumerate(given)}
-    if len(named) < len(given):
+    files, skipped, named = dict[Path, None](), dict[Path, None](), list[tuple[str, ShapeLike]]()
+    for number, shape in enumerate(given, start=1):
+        if isinstance(shape, str | Path):
+            found, others = files_at(shape, recursive=recursive)
+            files |= dict.fromkeys(found)
+            skipped |= dict.fromkeys(others)
+        else:
+            named.append((getattr(shape, "name", None) or f"shape{number}", shape))
+    named += zip(distinct_names(list(files)), files, strict=True)
+    if len(dict(named)) < len(named):
         raise InputError("shapes: two of them have the same name; give a dict of distinct names")
-    return named
+    return dict(named), tuple(skipped)
 
 
 def _arrays(shape: Any, name: str) -> tuple[FloatArray, IntArray]:

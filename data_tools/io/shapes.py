@@ -6,6 +6,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from glob import glob, has_magic
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import CollalignError, InputError, UnavailableError
-from data_tools.io.files import natural_key, readable_name, write_atomic
+from data_tools.io.files import natural_key, read_text, readable_name, write_atomic
 from data_tools.io.mesh_formats import READERS as MESH_READERS
 from data_tools.io.points import READERS as POINT_READERS
 from data_tools.io.source import Origin, Source, read_source
@@ -40,7 +41,7 @@ class FolderListing:
     files : tuple of Path or Source
         In natural order, with distinct ``names``.
     names : tuple of str
-        The stem of each file, as readable text; the whole file name where two stems are equal.
+        The stem of each file, as readable text; where two stems are equal, the whole file name, or ``folder/stem``.
     skipped : tuple of Path
         Other files and folders, in natural order.
     """
@@ -118,8 +119,14 @@ def shape_from_source(
     return shape if cleaning is not None and not cleaning.largest_component else without_outliers(shape, cleaning)
 
 
-def read_folder(folder: Path | str) -> FolderListing:
+def read_folder(folder: Path | str, *, recursive: bool = False) -> FolderListing:
     """List the shape files of a folder in natural order, without reading them.
+
+    Parameters
+    ----------
+    folder : path
+    recursive : bool
+        Its folders as well, at any depth; hidden ones and links to folders stay out.
 
     Raises
     ------
@@ -135,17 +142,92 @@ def read_folder(folder: Path | str) -> FolderListing:
                 f"{folder}: is a file, not a folder; give the folder that holds the shapes, or two files to "
                 "`collalign match`"
             )
-        entries = sorted(
-            (p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name)
-        )
-        files = tuple(p for p in entries if p.is_file() and p.suffix.lower() in READERS)
+        entries = _entries(folder, recursive=recursive)
+        files = tuple(path for path in entries if path.is_file() and path.suffix.lower() in READERS)
+        if not files:
+            raise InputError(f"{folder}: holds no shape file; {_elsewhere(folder)}")
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror or error})") from None
-    if not files:
-        raise InputError(f"{folder}: holds no shape file; readable are {', '.join(sorted(READERS))}")
     return FolderListing(
-        files=files, names=distinct_names(files), skipped=tuple(p for p in entries if p not in files)
+        files=files, names=distinct_names(files), skipped=tuple(path for path in entries if path not in files)
     )
+
+
+def files_at(place: Path | str, *, recursive: bool = False) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """Return the shape files of a place, and what else is there.
+
+    Parameters
+    ----------
+    place : path
+        A file; a folder; a pattern such as ``left/*.ply`` or ``**/*.stl``; or ``@FILE`` of such places, one a line,
+        relative to that file (empty lines and those that begin with ``#`` count for nothing).
+    recursive : bool
+        Of folders, as in :func:`read_folder`.
+
+    Raises
+    ------
+    InputError
+        If nothing is there, or a folder holds no shape file.
+    """
+    place, text = Path(place), str(place)
+    if text.startswith("@"):
+        return _files_of_list(Path(text[1:]), recursive=recursive)
+    try:
+        if place.is_dir():
+            listing = read_folder(place, recursive=recursive)
+            return tuple(path for path in listing.files if isinstance(path, Path)), listing.skipped
+        if not place.exists() and has_magic(text):
+            found = [Path(match) for match in glob(text, recursive=True)]
+            found = sorted((path for path in found if path.is_file()), key=lambda path: natural_key(str(path)))
+            files = tuple(path for path in found if path.suffix.lower() in READERS)
+            if not files:
+                raise InputError(f"{place}: no shape file matches")
+            return files, tuple(path for path in found if path not in files)
+        if not place.exists() and place.suffix.lower() not in READERS:
+            raise InputError(f"{place}: no such file or folder")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{text[:200]}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    return (place,), ()
+
+
+def _files_of_list(path: Path, *, recursive: bool) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """Return what the places of a list hold."""
+    try:
+        lines = read_text(path, "utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a list of files, it is no text") from None
+    files, others = list[Path](), list[Path]()
+    for number, line in enumerate(lines, start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        try:
+            found, rest = files_at(path.absolute().parent / line.strip(), recursive=recursive)
+        except InputError as error:
+            raise InputError(f"{path}, line {number}: {error}") from None
+        files += found
+        others += rest
+    return tuple(files), tuple(others)
+
+
+def _entries(folder: Path, *, recursive: bool) -> list[Path]:
+    """Return what can be seen in a folder, in natural order; in place of its folders what they hold."""
+    entries = sorted((p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name))
+    if not recursive:
+        return entries
+    inside = [
+        _entries(path, recursive=True) if path.is_dir() and not path.is_symlink() else [path] for path in entries
+    ]
+    return [path for paths in inside for path in paths]
+
+
+def _elsewhere(folder: Path) -> str:
+    """Say which folders of a folder without shape files have some."""
+    below = [path.relative_to(folder) for path in _entries(folder, recursive=True) if path.suffix.lower() in READERS]
+    counts = list(Counter(readable_name(Path(path.parts[0])) for path in below if len(path.parts) > 1).items())
+    if not counts:
+        return f"readable are {', '.join(sorted(READERS))}"
+    some = ", ".join([f"{name} ({count})" for name, count in counts[:10]]) + (", ..." if counts[10:] else "")
+    return f"its folders do: {some}; take them with --recursive (in Python recursive=True), or name one of them"
 
 
 def write_mesh(path: Path | str, shape: Shape) -> Path:
@@ -173,12 +255,37 @@ def write_mesh(path: Path | str, shape: Shape) -> Path:
 
 
 def distinct_names(files: Sequence[Path]) -> tuple[str, ...]:
-    """Return distinct names: stems where they are unlike, whole file names where even these could be taken."""
-    whole = [readable_name(path) for path in files]
-    stems = [name.removesuffix(path.suffix) for name, path in zip(whole, files, strict=True)]
-    counts = Counter(stem.casefold() for stem in stems)
-    names = tuple(stem if counts[stem.casefold()] == 1 else name for stem, name in zip(stems, whole, strict=True))
-    return names if len(set(names)) == len(names) else tuple(whole)
+    """Return distinct names, whatever the order: stems where they are unlike, else whole names, else with folders.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        Of which none is there twice.
+    """
+    alike: dict[str, list[Path]] = {}
+    for path in files:
+        alike.setdefault(_tail(path, 0, whole=False).casefold(), []).append(path)
+    named = {path: name for group in alike.values() for path, name in zip(group, _told_apart(group), strict=True)}
+    names = tuple(named[path] for path in files)
+    return names if len(set(names)) == len(names) else tuple(_told_apart(files, kinds=(True,)))
+
+
+def _told_apart(files: Sequence[Path], *, kinds: tuple[bool, ...] = (False, True)) -> list[str]:
+    """Return names of files with as few folders before them as tells them apart; with suffixes only where needed."""
+    deepest = max((len(path.parts) for path in files), default=1)
+    for depth in range(deepest):
+        for whole in kinds:
+            names = [_tail(path, depth, whole=whole) for path in files]
+            if len({name.casefold() for name in names}) == len(names):
+                return names
+    return [_tail(path, deepest, whole=True) for path in files]
+
+
+def _tail(path: Path, depth: int, *, whole: bool) -> str:
+    """Return the name of a file, with its suffix or without, behind so many of its folders."""
+    above = [readable_name(Path(part)) for part in path.absolute().parent.parts[-depth:]] if depth else []
+    name = readable_name(path)
+    return "/".join([*above, name if whole else name.removesuffix(path.suffix)])
 
 
 def _checked(source: Source, vertices: FloatArray, faces: IntArray, name: str) -> Shape:

@@ -58,7 +58,11 @@ def test_jobs_share_options_and_override_them(folder: Path) -> None:
     assert (first.options.seed, first.options.sampling.num_points, first.options.group) == (3, 20, "auto")
     assert (second.options.seed, second.options.sampling.num_points, second.options.group) == (3, 16, "O")
     assert second.options.sampling.num_dense_points == 50
-    assert first.folder == folder / "chairs"
+    (several,) = read_batch(batch_file(folder, "[[jobs]]\nfolder = ['a', '@b.txt']\nout = 'c'\nrecursive = true\n"))
+    assert several.folders == (folder / "a", Path(f"@{folder / 'b.txt'}"))
+    assert several.recursive
+    assert not second.recursive
+    assert first.folders == (folder / "chairs",)
 
 
 @pytest.mark.parametrize(

@@ -84,6 +84,10 @@ def test_a_list_names_shapes_by_file_own_name_or_position(shape: Shape, tmp_path
     assert list_shapes({"b10": shape.vertices, "b2": file}).names == ("b2", "b10")
     assert list_shapes(np.stack([shape.vertices] * 3)).names == ("shape1", "shape2", "shape3")
     assert list_shapes(tmp_path).names == ("tooth2",)
+    listing = list_shapes([shape.vertices, tmp_path, file, str(tmp_path / "*.ply")])
+    assert listing.names == ("shape1", "tooth2"), "a file that several places hold is there once"
+    assert list_shapes(listing) is listing
+    assert list_shapes(str(tmp_path / "*2.ply")).names == ("tooth2",)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +102,7 @@ def test_a_list_names_shapes_by_file_own_name_or_position(shape: Shape, tmp_path
         ([np.zeros((5, 2))], r"expected points of shape \(n, 3\)"),
         ([(np.zeros((5, 3)), np.zeros((2, 3)))], "faces as integers"),
         ([[["a", "b", "c"]]], "not arrays of numbers"),
-        (["a/x.ply", "b/x.ply"], "two of them have the same name"),
+        ([SimpleNamespace(name="x", points=np.eye(3))] * 2, "two of them have the same name"),
     ],
 )
 def test_what_is_no_collection_is_refused(given: Any, message: str) -> None:

@@ -1,5 +1,7 @@
 import dataclasses
+import itertools
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +10,7 @@ import trimesh
 
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError, UnavailableError
-from data_tools.io.shapes import READERS, read_folder, read_shape, write_mesh
+from data_tools.io.shapes import READERS, distinct_names, files_at, read_folder, read_shape, write_mesh
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
 from tests.data_tools.io.test_points import MALFORMED as POINTS
@@ -209,6 +211,51 @@ def test_folder_without_shapes_is_refused(tmp_path: Path) -> None:
         read_folder(tmp_path)
     with pytest.raises(InputError, match="no such folder"):
         read_folder(tmp_path / "missing")
+
+
+@pytest.fixture
+def sides(tmp_path: Path) -> Path:
+    """Two folders with a shape of one name each, and one with another."""
+    for name in ("left/A.ply", "right/A.ply", "right/old/A.stl", "right/B2.ply", "right/notes.md"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(name)
+    return tmp_path
+
+
+def test_folders_in_a_folder_are_taken_when_asked_and_named_when_not(sides: Path) -> None:
+    with pytest.raises(InputError, match=r"its folders do: left \(1\), right \(3\); take them with --recursive"):
+        read_folder(sides)
+    listing = read_folder(sides, recursive=True)
+    assert listing.names == ("left/A", "right/A", "B2", "old/A")
+    assert [path.name for path in listing.skipped] == ["notes.md"]
+    assert read_folder(sides / "right").names == ("A", "B2")
+
+
+def test_names_tell_files_apart_whatever_their_order(sides: Path) -> None:
+    files = [sides / name for name in ("left/A.ply", "right/A.ply", "right/A.obj", "right/B2.ply")]
+    named = dict(zip(files, distinct_names(files), strict=True))
+    assert list(named.values()) == ["left/A.ply", "right/A.ply", "right/A.obj", "B2"]
+    for order in itertools.permutations(files):
+        assert dict(zip(order, distinct_names(order), strict=True)) == named
+
+
+def test_places_are_folders_patterns_lists_and_files(sides: Path) -> None:
+    (sides / "some.txt").write_text("# the left one and a pattern\nleft\n\nright/*\n")
+    found, others = files_at(f"@{sides / 'some.txt'}")
+    assert [path.name for path in (*found, *others)] == ["A.ply", "A.ply", "B2.ply", "notes.md"]
+    assert len(files_at(sides / "**" / "*.[ps]*")[0]) == 4
+    assert len(files_at(sides / "right", recursive=True)[0]) == 3
+    assert files_at(sides / "none.ply") == ((sides / "none.ply",), ())  # left out later, with this as the reason
+    for wrong, message in (
+        (sides / "nowhere", "nowhere: no such file or folder"),
+        (sides / "left" / "*.stl", "no shape file matches"),
+        (f"@{sides / 'none.txt'}", "cannot be read"),
+    ):
+        with pytest.raises(InputError, match=re.escape(message)):
+            files_at(wrong)
+    (sides / "some.txt").write_text("left\nlfet\n")
+    with pytest.raises(InputError, match=r"some\.txt, line 2: .*lfet: no such file"):
+        files_at(f"@{sides / 'some.txt'}")
 
 
 def with_gaps(tmp_path: Path, suffix: str, bad: list[int]) -> tuple[Path, Shape]:
