@@ -36,7 +36,6 @@ FAULTS: Table = {
     ("pairwise/branch_and_bound/prove.py", "pairwise/branch_and_bound/test_prove.py"): [
         ("Proof.is_chirality_proven", "other > self.candidate.energy", "other > 0.5 * self.candidate.energy"),
         ("Proof.is_chirality_proven", "if self.candidate.reflected else", "if not self.candidate.reflected else"),
-        ("_proof", "all(search.is_done", "any(search.is_done"),
         ("_proof", "PROVEN_OPTIMAL if is_proven else", "PROVEN_OPTIMAL if True else"),
         ("_proof", "min(*bounds.values(), best.energy)", "best.energy"),
         ("_proof", "min(*bounds.values(), best.energy)", "min(max(bounds.values()), best.energy)"),
@@ -47,15 +46,12 @@ FAULTS: Table = {
         "pairwise/branch_and_bound/test_prove.py",
     ): [
         ("RotationSearch.threshold", "(1.0 - self._tol)", "(1.0 - 100.0 * self._tol)"),
-        ("RotationSearch.threshold", "return min(self.energy", "return max(self.energy"),
         ("RotationSearch.threshold", "self._within * best +", "0.9 * self._within * best +"),
         ("RotationSearch.is_done", "self.bound >= self.threshold(best)", "True"),
-        ("RotationSearch.bound", "min(self._settled_bound, ", "max(self._settled_bound, "),
         ("RotationSearch.bound", "return min(self._settled_bound, ", "return min(self.energy, self._settled_bound, "),
         ("RotationSearch._split", "self._evaluate(rotations, radii,", "self._evaluate(rotations, 0.9 * radii,"),
         ("RotationSearch._split", "self._open.take(order[batch:])", "self._open.take(order[batch + 1 :])"),
         ("RotationSearch._settle", "cells.bounds >= self.threshold", "cells.bounds >= 0.9 * self.threshold"),
-        ("RotationSearch._settle", "min(self._settled_bound, float", "max(self._settled_bound, float"),
         ("RotationSearch._settle", "cells.take(np.flatnonzero(is_small))", "cells.take(np.flatnonzero(is_smallest))"),
     ],
     ("pairwise/branch_and_bound/tilted.py", "pairwise/branch_and_bound/test_tilted.py"): [
@@ -115,7 +111,6 @@ FAULTS: Table = {
     ): [
         (MODULE, "_CLAIM_TOL = 1e-9", "_CLAIM_TOL = 1e-3"),
         ("verify_certificate", "return bound - deviation", "return bound"),
-        ("proven_bound", "given.refuse_rest(kind)", "pass"),
         ("_in_units", "energy - 2 * length", "energy - length"),
     ],
     ("pairwise/certificates/verify_cells.py", "pairwise/certificates/test_verify_cells.py"): [
@@ -125,7 +120,6 @@ FAULTS: Table = {
         ("_curvature", "roots * left.T / factor", "0.5 * roots * left.T / factor"),
     ],
     ("pairwise/certificates/verify_joint.py", "pairwise/certificates/test_verify_joint.py"): [
-        ("gram_bound", "- float(np.trace(matrix))", "+ float(np.trace(matrix))"),
         ("largest_turns", "slack + len(matrix) * more", "0.3 * slack"),
     ],
     (
@@ -156,9 +150,7 @@ FAULTS: Table = {
         ("_cost_lower_bounds", "if not floor >= _SMALLEST:", "if False:"),
         ("_cost_lower_bounds", "- 2.0 * v[:, 0]", "- v[:, 0]"),
         ("_quadratic_upper_bounds", "main + 1.0001 * (main_error + tail)", "main"),
-        ("_quaternion_slope", "2 * (y[1, 2] - y[0, 3])", "2 * (y[1, 2] + y[0, 3])"),
         ("_add_cofactor", "] -= half", "] += half"),
-        ("_rotation_basis", "((a + 1, a), -1.0)", "((a + 1, a), 1.0)"),
     ],
     ("pairwise/dense/rank.py", "pairwise/dense/test_dense_rank.py"): [
         ("refine_candidates", "sorted(refined, key=_both_energies)", "refined"),
@@ -173,7 +165,6 @@ FAULTS: Table = {
         ("_first", "rank <= _CHIRALITY_SHARE * num", "rank <= 0"),
         ("look_around", "<= _CENTRE_FACTOR *", ">= _CENTRE_FACTOR *"),
         ("look_around", "merge([minima, found])", "minima"),
-        ("mirror_points", "mirrored[..., 0]", "mirrored[..., 1]"),
         ("distinct", "<= traces", "<= 2.0 * traces"),
         (
             "distinct",
@@ -183,7 +174,6 @@ FAULTS: Table = {
     ],
     ("pairwise/local/rotation_sets.py", "pairwise/local/test_rotation_sets.py"): [
         ("super_fibonacci", "np.arange(num) + 0.5", "np.arange(num) + 0.0"),
-        ("quaternions_to_rotations", "2 * (x * y - z * w)", "2 * (x * y + z * w)"),
         ("principal_frame", "np.where(skewness < 0, -1.0, 1.0)", "1.0"),
         ("sign_rotations", "last = free.prod(axis=1, keepdims=True)", "last = -free.prod(axis=1, keepdims=True)"),
         ("small_rotations", "np.tan(angle_rad / 2.0)", "np.tan(angle_rad)"),
@@ -200,9 +190,6 @@ FAULTS: Table = {
         ("match_problem", "ranked[0].energy > optimum.energy and", "ranked[0].energy < optimum.energy and"),
         ("match_problem", "certificate=None if relaxation is None else relaxation.certificate", "certificate=None"),
     ],
-    ("pairwise/partial/counterparts.py", "pairwise/partial/test_partial_match.py"): [
-        ("_apart", "4.0 - squared", "8.0 - squared"),
-    ],
     (
         "pairwise/pm_sdp/certify.py",
         "pairwise/certificates/test_certificate.py",
@@ -213,12 +200,8 @@ FAULTS: Table = {
         ("certify_dual", 'arrays["u"] = u', 'arrays["u"] = 1.001 * u'),
     ],
     ("pairwise/pm_sdp/cone_kernels.py", "pairwise/pm_sdp/test_pm_sdp_interior_point.py"): [
-        ("longest_block_step", "(1.0 - least) * blocks", "(1.0 + least) * blocks"),
         ("longest_block_step", "low = trial", "low = high"),
-        ("longest_primal_step", "- least * G[j, a, b]", "+ least * G[j, a, b]"),
         ("longest_primal_step", "trial * dx[j, i]", "0.5 * trial * dx[j, i]"),
-        ("longest_dual_step", "(1.0 - least) * s[j, i]", "(1.0 + least) * s[j, i]"),
-        ("longest_dual_step", "ds[j, i] - trial", "ds[j, i] + trial"),
     ],
     ("pairwise/pm_sdp/data.py", "pairwise/pm_sdp/test_pm_sdp_interior_point.py"): [
         ("_match_costs", "- 2.0 * lifted_vectors[..., 0]", "- lifted_vectors[..., 0]"),
@@ -233,15 +216,12 @@ FAULTS: Table = {
         ("_set_determinants", "* wanted < 0", "* wanted > 0"),
         ("RotationPattern.from_user", "((0, first),) if", "((0, dim),) if"),
         ("RotationPattern.from_user", "np.linalg.matrix_rank(_random_filling(mask)) < dim", "False"),
-        ("_mask_from_user", "np.abs(offsets) <= pattern", "np.abs(offsets) < pattern"),
     ],
     ("pairwise/problem/problem.py", "pairwise/problem/test_problem.py"): [
         ("Problem.assignment_costs", "- 2.0 * cross", "- cross"),
         ("Problem.assignment_costs", "np.where(self.allowed, costs, np.inf)", "costs"),
         ("_check_feasible", "if stuck:", "if stuck > 1:"),
         ("Problem.procrustes", "(self.weights[:, None] * self.source)", "self.source"),
-        ("energy_scale", "(problem.source**2).sum(axis=1)", "(problem.source**2).max(axis=1)"),
-        ("energy_scale", ".sum(axis=1).mean()", ".sum(axis=1).sum()"),
     ],
     ("pairwise/problem/problem.py", "pairwise/test_proven.py"): [
         (MODULE, "ROUNDING_SHARE = 1e-9", "ROUNDING_SHARE = 1e-3"),

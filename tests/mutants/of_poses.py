@@ -8,19 +8,16 @@ FAULTS: Table = {
         ("Evidence.map_score", "1.0 - abs(self.orientation)", "1.0 - self.orientation"),
     ],
     ("collalign/confidence/overlap_model.py", "collalign/confidence/test_overlap_model.py"): [
-        ("rival_margin", "(means[apart] - means[0]).min", "(means[apart] - means[0]).max"),
         ("rival_margin", "> AGREE_DEG", "> 0.0"),
         ("certainty", "np.sqrt(num_targets)", "1.0"),
     ],
     ("collalign/confidence/pose_model.py", "collalign/stages/test_trust.py"): [
-        (MODULE, "0.6, -5.85", "0.6, 5.85"),
         (MODULE, "TIED_LEAD = 0.02, 1.0", "TIED_LEAD = -9.0, 1.0"),
         (MODULE, "TIED_LEAD = 0.02, 1.0", "TIED_LEAD = 0.02, 99.0"),
         ("terms", "np.sqrt(votes * collection)", "votes"),
         ("terms", "LIMITS[:, 0], LIMITS[:, 1]", "-np.inf, np.inf"),
         ("probability", "np.minimum(1.0 / (1.0 + np.exp(-score)), MOST_CONFIDENT)", "1.0 / (1.0 + np.exp(-score))"),
         ("pose_confidence", "1.0 / (1.0 + ties)", "1.0 / np.maximum(ties, 1.0)"),
-        ("pose_confidence", "np.minimum(probability", "np.maximum(probability"),
     ],
     ("collalign/confidence/radius_model.py", "collalign/confidence/test_radius_model.py"): [
         ("beyond_range", "max(calibration.most_residual, _LEAST_RANGE)", "_LEAST_RANGE"),
@@ -35,7 +32,6 @@ FAULTS: Table = {
         ("Sides.are_suspected", "self.num_between > 0 and ", ""),
         ("preferences", "mirrored - plain", "plain - mirrored"),
         ("_smaller_sides", "> np.bincount(part)", "< np.bincount(part)"),
-        ("_judged", "np.maximum(-agreement, 0.0)", "np.maximum(agreement, 0.0)"),
     ],
     ("collalign/products/deformation.py", "collalign/stages/test_deformation.py"): [
         ("VertexMaps.__getitem__", "len(self.places[b]), -1", "len(self.places[b]), 0"),
@@ -48,52 +44,36 @@ FAULTS: Table = {
         ("places_on_reference", ".on(to.vertices)", ".on(fitted)"),
         ("_goals", "np.arange(len(from_reference)), to_reference", "to_reference, np.arange(len(from_reference))"),
     ],
-    ("collalign/stages/poses/agreement.py", "collalign/stages/test_pose_parts.py"): [
-        ("resolve_pair", "start))[1])", "start))[2])"),
-    ],
     ("collalign/stages/poses/bent.py", "collalign/stages/test_bent_poses.py"): [
         ("first_samples", "samples.positions[:num].mean(axis=0)", "0.0"),
-        ("first_samples", "samples.invariants[:num] * weight", "samples.invariants[:num] / weight"),
         ("bent_poses", "present * trust", "present * 1.0"),
         ("_nearest_map", "np.where(near, odds, -np.inf)", "odds"),
         ("_trust", "[:, 0], np.inf)", "[:, 0], 0.0)"),
-        ("_trust", "** -SCATTER_POWER", "** SCATTER_POWER"),
     ],
     ("collalign/stages/poses/refinement.py", "collalign/stages/test_pose_refinement.py"): [
         (MODULE, "NUM_ROUNDS = 2", "NUM_ROUNDS = 1"),
-        ("_weights", "** -LOCALITY", "** LOCALITY"),
         ("_weights", "np.median(energies)", "np.max(energies)"),
         ("local_pairs", "nx.minimum_spanning_edges", "nx.maximum_spanning_edges"),
         ("local_pairs", "[:num]", "[:0]"),
     ],
     ("collalign/stages/surface_gap.py", "collalign/stages/test_trust.py"): [
-        ("point_gaps", "(2.0 - 2.0 * target[1]", "(2.0 + 2.0 * target[1]"),
         ("surface_gap", "gaps.min(axis=0).mean() + gaps.min(axis=1).mean()", "2.0 * gaps.min(axis=0).mean()"),
-    ],
-    ("collalign/stages/trial.py", "collalign/test_batch.py"): [
-        ("later_work", "options.incomplete == AUTO", "options.incomplete != AUTO"),
     ],
     ("collalign/stages/trust/assess.py", "collalign/stages/test_trust.py"): [
         ("_votes", "<= AGREE_DEG", "<= 9.0 * AGREE_DEG"),
         ("_votes", "partner.poses[0]", "partner.poses[-1]"),
         ("_votes", ".sum() + PRIOR_VOTES)", ".sum())"),
         ("gather_trust", "cost[1:].mean(axis=1) / cost[0].mean()", "cost[0].mean() / cost[1:].mean(axis=1)"),
-        ("gather_trust", "rises.min()", "rises.max()"),
         ("gather_trust", "evidence[known, VOTES].mean()", "1.0"),
-        ("gather_trust", "leads[i].min()", "leads[i].max()"),
         ("partners_of", "np.swapaxes(turns, 1, 2)", "turns"),
         ("partners_of", "(partner.energy, partner.shape)", "(-partner.energy, partner.shape)"),
-        ("partners_of", "-pair.log_odds if is", "pair.log_odds if is"),
         ("with_trust", "np.minimum(confidence[doubted], ONE_OF_TWO)", "confidence[doubted]"),
-        ("with_trust", "-RIVAL_POWER *", "RIVAL_POWER *"),
         ("with_trust", "chances = (1.0 - confidence[i]) * ", "chances = "),
-        ("with_trust", "np.argsort(-chances", "np.argsort(chances"),
         ("with_trust", "confidence[list(constraints.fixed)] = 1.0", "pass"),
     ],
     ("collalign/stages/trust/rival_poses.py", "collalign/stages/test_trust.py"): [
         ("rival_poses", "if mirrored else []", "if True else []"),
         ("rival_poses", "~_near(poses, pose[None])[:, 0]", "np.ones(len(poses), dtype=bool)"),
-        ("rival_poses", "-SUPPORT_POWER *", "SUPPORT_POWER *"),
         ("leads_over", "odds[0] - odds[1:]", "odds[1:] - odds[0]"),
         ("leads_over", "if are_copies and", "if"),
         ("leads_over", "if are_copies and partner.energy == 0.0 else", "if False else"),
@@ -103,16 +83,11 @@ FAULTS: Table = {
         ("_representatives", "left &= ~near[best]", "left[best] = False"),
         ("pose_costs", "partner_pose.T @ pose", "partner_pose @ pose"),
     ],
-    ("collalign/synchronization/clusters.py", "collalign/synchronization/test_synchronization_parts.py"): [
-        ("_typical_affinity", "LEAST_TYPICAL * max(", "LEAST_TYPICAL * min("),
-    ],
     (
         "collalign/synchronization/clusters.py",
         "collalign/synchronization/test_synchronization_parts.py",
         "collalign/stages/test_pose_parts.py",
     ): [
-        ("pair_affinity", "affinity[left, right] *= trust", "pass"),
-        ("pair_affinity", "np.minimum(1.0, np.median(lowest)", "np.maximum(1.0, np.median(lowest)"),
         ("pair_affinity", "apart <= CLOSED", "apart >= CLOSED"),
         ("_aligned_parts", "turn @ poses[members]", "poses[members]"),
         ("spectral_clusters", "np.argsort(np.argsort(first))", "np.argsort(first)[::-1]"),
@@ -138,13 +113,10 @@ FAULTS: Table = {
         ("EdgeModel._volume", "1.0 if self.graph.pattern.special_blocks else 2.0", "1.0"),
         ("_fitted_noise", "graph.num_shapes - 1", "0.0"),
         ("EdgeModel.costs", "+ np.exp(floor - top)", ""),
-        ("candidate_features", "!= graph.best_choice[:, None]", "== graph.best_choice[:, None]"),
         ("relative_weights", "FIXED_WEIGHT * scaled", "1e-3 * scaled"),
         ("relative_energies", "lowest / middle", "middle / lowest"),
         ("squared_distances", "2.0 * graph.dim - 2.0 * inner", "2.0 * graph.dim - inner"),
         ("_fitted_power", "0.5 * np.log(", "np.log("),
-        ("_fitted_candidates", "or not features.any()", "or features.any()"),
-        ("relative_energies", "middle <= 0.0", "middle < 0.0"),
     ],
     (
         "collalign/synchronization/resolve.py",
@@ -158,12 +130,6 @@ FAULTS: Table = {
     ("collalign/synchronization/solvers/averaging.py", "collalign/stages/test_bent_poses.py"): [
         ("average_frames", "SMALLEST_RESIDUAL_DEG / residuals", "1.0"),
         ("average_frames", "weights * SMALLEST", "SMALLEST"),
-    ],
-    ("collalign/synchronization/solvers/blockwise.py", "collalign/synchronization/test_synchronization_parts.py"): [
-        ("restricted", "start == index[0] and", "start == index[0] or"),
-        ("restricted", "start == index[0]", "start != index[0]"),
-        ("restricted", "index[-1] + 1", "index[-1] - 1"),
-        ("restricted", "any(", "all("),
     ],
     (
         "collalign/synchronization/solvers/blockwise.py",
@@ -183,11 +149,9 @@ FAULTS: Table = {
         ("synchronize_signs", "own * own[0]", "own"),
     ],
     ("collalign/synchronization/solvers/turns.py", "collalign/synchronization/test_synchronization_parts.py"): [
-        ("_add_own_turns", "== 0, mine, np.swapaxes(mine, 2, 3))", "== 1, mine, np.swapaxes(mine, 2, 3))"),
         ("_modes", "<= SAME_TURN] = 0.0", "<= SAME_TURN] *= 1.0"),
         ("_directed_flips", "(turn.T, rate / 2.0)", "(turn, rate / 2.0)"),
         ("_turned_distances", "shared @ flip", "flip @ shared"),
         ("turn_costs", "np.where(left_out[:, :, None] | right_out[:, None], FORBIDDEN, costs)", "costs"),
-        (MODULE, "8.0 * np.sin(np.deg2rad(15.0))", "8.0 * np.sin(np.deg2rad(30.0))"),
     ],
 }

@@ -4,14 +4,12 @@ from tests.mutants.place import MODULE, Table
 
 FAULTS: Table = {
     ("collalign/analysis/ordination.py", "collalign/analysis/test_ordination.py"): [
-        ("classical_mds", "-0.5 * centring", "-1.0 * centring"),
         ("newick", "(height - low) / 2", "height / 2"),
     ],
     ("collalign/analysis/procrustes.py", "collalign/analysis/test_procrustes.py"): [
         ("best_rotations", "determinant=1.0", "determinant=None"),
         ("principal_components", "singular**2 / (len(points) - 1)", "singular**2 / len(points)"),
         ("PrincipalComponents.shape_at", "np.sqrt(self.variances[component])", "self.variances[component]"),
-        ("common_labels", ".any(axis=(0, 2))", ".all(axis=(0, 2))"),
     ],
     ("collalign/analysis/symmetry.py", "collalign/analysis/test_symmetry.py"): [
         ("mirror_image", "points[..., partner, :] * _MIRROR", "points * _MIRROR"),
@@ -27,13 +25,10 @@ FAULTS: Table = {
         ("table_of_stored", "None if asked is None or former is None else asked | former", "asked"),
     ],
     ("collalign/engine/jobs/local.py", "collalign/engine/test_jobs_guard.py"): [
-        (MODULE, "_MAX_DEATHS = 2", "_MAX_DEATHS = 3"),
         ("_LocalRun._alone", "deaths, stalls = 1, 0", "deaths, stalls = 0, 0"),
         ("_too_often", "deaths >= _MAX_DEATHS_KILLED", "deaths >= 1"),
     ],
     ("collalign/engine/jobs/worker.py", "collalign/engine/test_jobs_guard.py"): [
-        ("_time_limit", "faulthandler.cancel_dump_traceback_later()", "pass"),
-        ("run_guarded", 'stack.callback(guard.note, "E", task.token)', "pass"),
         ("describe", "if isinstance(error, CollalignError):", "if False:"),
     ],
     ("collalign/engine/store/keys.py", "collalign/engine/test_keys.py"): [
@@ -46,7 +41,6 @@ FAULTS: Table = {
         ("Store.put", 'connection.execute("DELETE FROM failures', 'str("DELETE FROM failures'),
         ("Store.get", "or digest != _digest(kind, key, data)", ""),
         ("Store.require", "if record is None:", "if False:"),
-        ("Store.close", "self._lock.release()", "pass"),
     ],
     ("collalign/engine/store/typed.py", "collalign/engine/test_typed.py"): [
         ("to_record", ' if field.name != "name"', ""),
@@ -61,7 +55,6 @@ FAULTS: Table = {
     ],
     ("collalign/landmarks/curves.py", "collalign/landmarks/test_curves.py"): [
         ("evenly_spaced", "endpoint=not closed", "endpoint=True"),
-        ("counting_like", "np.argmin(gaps)", "np.argmax(gaps)"),
         ("slider_rows", "[*rows, rows[0]] if closed", "rows if closed"),
     ],
     ("collalign/landmarks/on_surface.py", "collalign/landmarks/test_placement.py"): [
@@ -100,7 +93,6 @@ FAULTS: Table = {
         ("tip_matchings", "- source.remoteness) ** 2", "- source.remoteness)"),
     ],
     ("collalign/nonrigid/surface/tips.py", "collalign/nonrigid/test_harmonic.py"): [
-        ("Tips.of", "surface.agd[tips] / surface", "surface.agd[tips] * surface"),
         ("Tips.of", "surface.area**0.5", "surface.area**1.5"),
     ],
     ("collalign/output/evidence/members.py", "collalign/output/test_report_content.py"): [
@@ -109,7 +101,6 @@ FAULTS: Table = {
         ("statistics_members", ">= DOUBT", ">= 0.1 * DOUBT"),
         ("statistics_members", "if not include_incomplete:", "if False:"),
         ("statistics_members", "if one_part:", "if False:"),
-        ("Members.too_few", ">= least", "> least"),
     ],
     ("collalign/output/report/coverage.py", "collalign/output/test_report_incomplete.py"): [
         ("_missing_part", "lacks = ~own.has(carried)", "lacks = own.has(carried)"),
@@ -117,8 +108,6 @@ FAULTS: Table = {
     ],
     ("collalign/output/shape_files.py", "collalign/output/test_shape_files.py"): [
         ("write_shapes", "min(num, _MAX_TILES)", "max(num, _MAX_TILES) // 2"),
-        ("write_shapes", "num - 1, min", "num + 1, min"),
-        ("write_shapes", '"drawn": i in drawn', '"drawn": i not in drawn'),
     ],
     ("collalign/output/verify.py", "collalign/output/test_verify.py"): [
         (MODULE, "_SAMPLE_TOL = 1e-6", "_SAMPLE_TOL = 1e-1"),
@@ -131,12 +120,9 @@ FAULTS: Table = {
         ("Verification.num_proven", "pair.proven >= _PROVEN_SHARE * pair.stated", "True"),
         ("_pair_rows", "if ends in rows or", "if False and"),
         ("_pair_rows", 'plain_cell(row["target"])', 'row["target"]'),
-        ("_check_samples", "fits and 1.0", "fits or 1.0"),
     ],
     ("collalign/output/vertex_maps.py", "collalign/output/test_shape_files.py"): [
-        ("PlaceColours.of_file", "self._high - self._low", "self._high + self._low"),
         ("PlaceColours.of_file", "extent > 0, extent, 1.0", "extent > 0, 1.0, extent"),
-        ("PlaceColours.of_file", "name not in", "name in"),
     ],
     ("collalign/registration/fit.py", "collalign/registration/test_fit.py"): [
         ("fitted_by_map", "Shape.from_arrays(moved, source.faces, name=source.name)", "enlarged"),
@@ -148,7 +134,6 @@ FAULTS: Table = {
         ("medoid", "one_way + one_way.T", "-one_way"),
     ],
     ("collalign/registration/missing.py", "end_to_end/test_missing_regions.py"): [
-        ("missing_vertices", "(places.weights <= 0.0)", "(places.weights <= 1.0)"),
         ("mean_of_what_is_there", "np.where((total > 0)[:, None], mean, source)", "source"),
     ],
     ("collalign/registration/pieces.py", "collalign/registration/test_start.py"): [
@@ -160,9 +145,6 @@ FAULTS: Table = {
         ("bent_by_map", "< _LEAST_EXTENT", "< 0"),
         ("laid_by_map", "np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2", "trust"),
         ("bent_by_map", "math.sqrt(target.area / source.area)", "1.0"),
-    ],
-    ("collalign/tools/certify/multipliers.py", "collalign/tools/test_joint_bound.py"): [
-        ("JointMaster.run", "+ 0.5 * self.curvature", "- 0.5 * self.curvature"),
     ],
     ("collalign/tools/classify/run.py", "collalign/tools/test_classify.py"): [
         ("_nearest", "| ~known[None, :]", ""),
@@ -182,7 +164,6 @@ FAULTS: Table = {
     ],
     ("collalign/tools/variation/mirror.py", "collalign/tools/test_mirror.py"): [
         ("mirror_map", "unlikeness > MOST_UNLIKE", "False"),
-        ("mirror_map", "values.argmin()", "values.argmax()"),
     ],
     ("collalign/tools/variation/surface_symmetry.py", "collalign/tools/test_variation.py"): [
         ("_one_side", "> _OFF_PLANE", "<= _OFF_PLANE"),

@@ -5,24 +5,16 @@ from tests.mutants.place import Table
 FAULTS: Table = {
     ("data_tools/arrays.py", "data_tools/test_arrays.py"): [
         ("as_floats", "np.isfinite(array)", "~np.isnan(array)"),
-        ("as_indices", ">= upper", "> upper"),
         ("as_weights", "(array < 0).any()", "(array < -1).any()"),
         ("as_rotations", "if not error <= ORTHOGONAL_TOL", "if not error <= 1e3 * ORTHOGONAL_TOL"),
-        ("as_rotations", ".min()) < 0:", ".max()) < 0:"),
-        ("as_points", "array.shape[0] < min_points", "array.shape[0] <= min_points"),
     ],
     ("data_tools/checks.py", "data_tools/test_checks.py"): [
-        ("check_count", "value < lower", "value <= lower"),
         ("check_number", "positive and value == lower", "False"),
     ],
     ("data_tools/embedding/sampling.py", "data_tools/embedding/test_sampling.py"): [
         ("_choose", "np.minimum(nearest, distance_from(index), out=nearest)", "nearest[:] = distance_from(index)"),
         ("_choose", "if nearest[index] <= 0:", "if False:"),
         ("central_extreme", "points - points.mean(axis=0)", "points"),
-    ],
-    ("data_tools/embedding/surface_points.py", "data_tools/embedding/test_surface_points.py"): [
-        ("cloud_rim", "RIM_NEIGHBOURS + 1", "RIM_NEIGHBOURS - 1"),
-        ("cloud_rim", "min(RIM", "max(RIM"),
     ],
     ("data_tools/io/csv_cells.py", "data_tools/io/test_csv_cells.py"): [
         ("_cell", "not _is_number(value)", "True"),
@@ -31,7 +23,6 @@ FAULTS: Table = {
     ],
     ("data_tools/io/headers.py", "data_tools/io/test_headers.py"): [
         ("check_ply", "found < needed", "found < needed - 1"),
-        ("check_ply", "count > 0", "count >= 0"),
         ("check_stl", "3 * num_ends", "num_vertices"),
         ("check_stl", ' or b"endsolid" not in lower', ""),
         ("check_stl", "84 + 50 *", "84 + 0 *"),
@@ -40,12 +31,10 @@ FAULTS: Table = {
     ],
     ("data_tools/io/mesh_formats.py", "data_tools/io/test_headers.py"): [
         ("_part", "faces = faces[:, ::-1]", "pass"),
-        ("_part", "faces.max() >= len(vertices)):", "faces.max() > len(vertices)):"),
         ("_concatenate", "f + start for", "f for"),
     ],
     ("data_tools/io/output_folder.py", "data_tools/io/test_output_folder.py"): [
         ("refuse_overlap", "contains or inside:", "contains:"),
-        ("_places", "marks[-1].add((found.st_dev, found.st_ino))", "pass"),
         ("OutputFolder.refuse_foreign", 'writer.split(" ")[0] != self._writer.split(" ")[0]', "False"),
         ("output_path", "if not resolved(path.parent).is_relative_to(resolved(folder)):", "if False:"),
         ("OutputFolder.publish", "if complete and", "if"),
@@ -53,7 +42,6 @@ FAULTS: Table = {
         ("file_stems", "taken.add(stem.casefold())", "taken.add(stem)"),
     ],
     ("data_tools/io/pcd.py", "data_tools/io/test_headers.py"): [
-        ("read_pcd", "~np.isnan(points).all(axis=1)", "~np.isnan(points).any(axis=1)"),
         ("_from_text", "int(starts[fields.index(axis)])", "fields.index(axis)"),
         ("_from_binary", "if len(body) < num * record.itemsize:", "if False:"),
     ],
@@ -63,8 +51,6 @@ FAULTS: Table = {
     ("data_tools/io/text_tables.py", "data_tools/io/test_text_tables.py"): [
         ("parse_table", "len(values) == counts.sum()", "True"),
         ("filled_lines", "starts[counts > 0]", "starts"),
-        ("_cells", "skipinitialspace=True", "skipinitialspace=False"),
-        ("_cells", "if rows[0] and not", "if rows[0] or not"),
     ],
     ("data_tools/poses.py", "data_tools/test_poses.py"): [
         ("moved_by", "transform[:3, :3].T +", "transform[:3, :3] +"),
@@ -90,9 +76,6 @@ FAULTS: Table = {
     ("data_tools/surface/decimation.py", "data_tools/surface/test_decimation.py"): [
         ("_clustered", "inside = cell[first] == cell[second]", "inside = cell[first] >= 0"),
         ("_clustered", "% 2 == 1", "> 0"),
-    ],
-    ("data_tools/surface/normals.py", "data_tools/surface/test_normals.py"): [
-        ("outward_normals", "any(axis=1)", "all(axis=1)"),
     ],
     ("data_tools/surface/outliers.py", "data_tools/surface/test_outliers.py"): [
         ("without_outliers", "nearest[faces]", "faces"),
