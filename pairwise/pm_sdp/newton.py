@@ -1,7 +1,7 @@
 """The Newton system of the interior-point method, eliminated point by point.
 
-In terms of ``Delta_j = [[-d alpha_j, d u_j^T], [d u_j, d F_j]]``, ``b = (1, F^-1 w)``, ``E = diag(0, F^-1)`` and
-``H_j = sum_i x_i (1, b_i)(1, b_i)^T + diag(0, G_j) / 2``, every source point contributes
+In terms of ``Delta_j = [[-d alpha_j, d u_j^T], [d u_j, d F_j]]``, ``b = (1, F^-1 w)``, ``m = (1, B / x)``,
+``E = diag(0, F^-1)`` and ``H_j = sum_i x_i m_i m_i^T + diag(0, G_j) / 2``, every source point contributes
 
     H Delta E + E Delta H - sum_i dx_i b_i b_i^T + dM = rhs_j                 (moments; HKM scaling of F G = mu I)
     dx_i = rho_i / s_i - (x_i / s_i) (b_i^T Delta b_i - d beta_i)             (complementarity x s = mu)

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from collalign.engine.store.store import Store
-from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import chair
+from data_tools.datasets.synthetic import write_collection
 from data_tools.io.output_folder import BOOKS
 from tests.faults import FaultLog, run_with_kills
+from tests.finished_runs import chairs
 
 KINDS = ("shapes", "pairs")
 
@@ -106,8 +106,7 @@ def compare(folder: Path, options: argparse.Namespace) -> FaultLog:
     """
     rng = np.random.default_rng(options.seed)
     shapes = folder / "shapes"
-    family = deformed_family(chair(rng, resolution=1), options.shapes, rng, rms=0.02)
-    write_collection(shapes, planted_collection(family, rng))
+    write_collection(shapes, chairs(options.shapes))
     start_s = time.perf_counter()
     run_with_kills(command(shapes, folder / "expected", options), 0, rng, delay_s=(1.0, 1.0))
     expected = outputs(folder / "expected")

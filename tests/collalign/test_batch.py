@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from collalign.batch import estimate_job, read_batch
@@ -15,16 +14,14 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import Costs
 from collalign.options import AlignOptions
 from collalign.stages.trial import Trial, later_work
-from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import chair
+from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
+from tests.finished_runs import chairs
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    rng = np.random.default_rng(1)
-    family = deformed_family(chair(rng, resolution=1), 3, rng, rms=0.02)
-    write_collection(tmp_path / "chairs", planted_collection(family, rng))
+    write_collection(tmp_path / "chairs", chairs(3))
     return tmp_path
 
 

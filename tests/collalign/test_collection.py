@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import collalign
-from data_tools.datasets.synthetic import deformed_family, planted_collection
-from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError, OptionsError, UnavailableError
 from data_tools.options import SamplingOptions
+from tests.finished_runs import chairs
 
 
 @pytest.fixture(scope="module")
@@ -22,8 +21,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def made(folder: Path) -> collalign.Collection:
-    rng = np.random.default_rng(5)
-    shapes = planted_collection(deformed_family(chair(rng, resolution=1), 3, rng, rms=0.02), rng).shapes
+    shapes = chairs(3).shapes
     named = {"<one>": shapes[0], "two": shapes[1], "points": shapes[2].vertices}
     options = collalign.AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=0))
     aligned = collalign.align_collection(named, options=options, run=collalign.RunOptions(jobs=1), progress=False)

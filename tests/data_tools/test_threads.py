@@ -20,10 +20,10 @@ import pairwise
 from collalign.engine.jobs.run import run_jobs
 from data_tools import threads
 from data_tools.arrays import as_points
-from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import chair
+from data_tools.datasets.synthetic import write_collection
 from data_tools.embedding.embedding import sample_shape
 from data_tools.threads import one_blas_thread
+from tests.finished_runs import chairs
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Beside whatever the packages export.
@@ -143,9 +143,7 @@ def outputs(folder: Path) -> dict[str, bytes]:
 
 
 def test_the_environment_changes_no_byte(tmp_path: Path) -> None:
-    rng = np.random.default_rng(5)
-    family = deformed_family(chair(rng, resolution=1), 3, rng, rms=0.02)
-    write_collection(tmp_path / "shapes", planted_collection(family, rng))
+    write_collection(tmp_path / "shapes", chairs(3))
     written = []
     for threads_asked, jobs in (("1", "1"), ("8", "2")):
         out = tmp_path / threads_asked

@@ -18,12 +18,12 @@ from collalign import AlignOptions, RunOptions, align_collection
 from collalign.cli import main
 from collalign.engine.store.store import Store
 from collalign.output.collection import Collection
-from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import chair
+from data_tools.datasets.synthetic import PlantedCollection, write_collection
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
+from tests.finished_runs import chairs
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
 FLAGS = ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--jobs", "1"]
@@ -31,9 +31,7 @@ FLAGS = ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--j
 
 @pytest.fixture(scope="module")
 def planted() -> PlantedCollection:
-    rng = np.random.default_rng(5)
-    family = deformed_family(chair(rng, resolution=1), 5, rng, rms=0.02)
-    return planted_collection(family, rng, scale_range=(0.5, 2.0))
+    return chairs(5, scale_range=(0.5, 2.0))
 
 
 @pytest.fixture(scope="module")

@@ -17,10 +17,9 @@ from collalign.output.evidence.loading import load
 from collalign.output.verify import verify_result
 from collalign.output.verify_collection import CheckedCollection
 from collalign.tools.certify.files import certification_summary
-from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError, OptionsError
 from data_tools.options import SamplingOptions
+from tests.finished_runs import chairs, finished_run
 from tests.view_problems import write_result
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=200))
@@ -29,14 +28,7 @@ OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished result of four chairs, with its store."""
-    folder, rng = tmp_path_factory.mktemp("certify"), np.random.default_rng(5)
-    write_collection(
-        folder / "shapes", planted_collection(deformed_family(chair(rng, resolution=1), 4, rng, rms=0.02), rng)
-    )
-    run = collalign.RunOptions(jobs=1, store=folder / "out" / "store.sqlite")
-    (folder / "out").mkdir()
-    collalign.align_collection(folder / "shapes", options=OPTIONS, run=run, progress=False).save(folder / "out")
-    return folder / "out"
+    return finished_run(tmp_path_factory.mktemp("certify"), chairs(4), OPTIONS, report=True)
 
 
 def test_the_command_proves_most_of_the_energy_and_goes_on_from_the_store(

@@ -9,39 +9,25 @@ import pytest
 
 from collalign import RunOptions, align_collection
 from collalign.cli import main
-from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, export
-from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from tests.end_to_end.test_align import FLAGS, OPTIONS
+from tests.finished_runs import chairs, finished_run
 from tests.view_problems import write_result
 
 
 @pytest.fixture(scope="module")
-def planted() -> PlantedCollection:
-    import numpy as np
-
-    rng = np.random.default_rng(5)
-    return planted_collection(deformed_family(chair(rng, resolution=1), 3, rng, rms=0.02), rng)
-
-
-@pytest.fixture(scope="module")
-def finished(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Collection]:
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a result in ``out``, made from ``shapes``."""
-    folder = tmp_path_factory.mktemp("finished")
-    write_collection(folder / "shapes", planted)
-    collection = align_collection(folder / "shapes", options=OPTIONS, run=RunOptions(jobs=1))
-    collection.save(folder / "out")
-    return folder, collection
+    return finished_run(tmp_path_factory.mktemp("finished"), chairs(3), OPTIONS, report=True).parent
 
 
 @pytest.fixture
-def project(finished: tuple[Path, Collection], tmp_path: Path) -> Path:
+def project(finished: Path, tmp_path: Path) -> Path:
     """A copy of the shapes in ``meshes``."""
-    shutil.copytree(finished[0] / "shapes", tmp_path / "project" / "meshes")
+    shutil.copytree(finished / "shapes", tmp_path / "project" / "meshes")
     return tmp_path / "project"
 
 
@@ -49,21 +35,18 @@ def snapshot(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-def test_what_was_aligned_again_is_not_replaced_by_its_own_result(
-    finished: tuple[Path, Collection], tmp_path: Path
-) -> None:
-    folder, _ = finished
-    again = align_collection(folder / "out" / "meshes", options=OPTIONS, run=RunOptions(jobs=1))
-    before = snapshot(folder / "out")
+def test_what_was_aligned_again_is_not_replaced_by_its_own_result(finished: Path, tmp_path: Path) -> None:
+    again = align_collection(finished / "out" / "meshes", options=OPTIONS, run=RunOptions(jobs=1))
+    before = snapshot(finished / "out")
     with pytest.raises(InputError, match="contains"):
-        again.save(folder / "out")
-    assert snapshot(folder / "out") == before
+        again.save(finished / "out")
+    assert snapshot(finished / "out") == before
     links = tmp_path / "links"
     links.mkdir()
-    for file in (folder / "out" / "meshes").iterdir():
+    for file in (finished / "out" / "meshes").iterdir():
         (links / file.name).symlink_to(file)
-    assert main(["align", str(links), "--out", str(folder / "out"), *FLAGS]) == 2
-    assert snapshot(folder / "out") == before
+    assert main(["align", str(links), "--out", str(finished / "out"), *FLAGS]) == 2
+    assert snapshot(finished / "out") == before
 
 
 @pytest.mark.parametrize("name", ["report.html", "pairs.csv", "meshes/chair1.ply", "alignment.json"])
@@ -91,30 +74,28 @@ def test_other_files_stay_and_former_results_go(project: Path, tmp_path: Path) -
     assert sorted(p.name for p in (out / ".collalign").iterdir()) == ["manifest.json"]
 
 
-def test_exports_do_not_overwrite_originals(finished: tuple[Path, Collection], tmp_path: Path) -> None:
-    folder, _ = finished
-    before = snapshot(folder)
+def test_exports_do_not_overwrite_originals(finished: Path, tmp_path: Path) -> None:
+    before = snapshot(finished)
     for to in ("shapes", "shapes/to", "."):
         with pytest.raises(InputError, match="name a folder apart"):
-            export(folder / "out", "ply", folder / to)
+            export(finished / "out", "ply", finished / to)
     for format, name in (("csv", "pairs.csv"), ("shapeworks", "meshes/chair1.ply")):
         with pytest.raises(InputError, match=f"{name}: .*`align`"):
-            export(folder / "out", format, folder / "out")
-    assert {name: data for name, data in snapshot(folder).items() if "staging" not in name} == before
-    export(folder / "out", "ply", tmp_path)
-    export(folder / "out", "tps", tmp_path)
-    assert len(export(folder / "out", "ply", tmp_path)) == 3
+            export(finished / "out", format, finished / "out")
+    assert {name: data for name, data in snapshot(finished).items() if "staging" not in name} == before
+    export(finished / "out", "ply", tmp_path)
+    export(finished / "out", "tps", tmp_path)
+    assert len(export(finished / "out", "ply", tmp_path)) == 3
     assert (tmp_path / "landmarks.tps").exists()
 
 
-def test_names_in_forged_evidence_lead_nowhere(finished: tuple[Path, Collection], tmp_path: Path) -> None:
-    folder, _ = finished
+def test_names_in_forged_evidence_lead_nowhere(finished: Path, tmp_path: Path) -> None:
     result, new, out = tmp_path / "a" / "b" / "result", tmp_path / "new", tmp_path / "a" / "b" / "to"
-    shutil.copytree(folder / "out", result)
+    shutil.copytree(finished / "out", result)
     names = ("../../../escaped", str(tmp_path / "absolute"), "..")
     write_result(dataclasses.replace(load(result), names=names), result)
     new.mkdir()
-    shutil.copy(folder / "shapes" / "chair1.ply", new / "chair9.ply")
+    shutil.copy(finished / "shapes" / "chair1.ply", new / "chair9.ply")
     main(["add", str(result), str(new), "--jobs", "1"])
     for format in FORMATS:
         if format != "parquet":
@@ -124,11 +105,11 @@ def test_names_in_forged_evidence_lead_nowhere(finished: tuple[Path, Collection]
     assert sorted(p.name for p in (tmp_path / "a" / "b").iterdir()) == ["result", "to"]
 
 
-def test_names_that_are_long_or_no_text_go_through_every_output(planted: PlantedCollection, tmp_path: Path) -> None:
+def test_names_that_are_long_or_no_text_go_through_every_output(tmp_path: Path) -> None:
     shapes = tmp_path / "shapes"
     shapes.mkdir()
     names = (b"x" * 251, b"\xff a$1_$2^{ <script> 'd'\nf" * 9, b"=cmd|' C calc'!A0")
-    for shape, name in zip(planted.shapes, names, strict=True):
+    for shape, name in zip(chairs(3).shapes, names, strict=True):
         path = write_mesh(tmp_path / "a.ply", shape)
         os.rename(path, os.fsencode(shapes) + b"/" + name + b".ply")
     out = tmp_path / "out"

@@ -10,19 +10,18 @@ import trimesh
 
 from collalign import AlignOptions, Collection, RunOptions, add_to_collection, align_collection
 from collalign.tools.export.run import export
-from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection
-from data_tools.datasets.synthetic_shapes import chair
+from data_tools.datasets.synthetic import PlantedCollection
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.options import SamplingOptions
+from tests.finished_runs import chairs
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
 
 
 @pytest.fixture(scope="module")
 def planted() -> PlantedCollection:
-    rng = np.random.default_rng(5)
-    return planted_collection(deformed_family(chair(rng, resolution=1), 3, rng, rms=0.02), rng)
+    return chairs(3)
 
 
 def align(shapes: Any, **run: Any) -> Collection:

@@ -13,19 +13,18 @@ from collalign.cli import main
 from collalign.products.pair import Pair
 from collalign.products.shapes import Excluded
 from collalign.stages.pairs.match import match_pairs
-from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import chair
+from data_tools.datasets.synthetic import PlantedCollection, write_collection
 from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
 from data_tools.surface.shape import Shape
 from tests.end_to_end.test_align import FLAGS, OPTIONS
+from tests.finished_runs import chairs
 
 
 @pytest.fixture(scope="module")
 def planted() -> PlantedCollection:
-    rng = np.random.default_rng(5)
-    return planted_collection(deformed_family(chair(rng, resolution=1), 5, rng, rms=0.02), rng)
+    return chairs(5)
 
 
 @pytest.fixture

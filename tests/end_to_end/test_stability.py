@@ -16,10 +16,9 @@ from collalign.options import AlignOptions
 from collalign.output.evidence.loading import load
 from collalign.tools.stability.files import stability_summary, write_stability_page
 from collalign.tools.stability.run import StabilityOptions, repetitions
-from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError, OptionsError
 from data_tools.options import SamplingOptions
+from tests.finished_runs import chairs, finished_run
 from tests.view_problems import write_result
 
 FEW = ["--num-points", "24", "--num-seeds", "1", "--num-subsets", "1", "--jobs", "1", "--include-doubtful"]
@@ -29,14 +28,7 @@ OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished result of five chairs, with its store."""
-    folder, rng = tmp_path_factory.mktemp("stability"), np.random.default_rng(5)
-    planted = planted_collection(deformed_family(chair(rng, resolution=1), 5, rng, rms=0.02), rng)
-    write_collection(folder / "shapes", planted)
-    run = collalign.RunOptions(jobs=1, store=folder / "out" / "store.sqlite")
-    (folder / "out").mkdir()
-    aligned = collalign.align_collection(folder / "shapes", options=OPTIONS, run=run, progress=False)
-    aligned.save(folder / "out", report=False)
-    return folder / "out"
+    return finished_run(tmp_path_factory.mktemp("stability"), chairs(5), OPTIONS)
 
 
 def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(

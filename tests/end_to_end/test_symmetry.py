@@ -9,12 +9,13 @@ import pytest
 import collalign
 from collalign.cli import main
 from data_tools.arrays import FloatArray
-from data_tools.datasets.synthetic import planted_collection, write_collection
+from data_tools.datasets.synthetic import planted_collection
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.landmarks.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
+from tests.finished_runs import finished_run
 
 #: Height of the one-sided bump of each specimen, in radii.
 PLANTED = (0.0, 0.0, 0.1, 0.2, 0.3, 0.0)
@@ -48,12 +49,8 @@ PLANTED_COLLECTION = planted_collection(specimens(), np.random.default_rng(4), s
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("shapes")
-    write_collection(folder, PLANTED_COLLECTION)
     options = collalign.AlignOptions(sampling=SamplingOptions(num_points=24))
-    out = tmp_path_factory.mktemp("out") / "aligned"
-    collalign.align_collection(folder, options=options, run=collalign.RunOptions(jobs=1)).save(out, report=False)
-    return out
+    return finished_run(tmp_path_factory.mktemp("symmetry"), PLANTED_COLLECTION, options)
 
 
 def rows(path: Path) -> list[dict[str, str]]:

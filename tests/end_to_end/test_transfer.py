@@ -17,7 +17,7 @@ from collalign.output.evidence.loading import load
 from collalign.tools.correspond.run import reference_shape
 from collalign.tools.transfer.result import CARRIED, DOUBTFUL_POSE, NO_COUNTERPART, PLACED
 from data_tools.arrays import FloatArray
-from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
@@ -26,6 +26,7 @@ from data_tools.landmarks.landmark_files import Landmarks, read_landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
+from tests.finished_runs import finished_run
 from tests.view_problems import write_result
 
 NUM_SHAPES = 6
@@ -67,12 +68,8 @@ def planted() -> PlantedCollection:
 
 @pytest.fixture(scope="module")
 def result(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("shapes")
-    write_collection(folder, planted)
     options = collalign.AlignOptions(sampling=SamplingOptions(num_points=24))
-    out = tmp_path_factory.mktemp("out") / "aligned"
-    collalign.align_collection(folder, options=options, run=collalign.RunOptions(jobs=1)).save(out, report=False)
-    return out
+    return finished_run(tmp_path_factory.mktemp("transfer"), planted, options)
 
 
 @pytest.fixture(scope="module")

@@ -11,12 +11,13 @@ import collalign
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, save_vertex_maps
 from collalign.products.deformation import VertexMaps
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.datasets.synthetic import PlantedCollection, bent, planted_collection, write_collection
+from data_tools.datasets.synthetic import PlantedCollection, bent, planted_collection
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import CollalignError
 from data_tools.landmarks.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
+from tests.finished_runs import finished_run
 
 BODY = figure(resolution=1)
 NUM_SHAPES = 4
@@ -33,11 +34,8 @@ def planted() -> PlantedCollection:
 
 @pytest.fixture(scope="module")
 def result(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder, out = tmp_path_factory.mktemp("shapes"), tmp_path_factory.mktemp("out") / "aligned"
-    write_collection(folder, planted)
     options = collalign.AlignOptions(sampling=SamplingOptions(num_points=24))
-    collalign.align_collection(folder, options=options, run=collalign.RunOptions(jobs=1)).save(out, report=False)
-    return out
+    return finished_run(tmp_path_factory.mktemp("bent"), planted, options)
 
 
 def places(planted: PlantedCollection) -> list[IntArray]:

@@ -25,12 +25,12 @@ import collalign
 from collalign import AlignOptions, RunOptions
 from collalign.cli import main
 from collalign.output.verify import Verification, verify_result
-from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import chair
+from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
 from pairwise import Problem
 from pairwise.local.local_search import MatchingCosts, energies_of
+from tests.finished_runs import chairs
 from tests.fuzz.hostile import CHANGES, NOT_FOR_THIS_TYPE, Attack, drawn
 
 #: What a bound may exceed an energy by, as a share of it, and seconds after which a verifier hangs.
@@ -42,9 +42,8 @@ HUGE = ("1e999", "-1e999", "1" + "0" * 400, "nan", "", "0x10", "1e308", "-5", "0
 
 def honest_result(folder: Path) -> Path:
     """The result of three chairs in ``meshes``, with certificates of pairs and of the collection, in ``out``."""
-    rng, out = np.random.default_rng(5), folder / "out"
-    planted = planted_collection(deformed_family(chair(rng, resolution=1), 3, rng, rms=0.02), rng)
-    write_collection(folder / "meshes", planted)
+    out = folder / "out"
+    write_collection(folder / "meshes", chairs(3))
     sampling = SamplingOptions(num_points=8, num_dense_points=50)
     options, run = AlignOptions(sampling=sampling, certify=True, group="SO"), RunOptions(jobs=1)
     collalign.align_collection(folder / "meshes", options=options, run=run, progress=False).save(out, report=False)

@@ -52,14 +52,15 @@ def _refined(fixed: _Surface, moving: _Surface, turn: FloatArray) -> FloatArray:
 
 
 def turns_in_words(turns: FloatArray) -> str:
-    """Return what some turns are: their axes, as directions, and the angles about each.
+    """Return what some turns are: their axes, as directions, the angles about each, and whether some mirror.
 
     Parameters
     ----------
     turns : ndarray, shape (m, 3, 3)
     """
     by_axis: list[tuple[FloatArray, list[float]]] = []
-    for turn in turns:
+    mirrored = np.linalg.det(turns) < 0
+    for turn in turns[~mirrored]:
         axis = _axis(turn)
         angle = float(rotation_angle_deg(turn))
         known = next((angles for other, angles in by_axis if abs(other @ axis) > SAME_AXIS), None)
@@ -72,7 +73,7 @@ def turns_in_words(turns: FloatArray) -> str:
         degrees = ", ".join(f"{angle:.0f}" for angle in sorted({round(angle) for angle in angles}))
         parts.append(f"{degrees} deg about ({', '.join(f'{x:.2f}' for x in axis)})")
     more = f" and turns about {len(by_axis) - 3} more axes" if len(by_axis) > 3 else ""
-    return "; ".join(parts) + more
+    return "; ".join([*parts, *(["mirror images"] if mirrored.any() else [])]) + more
 
 
 def _axis(turn: FloatArray) -> FloatArray:

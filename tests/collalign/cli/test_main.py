@@ -8,14 +8,13 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from collalign.cli import main
 from collalign.engine.store.store import Store
-from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import chair
+from data_tools.datasets.synthetic import write_collection
 from tests.faults import worker_processes
+from tests.finished_runs import chairs
 
 COLLALIGN = [sys.executable, "-m", "collalign"]
 FLAGS = ["--sampling.num-points", "16", "--sampling.num-dense-points", "0", "--jobs", "2"]
@@ -23,9 +22,8 @@ FLAGS = ["--sampling.num-points", "16", "--sampling.num-dense-points", "0", "--j
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    rng = np.random.default_rng(5)
     path = tmp_path_factory.mktemp("run") / "chairs"
-    write_collection(path, planted_collection(deformed_family(chair(rng, resolution=1), 4, rng, rms=0.02), rng))
+    write_collection(path, chairs(4))
     return path
 
 

@@ -10,15 +10,14 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.engine.jobs.run import run_jobs
-from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import chair
+from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import OptionsError, RunLost
 from data_tools.options import SamplingOptions
+from tests.finished_runs import chairs
 from tests.job_functions import spectrum
 
 pytest.importorskip("distributed", reason="Dask is not installed: pip install 'collalign[dask]'")
@@ -99,8 +98,7 @@ def free_port() -> int:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("cluster") / "chairs"
-    rng = np.random.default_rng(2)
-    write_collection(path, planted_collection(deformed_family(chair(rng, resolution=1), 4, rng, rms=0.02), rng))
+    write_collection(path, chairs(4))
     return path
 
 

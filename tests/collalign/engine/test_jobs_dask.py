@@ -14,10 +14,10 @@ import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.engine.jobs.run import JobResult, SharedTable, end_runs, run_jobs
-from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import chair
+from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import CollalignError
 from data_tools.options import SamplingOptions
+from tests.finished_runs import chairs
 from tests.job_functions import look_up, misbehave, spectrum
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'collalign[dask]'")
@@ -147,9 +147,7 @@ def test_a_cluster_with_other_versions_is_refused(cluster: Any, monkeypatch: pyt
 
 
 def test_a_collection_is_the_same_after_a_worker_was_killed(cluster: Any, tmp_path: Path) -> None:
-    rng = np.random.default_rng(2)
-    family = deformed_family(chair(rng, resolution=1), 4, rng, rms=0.02)
-    write_collection(tmp_path, planted_collection(family, rng))
+    write_collection(tmp_path, chairs(4))
     options = AlignOptions(group="SO", sampling=SamplingOptions(num_points=16, num_dense_points=0))
     kinds: list[str] = []
 

@@ -393,5 +393,7 @@ def test_turns_are_told_by_their_axes() -> None:
     quarter = Rotation.from_rotvec([0, 0, 90], degrees=True).as_matrix()
     words = turns_in_words(np.stack([quarter, quarter @ quarter, np.diag([1.0, -1.0, -1.0])]))
     assert words == "90, 180 deg about (0.00, 0.00, 1.00); 180 deg about (1.00, 0.00, 0.00)"
+    assert turns_in_words(np.stack([quarter, -np.eye(3)])) == "90 deg about (0.00, 0.00, 1.00); mirror images"
+    assert turns_in_words(np.diag([1.0, 1.0, -1.0])[None]) == "mirror images"
     skew = [Rotation.from_rotvec(v, degrees=True).as_matrix() for v in ([90, 90, 0], [90, 0, 90], [0, 90, -90])]
     assert "about 2 more axes" in turns_in_words(np.stack([quarter, np.diag([1.0, -1.0, -1.0]), *skew]))
