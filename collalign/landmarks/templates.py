@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,24 +11,55 @@ from typing import Literal
 import numpy as np
 
 from data_tools.errors import InputError
-from data_tools.landmarks.landmark_files import Landmarks, read_landmarks, read_semilandmarks, specimen_of
+from data_tools.landmarks.landmark_files import Landmarks, read_semilandmarks, specimen_of
+from data_tools.landmarks.landmark_tables import read_specimens
+
+_LOG = logging.getLogger(__name__)
 
 
-def read_templates(paths: Sequence[str | Path]) -> dict[str, Landmarks]:
-    """Read landmark files; the shape that each belongs to is the file's name without its suffix.
+def read_templates(paths: Sequence[str | Path], names: Sequence[str]) -> dict[str, Landmarks]:
+    """Read landmark files by the shapes that they belong to.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        A file belongs to the shape that it is called like; one of several specimens (TPS, NTS, morphologika) to those
+        that it names, by name or by file; ``SHAPE=FILE`` to that shape.
+    names : sequence of str
+        Of all shapes; other specimens of a file of several are left aside with a warning.
 
     Raises
     ------
     InputError
-        If a file cannot be read or two belong to one shape.
+        If a file cannot be read, belongs to none or ``SHAPE=FILE`` holds several, or two belong to one shape.
     """
     read: dict[str, Landmarks] = {}
-    for path in map(Path, paths):
-        name = specimen_of(path)
-        if name in read:
-            raise InputError(f"{path}: a second landmark file of the specimen {name!r}")
-        read[name] = read_landmarks(path)
+    for given in paths:
+        shape, path = shape_of(given)
+        found = read_specimens(path)
+        if shape is not None and len(found) > 1:
+            raise InputError(f"{path}: holds {len(found)} specimens, expected that of {shape!r} alone")
+        if shape is not None:
+            found = dict(zip([shape], found.values(), strict=True))
+        elif len(found) > 1:
+            known = {Path(name).stem: name for name in found} | {name: name for name in found}
+            found = {name: found[known[name]] for name in names if name in known}
+            if not found:
+                raise InputError(f"{path}: none of its specimens ({', '.join(known)}) is a shape of the collection")
+            if others := {*known.values()} - {known[name] for name in found}:
+                _LOG.warning("%s: left aside, no shapes of the collection: %s", path, ", ".join(sorted(others)))
+        elif not {*found} & {*names}:
+            found = dict(zip([specimen_of(path)], found.values(), strict=True))
+        if twice := sorted(found.keys() & read.keys()):
+            raise InputError(f"{path}: a second landmark file of the specimen {twice[0]!r}")
+        read |= found
     return read
+
+
+def shape_of(given: str | Path) -> tuple[str | None, Path]:
+    """Return the shape that ``SHAPE=FILE`` names, None where only a file is given, and the file."""
+    shape, sign, file = str(given).partition("=")
+    return (shape, Path(file)) if sign and not Path(given).exists() else (None, Path(given))
 
 
 def with_semilandmarks(
@@ -38,7 +70,8 @@ def with_semilandmarks(
     kinds: list[tuple[Literal["curve", "patch"], Sequence[str | Path]]] = [("curve", curves), ("patch", patches)]
     for kind, paths in kinds:
         for path in paths:
-            name = specimen_of(path)
+            shape, path = shape_of(path)
+            name = shape or specimen_of(path)
             marks = found.get(name, Landmarks(labels=(), points=np.empty((0, 3))))
             more = (*marks.semilandmarks, read_semilandmarks(path, kind))
             found[name] = replace(marks, semilandmarks=more)

@@ -56,8 +56,8 @@ def specimen_table(request: ExportRequest, written: list[str]) -> Path:
     """Write ``specimens.csv``: shape, size, confidence, whether it counts, and labels of every specimen of a file."""
     collection = request.collection
     columns: dict[str, list[Any]] = {
-        "specimen": written,
         "name": list(collection.names),
+        "id": written,
         "file": list(collection.files),
         "centroid_size": centroid_sizes(collection).tolist(),
         "confidence": collection.confidence.tolist(),

@@ -71,7 +71,7 @@ def carried_rows(
     InputError
         If a file belongs to neither shape, or its landmarks do not lie on that.
     """
-    given = read_templates(landmarks)
+    given = read_templates(landmarks, [shape.name for shape in shapes])
     strangers = sorted(set(given) - set(files))
     if strangers:
         raise InputError(f"landmarks of {strangers[0]}: the shapes are called {' and '.join(files)}")

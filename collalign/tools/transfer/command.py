@@ -13,6 +13,7 @@ from collalign.cli.interruption import INCOMPLETE, resumable
 from collalign.cli.talk import say, say_files, tell, warn
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
+from collalign.landmarks.templates import read_templates, shape_of
 from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, Space, left_out_sentence
 from collalign.tools.export.run import export as write_export
@@ -46,8 +47,8 @@ def transfer(
     result
         Folder that ``collalign align`` wrote.
     landmarks
-        Landmark files (.mrk.json, .fcsv, .csv), each called like the shape it belongs to; curves of 3D Slicer become
-        semilandmarks.
+        Landmark files (.mrk.json, .fcsv, .csv), each called like the shape it belongs to, or SHAPE=FILE; or those of
+        several specimens, by their names (.tps, .nts, morphologika's .txt). Curves become semilandmarks.
     curves
         Files whose points, in their order, are a curve: RIM/A.fcsv is the curve RIM of the shape called A.
     patches
@@ -65,16 +66,19 @@ def transfer(
     include_doubtful
         As in ``collalign export``.
     """
-    files = [*(landmarks or ()), *(curves or ()), *(patches or ())]
-    if leave_one_out and len({specimen_of(path) for path in files}) < 2:
-        raise InputError("--leave-one-out: one landmark file cannot be predicted from others; give at least two")
     collection = load(result)
+    files = {shape_of(path)[1] for path in (*(landmarks or ()), *(curves or ()), *(patches or ()))}
     refuse_overlap(to, {*collection.inputs, *files})
+    given = read_templates(landmarks or (), collection.names)
+    if leave_one_out and len({*given, *map(specimen_of, (*(curves or ()), *(patches or ())))}) < 2:
+        raise InputError(
+            "--leave-one-out: one specimen cannot be predicted from others; give landmarks of two at least"
+        )
     store = run.store or result / STORE_FILE
     with resumable(store):
         found = transfer_landmarks(
             result,
-            landmarks or (),
+            given,
             curves=curves or (),
             patches=patches or (),
             curve_points=curve_points,

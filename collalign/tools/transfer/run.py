@@ -74,7 +74,8 @@ def transfer_landmarks(
         Folder that ``collalign align`` wrote.
     landmarks : mapping of name to Landmarks, or sequence of path
         In file coordinates, or in LPS or RAS where that is declared. A file ``A.mrk.json``, ``A.fcsv`` or ``A.csv``
-        belongs to the shape called A. Markups of the type Curve and ClosedCurve are curves of semilandmarks.
+        belongs to the shape called A, or to B as ``"B=A.csv"``; TPS, NTS and morphologika name their specimens.
+        Markups of the type Curve and ClosedCurve are curves of semilandmarks.
     curves, patches : sequence of path
         Files whose points are a curve in their order, or semilandmarks of a patch: ``RIM/A.fcsv`` is the curve RIM of
         the shape called A.
@@ -115,7 +116,7 @@ def transfer_landmarks(
     check_count("surface_points", surface_points, lower=0)
     if curve_points is not None:
         check_count("curve_points", curve_points, lower=2)
-    given = dict(landmarks) if isinstance(landmarks, Mapping) else read_templates(landmarks)
+    given = dict(landmarks) if isinstance(landmarks, Mapping) else read_templates(landmarks, collection.names)
     given = with_semilandmarks(given, curves, patches)
     rows = {name: collection.index(name) for name in given}
     meshes = tuple(zip(collection.names, collection.vertices, collection.faces, strict=True))

@@ -113,7 +113,7 @@ def write_surface_variation(
     marked: tuple[tuple[str, ...], FloatArray] = ((), np.empty((0, 3)))
     notes: tuple[str, ...] = ()
     if landmarks:
-        given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks)
+        given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks, collection.names)
         files = {name: collection.file(collection.index(name)) for name in given}
         placed = place_templates(
             given, files, tuple(zip(collection.names, collection.vertices, collection.faces, strict=True))

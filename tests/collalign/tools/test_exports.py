@@ -17,6 +17,7 @@ from collalign.tools.export.request import centroid_sizes
 from collalign.tools.export.run import FORMATS, export
 from data_tools.errors import InputError, OptionsError
 from data_tools.landmarks.landmark_files import read_landmarks
+from data_tools.landmarks.landmark_tables import read_specimens
 from tests.export_readers import read_morphologika
 from tests.view_problems import NUM_SAMPLES, view_of, write_result
 
@@ -96,7 +97,14 @@ def test_morphologika_survives_specimens_called_like_its_sections(view: Collecti
     found = read_morphologika(paths[0])
     assert len(set(found.names)) == 6
     assert [row["name"] for row in rows(paths[1])] == list(names)
-    assert [row["specimen"] for row in rows(paths[1])] == list(found.names)
+    assert [row["id"] for row in rows(paths[1])] == list(found.names)
+
+
+@pytest.mark.parametrize("format", ["tps", "nts", "morphologika"])
+def test_tables_of_landmarks_are_read_again(view: Collection, tmp_path: Path, format: str) -> None:
+    found = read_specimens(export(view, format, tmp_path)[0])
+    assert tuple(found) == view.names
+    np.testing.assert_array_equal([marks.points for marks in found.values()], view.aligned_landmarks)
 
 
 def test_tps_by_ktch(view: Collection, tmp_path: Path) -> None:

@@ -1,0 +1,122 @@
+"""Landmark files of several specimens: TPS (Rohlf), NTS (NTSYSpc, Landmark Editor's DTA) and morphologika."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, read_only
+from data_tools.errors import CollalignError, InputError
+from data_tools.io.files import existing_file, read_text
+from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks, read_landmarks, specimen_of
+
+
+def read_specimens(path: Path | str) -> dict[str, Landmarks]:
+    """Read the landmarks of every specimen of a file, by name.
+
+    ``.tps``: a specimen is called by its ``ID``, else by the file that ``IMAGE`` names; ``SCALE`` is multiplied by,
+    ``POINTS`` are open curves. ``.nts``, ``.dta``: by the row labels. ``.morphologika``, ``.txt``: by ``[names]``.
+    Missing landmarks (NaN, NA, the code of an NTS header) are NaN. A file of one unnamed specimen, and what else
+    :func:`data_tools.landmarks.landmark_files.read_landmarks` reads, is that of the specimen called like the file.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, of another kind, two-dimensional, or names a specimen twice.
+    """
+    path = existing_file(Path(path))
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        return {specimen_of(path): read_landmarks(path)}
+    try:
+        found = reader(path, read_text(path, "utf-8-sig"))
+    except CollalignError:
+        raise
+    except (ValueError, KeyError, IndexError, AttributeError) as error:
+        raise InputError(
+            f"{path}: not a readable {path.suffix[1:].upper()} file of three-dimensional landmarks"
+        ) from error
+    names = [name or specimen_of(path) for name, _ in found]
+    twice = next((name for at, name in enumerate(names) if name in names[:at]), None)
+    if twice is not None or not names:
+        raise InputError(
+            f"{path}: {'holds no landmarks' if twice is None else f'two specimens are called {twice!r}'}"
+        )
+    return dict(zip(names, [marks for _, marks in found], strict=True))
+
+
+def _read_tps(path: Path, text: str) -> list[tuple[str, Landmarks]]:
+    return [_tps_specimen(block) for block in re.split(r"(?im)^(?=\s*LM3?\s*=)", text) if "=" in block]
+
+
+def _tps_specimen(block: str) -> tuple[str, Landmarks]:
+    """Read one specimen: ``LM3=`` and its points, then curves, scale and names."""
+    lines = [line.strip() for line in block.splitlines() if line.strip()]
+    sets, said = list[FloatArray](), dict[str, str]()
+    for at, line in enumerate(lines):
+        key, sign, value = (word.strip() for word in line.partition("="))
+        if sign and key.upper() in ("LM", "LM3", "POINTS", "POINTS3"):
+            sets.append(_points(" ".join(lines[at + 1 : at + 1 + int(value)]).split(), int(value)))
+        elif sign:
+            said[key.upper()] = value
+    points, *curves = (float(said.get("SCALE", 1.0)) * one for one in sets)
+    image = Path(said.get("IMAGE", "").replace("\\", "/")).name
+    marks = _landmarks(points)
+    along = [
+        Semilandmarks(name=f"curve {number}", kind="open curve", points=read_only(curve))
+        for number, curve in enumerate(curves, start=1)
+    ]
+    return said.get("ID") or image.rpartition(".")[0] or image, replace(marks, semilandmarks=tuple(along))
+
+
+def _read_nts(path: Path, text: str) -> list[tuple[str, Landmarks]]:
+    """Read ``1 nL p 1 CODE DIM=3``, names of the rows and of the columns where an L says so, and the matrix."""
+    header, *lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith('"')]
+    kind, rows, columns, has_code, *rest = header.split()
+    if kind != "1" or re.search(r"(?i)dim\s*=\s*3", header) is None:
+        raise ValueError(header)
+    words = " ".join(lines).split()
+    num, width = (int(re.sub(r"[lL]$", "", word)) for word in (rows, columns))
+    names = words[:num] if rows[-1] in "lL" else []
+    words = words[len(names) + (width if columns[-1] in "lL" else 0) :]
+    if not names and width == 3:  # one specimen, a row for each landmark
+        num, width = 1, 3 * num
+    every = _points(words, num * width // 3).reshape(num, -1, 3)
+    every[every == (float(rest[0]) if has_code == "1" else np.inf)] = np.nan
+    return [(name, _landmarks(points)) for name, points in zip(names or [""] * num, every, strict=True)]
+
+
+def _read_morphologika(path: Path, text: str) -> list[tuple[str, Landmarks]]:
+    found = re.findall(r"^\s*\[(\w+)\]\s*$([^\[]*)", text, flags=re.MULTILINE)
+    sections = {title.lower(): content for title, content in found}
+    num, size, dim = (int(sections[key]) for key in ("individuals", "landmarks", "dimensions"))
+    if dim != 3:
+        raise ValueError(dim)
+    names = [line.strip() for line in sections.get("names", "").splitlines() if line.strip()] or [""] * num
+    rows = [line for line in sections["rawpoints"].splitlines() if not line.lstrip().startswith("'")]
+    every = _points(" ".join(rows).split(), num * size).reshape(num, size, 3)
+    return [(name, _landmarks(points)) for name, points in zip(names, every, strict=True)]
+
+
+def _points(words: list[str], num: int) -> FloatArray:
+    """Return so many points, shape (num, 3), of exactly as many words."""
+    return np.array([float("nan" if word.upper() == "NA" else word) for word in words]).reshape(num, 3)
+
+
+def _landmarks(points: FloatArray) -> Landmarks:
+    """Return landmarks called by their numbers; a landmark that lacks one coordinate is missing."""
+    whole = np.where(np.isfinite(points).all(axis=1, keepdims=True), points, np.nan)
+    return Landmarks(labels=tuple(map(str, range(len(points)))), points=read_only(whole))
+
+
+_READERS: dict[str, Callable[[Path, str], list[tuple[str, Landmarks]]]] = {
+    ".tps": _read_tps,
+    ".nts": _read_nts,
+    ".dta": _read_nts,
+    ".morphologika": _read_morphologika,
+    ".txt": _read_morphologika,
+}

@@ -1,0 +1,99 @@
+"""Landmarks of several specimens in one file, as the field's programs write them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from data_tools.errors import InputError
+from data_tools.landmarks.landmark_tables import read_specimens
+
+#: As tpsDig, NTSYSpc and morphologika have them; the second landmark of the second specimen is missing.
+TPS = """LM3=2
+0 0 0
+1 2 3
+CURVES=1
+POINTS3=3
+0 0 0
+1 0 0
+2 0 0
+ID=a
+LM3=2
+0 0 0
+NA NA NA
+IMAGE=C:\\scans\\b one.ply
+"""
+NTS = """"made by hand
+1 2L 6 1 -9999 DIM=3
+a b_one
+0 0 0 1 2 3
+0 0 0 -9999 -9999 -9999
+"""
+MORPHOLOGIKA = """[Individuals]
+2
+[landmarks]
+2
+[dimensions]
+3
+[names]
+a
+b one
+[rawpoints]
+'a
+0 0 0
+1 2 3
+
+'b one
+0 0 0
+NaN NaN NaN
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("all.tps", TPS), ("all.NTS", NTS), ("all.dta", NTS), ("all.txt", MORPHOLOGIKA)]
+)
+def test_every_specimen_is_read_by_its_name(tmp_path: Path, name: str, content: str) -> None:
+    (tmp_path / name).write_text(content)
+    found = read_specimens(tmp_path / name)
+    assert [*found] in (["a", "b one"], ["a", "b_one"])
+    first, second = found.values()
+    np.testing.assert_array_equal(first.points, [[0, 0, 0], [1, 2, 3]])
+    np.testing.assert_array_equal(second.points, [[0, 0, 0], [np.nan] * 3])
+    assert (first.labels, first.points.flags.writeable) == (("0", "1"), False)
+
+
+def test_curves_and_scales_of_tps(tmp_path: Path) -> None:
+    path = tmp_path / "b.tps"
+    path.write_text(TPS.replace("ID=a", "ID=a\nSCALE=0.5"))
+    (curve,) = read_specimens(path)["a"].semilandmarks
+    assert (curve.name, curve.kind) == ("curve 1", "open curve")
+    np.testing.assert_array_equal(curve.points, [[0, 0, 0], [0.5, 0, 0], [1, 0, 0]])
+    np.testing.assert_array_equal(read_specimens(path)["a"].points[1], [0.5, 1, 1.5])
+
+
+def test_one_specimen_without_a_name_is_called_like_its_file(tmp_path: Path) -> None:
+    (tmp_path / "skull.nts").write_text("1 2 3 0 dim=3\n0 0 0\n1 2 3\n")
+    (tmp_path / "jaw.tps").write_text("LM3=1\n1 2 3\n")
+    (tmp_path / "orbit.csv").write_text("0,0,0\n1,2,3\n")
+    assert read_specimens(tmp_path / "skull.nts")["skull"].points.shape == (2, 3)
+    assert read_specimens(tmp_path / "jaw.tps")["jaw"].points.shape == (1, 3)
+    assert read_specimens(tmp_path / "orbit.csv")["orbit"].points.shape == (2, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("a.tps", "LM=2\n0 0\n1 2\n", "not a readable TPS file of three-dimensional"),
+        ("a.tps", "LM3=2\n0 0 0\n", "not a readable TPS"),
+        ("a.tps", "nothing\n", "holds no landmarks"),
+        ("a.tps", 2 * "LM3=1\n0 0 0\nID=x\n", "two specimens are called 'x'"),
+        ("a.nts", "1 2L 4 0 DIM=2\na b\n0 0 1 1\n0 0 1 1\n", "not a readable NTS"),
+        ("a.nts", NTS + "7", "not a readable NTS"),
+        ("a.txt", MORPHOLOGIKA.replace("1 2 3", "1 2"), "not a readable TXT"),
+        ("a.txt", "x y z\n0 0 0\n", "not a readable TXT"),
+    ],
+)
+def test_other_files_are_refused_by_name(tmp_path: Path, name: str, content: str, reason: str) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=f"{name}: .*{reason}|{name}: {reason}"):
+        read_specimens(tmp_path / name)
