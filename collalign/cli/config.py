@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, get_args
 
@@ -44,7 +44,7 @@ class ConfigFile:
         ------
         OptionsError
             If an entry would be ignored: below the name of a command, a value in place of a table, an option of the
-            program.
+            program; or there is no such option, in which case a similar one is named.
         """
         tables = {name for argument in arguments if argument.children for name in argument.names}
         for name, value in self._content.items():
@@ -54,10 +54,23 @@ class ConfigFile:
                 raise self._misplaced(name, "belongs on the command line")
             if f"--{name}" in tables and not isinstance(value, Mapping):
                 raise self._misplaced(name, f"a table of options, [{name}], is expected, not {value!r}")
+        from data_tools.checks import meant  # imports NumPy, which help shall not wait for
+
+        known = {name.removeprefix("--") for argument in arguments for name in argument.names}
+        for entry in _entries(self._content):
+            if ".".join(entry).replace("_", "-") not in known:
+                similar = meant(".".join(entry), known)
+                raise OptionsError(f"--config {self._path}: there is no option [{']['.join(entry)}]{similar}")
         self._toml(app, commands, arguments)
 
     def _misplaced(self, name: str, reason: str) -> OptionsError:
         return OptionsError(f"--config {self._path}: {name!r}: {reason}")
+
+
+def _entries(table: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Yield the names that lead to each value of tables in tables."""
+    for name, value in table.items():
+        yield from ((name, *below) for below in _entries(value)) if isinstance(value, Mapping) else [(name,)]
 
 
 def refuse_rounding(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:

@@ -36,11 +36,13 @@ def status(result: Path) -> int:
         say(f"{kind}: {count.done} done, {count.failed} failed, {count.left} left of {count.planned}")
         for failure in failures[kind].values():
             say(f"  {failure.label}: {failure.reason}")
+    size = store.stat().st_size
+    say(f"store: {size / 2**20:.1f} MiB")
     if stage != FINISHED:
         say(f"stage: {stage}")
     is_complete = any(count.planned for count in counts.values()) and not any(count.left for count in counts.values())
     finished = stage == FINISHED and is_complete
-    tell(run=notes, finished=finished)
+    tell(run=notes, store_bytes=size, finished=finished)
     if not finished:
         say("Not finished: if it does not run any more, run the same command to go on.")
         return UNFINISHED

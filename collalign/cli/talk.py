@@ -121,15 +121,12 @@ def end(code: int, error: str = "") -> int:
     _SAID.info("exit code %d", code)
     talk = _talk()
     if talk.as_json:
-        print(json.dumps({"exit_code": code} | talk.summary, indent=1, default=_plain))
+        from collalign.output.evidence.gather import json_types  # help shall not wait for it
+
+        print(json.dumps(json_types({"exit_code": code} | talk.summary), indent=1))
     return code
 
 
 def _talk() -> _Talk:
     """Return how the command speaks that runs; functions that are called without one speak by themselves."""
     return _TALK.get(None) or _Talk()
-
-
-def _plain(value: Any) -> Any:
-    """Return a path or a number of NumPy as JSON knows it."""
-    return value.tolist() if hasattr(value, "tolist") else str(value)

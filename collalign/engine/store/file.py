@@ -178,7 +178,10 @@ def _check_layout(connection: sqlite3.Connection, path: Path) -> None:
     if application != APPLICATION_ID:
         raise StoreError(f"{path}: not a store of this program; name another file")
     if version != FORMAT_VERSION:
-        raise StoreError(f"{path}: of format version {version}, this program reads {FORMAT_VERSION}; start a new one")
+        raise StoreError(
+            f"{path}: of format version {version}, this one reads {FORMAT_VERSION}; move it away, and the next run "
+            "computes everything anew (finished results beside it stay as they are)"
+        )
     rows = connection.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL").fetchall()
     if {sql for (sql,) in rows} != set(STATEMENTS):
         raise StoreError(f"{path}: its tables are not those of a store")

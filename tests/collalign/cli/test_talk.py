@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from collalign.cli import main
+from collalign.cli.talk import end, speak, talking, tell
 from collalign.engine.jobs import progress
 
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--jobs", "1"]
@@ -81,6 +82,20 @@ def test_a_batch_tells_of_each_folder(folder: Path, tmp_path: Path, capsys: pyte
     first, second = json.loads(capsys.readouterr().out)["jobs"]
     assert (first["shapes"], first["exit_code"], second["exit_code"]) == (3, 3, 2)
     assert "no such folder" in second["error"]
+
+
+def test_what_is_unknown_is_null_for_programs(capsys: pytest.CaptureFixture[str]) -> None:
+    with talking():
+        speak(quiet=False, as_json=True, verbose=False, log=None)
+        tell(
+            confidence=np.array([0.5, np.nan]),
+            bound=float("-inf"),
+            path=Path("a"),
+            nested={"x": (np.float64("nan"),)},
+        )
+        assert end(3) == 3
+    told = json.loads(capsys.readouterr().out, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
+    assert told == {"exit_code": 3, "confidence": [0.5, None], "bound": None, "path": "a", "nested": {"x": [None]}}
 
 
 def test_a_log_that_cannot_be_written_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
