@@ -55,13 +55,14 @@ class RotationSearch:
         self._within, self._resolution_rad = 0.0, 0.0
         self._zero_gap = _ZERO_GAP * energy_scale(problem)
         self._settled_bound = np.inf
+        self._floor = 0.0 if (problem.constant_cost >= 0).all() else -np.inf
         self._evaluate = QuasiBounds(problem)
         whole = Cells.whole(problem.dim)
         self._pool, self._num_pooled = np.zeros((1, problem.num_target)), 1
         self._open = OpenCells(
             cells=whole,
             radii=np.full(len(whole), np.pi),
-            bounds=np.full(len(whole), 0.0 if (problem.constant_cost >= 0).all() else -np.inf),
+            bounds=np.full(len(whole), -np.inf),
             sources=np.zeros(len(whole), dtype=np.int64),
         )
         self._collected = self._open.take(np.zeros(0, dtype=np.int64))
@@ -75,9 +76,9 @@ class RotationSearch:
 
     @property
     def bound(self) -> float:
-        """The lower bound of this chirality: the least of all cells."""
+        """The lower bound of this chirality: the least of all cells, or 0 where no match costs less."""
         waiting = np.append(self._open.bounds, self._collected.bounds)
-        return min(self._settled_bound, float(waiting.min(initial=np.inf)))
+        return max(self._floor, min(self._settled_bound, float(waiting.min(initial=np.inf))))
 
     def threshold(self, best: float) -> float:
         """Return the bound at which a cell is settled if ``best`` is the energy to beat.
@@ -135,17 +136,16 @@ class RotationSearch:
         num = len(self._open.bounds)
         order = np.argpartition(self._open.bounds, batch) if num > batch else np.arange(num)
         chosen, rest = self._open.take(order[:batch]), self._open.take(order[batch:])
-        children, starts = chosen.cells.split(), np.repeat(chosen.sources, 2)
-        rotations, radii = children.balls()
+        cells, starts = chosen.cells.split(), np.repeat(chosen.sources, 2)
+        rotations, radii = cells.balls()
         found = self._evaluate(rotations, radii, self.threshold(best), self._pool, starts)
-        self.num_cells += len(children)
+        self.num_cells += len(cells)
         lowest = np.argsort(found.energies, kind="stable")[:_NUM_DESCENTS]
         lowest = lowest[found.energies[lowest] < self.energy]
         if len(lowest):
             self.descend(rotations[lowest])
-        bounds = np.maximum(found.bounds, np.repeat(chosen.bounds, 2))
-        sources = self._keep(found, starts)
-        self._open = rest.join(OpenCells(cells=children, radii=radii, bounds=bounds, sources=sources))
+        children = OpenCells(cells=cells, radii=radii, bounds=found.bounds, sources=self._keep(found, starts))
+        self._open = rest.join(children)
 
     def _keep(self, found: CellBounds, starts: IntArray) -> IntArray:
         """Add improved potentials to the pool and return the place of every cell's."""
@@ -183,7 +183,8 @@ class OpenCells(Rows):
     radii : ndarray, shape (m,)
         Of the balls around them, in radians.
     bounds : ndarray, shape (m,)
-        Quasi-bounds.
+        Quasi-bounds, each of its cell alone: a larger one of the cell that it was split off would hold as well, but
+        does not show in the leaves, which is all that a certificate holds.
     sources : ndarray of int, shape (m,)
         Where in the pool their potentials are.
     """

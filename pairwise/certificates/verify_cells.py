@@ -9,7 +9,8 @@ angle r of a cell's rotation R0, it is at least
     F(R0) - <L, R0> - 2 (1 - cos r) K,      K = s1 s1' + s2 s2'
 
 of the singular values of weighted source and target, to both of which L adds points. F is the least assignment, which
-is solved here again. The least of all cells is the bound; every sum is lowered by what rounding can have added.
+is solved here again. The least of all cells is the bound, or what <L, R> is at most where no match has a negative
+cost; every sum is lowered by what rounding can have added.
 """
 
 from __future__ import annotations
@@ -53,8 +54,7 @@ def cells_bound(problem: Problem, given: CertificateArrays) -> float:
     """
     names = ("proper", "reflected")[: num_chiralities(problem)]
     depths = [given.indices(f"{name}_depths", (None,), upper=DEEPEST + 1) for name in names]
-    bound = tilted_bound(problem, np.zeros((problem.dim, problem.dim)), depths)
-    return max(bound, 0.0) if (problem.constant_cost >= 0).all() else bound
+    return tilted_bound(problem, np.zeros((problem.dim, problem.dim)), depths)
 
 
 def num_chiralities(problem: Problem) -> int:
@@ -89,7 +89,10 @@ def tilted_bound(problem: Problem, tilt: FloatArray, depths: Sequence[IntArray])
     if len(depths) != num_chiralities(problem):
         raise InputError(f"depths: cells of {len(depths)} chiralities, expected {num_chiralities(problem)}")
     signs = np.ones(problem.dim), np.array([-1.0, -1.0, -1.0] if problem.dim == 3 else [1.0, -1.0])
-    return min(_chirality_bound(problem, tilt, *one) for one in zip(depths, signs, strict=False))
+    bound = min(_chirality_bound(problem, tilt, *one) for one in zip(depths, signs, strict=False))
+    if (problem.constant_cost < 0).any():
+        return bound
+    return max(bound, -float(np.linalg.norm(tilt, "nuc")) * (1.0 + _SAFETY * _EPS))
 
 
 def _chirality_bound(problem: Problem, tilt: FloatArray, depths: IntArray, signs: FloatArray) -> float:

@@ -8,7 +8,8 @@ import pytest
 from data_tools.errors import InputError
 from pairwise import Certificate, Problem, verify_certificate
 from pairwise.branch_and_bound.cells import Cells
-from pairwise.branch_and_bound.prove import prove
+from pairwise.branch_and_bound.prove import prove, searches_of
+from pairwise.branch_and_bound.record import depths_of
 from pairwise.branch_and_bound.tilted import TiltedProof, prove_tilted
 from pairwise.certificates.verify import proven_bound
 from pairwise.certificates.verify_cells import cell_balls, tilted_bound
@@ -101,3 +102,18 @@ def test_what_is_checked_again_lies_below_brute_force_and_not_below_the_proof(se
     assert tilted_bound(problem, tilt, whole) <= bound + 1e-9 * scale
     with pytest.raises(InputError, match="chiralities"):
         tilted_bound(problem, tilt, ())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_proof_that_is_stopped_at_any_time_claims_no_more_than_its_cells_prove(seed: int) -> None:
+    problem, tilt = tilted_problem(seed)
+    scale = energy_scale(problem) + float(np.abs(tilt).sum())
+    proof = prove_tilted(problem, tilt, np.eye(problem.dim)[None], gap=1e-2 * scale, time_limit_s=1e-9)
+    assert tilted_bound(problem, tilt, cells_of(proof)) >= proof.lower_bound - 1e-9 * scale
+    zero = np.zeros_like(tilt)
+    searches = sorted(searches_of(problem, None, 1e-3), key=lambda search: search.reflected)
+    for _ in range(40):
+        for search in searches:
+            search._split(1, np.inf)
+        claim = min(search.bound for search in searches)
+        assert tilted_bound(problem, zero, depths_of(searches)) >= claim - 1e-9 * scale
