@@ -5,10 +5,10 @@ For costs c_ji of k rows and N columns and any potentials v of the columns (at m
     min over injective maps of sum_j c_j,map(j)  >=  sum_j min_i (c_ji - v_i) + sum_i v_i,
 
 written for N - k more rows of zero costs, so that v needs no sign. An auction (Bertsekas 1988) raises the right-hand
-side from the given potentials, and ends as soon as it exceeds what is asked for, or as soon as an assignment shows
-that it cannot. Its bids exceed the second choice by a step, so that it comes within N steps of the optimum. What is
-too contested for it is left to shortest augmenting paths (Jonker and Volgenant 1987). What is returned is the
-right-hand side above, evaluated again from the final potentials: valid however they were found.
+side from the given potentials by N bids, each a step beyond the second choice, so that it stays within N steps of
+the optimum. It ends as soon as the bound exceeds what is asked for, or an assignment shows that it cannot; what is
+contested is left to shortest augmenting paths (Jonker and Volgenant 1987). What is returned is the right-hand side
+above, evaluated again from the final potentials: valid however they were found.
 
 Compiled by Numba: SciPy's solver starts every problem from nothing, returns no potentials, and cannot stop early.
 """
@@ -20,8 +20,6 @@ import numpy as np
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 
-#: Most rounds of the auction, of N bids each.
-_MOST_ROUNDS = 10
 _EPS = float(np.finfo(np.float64).eps)
 
 
@@ -138,14 +136,13 @@ def _solve(costs: FloatArray, v: FloatArray, wanted: float, step: float, optimis
     size = len(v)
     row_of = np.full(size, -1)
     free = _take_tight(costs, v, row_of)
-    for _ in range(_MOST_ROUNDS):
-        free = _bid(costs, v, row_of, free, step)
-        value = _dual_value(costs, v)
-        if value > wanted:
-            return np.inf
-        energy = _greedy_value(costs, v, row_of, free)
-        if not len(free) or value + optimism * (energy - value) <= wanted:
-            return energy
+    free = _bid(costs, v, row_of, free, step)
+    value = _dual_value(costs, v)
+    if value > wanted:
+        return np.inf
+    energy = _greedy_value(costs, v, row_of, free)
+    if not len(free) or value + optimism * (energy - value) <= wanted:
+        return energy
     distances, parents = np.empty(size), np.empty(size, dtype=np.int64)
     masked, finals, done = np.empty(size), np.empty(size), np.empty(size, dtype=np.int64)
     for row in free:

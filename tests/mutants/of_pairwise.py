@@ -6,7 +6,7 @@ FAULTS: Table = {
     ("pairwise/branch_and_bound/assignment.py", "pairwise/branch_and_bound/test_assignment.py"): [
         ("_dual_value", "total += (size - k) * least", "total += least"),
         ("_augment", "+= finals[position] - length", "-= finals[position] - length"),
-        ("_solve", "if value > wanted:\n            return np.inf\n        energy", "return np.inf\n        energy"),
+        ("_solve", "if value > wanted:\n        return np.inf\n    energy", "return np.inf\n    energy"),
     ],
     (
         "pairwise/branch_and_bound/bounds.py",
@@ -48,7 +48,7 @@ FAULTS: Table = {
         ("RotationSearch.threshold", "(1.0 - self._tol)", "(1.0 - 100.0 * self._tol)"),
         ("RotationSearch.threshold", "self._within * best +", "0.9 * self._within * best +"),
         ("RotationSearch.is_done", "self.bound >= self.threshold(best)", "True"),
-        ("RotationSearch.bound", "return min(self._settled_bound, ", "return min(self.energy, self._settled_bound, "),
+        ("RotationSearch.bound", "min(self._settled_bound, ", "min(self.energy, self._settled_bound, "),
         ("RotationSearch._split", "self._evaluate(rotations, radii,", "self._evaluate(rotations, 0.9 * radii,"),
         ("RotationSearch._split", "self._open.take(order[batch:])", "self._open.take(order[batch + 1 :])"),
         ("RotationSearch._settle", "cells.bounds >= self.threshold", "cells.bounds >= 0.9 * self.threshold"),
