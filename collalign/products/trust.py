@@ -4,12 +4,31 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from data_tools.arrays import FloatArray
+from data_tools.arrays import BoolArray, FloatArray
 
 #: Poses below this confidence are called doubtful, on the command line, in the contact sheet and in the report.
 DOUBT = 0.95
 #: Kinds of evidence about a pose, the columns of :attr:`Trust.evidence`.
-KINDS = ("votes", "margin", "collection votes", "lead")
+KINDS = ("votes", "margin", "collection votes", "lead", "contradictions")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Witness:
+    """What one family of evidence says of all poses, taken by itself.
+
+    Attributes
+    ----------
+    family : str
+        What it is called in sentences.
+    poses : ndarray, shape (N, 3, 3)
+        The ``R_common_shape`` it asks for, in the reported common frame.
+    contradicts : ndarray of bool, shape (N,)
+        Whether that pose is another than the reported one.
+    """
+
+    family: str
+    poses: FloatArray
+    contradicts: BoolArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,16 +46,19 @@ class Trust:
           partners that match best;
         * collection votes: mean of the votes over the shapes that it can be compared with;
         * lead: how much more plausible its pairs, as first matched, find the pose than its strongest rival, in
-          log-odds, mean over all pairs.
+          log-odds, mean over all pairs;
+        * contradictions: the number of witnesses that ask for another pose, 0 where none was heard.
     rivals : tuple of ndarray, each (r, 3, 3)
         Other poses of each shape, ``R_common_shape``.
     excess : tuple of ndarray, each (r,)
         The margin of each of them.
     leads : tuple of ndarray, each (r,)
         The lead over each of them.
+    witnesses : tuple of Witness
     """
 
     evidence: FloatArray
     rivals: tuple[FloatArray, ...]
     excess: tuple[FloatArray, ...]
     leads: tuple[FloatArray, ...]
+    witnesses: tuple[Witness, ...] = ()

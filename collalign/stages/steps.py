@@ -34,7 +34,8 @@ from collalign.stages.poses.synchronize import synchronize_shapes
 from collalign.stages.proofs import certify_pairs, contradictions
 from collalign.stages.trial import rest_s
 from collalign.stages.trust.assess import gather_trust, with_trust
-from collalign.stages.trust.witnesses import hear_witnesses, witness_notes
+from collalign.stages.trust.remedies import remedies
+from collalign.stages.trust.witnesses import witness_notes
 from collalign.stages.trust.words import trust_notes
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
@@ -193,10 +194,10 @@ def state_trust(run: Run, posed: Posed) -> Posed:
     names, rotations = run.shapes.names, posed.rotations
     with run.stage("confidence"):
         trust = gather_trust(run.session, run.shapes.samples, posed.matched, rotations, posed.solution.components)
-        witnesses = hear_witnesses(run.session.options, posed.matched, rotations, posed.solution.components)
-        solution = with_trust(posed.solution, trust, run.constraints, posed.may_be_mirrored, witnesses)
+        solution = with_trust(posed.solution, trust, run.constraints, posed.may_be_mirrored)
         notes = trust_notes(names, trust, solution.confidence, posed.first, rotations, run.constraints)
-    notes = (*posed.notes, *notes, *witness_notes(names, witnesses, rotations))
+        helps = remedies(run.session, run.shapes, posed.matched, solution.confidence)
+    notes = (*posed.notes, *notes, *witness_notes(names, trust.witnesses, rotations), *helps)
     return replace(posed, solution=solution, trust=trust, notes=notes)
 
 

@@ -16,7 +16,7 @@ from experiments.confidence.families import FAMILIES
 from experiments.confidence.fit import fit_weights, left_out, training_rows
 from experiments.experiment import Cell
 
-NAMES = ("AGREEMENT_WEIGHT", "MARGIN_WEIGHT", "LEAD_WEIGHT", "CONSTANT")
+NAMES = ("AGREEMENT_WEIGHT", "MARGIN_WEIGHT", "LEAD_WEIGHT", "WITNESS_WEIGHT", "CONSTANT")
 #: Runs of each collection, and their seed: another one than that of the experiment.
 NUM_RUNS, NUM_QUICK, SEED = 8, 1, 29
 
@@ -27,7 +27,7 @@ def measure_weights(data: Path, collections: Sequence[str], quick: bool) -> dict
     records = {kind: measure_collection(Cell(data=data, settings={"kind": kind, **shared})) for kind in collections}
     seen, right, kind = training_rows(records)
     weights, constant = fit_weights(seen, right, kind)
-    code = np.array([model.AGREEMENT_WEIGHT, model.MARGIN_WEIGHT, model.LEAD_WEIGHT]), model.CONSTANT
+    code = [getattr(model, name) for name in NAMES[:-1]], model.CONSTANT
     stated = [*(1.0 / (1.0 + np.exp(-(seen @ w + c))) for w, c in (code, (weights, constant)))]
     stated.append(left_out(seen, right, kind))
     now, best, without = (float(right[chance >= DOUBT].mean()) for chance in stated)

@@ -22,13 +22,13 @@ from experiments.calibration.scan import Calibration, Finding, patched
 RIGHT_DEG = 25.0
 #: Shapes of each collection, all pairs of which are weighed, and poses kept of a pair: all.
 NUM_SHAPES, NUM_QUICK, MOST_POSES = 20, 3, 100
-#: Half the precision of the weights, beside log-likelihoods summed over pairs.
-RIDGE = 0.01
+#: Half the precision of the weights, beside log-likelihoods summed over so many pairs a collection.
+RIDGE, PAIRS_A_CLASS = 0.01, 190
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WeighedPair:
-    """Logarithms of the disagreements at each pose of a pair, shape (m, kinds), and which poses are right."""
+    """What ``excess_logs`` says of the poses of a pair, shape (m, kinds), and which poses are right."""
 
     logs: FloatArray
     right: BoolArray
@@ -36,7 +36,6 @@ class WeighedPair:
 
 def weighed_pairs(data: Path, collection: str, quick: bool) -> list[WeighedPair]:
     """Weigh the poses of all pairs of some shapes; of use are pairs that have right ones and wrong ones."""
-    columns = [odds.EVIDENCE.index(kind) for kind in odds.WEIGHTS]
     found = []
     options = AlignOptions(group="SO", maps="always")
     with (
@@ -48,22 +47,24 @@ def weighed_pairs(data: Path, collection: str, quick: bool) -> list[WeighedPair]
             able = np.isfinite(pair.log_odds)
             truth = all_pairs.posed.relative[at[pair.target], at[pair.source]]
             right = np.asarray(rotation_angle_deg(pair.rotations[able, :3, :3], truth)) <= RIGHT_DEG
-            logs = np.log(np.maximum(pair.evidence[able][:, columns], odds.FLOOR))
-            found.append(WeighedPair(logs=np.nan_to_num(logs), right=right))
+            found.append(WeighedPair(logs=odds.excess_logs(pair.evidence[able]), right=right))
     return [pair for pair in found if pair.right.any() and not pair.right.all()]
 
 
-def fit_logit(pairs: Sequence[WeighedPair]) -> FloatArray:
-    """Return the weights, none negative, under which the right poses of the pairs are likeliest."""
+def fit_logit(drawn: Sequence[Sequence[WeighedPair]]) -> FloatArray:
+    """Return the weights, none negative, under which the right poses are likeliest; collections count alike."""
 
     def loss(weights: FloatArray) -> tuple[float, FloatArray]:
         total, slope = RIDGE * float(weights @ weights), 2.0 * RIDGE * weights
-        for pair in pairs:
-            scores = -pair.logs @ weights
-            every, right = logsumexp(scores), logsumexp(scores[pair.right])
-            total += float(every - right)
-            slope = slope - np.exp(scores - every) @ pair.logs
-            slope = slope + np.exp(scores[pair.right] - right) @ pair.logs[pair.right]
+        for pairs in drawn:
+            for pair in pairs:
+                scores = -pair.logs @ weights
+                every, right = logsumexp(scores), logsumexp(scores[pair.right])
+                total += PAIRS_A_CLASS / len(pairs) * float(every - right)
+                change = (
+                    np.exp(scores[pair.right] - right) @ pair.logs[pair.right] - np.exp(scores - every) @ pair.logs
+                )
+                slope = slope + PAIRS_A_CLASS / len(pairs) * change
         return total, slope
 
     num = len(odds.WEIGHTS)
@@ -80,10 +81,10 @@ def measure_odds(data: Path, collections: Sequence[str], quick: bool) -> dict[st
     """Fit the weights, on all collections and without each of them."""
     drawn = {collection: weighed_pairs(data, collection, quick) for collection in collections}
     drawn = {collection: pairs for collection, pairs in drawn.items() if pairs}
-    weights = fit_logit([pair for pairs in drawn.values() for pair in pairs])
+    weights = fit_logit(list(drawn.values()))
     code = np.array(list(odds.WEIGHTS.values()))
     without = [
-        share_right(pairs, fit_logit([pair for other, found in drawn.items() if other != one for pair in found]))
+        share_right(pairs, fit_logit([found for other, found in drawn.items() if other != one]))
         for one, pairs in drawn.items()
     ]
     shares = [float(np.mean([share_right(pairs, some) for pairs in drawn.values()])) for some in (code, weights)]
@@ -97,6 +98,6 @@ CALIBRATION = Calibration(
     module=odds.__name__,
     constants=dict(odds.WEIGHTS),
     measure=measure_odds,
-    collections=("human", "ant", "armadillo", "glasses"),
+    collections=("human", "ant", "armadillo", "glasses", "fish", "bird", "plane", "teddy"),
     score=f"share of pairs whose likeliest pose is within {RIGHT_DEG:.0f} degrees, all weights together",
 )

@@ -65,7 +65,7 @@ def test_the_logit_finds_what_tells_right_poses() -> None:
         logs = rng.standard_normal((6, len(WEIGHTS)))
         right = np.arange(6) == np.argmin(logs[:, 0] + 0.2 * rng.standard_normal(6))
         pairs.append(WeighedPair(logs=logs, right=right))
-    weights = fit_logit(pairs)
+    weights = fit_logit([pairs])
     assert weights[0] > 5.0 * weights[1:].max()
     assert share_right(pairs, weights) > 0.8 > share_right(pairs, np.ones(len(WEIGHTS)))
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from collalign.confidence.candidate_model import EVIDENCE
+from collalign.confidence.candidate_model import EVIDENCE, evidence_score
 from collalign.engine.jobs.job import Job
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION
 from collalign.nonrigid.portfolio import is_same_map
@@ -56,11 +56,12 @@ def candidate_maps(
         for candidate in (plain, mapper.oriented(plain, preserving=chirality > 0)):
             weighed = weigher.weigh(candidate, chirality=chirality)
             keeps_sides = not weighed.evidence[EVIDENCE.index("orientation")] < MIXED_ORIENTATION
-            found.append((keeps_sides, weighed.score, candidate.C_source_target))
+            found.append((keeps_sides, weighed.evidence, candidate.C_source_target))
     # Maps that swap left and right are for pairs that have no others: most evidence says the same of both.
     able = [one for one in found if one[0]] or found
+    scores = evidence_score(np.stack([evidence for _, evidence, _ in able])).tolist()
     kept: list[tuple[float, FloatArray]] = []
-    for _, score, c in sorted(able, key=lambda one: -one[1]):
+    for score, (_, _, c) in sorted(zip(scores, able, strict=True), key=lambda one: -one[0]):
         if not any(is_same_map(c, other) for _, other in kept):
             kept.append((score, c))
     best = kept[:MAX_CANDIDATES]
@@ -83,6 +84,6 @@ def refine_map(surfaces: tuple[StoredSurface, StoredSurface], coarse: FloatArray
 
 #: Map a pair. The version changes whenever the same surfaces and starts would give other maps.
 CANDIDATES, REFINING = (
-    Job(kind="evidence", version="consistent-1", run=candidate_maps, reader=CandidateMaps),
-    Job(kind="evidence", version="consistent-1", run=refine_map, reader=RefinedMap),
+    Job(kind="evidence", version="consistent-2", run=candidate_maps, reader=CandidateMaps),
+    Job(kind="evidence", version="consistent-2", run=refine_map, reader=RefinedMap),
 )

@@ -37,11 +37,6 @@ class WeighedPose:
     point_map: IntArray
     evidence: FloatArray
 
-    @property
-    def score(self) -> float:
-        """Log-odds up to a constant of the pair."""
-        return float(evidence_score(self.evidence[None])[0])
-
 
 class PoseWeigher:
     """Weighs poses of one pair.
@@ -96,6 +91,7 @@ class PoseWeigher:
 
 def distinct(candidates: Sequence[WeighedPose]) -> list[WeighedPose]:
     """Return the candidates that most speaks for, best first, of each set of nearly equal rotations only one."""
-    ranked = sorted(candidates, key=lambda c: -c.score)
+    scores = evidence_score(np.stack([candidate.evidence for candidate in candidates]))
+    ranked = [candidates[at] for at in np.argsort(-scores, kind="stable")]
     rotations = np.stack([candidate.rotation for candidate in ranked])
     return [ranked[at] for at in keep_apart(rotations, SAME_DEG, num=MAX_CANDIDATES)]

@@ -6,13 +6,13 @@ more than they mislead maps. Each candidate keeps what every kind of evidence sa
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
 
-from collalign.confidence.candidate_model import EVIDENCE, evidence_score
+from collalign.confidence.candidate_model import EVIDENCE, WEIGHTS, cost_log_odds, evidence_score
 from collalign.engine.jobs.job import Job, Results, Wanted
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.options import AlignSession
@@ -80,7 +80,7 @@ def weigh_pair(
 
 
 #: Weighs poses of a pair. The version changes whenever the same surfaces and poses would give other candidates.
-WEIGHING = Job(kind="evidence", version="evidence-3", run=weigh_pair, reader=PairEvidence)
+WEIGHING = Job(kind="evidence", version="evidence-4", run=weigh_pair, reader=PairEvidence)
 
 
 def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> list[Pair]:
@@ -146,7 +146,7 @@ def by_energy(pair: Pair) -> Pair:
     """Return the pair with log-odds by the energies of its candidates alone."""
     evidence = np.full((len(pair.energies), len(EVIDENCE)), np.nan)
     evidence[:, EVIDENCE.index("energy")] = pair.energies
-    return replace(pair, log_odds=read_only(evidence_score(evidence)), evidence=read_only(evidence))
+    return replace(pair, log_odds=read_only(cost_log_odds(pair.energies)), evidence=read_only(evidence))
 
 
 def with_evidence(pair: Pair, found: PairEvidence) -> Pair:
@@ -156,15 +156,24 @@ def with_evidence(pair: Pair, found: PairEvidence) -> Pair:
 
 
 def with_candidates(pair: Pair, found: PairEvidence) -> Pair:
-    """Return a weighed pair with further candidates at its end."""
+    """Return a weighed pair with further candidates at its end; all that take part are weighed anew, together."""
     rotations = np.tile(np.eye(pair.rotations.shape[-1]), (len(found.rotations), 1, 1))
     rotations[:, :3, :3] = found.rotations
     energies = found.evidence[:, EVIDENCE.index("energy")]
-    return replace(
+    grown = replace(
         pair,
         rotations=read_only(np.concatenate([pair.rotations, rotations])),
         maps=read_only(np.concatenate([pair.maps, found.maps])),
         energies=read_only(np.concatenate([pair.energies, energies])),
-        log_odds=read_only(np.concatenate([pair.log_odds, evidence_score(found.evidence)])),
+        log_odds=read_only(np.concatenate([pair.log_odds, np.zeros(len(energies))])),
         evidence=read_only(np.concatenate([pair.evidence, found.evidence])),
     )
+    return judged_by(grown, WEIGHTS)
+
+
+def judged_by(pair: Pair, kinds: Collection[str]) -> Pair:
+    """Return a weighed pair with the log-odds that some kinds of evidence give the candidates that take part."""
+    able = np.isfinite(pair.log_odds)
+    odds = np.full(len(able), -np.inf)
+    odds[able] = evidence_score(pair.evidence[able], kinds)
+    return replace(pair, log_odds=read_only(odds))

@@ -216,6 +216,8 @@ def _trust(trust: Trust | None, at: IntArray, num: int) -> Trust | None:
 def incomplete_note(names: Sequence[str], incomplete: Sequence[Incomplete]) -> str:
     """Return the sentence that names the incomplete shapes and says what follows from that."""
     listed = "; ".join(f"{names[one.shape]} ({one.reason}; covers {percent(one.coverage)})" for one in incomplete)
+    if len(incomplete) == len(names):
+        return f"All are incomplete, and posed on each other by what they have in common: {listed}."
     return (
         f"Incomplete, posed on the complete shapes by what has a counterpart there: {listed}. "
         "The mean is that of the complete shapes; samples without a counterpart have no label."

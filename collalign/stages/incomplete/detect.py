@@ -90,7 +90,7 @@ def find_incomplete(
         }
         shares = session.spread("incomplete shapes", share_beyond, tasks, shared=table)
     missing = [
-        i for i in range(len(samples)) if shares.get(i, 0.0) >= MISSING_SHARE and _may_be_cut(session, shapes, i)
+        i for i in range(len(samples)) if shares.get(i, 0.0) >= MISSING_SHARE and may_be_cut(session, shapes, i)
     ]
     if len(missing) > MOST_MISSING * len(samples):
         return {}
@@ -105,7 +105,7 @@ def _neighbours_together(nearest: Sequence[Sequence[int]]) -> list[int]:
     return order
 
 
-def _may_be_cut(session: AlignSession, shapes: Shapes, shape: int) -> bool:
+def may_be_cut(session: AlignSession, shapes: Shapes, shape: int) -> bool:
     """Whether a shape is a point cloud or an open surface."""
     found = read_shape(shapes.files[shape], session.options.cleaning, digest=shapes.digests[shape])
     return not found.is_mesh or is_open_surface(found.vertices, found.faces)

@@ -16,13 +16,13 @@ from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.trust.own_turns import near_symmetries
 from collalign.stages.trust.rival_poses import MAX_PARTNERS, Partner, leads_over, pose_costs, rival_poses
-from collalign.stages.trust.witnesses import Witness
+from collalign.stages.trust.witnesses import hear_witnesses
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import AGREE_DEG, APART_DEG, keep_apart, turn_deg
 
-VOTES, MARGIN, COLLECTION_VOTES, LEAD = range(len(KINDS))
+VOTES, MARGIN, COLLECTION_VOTES, LEAD, CONTRADICTIONS = range(len(KINDS))
 #: Added to the votes on either side: few pairs settle little (Laplace's rule of succession).
 PRIOR_VOTES = 1.0
 #: Differences below this, in squared radii, say nothing.
@@ -31,7 +31,7 @@ RESOLUTION = 0.01
 RIVAL_POWER = 6.0
 #: Log-odds of a pair's candidates per unit of the logarithm of their costs, where these alone decide.
 COST_LOG_ODDS = 8.0
-#: Most confidence in a pose where another one is as likely: its mirror image, or what a witness asks for.
+#: Most confidence in a pose whose mirror image is as likely.
 ONE_OF_TWO = 0.5
 #: Alternatives reported per shape.
 MAX_ALTERNATIVES = 3
@@ -83,11 +83,14 @@ def gather_trust(
     for members in components:
         known = members[~np.isnan(evidence[members, VOTES])]
         evidence[known, COLLECTION_VOTES] = evidence[known, VOTES].mean() if len(known) else np.nan
+    witnesses = hear_witnesses(session.options, pairs, rotations, components)
+    evidence[:, CONTRADICTIONS] = np.sum([witness.contradicts for witness in witnesses], axis=0)
     return Trust(
         evidence=read_only(evidence),
         rivals=tuple(read_only(pose[1:]) for pose in poses),
         excess=tuple(read_only(rises) for rises in excess),
         leads=tuple(read_only(own) for own in leads),
+        witnesses=tuple(witnesses),
     )
 
 
@@ -174,20 +177,19 @@ def with_trust(
     trust: Trust,
     constraints: Constraints,
     may_be_mirrored: Sequence[int] = (),
-    witnesses: Sequence[Witness] = (),
 ) -> SynchronizationResult:
     """Return the solution with confidences and alternatives as the evidence has them; poses set by hand are certain.
 
     The odds of the rivals share what the reported pose leaves, by what they cost on dense points; poses that
-    witnesses ask for have half of it. A shape that is as likely a mirror image, or for which a witness has another
-    pose, is trusted by :data:`ONE_OF_TWO` at most.
+    witnesses ask for have half of it. A shape that is as likely a mirror image is trusted by :data:`ONE_OF_TWO` at
+    most.
     """
     confidence = pose_confidence(trust)
-    doubted = [*may_be_mirrored, *(i for witness in witnesses for i in np.flatnonzero(witness.contradicts).tolist())]
+    doubted = list(may_be_mirrored)
     confidence[doubted] = np.minimum(confidence[doubted], ONE_OF_TWO)
     alternatives = []
     for i, (rivals, excess) in enumerate(zip(trust.rivals, trust.excess, strict=True)):
-        heard = [witness.poses[i] for witness in witnesses if witness.contradicts[i]]
+        heard = [witness.poses[i] for witness in trust.witnesses if witness.contradicts[i]]
         share = np.exp(-RIVAL_POWER * (excess - excess.min())) if len(excess) else excess
         share = share / max(share.sum(), LEAST_COST) * (0.5 if heard else 1.0)
         chances = (1.0 - confidence[i]) * np.concatenate([np.full(len(heard), 0.5 / max(len(heard), 1)), share])

@@ -7,16 +7,17 @@ its measures, and with those of every other pair, so that no cycle shows it. Poi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
-from collalign.confidence.candidate_model import EVIDENCE, evidence_score
+from collalign.confidence.candidate_model import EVIDENCE
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair
+from collalign.products.trust import Witness
+from collalign.stages.evidence.weigh import judged_by
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.stages.trust.words import listed
-from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.poses import APART_DEG, turn_deg
 
 #: Families of evidence that share no measurement, by what they are called in sentences.
@@ -24,25 +25,6 @@ FAMILIES = {"points": ("energy", "surface"), "maps": ("curvature", "commutativit
 _OF_MAPS = EVIDENCE.index("commutativity")
 #: Turns that are tried between two common frames, at most.
 MAX_FRAMES = 100
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Witness:
-    """What one family of evidence says of all poses.
-
-    Attributes
-    ----------
-    family : str
-        One of :data:`FAMILIES`.
-    poses : ndarray, shape (N, 3, 3)
-        The ``R_common_shape`` it asks for, in the reported common frame.
-    contradicts : ndarray of bool, shape (N,)
-        Whether that pose is another than the reported one.
-    """
-
-    family: str
-    poses: FloatArray
-    contradicts: BoolArray
 
 
 def hear_witnesses(
@@ -68,19 +50,13 @@ def hear_witnesses(
         return []
     found = []
     for family, kinds in FAMILIES.items():
-        heard = [_judged_by(pair, kinds) for pair in pairs]
+        heard = [judged_by(pair, kinds) for pair in pairs]
         said = synchronize_pairs(options, len(rotations), heard).rotations
         poses = np.concatenate([_in_frame(said[own], rotations[own]) for own in components])
         poses = poses[np.argsort(np.concatenate(components), kind="stable")]
         apart = np.asarray(turn_deg(poses, rotations)) > APART_DEG
         found.append(Witness(family=family, poses=read_only(poses), contradicts=apart))
     return found
-
-
-def _judged_by(pair: Pair, kinds: Sequence[str]) -> Pair:
-    """Return the pair with the log-odds that some kinds of evidence alone give its candidates."""
-    odds = np.where(np.isfinite(pair.log_odds), evidence_score(pair.evidence, kinds), -np.inf)
-    return replace(pair, log_odds=read_only(odds))
 
 
 def _in_frame(said: FloatArray, reported: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from collalign.products.pair import Pair
 from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, WeighedPose, distinct
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.rivals import missing_poses, support, voted_poses, votes_of
-from collalign.stages.evidence.weigh import PairEvidence, by_energy, with_evidence
+from collalign.stages.evidence.weigh import PairEvidence, by_energy, with_candidates, with_evidence
 from collalign.stages.poses.synchronize import pair_graph
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
@@ -58,6 +58,25 @@ def test_every_disagreement_counts_against_a_pose(kind: int) -> None:
     assert better > worse + 0.5
 
 
+def test_no_kind_of_evidence_overrules_two_others() -> None:
+    evidence = np.full((2, len(EVIDENCE)), 0.2)
+    evidence[1, EVIDENCE.index("normals")] = 2.0
+    evidence[0, [EVIDENCE.index("energy"), EVIDENCE.index("surface")]] = 0.25
+    assert evidence_score(evidence)[1] > evidence_score(evidence)[0]
+    farther = evidence.copy()
+    farther[1, EVIDENCE.index("normals")] = 20.0
+    np.testing.assert_array_equal(evidence_score(farther), evidence_score(evidence))
+
+
+def test_a_new_candidate_is_weighed_together_with_the_old_ones() -> None:
+    first = from_record(PairEvidence, a_record(3), "a - b")
+    whole = with_evidence(a_pair([0.1, 0.2]), first)
+    grown = with_candidates(with_evidence(a_pair([0.1, 0.2]), first.some([0])), first.some([1, 2]))
+    np.testing.assert_array_equal(grown.log_odds, whole.log_odds)
+    assert np.isneginf(whole.log_odds[:2]).all()
+    np.testing.assert_array_equal(whole.log_odds[2:], evidence_score(first.evidence))
+
+
 def test_unknown_evidence_says_nothing() -> None:
     evidence = np.full((2, len(EVIDENCE)), np.nan)
     evidence[:, 0] = 0.1, 0.2
@@ -90,7 +109,7 @@ def test_maps_of_signs_that_swap_sides_are_for_mirrored_poses_alone() -> None:
     turned = weigher.candidates_from_signs(mirrored=False)
     assert {round(float(np.linalg.det(one.rotation))) for one in turned} <= {1}
     both = weigher.candidates_from_signs(mirrored=True)
-    best = max(both, key=lambda one: one.score)
+    best = both[int(np.argmax(evidence_score(np.stack([one.evidence for one in both]))))]
     assert np.linalg.det(best.rotation) == pytest.approx(-1.0)
     assert rotation_angle_deg(best.rotation, np.diag([-1.0, 1.0, 1.0])) < 10.0
 
@@ -191,7 +210,7 @@ def test_chances_of_candidates_leave_room_for_none_and_do_not_depend_on_units() 
     assert candidate_chances(a_pair([0.0, 0.0])) == pytest.approx([1.0 / (2.0 + np.exp(-2.35))] * 2)
     weighed = candidate_chances(replace(pair, log_odds=np.array([-np.inf, -3.0, -4.0])))
     assert weighed[0] == 0.0
-    assert weighed[1] / weighed[2] == pytest.approx(np.exp(1.4))
+    assert weighed[1] / weighed[2] == pytest.approx(np.e)
 
 
 @pytest.mark.parametrize("gaps", [np.zeros(0), np.array([0.1, np.nan, 0.2]), np.array([0.1])])

@@ -134,24 +134,25 @@ def test_the_cost_is_zero_on_itself_and_sees_normals(rng: np.random.Generator) -
 
 
 def test_evidence_for_a_pose_never_lowers_its_probability() -> None:
-    middle = np.array([0.5, 0.2, 0.6, 0.4])
-    for at in range(len(KINDS)):
+    middle = np.array([0.5, 0.2, 0.6, 0.4, 1.0])
+    for at, kind in enumerate(KINDS):
         low, high = middle.copy(), middle.copy()
-        low[at], high[at] = middle[at] - 0.2, middle[at] + 0.2
+        step = -0.2 if kind == "contradictions" else 0.2
+        low[at], high[at] = middle[at] - step, middle[at] + step
         assert probability(low[None]) < probability(high[None])
     assert np.isnan(probability(np.full((1, len(KINDS)), np.nan))).all()
-    assert probability(np.array([[1.0, 9.0, 1.0, 9.0]])) == MOST_CONFIDENT
+    assert probability(np.array([[1.0, 9.0, 1.0, 9.0, 0.0]])) == MOST_CONFIDENT
 
 
 def trust_of(evidence: list[float], excess: list[float], leads: list[float] | None = None) -> Trust:
     turns = np.array([Rotation.from_euler("z", r + 1.0).as_matrix() for r in range(len(excess))]).reshape(-1, 3, 3)
     over = np.zeros(len(excess)) if leads is None else np.array(leads)
-    return Trust(evidence=np.array([evidence]), rivals=(turns,), excess=(np.array(excess),), leads=(over,))
+    return Trust(evidence=np.array([[*evidence, 0.0]]), rivals=(turns,), excess=(np.array(excess),), leads=(over,))
 
 
 def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit() -> None:
     def chance(*evidence: float) -> float:
-        return float(probability(np.array([evidence]))[0])
+        return float(probability(np.array([[*evidence, 0.0]]))[0])
 
     assert chance(0.4, 5.0, 0.4, 9.0) == chance(0.4, 0.8, 0.4, 4.0)
     assert chance(0.9, -5.0, 0.9, -9.0) == chance(0.9, -0.3, 0.9, -2.0)
@@ -167,7 +168,7 @@ def test_rivals_that_fit_as_well_share_the_confidence() -> None:
 
 
 def test_what_ties_most_shapes_ties_all() -> None:
-    sure, turns = np.array([1.0, 0.8, 1.0, 4.0]), np.tile(np.eye(3), (2, 1, 1))
+    sure, turns = np.array([1.0, 0.8, 1.0, 4.0, 0.0]), np.tile(np.eye(3), (2, 1, 1))
 
     def chances(excess: list[float], leads: list[float]) -> list[float]:
         trust = Trust(
@@ -304,8 +305,13 @@ def test_a_pose_that_a_witness_contradicts_is_doubted_and_the_other_one_offered(
     assert not hear_witnesses(options, pairs, common @ truth, everything)[0].contradicts.any()
     np.testing.assert_allclose(points.poses[2], common @ truth[2], atol=1e-6)
     trust = trusted(samples, pairs, flipped)
-    doubted = with_trust(solved(pairs), trust, Constraints(), witnesses=[replace(points, poses=truth), maps])
-    assert doubted.confidence[2] <= ONE_OF_TWO
+    assert trust.evidence[:, KINDS.index("contradictions")].tolist() == points.contradicts.tolist()
+    alone = trust.evidence.copy()
+    alone[:, KINDS.index("contradictions")] = 0.0
+    unheard = with_trust(solved(pairs), replace(trust, evidence=alone), Constraints()).confidence
+    doubted = with_trust(solved(pairs), trust, Constraints())
+    assert doubted.confidence[2] < unheard[2] - 0.03
+    np.testing.assert_array_equal(np.delete(doubted.confidence, 2), np.delete(unheard, 2))
     assert any(np.allclose(other.rotation, truth[2]) for other in doubted.alternatives[2])
     (note,) = witness_notes([f"shape{i}" for i in range(NUM)], [points, maps], common @ flipped)
     assert "points ask for other poses of shape2, turned by up to 180 deg" in note

@@ -1,0 +1,72 @@
+"""What to try where poses are in doubt: a sentence for each cause that the shapes themselves show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from collalign.options import AUTO, AlignSession
+from collalign.products.pair import Pair
+from collalign.products.shapes import Shapes
+from collalign.products.trust import DOUBT
+from collalign.stages.incomplete.detect import may_be_cut
+from collalign.stages.poses.synchronize import pair_graph
+from collalign.stages.trust.words import MAX_NAMES, listed
+from collalign.synchronization.clusters import pair_affinity, spectral_clusters
+from data_tools.arrays import FloatArray
+
+#: Folders of which at least this share is in doubt may hold several kinds of shapes, ...
+MOST_IN_DOUBT = 0.5
+#: ... where pairs across the parts that agree among themselves match so many times worse than those within. Folders
+#: of two or three kinds of SHREC07, teeth and skulls had 1.9 to 3.5; of those of one kind only glasses had two parts.
+WORSE_ACROSS = 1.5
+#: Shapes below this confidence may be incomplete; above it a rival pose is the likelier reason.
+MAY_BE_CUT = 0.7
+
+
+def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confidence: FloatArray) -> list[str]:
+    """Return sentences that name the option which helps where most shapes, or open surfaces, are in doubt.
+
+    Parameters
+    ----------
+    session : Session
+        With a decided group.
+    shapes : Shapes
+    pairs : sequence of Pair
+        As first matched.
+    confidence : ndarray, shape (N,)
+    """
+    options, said = session.options, []
+    in_doubt = np.flatnonzero(~(confidence >= DOUBT))
+    mostly = len(in_doubt) >= MOST_IN_DOUBT * len(confidence)
+    kinds = _kinds(pairs, len(confidence), options.group) if mostly and options.clusters == 1 else []
+    if kinds:
+        groups = "; ".join(listed([shapes.names[i] for i in kind]) for kind in kinds)
+        said.append(
+            f"The pairs agree within {len(kinds)} groups of shapes and not between them ({groups}): if the folder "
+            "holds several kinds, --clusters 0 aligns each by itself."
+        )
+    elif options.incomplete == AUTO:
+        doubted = [i for i in np.argsort(confidence, kind="stable").tolist() if confidence[i] < MAY_BE_CUT]
+        cut = [shapes.names[i] for i in doubted[:MAX_NAMES] if may_be_cut(session, shapes, i)]
+        if cut and len(doubted) >= MOST_IN_DOUBT * len(confidence):
+            said.append(
+                "Most are in doubt, with open borders: if none is complete, as scans are, --incomplete all helps."
+            )
+        elif cut:
+            said.append(
+                f"{listed(cut)}: in doubt, with open borders. If a part is missing, --incomplete {','.join(cut)} "
+                "poses what is there."
+            )
+    return said
+
+
+def _kinds(pairs: Sequence[Pair], num: int, group: str) -> list[list[int]]:
+    """Return the parts of shapes whose pairs agree, where those between them match much worse; none otherwise."""
+    labels = spectral_clusters(pair_affinity(pair_graph(pairs, num, group)), None)
+    energies = np.array([pair.energies.min() for pair in pairs])
+    across = np.array([labels[pair.target] != labels[pair.source] for pair in pairs])
+    if not across.any() or across.all() or np.median(energies[across]) < WORSE_ACROSS * np.median(energies[~across]):
+        return []
+    return [np.flatnonzero(labels == part).tolist() for part in range(labels.max() + 1)]

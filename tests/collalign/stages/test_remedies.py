@@ -1,0 +1,77 @@
+"""What is said to help where poses are in doubt, and that nothing is said elsewhere."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign import AlignOptions, RunOptions
+from collalign.engine.session import Session
+from collalign.products.pair import Pair
+from collalign.products.shapes import Shapes
+from collalign.stages.shape_stage import prepare_shapes
+from collalign.stages.trust.remedies import remedies
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.io.objects import list_shapes
+from data_tools.io.shapes import write_mesh
+from data_tools.options import SamplingOptions
+from data_tools.rotations import random_rotation
+from tests.collalign.stages.test_trust import pairs_at
+from tests.pairwise.partial.test_partial_match import cut
+
+NUM = 8
+OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=16, num_dense_points=0))
+
+
+def said(folder: Path, confidence: np.ndarray, pairs: list[Pair], options: AlignOptions = OPTIONS) -> str:
+    """Return what helps a folder of closed blobs of which the first three are cut open."""
+    rng = np.random.default_rng(3)
+    for i in range(NUM):
+        shape = blob(rng, num_vertices=200)
+        write_mesh(folder / f"s{i}.ply", cut(shape, np.eye(3)[0], 0.2) if i < 3 else shape)
+    with Session.open(options, RunOptions(jobs=1)) as session:
+        shapes: Shapes = prepare_shapes(session, list_shapes(folder))
+        return " ".join(remedies(session, shapes, pairs, confidence))
+
+
+def sure(**doubted: float) -> np.ndarray:
+    confidence = np.full(NUM, 0.99)
+    for name, chance in doubted.items():
+        confidence[int(name[1:])] = chance
+    return confidence
+
+
+def test_two_kinds_are_told_apart_by_pairs_that_agree_and_energies(tmp_path: Path) -> None:
+    kinds = np.arange(NUM) % 2
+    pairs = pairs_at(np.tile(np.eye(3), (NUM, 1, 1)))
+    rng, mixed = np.random.default_rng(1), []
+    for pair in pairs:
+        turn = np.eye(3) if kinds[pair.target] == kinds[pair.source] else random_rotation(rng)
+        energies = pair.energies * (1.0 if turn[0, 0] == 1.0 else 4.0)
+        mixed.append(replace(pair, rotations=pair.rotations @ turn, energies=energies))
+    text = said(tmp_path, np.full(NUM, 0.9), mixed)
+    assert "within 2 groups" in text
+    assert "s0, s2, s4, s6; s1, s3, s5, s7" in text
+    assert "--clusters 0" in text
+    assert "--clusters" not in said(tmp_path, np.full(NUM, 0.9), pairs)
+    assert "--clusters" not in said(tmp_path, sure(s1=0.9), mixed)
+    assert "--clusters" not in said(tmp_path, np.full(NUM, 0.9), mixed, replace(OPTIONS, clusters=2))
+
+
+@pytest.mark.parametrize(
+    ("doubted", "helps"),
+    [
+        ({"s1": 0.2}, "s1: in doubt, with open borders. If a part is missing, --incomplete s1 "),
+        ({"s1": 0.3, "s2": 0.2, "s7": 0.1}, "--incomplete s2,s1 "),
+        ({"s7": 0.1}, ""),
+        ({"s1": 0.9}, ""),
+        ({f"s{i}": 0.1 for i in range(6)}, "--incomplete all"),
+        ({f"s{i}": 0.1 for i in range(3, 8)}, ""),
+    ],
+)
+def test_open_surfaces_in_doubt_may_be_incomplete(tmp_path: Path, doubted: dict[str, float], helps: str) -> None:
+    text = said(tmp_path, sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))))
+    assert (helps in text) if helps else (text == "")
+    told = replace(OPTIONS, incomplete="never")
+    assert said(tmp_path, sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))), told) == ""
