@@ -232,6 +232,7 @@ def test_bad_arguments_exit_with_2_and_name_the_cause(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.xyz").write_text("0 0 0\n")
     assert main(arguments) == 2
     captured = capfd.readouterr()
     assert word in (captured.err + captured.out).lower()
