@@ -9,10 +9,6 @@ TOOLS = {
         "match.command:match",
         "Match two shapes: the best pose and its alternatives, or a map.",
     ),
-    "maps": (
-        "match.lists_command:maps",
-        "Map the vertices of deformable shapes, for every pair of a list.",
-    ),
     "export": ("export.command:export", "Write a result in a format of the field."),
     "certify": (
         "certify.command:certify",

@@ -125,9 +125,6 @@ def test_nonrigid_match_writes_a_map_of_all_vertices(
     distance = np.linalg.norm(shape.vertices[np.array(lines, dtype=int)] - shape.vertices, axis=1)
     assert np.median(distance) < 0.15 * np.linalg.norm(np.ptp(shape.vertices, axis=0))
     assert (tmp_path / "o" / "map.png").read_bytes().startswith(b"\x89PNG")
-    page = (tmp_path / "o" / "map.html").read_text()
-    assert "data:image/png;base64," in page
-    assert "Candidates" in page
     assert "confidence" in capsys.readouterr().out
 
 

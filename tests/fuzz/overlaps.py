@@ -29,7 +29,6 @@ COMMANDS: dict[str, list[str]] = {
     "match": ["match", *PAIR, "--out", "{}", "--no-refine", *FEW[:4]],
     "match --partial": ["match", *PAIR, "--out", "{}", "--partial", *FEW[:4]],
     "match --nonrigid": ["match", *PAIR, "--out", "{}", "--nonrigid"],
-    "maps": ["maps", "pairs.txt", "--out", "{}", "--jobs", "1"],
     "variation": ["variation", "out", "--to", "{}", "--jobs", "1"],
     "transfer": ["transfer", "out", "--landmarks", "chair1.csv", "--to", "{}", "--jobs", "1"],
     **{
@@ -114,7 +113,6 @@ def _prepare(project: Path, command: str, place: str) -> None:
     (project / "new").mkdir()
     shutil.copy(project / "meshes" / "chair1.ply", project / "new" / "chair9.ply")
     (project / "chair1.csv").write_text("tip,0,0,0\n")
-    (project / "pairs.txt").write_text(" ".join(PAIR) + "\n")
     options = "[options.sampling]\nnum_points = 16\nnum_dense_points = 0\n"
     (project / "batch.toml").write_text(f'{options}[[jobs]]\nfolder = "meshes"\nout = "{place}"\n')
     makers: dict[str, Callable[[Path], object]] = {

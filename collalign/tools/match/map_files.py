@@ -1,9 +1,7 @@
-"""What a non-rigid match leaves in a folder: the map both ways, picture, page, coloured surfaces, landmarks."""
+"""What a non-rigid match leaves in a folder: the map both ways, picture, coloured surfaces, landmarks."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,11 +9,11 @@ import numpy as np
 
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.templates import read_templates
-from collalign.tools.match.map_page import at_vertices, vertices_map, write_match_page
-from collalign.tools.match.pictures import draw_match, transferred_colours
+from collalign.tools.match.pictures import at_vertices, draw_match, transferred_colours, vertices_map
 from collalign.tools.match.result import NonrigidMatch
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
+from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
@@ -24,7 +22,7 @@ from data_tools.surface.shape import Shape
 
 LANDMARKS_FILE = "map_landmarks.csv"
 NONRIGID_FILES = (
-    "map.npz", "map.txt", "map_back.txt", "map.png", "map.html", "map_target.ply", "map_source.ply", LANDMARKS_FILE,
+    "map.npz", "map.txt", "map_back.txt", "map.png", "map_target.ply", "map_source.ply", LANDMARKS_FILE,
 )  # fmt: skip
 
 
@@ -48,14 +46,11 @@ def stage_match(
     point_map = vertices_map(found.point_map_target_source, left, right)
     confidence = at_vertices(found.vertex_confidence, right)
     draw_match(output.stage("map.png"), left, right, point_map, confidence)
-    write_match_page(output.stage("map.html"), found, left, right)
     of_target, of_source = transferred_colours(left, point_map)
     _write_coloured(output.stage("map_target.ply"), left, of_target)
     _write_coloured(output.stage("map_source.ply"), right, of_source, confidence)
     if landmarks:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(rows)
-        write_atomic(output.stage(LANDMARKS_FILE), text.getvalue().encode())
+        write_atomic(output.stage(LANDMARKS_FILE), csv_text(rows).encode())
 
 
 def carried_rows(

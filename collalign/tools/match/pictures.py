@@ -25,6 +25,36 @@ _LIGHT = np.array([0.3, 0.4, 0.87])
 _FROM_BEHIND = np.diag([-1.0, 1.0, -1.0])
 
 
+def vertices_map(point_map_target_source: IntArray, target: Shape, source: Shape) -> IntArray:
+    """Turn a map between the vertices of two files into one between the vertices of the shapes as they were read.
+
+    Parameters
+    ----------
+    point_map_target_source : ndarray of int
+        Vertex of the target file for each vertex of the source file, -1 where there is none.
+    target, source : Shape
+
+    Returns
+    -------
+    ndarray of int, shape (number of source vertices,)
+    """
+    of_target, of_source = (_file_indices(shape) for shape in (target, source))
+    size = max(int(of_target.max()), int(point_map_target_source.max(initial=-1))) + 1
+    places = np.full(size + 1, -1, dtype=np.int64)
+    places[of_target] = np.arange(len(of_target))
+    return places[point_map_target_source[of_source]]
+
+
+def at_vertices(values: FloatArray, shape: Shape) -> FloatArray:
+    """Return values of a file's vertices at the vertices of the shape as it was read, NaN where there is none."""
+    return np.asarray(np.append(values, np.nan)[np.minimum(_file_indices(shape), len(values))])
+
+
+def _file_indices(shape: Shape) -> IntArray:
+    indices = shape.source_indices
+    return np.arange(len(shape.vertices)) if indices is None else indices
+
+
 def transferred_colours(target: Shape, point_map_target_source: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return colours in [0, 1] of the target's vertices and of the source's, shapes (u, 3) and (v, 3).
 

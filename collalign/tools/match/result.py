@@ -122,8 +122,7 @@ class NonrigidMatch:
         target, source : as in :func:`collalign.match_shapes`
             The shapes that were matched.
         """
-        from collalign.tools.match.map_page import at_vertices, vertices_map
-        from collalign.tools.match.pictures import match_figure
+        from collalign.tools.match.pictures import at_vertices, match_figure, vertices_map
 
         left = read_shape(as_origin(target, self.target_name), AS_STORED, name=self.target_name)
         right = read_shape(as_origin(source, self.source_name), AS_STORED, name=self.source_name)
@@ -151,12 +150,6 @@ class NonrigidMatch:
         ``map_back.txt`` one for each vertex of the target. These are the point maps that pyFM (``p2p_21``, the target
         being its first mesh) and geomfum take.
         """
-        write_atomic(output.stage("map.npz"), self.npz_bytes())
-        write_atomic(output.stage("map.txt"), self.text_bytes())
-        write_atomic(output.stage("map_back.txt"), _lines(self.point_map_source_target))
-
-    def npz_bytes(self) -> bytes:
-        """Return the content of ``map.npz``."""
         buffer = io.BytesIO()
         np.savez_compressed(
             buffer,
@@ -175,11 +168,9 @@ class NonrigidMatch:
             vertex_confidence=self.vertex_confidence,
             notes=np.array(self.notes, dtype=np.str_),
         )
-        return buffer.getvalue()
-
-    def text_bytes(self) -> bytes:
-        """Return the content of ``map.txt``."""
-        return _lines(self.point_map_target_source)
+        write_atomic(output.stage("map.npz"), buffer.getvalue())
+        write_atomic(output.stage("map.txt"), _lines(self.point_map_target_source))
+        write_atomic(output.stage("map_back.txt"), _lines(self.point_map_source_target))
 
 
 def _lines(point_map: IntArray) -> bytes:
