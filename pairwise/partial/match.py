@@ -19,7 +19,7 @@ from data_tools.checks import check_choice
 from data_tools.poses import Similarity, turn_deg
 from data_tools.threads import one_blas_thread
 from pairwise.local.rotation_sets import rotation_set
-from pairwise.partial.counterparts import NORMAL_WEIGHT, Counterparts, counterparts, step
+from pairwise.partial.counterparts import Counterparts, counterparts, step
 from pairwise.partial.surface import PartialSurface
 
 #: Rotations that are searched, about 20 degrees apart; per chirality.
@@ -31,12 +31,11 @@ REACH, SPACING = 0.6, 0.3
 SCALES = (1.15, 1.0, 0.87, 0.75)
 #: Scales, relative to equal radii, beyond which refinement does not go.
 SCALE_RANGE = (0.6, 1.6)
-#: Points of each surface that are compared in the search, in the refinement of many poses, and of few.
-NUM_POINTS = (64, 150, 500)
+#: Points of each surface that are compared in the refinement of many poses, and of few.
+NUM_POINTS = (150, 500)
 #: Poses that are refined on few points, and those of them that are on many.
 NUM_STARTS, NUM_REFINED = 300, 40
-#: Cutoffs, in radii: of the search, of the refinement's steps on few points, and on many; None for a pose's own.
-SCREEN_CUTOFF = 0.35
+#: Cutoffs, in radii: of the refinement's steps on few points, and on many; None for a pose's own.
 FEW_STEPS = (0.4,) * 4 + (0.35,) * 6
 MANY_STEPS = (0.35,) * 3 + (0.3,) * 3 + (0.25,) * 4 + (None,) * 8
 #: Poses nearer than this in angle and in shift (radii) are one.
@@ -93,7 +92,7 @@ def match_partial(
     check_choice("group", group, ("SO", "O"))
     scale_range = scales_allowed(target, source, estimate_scale=estimate_scale)
     starts = _starts(target, source, group, estimate_scale=estimate_scale)
-    few, many = NUM_POINTS[1:]
+    few, many = NUM_POINTS
     poses = refine([target], source, starts, FEW_STEPS, num_points=few, scale_range=scale_range)
     found = counterparts(target, source, poses, few)
     poses = poses[distinct(poses, found.energies, NUM_REFINED, target.radius)]
@@ -116,7 +115,7 @@ def refine(
     poses: Similarity,
     cutoffs: Sequence[float | None] = MANY_STEPS,
     *,
-    num_points: int = NUM_POINTS[2],
+    num_points: int = NUM_POINTS[1],
     scale_range: tuple[float, float],
     hold_turns: bool = False,
 ) -> Similarity:
@@ -178,17 +177,7 @@ def _starts(target: PartialSurface, source: PartialSurface, group: str, *, estim
     # Surfaces are searched about their centres, in radii of the target.
     to, of = target.centred(target.radius), source.centred(target.radius)
     lattice = _lattice()
-    signed = target.oriented and source.oriented
-    costs, which_shift, which_scale = screen(
-        to,
-        of,
-        turns,
-        lattice,
-        scales,
-        num_points=NUM_POINTS[0],
-        normal_weight=NORMAL_WEIGHT if signed else 0.0,
-        cutoff=SCREEN_CUTOFF,
-    )
+    costs, which_shift, which_scale = screen(to, of, turns, lattice, scales)
     best = np.argsort(costs, kind="stable")[: NUM_STARTS * (2 if group == "O" else 1)]
     turns, factors = turns[best], scales[which_scale[best]]
     shifts = target.centre + target.radius * lattice[which_shift[best]]

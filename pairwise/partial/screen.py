@@ -6,51 +6,39 @@ import numba
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
+from pairwise.partial.counterparts import NORMAL_WEIGHT
 from pairwise.partial.surface import PartialSurface
+
+#: Points of each surface that are compared, and the cutoff in radii of the target.
+NUM_POINTS, CUTOFF = 64, 0.35
 
 
 def screen(
-    target: PartialSurface,
-    source: PartialSurface,
-    turns: FloatArray,
-    shifts: FloatArray,
-    scales: FloatArray,
-    *,
-    num_points: int,
-    normal_weight: float,
-    cutoff: float,
+    target: PartialSurface, source: PartialSurface, turns: FloatArray, shifts: FloatArray, scales: FloatArray
 ) -> tuple[FloatArray, IntArray, IntArray]:
     """Return the least mean truncated cost at each rotation, and which shift and which scale it has.
 
     Points of both surfaces look up the nearest one of the other in its grid; a cost is the squared distance plus the
-    weighted squared difference of normals, at most the squared cutoff.
+    weighted squared difference of normals, where both know their signs, at most the squared cutoff.
 
     Parameters
     ----------
     target, source : PartialSurface
+        In radii of the target.
     turns : ndarray, shape (r, 3, 3)
     shifts : ndarray, shape (t, 3)
     scales : ndarray, shape (s,)
-    num_points : int
-        First points of each surface that are compared.
-    normal_weight, cutoff : float
-        In units of the target.
 
     Returns
     -------
     costs : ndarray, shape (r,)
     which_shift, which_scale : ndarray of int, shape (r,)
     """
-    return _screen(
-        (target.grid, target.corner, target.cell, target.points, target.normals),
-        (source.grid, source.corner, source.cell, source.points, source.normals),
-        num_points,
-        np.ascontiguousarray(turns),
-        shifts,
-        scales,
-        normal_weight**2,
-        cutoff**2,
+    to, of = (
+        (surface.grid, surface.corner, surface.cell, surface.points, surface.normals) for surface in (target, source)
     )
+    weight = NORMAL_WEIGHT if target.oriented and source.oriented else 0.0
+    return _screen(to, of, np.ascontiguousarray(turns), shifts, scales, weight**2)
 
 
 @numba.njit(cache=True)
@@ -64,9 +52,10 @@ def _nearest(grid, corner, cell, place):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _mean_cost(surface, places, normals, scale, shift, factor, weight, most, enough):  # type: ignore[no-untyped-def]
+def _mean_cost(surface, moved, scale, shift, costs, enough):  # type: ignore[no-untyped-def]
     """Return the mean truncated cost of moved places beside the nearest points, or anything above enough."""
-    grid, corner, cell, points, directions = surface
+    (grid, corner, cell, points, directions), (places, normals), (factor, weight) = surface, moved, costs
+    most = CUTOFF**2
     num = places.shape[0]
     total, place = 0.0, np.empty(3)
     for m in range(num):
@@ -87,22 +76,22 @@ def _mean_cost(surface, places, normals, scale, shift, factor, weight, most, eno
 
 
 @numba.njit(cache=True)
-def _screen(target, source, num, turns, shifts, scales, weight, most):  # type: ignore[no-untyped-def]
+def _screen(target, source, turns, shifts, scales, weight):  # type: ignore[no-untyped-def]
     costs = np.full(turns.shape[0], np.inf)
     which_shift = np.zeros(turns.shape[0], np.int64)
     which_scale = np.zeros(turns.shape[0], np.int64)
-    to, to_normals = target[3][:num], target[4][:num]
-    of, of_normals = source[3][:num], source[4][:num]
+    to, to_normals = target[3][:NUM_POINTS], target[4][:NUM_POINTS]
+    of, of_normals = source[3][:NUM_POINTS], source[4][:NUM_POINTS]
     back = np.empty(3)
     for r in range(turns.shape[0]):
         turn = np.ascontiguousarray(turns[r].T)
-        turned, turned_normals = of @ turn, of_normals @ turn
-        unturned, unturned_normals = to @ turns[r], to_normals @ turns[r]
+        turned = of @ turn, of_normals @ turn
+        unturned = to @ turns[r], to_normals @ turns[r]
         for s in range(scales.shape[0]):
             scale = scales[s]
             for t in range(shifts.shape[0]):
                 shift = shifts[t]
-                cost = _mean_cost(target, turned, turned_normals, scale, shift, 1.0, weight, most, 2.0 * costs[r])
+                cost = _mean_cost(target, turned, scale, shift, (1.0, weight), 2.0 * costs[r])
                 if cost >= 2.0 * costs[r]:
                     continue
                 for a in range(3):
@@ -110,9 +99,7 @@ def _screen(target, source, num, turns, shifts, scales, weight, most):  # type: 
                         -(shift[0] * turns[r, 0, a] + shift[1] * turns[r, 1, a] + shift[2] * turns[r, 2, a]) / scale
                     )
                 rest = 2.0 * costs[r] - cost
-                cost += _mean_cost(
-                    source, unturned, unturned_normals, 1.0 / scale, back, scale**2, weight, most, rest
-                )
+                cost += _mean_cost(source, unturned, 1.0 / scale, back, (scale**2, weight), rest)
                 if cost < 2.0 * costs[r]:
                     costs[r], which_shift[r], which_scale[r] = 0.5 * cost, t, s
     return costs, which_shift, which_scale

@@ -162,30 +162,22 @@ def longest_block_step(blocks: FloatArray, changes: FloatArray, least: float, si
 
 @numba.njit(cache=True)
 def longest_primal_step(
-    x: FloatArray,
-    B: FloatArray,
-    C: FloatArray,
-    G: FloatArray,
-    valid: BoolArray,
-    dx: FloatArray,
-    dB: FloatArray,
-    dC: FloatArray,
-    least: float,
-    size: float,
+    point: tuple[FloatArray, ...], valid: BoolArray, step: tuple[FloatArray, ...], least: float, size: float
 ) -> float:
     """Return the largest step of at most ``size`` at which every G keeps the share ``least`` of itself.
 
     Parameters
     ----------
-    x, B, C, G : ndarray, shapes (k, c), (k, c, s), (s, s), (k, s, s)
-        Of a :class:`pairwise.pm_sdp.variables.PrimalPoint`.
+    point : tuple of ndarray
+        The x, B, C and G of a :class:`pairwise.pm_sdp.variables.PrimalPoint`.
     valid : ndarray of bool, shape (k, c)
-    dx, dB, dC : ndarray
+    step : tuple of ndarray
         How x, B and C change; ``x + size * dx`` is positive.
     least : float
         In [0, 1).
     size : float
     """
+    (x, B, C, G), (dx, dB, dC) = point, step
     num_matches, s = B.shape[1:]
     moved, weighted, scatter = np.empty((num_matches, s)), np.empty((num_matches, s)), np.empty((s, s))
     for j in range(len(x)):
@@ -213,12 +205,9 @@ def longest_primal_step(
 
 @numba.njit(cache=True)
 def longest_dual_step(
-    F: FloatArray,
-    s: FloatArray,
+    point: tuple[FloatArray, FloatArray],
     valid: BoolArray,
-    dF: FloatArray,
-    bend: FloatArray,
-    ds: FloatArray,
+    step: tuple[FloatArray, FloatArray, FloatArray],
     least: float,
     size: float,
 ) -> float:
@@ -228,15 +217,16 @@ def longest_dual_step(
 
     Parameters
     ----------
-    F, s : ndarray, shapes (k, s, s) and (k, c)
-        Of a :class:`pairwise.pm_sdp.variables.DualPoint`.
+    point : tuple of ndarray
+        The F and s of a :class:`pairwise.pm_sdp.variables.DualPoint`.
     valid : ndarray of bool, shape (k, c)
-    dF, bend, ds : ndarray, shapes (k, s, s), (k, c, s), (k, c)
-        Of a :class:`pairwise.pm_sdp.variables.Direction`.
+    step : tuple of ndarray
+        The F, bend and ds of a :class:`pairwise.pm_sdp.variables.Direction`.
     least : float
         In [0, 1).
     size : float
     """
+    (F, s), (dF, bend, ds) = point, step
     num, num_matches, dim = bend.shape
     work, root, whitened = np.empty((dim, dim)), np.empty((dim, dim)), np.empty((num_matches, dim))
     size = longest_block_step(F, dF, least, size)

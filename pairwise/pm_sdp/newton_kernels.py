@@ -72,22 +72,14 @@ def inverse_factors(matrices: FloatArray) -> FloatArray:
 
 @numba.njit(cache=True)
 def solve_blocks(
-    T: FloatArray,
-    features: FloatArray,
-    root: FloatArray,
-    conductance: FloatArray,
-    by_matches: bool,
-    root_weights: FloatArray,
-    ones: FloatArray,
-    share: FloatArray,
-    inverse_total: FloatArray,
-    rows: IntArray,
-    cols: IntArray,
-    scale: FloatArray,
+    blocks: tuple[FloatArray, ...],
+    coordinates: tuple[IntArray, IntArray, FloatArray],
     rhs: FloatArray,
     push: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Return dx (k, c) and Delta (k, s+1, s+1); see :class:`pairwise.pm_sdp.newton_blocks.LocalBlocks`."""
+    T, features, root, root_weights, ones, share, inverse_total = blocks
+    rows, cols, scale = coordinates
     num, num_matches, m = features.shape
     size = T.shape[1]
     dx, local = np.empty((num, num_matches)), np.empty((num, size, size))
@@ -100,8 +92,6 @@ def solve_blocks(
             inner[e] = full[rows[e], cols[e]] * scale[e] * root_weights[j, e]
         pushed = (push[j] - np.dot(features[j], inner)) * ones[j]
         reaction = np.dot(root[j].T, np.dot(root[j], pushed))
-        if not by_matches:
-            reaction = conductance[j] * pushed - reaction
         excess = reaction.sum() + rhs[j, 0, 0]
         dx[j] = reaction - share[j] * excess
         inner += np.dot(features[j].T, dx[j])
@@ -164,16 +154,7 @@ def step_of_points(
 
 @numba.njit(cache=True)
 def second_order_terms(
-    x: FloatArray,
-    mean: FloatArray,
-    inverse: FloatArray,
-    dx: FloatArray,
-    dB: FloatArray,
-    dC: FloatArray,
-    dF: FloatArray,
-    du: FloatArray,
-    bend: FloatArray,
-    ds: FloatArray,
+    x: FloatArray, mean: FloatArray, inverse: FloatArray, step: tuple[FloatArray, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what a step leaves of ratio, products and Gram matrices; see :func:`pairwise.pm_sdp.step_targets.aim`.
 
@@ -183,9 +164,10 @@ def second_order_terms(
         Of the primal point, x one where padded.
     inverse : ndarray, shape (k, s, s)
         Of the dual point.
-    dx, dB, dC, dF, du, bend, ds : ndarray
-        Of the step.
+    step : tuple of ndarray
+        Its dx, dB, dC, dF, du, bend and ds.
     """
+    dx, dB, dC, dF, du, bend, ds = step
     num, num_matches, s = dB.shape
     ratio, products, gram = np.empty(dB.shape), np.empty(dx.shape), np.empty(dF.shape)
     curved, bent = np.empty((num_matches, s)), np.empty((num_matches, s))
@@ -219,25 +201,17 @@ def second_order_terms(
 
 @numba.njit(cache=True)
 def first_order_terms(
-    x: FloatArray,
-    B: FloatArray,
-    G: FloatArray,
-    w: FloatArray,
-    s: FloatArray,
-    F: FloatArray,
-    inverse: FloatArray,
-    mu: float,
+    primal: tuple[FloatArray, ...], dual: tuple[FloatArray, ...], mu: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return ratio, products and the Gram matrices that lead to mu; see :func:`pairwise.pm_sdp.step_targets.aim`.
 
     Parameters
     ----------
-    x, B, G
-        Of the primal point.
-    w, s, F, inverse
-        Of the dual point.
+    primal, dual : tuple of ndarray
+        The points' x, B and G; w, s, F and the inverses of F.
     mu : float
     """
+    (x, B, G), (w, s, F, inverse) = primal, dual
     num, num_matches, dim = B.shape
     ratio, products, gram = np.empty(B.shape), np.empty(x.shape), np.empty(G.shape)
     for j in range(num):
@@ -322,35 +296,6 @@ def condense_matches(
             for e in range(m):
                 halves[j, i, e] -= direction[j, i] * forbidden[e]
     return halves
-
-
-@numba.njit(cache=True)
-def condense_features(
-    T: FloatArray,
-    root_weights: FloatArray,
-    root: FloatArray,
-    mean: FloatArray,
-    rows: IntArray,
-    cols: IntArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Return root and mean after the congruences: halves (k, m, m) and means (k, m).
-
-    Parameters
-    ----------
-    T, root_weights, root
-        See :class:`pairwise.pm_sdp.newton_blocks.LocalBlocks`.
-    mean : ndarray, shape (k, m)
-        Of the features.
-    rows, cols : ndarray of int, shape (m,)
-        Of the coordinates.
-    """
-    halves, means = np.empty(root.shape), np.empty(mean.shape)
-    congruence = np.empty(root.shape[1:])
-    for j in range(len(root)):
-        _fill_congruence(congruence, T[j], root_weights[j], rows, cols)
-        np.dot(root[j], congruence, halves[j])
-        means[j] = np.dot(mean[j], congruence)
-    return halves, means
 
 
 @numba.njit(cache=True)

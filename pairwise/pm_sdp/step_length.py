@@ -27,7 +27,9 @@ def longest_primal(data: RelaxationData, point: PrimalPoint, step: Direction, le
     size = min(_longest_linear(point.x[data.valid], step.x[data.valid], least), 1.0)
     size = min(_longest_linear(point.slack[~data.equality], step.slack[~data.equality], least), size)
     size = longest_block_step(point.Y, data.lifted.quaternion_change(step.R), least, size)
-    return longest_primal_step(point.x, point.B, point.C, point.G, data.valid, step.x, step.B, step.C, least, size)
+    return longest_primal_step(
+        (point.x, point.B, point.C, point.G), data.valid, (step.x, step.B, step.C), least, size
+    )
 
 
 def longest_dual(data: RelaxationData, point: DualPoint, step: Direction, least: float) -> float:
@@ -42,7 +44,7 @@ def longest_dual(data: RelaxationData, point: DualPoint, step: Direction, least:
 
     size = min(_longest_linear(point.beta[~data.equality], step.beta[~data.equality], least), 1.0)
     size = longest_block_step(point.Y, step.Y, least, size)
-    return longest_dual_step(point.F, point.s, data.valid, step.F, step.bend, step.ds, least, size)
+    return longest_dual_step((point.F, point.s), data.valid, (step.F, step.bend, step.ds), least, size)
 
 
 def _longest_linear(values: FloatArray, changes: FloatArray, least: float) -> float:

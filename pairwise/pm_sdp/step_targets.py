@@ -59,14 +59,15 @@ def aim(
     """
     from pairwise.pm_sdp.newton_kernels import first_order_terms, moment_targets, second_order_terms
 
-    point = (primal.x, primal.B, primal.G, dual.w, dual.s, dual.F, dual.inverse)
-    ratio, products, gram = first_order_terms(*point, mu)
+    ratio, products, gram = first_order_terms(
+        (primal.x, primal.B, primal.G), (dual.w, dual.s, dual.F, dual.inverse), mu
+    )
     slacks = mu + primal.slack * dual.beta
     quaternions = mu * dual.Y_inverse - primal.Y
     if former is not None:
         x = primal.x if data.is_full else np.where(data.valid, primal.x, 1.0)
         step = (former.x, former.B, former.C, former.F, former.u, former.bend, former.ds)
-        ratio_terms, product_terms, gram_terms = second_order_terms(x, primal.mean, dual.inverse, *step)
+        ratio_terms, product_terms, gram_terms = second_order_terms(x, primal.mean, dual.inverse, step)
         ratio -= weight * ratio_terms
         products += weight * product_terms
         gram += weight * gram_terms

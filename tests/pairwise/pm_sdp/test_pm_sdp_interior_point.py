@@ -180,7 +180,7 @@ def test_longest_steps_keep_the_share_and_no_longer_ones_do(rng: np.random.Gener
     C = positive(rng, 1, dim)[0] + np.eye(dim)
     dx, dB = 0.3 * x * rng.standard_normal(x.shape).clip(-1, 1), change * rng.standard_normal(B.shape)
     dC, G = change * symmetric(rng, 1, dim)[0], gram(x, B, C)
-    size = longest_primal_step(x, B, C, G, valid, dx, dB, dC, least, 1.0)
+    size = longest_primal_step((x, B, C, G), valid, (dx, dB, dC), least, 1.0)
 
     def least_gram(t: float) -> float:
         return float(np.linalg.eigvalsh(gram(x + t * dx, B + t * dB, C + t * dC) - least * G).min())
@@ -205,7 +205,7 @@ def test_longest_dual_step_keeps_slacks(rng: np.random.Generator, change: float)
     mean = np.swapaxes(np.linalg.solve(F, np.swapaxes(w, 1, 2)), 1, 2)
     linear += np.maximum(1.0 - slacks(0.0), 0.0)
     bend, ds = -du - mean @ dF, dlinear + ((mean @ dF + 2.0 * du) * mean).sum(axis=2)
-    size = longest_dual_step(F, slacks(0.0), valid, dF, bend, ds, least, 1.0)
+    size = longest_dual_step((F, slacks(0.0)), valid, (dF, bend, ds), least, 1.0)
 
     def is_kept(t: float) -> bool:
         blocks = np.linalg.eigvalsh((1.0 - least) * F + t * dF).min() >= 0.0
