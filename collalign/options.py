@@ -214,6 +214,9 @@ class TwoShapeOptions:
     def __post_init__(self) -> None:
         take_tables(self)
         check_choice("group", self.group, ("SO", "O"))
+        for name in ("refine", "certify"):
+            check_flag(name, getattr(self, name))
+        check_number("certify_pair_s", self.certify_pair_s, positive=True)
         if self.matching.seed or self.matching.certify:
             raise OptionsError("matching.seed, matching.certify: set 'seed' and 'certify' instead")
         self.seeded()

@@ -7,8 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from data_tools.checks import check_choice, check_count, check_number
-from data_tools.errors import OptionsError
+from data_tools.checks import check_choice, check_count, check_flag, check_number
 
 Strategy = Literal["search", "relaxation", "portfolio"]
 
@@ -51,7 +50,7 @@ class MatchOptions:
             check_count(name, getattr(self, name), lower=least)
         if self.candidate_factor != np.inf:
             check_number("candidate_factor", self.candidate_factor, lower=1.0)
-        if not 0 < self.gap_tol < 1:
-            raise OptionsError(f"gap_tol: expected a number between 0 and 1, got {self.gap_tol}")
-        if self.time_limit_s is not None and not self.time_limit_s > 0:
-            raise OptionsError(f"time_limit_s: expected more than 0, got {self.time_limit_s}")
+        check_flag("certify", self.certify)
+        check_number("gap_tol", self.gap_tol, upper=1.0, positive=True)
+        if self.time_limit_s not in (None, np.inf):
+            check_number("time_limit_s", self.time_limit_s, positive=True)

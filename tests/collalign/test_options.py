@@ -7,18 +7,41 @@ import pytest
 
 import collalign
 from collalign.engine.run_options import RunOptions
-from collalign.options import AlignOptions
-from data_tools.errors import OptionsError
+from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
+from collalign.options import AlignOptions, PairOptions, TwoShapeOptions
+from collalign.registration.registration_options import RegistrationOptions
+from collalign.tools.certify.rounds import CertifyOptions
+from collalign.tools.stability.run import StabilityOptions
+from data_tools.errors import CollalignError, OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
+from pairwise import MatchOptions
+
+OPTIONS = (
+    *(AlignOptions, TwoShapeOptions, PairOptions, RunOptions, CleaningOptions, SamplingOptions, EmbeddingOptions),
+    *(MatchOptions, SurfaceOptions, NonrigidOptions, RegistrationOptions, CertifyOptions, StabilityOptions),
+)
+#: What no field takes, whatever its type, but those of names and paths, which are looked up later.
+NOTHING = object()
+NAMES = ("reference", "scheduler", "store")
+#: Minus any number of jobs leaves as many cores free, and any candidate may be kept.
+ALLOWED = (("jobs", -(10**9)), ("candidate_factor", float("inf")), ("time_limit_s", float("inf")))
 
 
-@pytest.mark.parametrize("kind", [CleaningOptions, SamplingOptions, EmbeddingOptions])
-def test_defaults_are_valid_frozen_and_keyword_only(kind: type) -> None:
+@pytest.mark.parametrize("kind", OPTIONS, ids=lambda kind: kind.__name__)
+def test_options_are_frozen_keyword_only_and_check_every_field(kind: type) -> None:
     options = kind()
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        setattr(options, dataclasses.fields(kind)[0].name, None)
     with pytest.raises(TypeError):
         kind(True)
+    for field in dataclasses.fields(kind):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(options, field.name, None)
+        value = getattr(options, field.name)
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        for wrong in (NOTHING, *((-(10**9), float("nan"), float("inf"), str(value)) if is_number else ())):
+            if (field.name, wrong) in ALLOWED or field.name in NAMES or isinstance(value, tuple):
+                continue
+            with pytest.raises(CollalignError, match=field.name):
+                kind(**{field.name: wrong})
 
 
 @pytest.mark.parametrize(

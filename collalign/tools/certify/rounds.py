@@ -21,8 +21,8 @@ from collalign.tools.certify.arrangement import Arrangement, PairEnergies
 from collalign.tools.certify.multipliers import JointMaster
 from collalign.tools.certify.result import JointBound
 from data_tools.arrays import FloatArray, read_only
-from data_tools.checks import check_number
-from data_tools.errors import CollectionError, OptionsError
+from data_tools.checks import check_count, check_number
+from data_tools.errors import CollectionError
 from pairwise.branch_and_bound.tilted import TiltedProof, prove_tilted
 from pairwise.certificates.verify_joint import gram_bound, largest_turns
 from pairwise.local.rotation_sets import rotation_set
@@ -69,10 +69,8 @@ class CertifyOptions:
     """Seconds after which no further round begins."""
 
     def __post_init__(self) -> None:
-        if isinstance(self.max_rounds, bool) or not isinstance(self.max_rounds, int) or self.max_rounds < 1:
-            raise OptionsError(f"max_rounds: expected an integer of at least 1, got {self.max_rounds!r}")
-        if not 0.0 < self.enough <= 1.0:
-            raise OptionsError(f"enough: expected a share above 0 and at most 1, got {self.enough!r}")
+        check_count("max_rounds", self.max_rounds, lower=1)
+        check_number("enough", self.enough, upper=1.0, positive=True)
         check_number("budget_s", self.budget_s, positive=True)
 
 

@@ -22,7 +22,7 @@ from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.stability.result import Stability
 from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.checks import as_options
+from data_tools.checks import as_options, check_count, check_flag
 from data_tools.errors import OptionsError
 from data_tools.io.shapes import FolderListing
 from data_tools.options import MIN_POINTS
@@ -57,12 +57,10 @@ class StabilityOptions:
 
     def __post_init__(self) -> None:
         for num in self.num_points:
-            if isinstance(num, bool) or not isinstance(num, int) or num < MIN_POINTS:
-                raise OptionsError(f"num_points: expected integers of at least {MIN_POINTS}, got {num!r}")
+            check_count("num_points", num, lower=MIN_POINTS)
         for name in ("num_seeds", "num_subsets"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-                raise OptionsError(f"{name}: expected an integer of at least 0, got {value!r}")
+            check_count(name, getattr(self, name), lower=0)
+        check_flag("include_doubtful", self.include_doubtful)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

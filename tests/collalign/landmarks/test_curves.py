@@ -79,6 +79,14 @@ def test_templates_drawn_in_other_ways_and_poses_agree() -> None:
     assert len(more.labels) == 21
 
 
+def test_a_closed_curve_is_counted_from_where_the_first_template_begins() -> None:
+    ring = arc(np.linspace(0, 2 * np.pi, 12, endpoint=False)) * [3, 1, 1]
+    elsewhere = curve(np.roll(ring[::-1], 5, axis=0), "closed curve")
+    table = landmark_table({"a": curve(ring, "closed curve"), "b": elsewhere}, {"a": STILL, "b": STILL})
+    apart = np.linalg.norm(table.points["b"][1:, None] - table.points["a"][1:], axis=2)
+    assert apart.argmin(axis=1).tolist() == list(range(12))
+
+
 def test_what_a_template_lacks_is_missing() -> None:
     plain = Landmarks(labels=("tip", "base"), points=np.ones((2, 3)))
     table = landmark_table({"a": curve(arc(np.arange(3.0))), "b": plain}, {"a": STILL, "b": STILL})

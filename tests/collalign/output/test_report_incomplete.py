@@ -9,6 +9,7 @@ from collalign.output.collection import Collection
 from collalign.output.report import render_report
 from collalign.output.report.content import build_content
 from collalign.output.report.coverage import incomplete_content
+from collalign.output.write import _incomplete
 from collalign.products.incomplete import Incomplete
 from tests.collalign.output.test_report_content import unpack
 from tests.view_problems import view_of
@@ -92,3 +93,16 @@ def test_a_shape_with_too_few_points_is_drawn_without_completion() -> None:
     content, meshes = incomplete_content(dataclasses.replace(view, landmarks=samples))
     assert "completed" not in content["shapes"][0]
     assert f"missing-{BROKEN}" not in meshes
+
+
+def test_the_record_counts_what_the_arrays_hold() -> None:
+    view = broken_view()
+    labels = view.maps.labels.copy()
+    labels[BROKEN, 5:] = -1  # label 0 among those that stay
+    view = dataclasses.replace(view, maps=dataclasses.replace(view.maps, labels=labels))
+    (told,) = _incomplete(view)["incomplete"]
+    assert (told["name"], told["reason"], told["samples_with_labels"]) == (view.names[BROKEN], "as told", 5)
+    assert told["coverage"] == pytest.approx(view.incomplete[0].coverage)
+    assert told["overlaps"] == {view.names[i]: {"partner": 0.7, "own": 1.0} for i in (0, 1, 2)}
+    np.testing.assert_allclose(told["translation"], view.transforms[BROKEN][:3, 3])
+    assert told["scale"] == pytest.approx(view.scales[BROKEN])

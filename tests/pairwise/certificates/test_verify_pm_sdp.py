@@ -107,6 +107,16 @@ def test_cofactors_vanish_on_rotations() -> None:
         assert z @ form @ z == pytest.approx(0.0, abs=1e-12)
 
 
+def test_multipliers_of_cofactors_cost_nothing_where_they_explain_all() -> None:
+    rng = np.random.default_rng(11)
+    Z, position = rng.standard_normal((3, 3)), {(i, j): 1 + 3 * j + i for i in range(3) for j in range(3)}
+    form = np.zeros((10, 10))
+    for i, j in np.ndindex(3, 3):
+        _add_cofactor(form, position, 0, i, j, 0.5 * Z[i, j])
+    found = rotation_maximum([form[1:, 1:]], [form[0, 1:]], (NONE[0], NONE[1], Z, NONE[3]))
+    assert found == pytest.approx(0.0, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("sizes", "special"), [((3, 2), ((0, 3), (3, 5))), ((2, 1), ((0, 2), (2, 3))), ((2, 2), ()), ((1, 1), ((0, 1),))]
 )
