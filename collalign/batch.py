@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from collalign.engine.estimate import RunEstimate, estimate_run
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
+from collalign.stages.forecast import RunEstimate, Workload, forecast, try_shapes
 from collalign.stages.pairs.choose import planned_edges
 from collalign.stages.pairs.match import pair_key
 from collalign.stages.shape_stage import shape_keys
-from collalign.stages.trial import later_work, try_shapes
 from data_tools.checks import as_options
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import read_toml, resolved
@@ -87,40 +86,30 @@ def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
         If the folder cannot be read or too few of the first shapes are usable.
     """
     is_auto = job.options.group == "auto"
-    if is_auto:
-        job = replace(job, options=replace(job.options, group="SO"))
+    options = replace(job.options, group="SO") if is_auto else job.options
     listing = list_shapes(job.folders, recursive=job.recursive)
-    trial = try_shapes(listing, job.options, run)
-    missing_shapes, missing_pairs, num_pairs = _missing(listing, job, run)
-    return estimate_run(
-        num_shapes=missing_shapes,
-        num_pairs=missing_pairs,
-        shape_costs=trial.shape_costs,
-        pair_costs=trial.pair_costs,
-        num_jobs=run.num_workers,
-        further=later_work(
-            trial,
-            len(listing.names),
-            num_pairs,
-            job.options,
-            missing_pairs=missing_pairs,
-            pilot=is_auto and missing_pairs > num_pairs // 2,
-        ),
-    )
+    costs, start_s = try_shapes(listing, options, run)
+    work = _workload(listing, replace(job, options=options), run)
+    asks_sides = is_auto and work.missing_pairs > work.num_pairs // 2
+    return forecast(costs, replace(work, pilot=asks_sides), options, run.num_workers, start_s=start_s)
 
 
-def _missing(listing: FolderListing, job: BatchJob, run: RunOptions) -> tuple[int, int, int]:
-    """Return how many shapes and pairs the job's store lacks, and all its pairs, counted as if no shape were bad."""
+def _workload(listing: FolderListing, job: BatchJob, run: RunOptions) -> Workload:
+    """Return what the job has to do and what its store lacks of it, counted as if no shape were bad."""
     keyed, _ = shape_keys(listing, job.options)
     keys = [item.key for item in keyed.values()]
     edges = planned_edges(len(keys), job.options)
-    store = run.store or job.out / STORE_FILE
-    if not store.exists():
-        return len(set(keys)), len(edges), len(edges)
-    with Store.open(store, read_only=True) as opened:
-        shapes, pairs = opened.keys("shapes"), opened.keys("pairs")
+    shapes, pairs, store = frozenset[str](), frozenset[str](), run.store or job.out / STORE_FILE
+    if store.exists():
+        with Store.open(store, read_only=True) as opened:
+            shapes, pairs = opened.keys("shapes"), opened.keys("pairs")
     done = sum(pair_key(keys[i], keys[j], job.options) in pairs for i, j in edges.tolist())
-    return len(set(keys) - shapes), len(edges) - done, len(edges)
+    return Workload(
+        num_shapes=len(listing.names),
+        num_pairs=len(edges),
+        missing_shapes=len(set(keys) - shapes),
+        missing_pairs=len(edges) - done,
+    )
 
 
 def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> BatchJob:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import networkx
 import numpy as np
 
-from collalign.synchronization import UniverseLabels
 from data_tools.arrays import FloatArray, IntArray
 
 #: The rotations by 180 degrees about the three axes, after the identity.
@@ -151,11 +150,3 @@ def pose_errors_deg(rotations: FloatArray, truth: FloatArray) -> FloatArray:
     u, _, vt = np.linalg.svd(members.sum(axis=0))
     errors = np.linalg.norm((u @ vt) @ rotations - truth, axis=(1, 2)) / np.sqrt(8.0)
     return np.rad2deg(2 * np.arcsin(np.minimum(errors, 1.0)))
-
-
-def map_between(found: UniverseLabels, target: int, source: int) -> np.ndarray:
-    """Return ``map_target_source`` by equal labels: the sample on the target, -1 where unmatched."""
-    place = np.full(found.universe + 1, -1)
-    known = np.flatnonzero(found.labels[target] >= 0)
-    place[found.labels[target][known]] = known
-    return place[found.labels[source]]

@@ -23,6 +23,7 @@ from collalign.stages.deformation.deform import map_vertices, vertex_notes
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.rivals import try_rivals
 from collalign.stages.evidence.weigh import weigh_pairs
+from collalign.stages.forecast import rest_s
 from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs
 from collalign.stages.pairs.match import match_pairs
 from collalign.stages.poses.agreement import resolve_pairs, with_common_match
@@ -32,7 +33,6 @@ from collalign.stages.poses.placement import common_labels, common_positions, in
 from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_shapes
 from collalign.stages.proofs import certify_pairs, contradictions
-from collalign.stages.trial import rest_s
 from collalign.stages.trust.assess import gather_trust, with_trust
 from collalign.stages.trust.remedies import remedies
 from collalign.stages.trust.witnesses import witness_notes
@@ -131,7 +131,7 @@ def expecting(run: Run, matched: Matched) -> Run:
     """Return the run with how long the rest may take, where somebody watches."""
     if run.session.progress is None:
         return run
-    return replace(run, session=run.session.expecting(rest_s(run.session, run.shapes, matched.pairs)))
+    return replace(run, session=run.session.expecting(rest_s(run.session, len(run.shapes.names), matched.pairs)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,8 +2,7 @@
 
 from collalign.synchronization.clusters import ClusteredSynchronization, synchronize_clusters
 from collalign.synchronization.gauge import principal_axes_gauge
-from collalign.synchronization.maps.permutations import UniverseLabels, synchronize_maps
-from collalign.synchronization.maps.superimpose import superimpose
+from collalign.synchronization.permutations import synchronize_maps
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.result import SynchronizationResult, WeakCut
 from collalign.synchronization.solve import synchronize, synchronize_graph
@@ -13,11 +12,9 @@ __all__ = [
     "ClusteredSynchronization",
     "PairGraph",
     "SynchronizationResult",
-    "UniverseLabels",
     "WeakCut",
     "alternate_assignments",
     "principal_axes_gauge",
-    "superimpose",
     "synchronize",
     "synchronize_clusters",
     "synchronize_graph",

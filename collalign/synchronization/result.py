@@ -12,6 +12,8 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 class WeakCut:
     """A block of shapes that could be turned as one, at little cost to the pairs that join it to the rest.
 
+    While poses are looked for ``rotation`` is of frames, ``P_i T``; in a result it is of poses.
+
     Attributes
     ----------
     members : ndarray of int
@@ -22,8 +24,10 @@ class WeakCut:
         Log of how much more probable the reported pose is.
     pairs_for, pairs_against : int
         How many pairs across the cut clearly prefer the reported pose, and the alternative.
+    structured : bool
+        Whether the pairs contradict the reported pose in a way that chance does not explain.
     doubted : bool
-        Whether the pairs leave it open, or contradict it in a way that chance does not explain.
+        Whether they do, or leave it open.
     """
 
     members: IntArray
@@ -31,6 +35,7 @@ class WeakCut:
     log_odds: float
     pairs_for: int
     pairs_against: int
+    structured: bool
     doubted: bool
 
 
@@ -48,8 +53,6 @@ class SynchronizationResult:
         Whether the pair agrees with the answer.
     edge_choice : ndarray of int, shape (E,)
         The candidate of each pair nearest to the answer.
-    edge_inconsistency_rad : ndarray, shape (E,)
-        Angle between the chosen candidate and the answer, ``|log|_F / sqrt 2``; the rotation angle for d = 2 and 3.
     parts : tuple of ndarray of int
         Partition of the shapes: poses are comparable within a part. Parts that are not connected, or that the pairs
         join in an ambiguous way, are apart.
@@ -59,8 +62,6 @@ class SynchronizationResult:
         The weakest blocks of each connected part under each common turn; those that are doubted come first.
     alternatives : tuple of tuple of Alternative
         For each shape its best other poses, most probable first.
-    symmetries : tuple of ndarray (d, d)
-        Turns of the common frame under which the whole collection looks the same to the pairs.
     warnings : tuple of str
         Which poses cannot be compared, one sentence each.
     doubts : tuple of str
@@ -71,11 +72,9 @@ class SynchronizationResult:
     confidence: FloatArray
     edge_inlier: BoolArray
     edge_choice: IntArray
-    edge_inconsistency_rad: FloatArray
     parts: tuple[IntArray, ...]
     components: tuple[IntArray, ...]
     weak_cuts: tuple[WeakCut, ...]
     alternatives: tuple[tuple[Alternative, ...], ...]
-    symmetries: tuple[FloatArray, ...]
     warnings: tuple[str, ...]
     doubts: tuple[str, ...]

@@ -149,12 +149,10 @@ def _baseline(
         confidence=read_only(np.full(graph.num_shapes, np.nan)),
         edge_inlier=read_only(misfit <= BASELINE_INLIER_RAD),
         edge_choice=read_only(graph.best_choice),
-        edge_inconsistency_rad=read_only(misfit),
         parts=components,
         components=components,
         weak_cuts=(),
         alternatives=((),) * graph.num_shapes,
-        symmetries=(),
         warnings=connectivity_warnings(len(components)),
         doubts=(),
     )

@@ -13,7 +13,7 @@ from collalign.cli import main
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import Costs
 from collalign.options import AlignOptions
-from collalign.stages.trial import Trial, later_work
+from collalign.stages.forecast import Workload, forecast
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from tests.finished_runs import chairs
@@ -96,7 +96,7 @@ def test_dry_run_estimates_and_writes_nothing(folder: Path, capsys: pytest.Captu
     estimate = estimate_job(read_batch(path)[0], RunOptions(jobs=1))
     assert (estimate.num_shapes, estimate.num_pairs) == (3, 3)
     assert not math.isnan(estimate.seconds)
-    assert list(estimate.stages_s) == ["shapes", "pairs", "start", "poses", "confidence", "outputs"]
+    assert list(estimate.stages_s) == ["shapes", "pairs", "poses", "confidence", "outputs", "start"]
     assert all(seconds > 0 for seconds in estimate.stages_s.values())
     assert estimate.seconds == pytest.approx(sum(estimate.stages_s.values()))
     assert main(["batch", str(path), "--dry-run", "--jobs", "1"]) == 0
@@ -119,11 +119,11 @@ def test_one_bad_folder_does_not_stop_the_others(folder: Path) -> None:
 )
 def test_incomplete_shapes_cost_where_they_are_looked_for(incomplete: str, num_shapes: int, looked_for: bool) -> None:
     costs = Costs(num_records=3, mean_seconds=1.0, mean_bytes=1.0)
-    kinds = dict.fromkeys(("shape_costs", "pair_costs", "surface_costs", "map_costs"), costs)
-    trial = Trial(start_s=0.0, refinement_s=1.0, read_s=0.0, **kinds)
-    options = AlignOptions(incomplete=incomplete)
-    work = later_work(trial, num_shapes, 10, options, missing_pairs=10, pilot=False)
-    assert ("incomplete shapes" in {one.stage for one in work}) == looked_for
+    kinds = dict.fromkeys(("shapes", "pairs", "surfaces", "evidence"), costs)
+    work = Workload(num_shapes=num_shapes, num_pairs=10, missing_pairs=10)
+    estimate = forecast(kinds, work, AlignOptions(incomplete=incomplete), 1)
+    assert ("incomplete shapes" in estimate.stages_s) == looked_for
+    assert estimate.stages_s["maps"] == num_shapes + 10.0
 
 
 @pytest.mark.parametrize("flags", [[], ["--dry-run"]])

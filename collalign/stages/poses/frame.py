@@ -60,11 +60,9 @@ def turned(solution: SynchronizationResult, turns: FloatArray) -> Synchronizatio
         tuple(replace(pose, rotation=read_only(turn @ pose.rotation)) for pose in poses)
         for turn, poses in zip(turns, solution.alternatives, strict=True)
     )
-    symmetries = tuple(read_only(turns[0] @ symmetry @ turns[0].T) for symmetry in solution.symmetries)
     return replace(
         solution,
         rotations=read_only(turns @ solution.rotations),
         weak_cuts=cuts,
         alternatives=alternatives,
-        symmetries=symmetries,
     )

@@ -136,6 +136,5 @@ def _with_all_pairs(
         solution,
         edge_choice=read_only(choice),
         edge_inlier=read_only(inlier),
-        edge_inconsistency_rad=read_only(np.deg2rad(misfit_deg)),
         warnings=(words, *own) if len(split.parts) > 1 else own,
     )

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from collalign.products.pair import Pair
-from collalign.synchronization import superimpose, synchronize_maps
+from collalign.synchronization import synchronize_maps
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import moved_by
@@ -31,13 +31,12 @@ def common_labels(samples: Sequence[Samples], pairs: Sequence[Pair], rotations: 
     """
     posed = [np.hstack([x.positions @ r.T, x.invariants]) for x, r in zip(samples, rotations, strict=True)]
     median = float(np.median([pair.energy for pair in pairs])) or 1.0
-    found = synchronize_maps(
-        {(pair.target, pair.source): pair.map_target_source for pair in pairs},
-        [len(points) for points in posed],
-        weights={(pair.target, pair.source): 1.0 / (1.0 + pair.energy / median) for pair in pairs},
-        positions=posed,
+    return synchronize_maps(
+        np.array([(pair.target, pair.source) for pair in pairs]),
+        np.stack([pair.map_target_source for pair in pairs]),
+        np.array([1.0 / (1.0 + pair.energy / median) for pair in pairs]),
+        np.stack(posed),
     )
-    return np.stack(found.labels)
 
 
 def in_label_order(values: FloatArray, labels: IntArray) -> FloatArray:
@@ -71,16 +70,15 @@ def place_and_scale(
         the shapes' normalised sizes have a geometric mean of 1.
     """
     units = np.array([item.scale for item in samples])
+    posed = np.stack([item.positions @ r.T for item, r in zip(samples, rotations, strict=True)])
+    factors, centre = np.ones(len(samples)), np.zeros(3)
     if fixed:
-        posed = np.stack([item.positions @ r.T for item, r in zip(samples, rotations, strict=True)])
         factors, centre = _fit_to_fixed(samples, in_label_order(posed, labels), labels, fixed)
-        shifts = np.tile(centre, (len(samples), 1))
-    else:
-        clouds = [item.positions * (item.scale if scaling == "rigid" else 1.0) for item in samples]
-        common = superimpose(clouds, list(labels), rotations, with_scale=scaling == "similarity")
-        factors, shifts = common.scale, common.shift
+    elif scaling == "similarity":
+        factors = common_scales(in_label_order(posed, labels))
     if scaling == "rigid":
         factors = units
+    shifts = centre - (0.0 if fixed else factors[:, None] * posed.mean(axis=1))
     transforms = np.tile(np.eye(4), (len(samples), 1, 1))
     for i, item in enumerate(samples):
         transforms[i, :3, :3] = factors[i] / item.scale * rotations[i]
@@ -88,6 +86,25 @@ def place_and_scale(
     for i, transform in (fixed or {}).items():
         transforms[i] = transform
     return transforms
+
+
+def common_scales(configurations: FloatArray) -> FloatArray:
+    """Return the scales of generalised Procrustes analysis at given rotations, shape (N,), of geometric mean 1.
+
+    Each shape fits the mean of all best: they are the leading eigenvector of ten Berge, Orthogonal Procrustes
+    rotation for two or more matrices, Psychometrika 42 (1977), found by way of the mean.
+
+    Parameters
+    ----------
+    configurations : ndarray, shape (N, k, 3)
+        In the order of their labels, and turned to the common frame.
+    """
+    flat = (configurations - configurations.mean(axis=1, keepdims=True)).reshape(len(configurations), -1)
+    sizes = np.maximum((flat**2).sum(axis=1), 1e-300)
+    mean = np.linalg.eigh((flat.T / sizes) @ flat)[1][:, -1]
+    scales = flat @ mean / sizes
+    scales = np.maximum(scales * np.sign(scales.sum()), 1e-12)
+    return np.asarray(scales / np.exp(np.log(scales).mean()))
 
 
 def _fit_to_fixed(

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from collalign.products.pair import Alternative
-from collalign.synchronization.solvers.blocks import Cut, symmetric_turns
+from collalign.synchronization.result import WeakCut
+from collalign.synchronization.solvers.blocks import symmetric_turns
 from collalign.synchronization.solvers.search import State
 from collalign.synchronization.solvers.turns import SAME_TURN
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -44,7 +45,7 @@ class Doubts:
     confidence : ndarray, shape (N,)
     alternatives : list of tuple of Alternative
         Per shape.
-    cuts : list of Cut
+    cuts : list of WeakCut
         Weak blocks, doubted ones first.
     parts : list of ndarray of int
         Parts that the doubted blocks leave.
@@ -56,20 +57,20 @@ class Doubts:
 
     confidence: FloatArray
     alternatives: list[tuple[Alternative, ...]]
-    cuts: list[Cut]
+    cuts: list[WeakCut]
     parts: list[IntArray]
     symmetries: list[FloatArray]
     signal: float
 
 
-def assess(states: list[State], cuts: list[Cut], frames: FloatArray, free: BoolArray) -> Doubts:
+def assess(states: list[State], cuts: list[WeakCut], frames: FloatArray, free: BoolArray) -> Doubts:
     """Return the doubts about an answer.
 
     Parameters
     ----------
     states : list of State
         What the starts led to, the answer first.
-    cuts : list of Cut
+    cuts : list of WeakCut
         Weak blocks of the answer.
     frames : ndarray, shape (N, d, d)
         The reported frames: the answer's, refined.
@@ -81,8 +82,8 @@ def assess(states: list[State], cuts: list[Cut], frames: FloatArray, free: BoolA
     signal = evidence_signal(best)
     confidence = beliefs_of_answers(states) * (0.5 + 0.5 * min(1.0, signal / ENOUGH_SIGNAL))
     for cut in cuts:
-        votes = max(cut.votes_for + cut.votes_against, 1)
-        cap = 1.0 / (1.0 + np.exp(-cut.log_odds)) if not cut.structured else cut.votes_for / votes
+        votes = max(cut.pairs_for + cut.pairs_against, 1)
+        cap = 1.0 / (1.0 + np.exp(-cut.log_odds)) if not cut.structured else cut.pairs_for / votes
         if cut.doubted:
             confidence[cut.members] = np.minimum(confidence[cut.members], cap)
     confidence[~free] = 1.0

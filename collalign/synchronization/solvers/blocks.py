@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.sparse import coo_matrix, diags, identity
 
 from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization.result import WeakCut
 from collalign.synchronization.solvers.spectral import leading_eigenvectors
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 
@@ -35,35 +34,6 @@ LEAST_SHAPES = 4
 GAIN_TOL = 1e-9
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Cut:
-    """A block of shapes and the turn of the common frame by which it could be wrong.
-
-    Attributes
-    ----------
-    members : ndarray of int
-        The smaller side.
-    turn : ndarray, shape (d, d)
-        ``P_i T`` are the block's other poses.
-    log_odds : float
-        Cost of turning the block; negative if that is an improvement.
-    votes_for, votes_against : int
-        Pairs across the cut that clearly prefer the pose as it is, or turned.
-    structured : bool
-        Whether the pairs contradict the block in a way that chance does not explain.
-    doubted : bool
-        Structured, or of small log-odds.
-    """
-
-    members: IntArray
-    turn: FloatArray
-    log_odds: float
-    votes_for: int
-    votes_against: int
-    structured: bool
-    doubted: bool
-
-
 def turn_differences(costs: FloatArray, num_common: int) -> FloatArray:
     """Return what turning one end of each pair by each common turn costs, shape (G, E).
 
@@ -79,7 +49,7 @@ def turn_differences(costs: FloatArray, num_common: int) -> FloatArray:
     return np.ascontiguousarray(single.T)
 
 
-def weak_cuts(graph: PairGraph, differences: FloatArray, common: FloatArray, fixed: BoolArray) -> list[Cut]:
+def weak_cuts(graph: PairGraph, differences: FloatArray, common: FloatArray, fixed: BoolArray) -> list[WeakCut]:
     """Return the weakest blocks of a group under each common turn, the doubted ones first.
 
     Two blocks per turn: the one that the pairs contradict in the most structured way, and the one that is cheapest
@@ -96,7 +66,7 @@ def weak_cuts(graph: PairGraph, differences: FloatArray, common: FloatArray, fix
     fixed : ndarray of bool, shape (N,)
         Shapes that may not turn.
     """
-    cuts: list[Cut] = []
+    cuts: list[WeakCut] = []
     if graph.num_shapes < LEAST_SHAPES:
         return cuts
     for costs, turn in zip(differences, common, strict=True):
@@ -221,19 +191,19 @@ def _turned_side(block: BoolArray, fixed: BoolArray) -> BoolArray | None:
     return None if (side & fixed).any() else side
 
 
-def _judged(graph: PairGraph, costs: FloatArray, turn: FloatArray, block: BoolArray) -> Cut:
+def _judged(graph: PairGraph, costs: FloatArray, turn: FloatArray, block: BoolArray) -> WeakCut:
     across = block[graph.edges[:, 0]] != block[graph.edges[:, 1]]
     against, clear = costs < -CLEAR_VOTE, np.abs(costs) > CLEAR_VOTE
     votes, votes_against = int((clear & across).sum()), int((against & across).sum())
     excess = float(_excess(np.array(float(votes_against)), np.array(float(votes)), against.sum(), clear.sum()))
     structured = votes_against > DOUBTED_SHARE * votes and excess > SPIN_GLASS * np.sqrt(graph.num_shapes) + 1.0
     log_odds = float(costs[across].sum())
-    return Cut(
+    return WeakCut(
         members=np.flatnonzero(block),
-        turn=turn,
+        rotation=turn,
         log_odds=log_odds,
-        votes_for=votes - votes_against,
-        votes_against=votes_against,
+        pairs_for=votes - votes_against,
+        pairs_against=votes_against,
         structured=bool(structured),
         doubted=bool(structured or log_odds < DOUBTED_LOG_ODDS),
     )

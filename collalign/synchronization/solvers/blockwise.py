@@ -10,7 +10,7 @@ import numpy as np
 from collalign.products.pair import Alternative
 from collalign.synchronization.doubt.confidence import Doubts, assess, doubt_sentences
 from collalign.synchronization.gauge import fix_gauge
-from collalign.synchronization.problem.frames import angles_rad, relative, transposed
+from collalign.synchronization.problem.frames import transposed
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.problem.model import (
     FIXED_WEIGHT,
@@ -20,7 +20,6 @@ from collalign.synchronization.problem.model import (
     squared_distances,
 )
 from collalign.synchronization.result import SynchronizationResult, WeakCut
-from collalign.synchronization.solvers.blocks import Cut
 from collalign.synchronization.solvers.least_squares import polish
 from collalign.synchronization.solvers.search import State, find_poses
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
@@ -47,7 +46,7 @@ class BlockOutcome:
     inlier : ndarray of bool, shape (E,)
     states : list of State
         What the starts led to, the answer first.
-    cuts : list of Cut
+    cuts : list of WeakCut
         Weak blocks of the answer.
     """
 
@@ -55,7 +54,7 @@ class BlockOutcome:
     choice: IntArray
     inlier: BoolArray
     states: list[State]
-    cuts: list[Cut]
+    cuts: list[WeakCut]
 
 
 def solve_block(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> BlockOutcome:
@@ -159,7 +158,6 @@ class _Draft:
     alternatives: list[tuple[Alternative, ...]]
     parts: list[IntArray] = field(default_factory=list)
     cuts: list[WeakCut] = field(default_factory=list)
-    symmetries: list[tuple[int, FloatArray]] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
 
     @classmethod
@@ -195,18 +193,7 @@ def _note_doubts(draft: _Draft, doubts: Doubts, members: IntArray) -> None:
     for shape, alternatives in zip(members, doubts.alternatives, strict=True):
         draft.alternatives[shape] = alternatives
     draft.parts.extend(members[part] for part in doubts.parts)
-    draft.symmetries.extend((int(members[0]), turn.T) for turn in doubts.symmetries)
-    draft.cuts.extend(
-        WeakCut(
-            members=members[cut.members],
-            rotation=cut.turn.T,
-            log_odds=cut.log_odds,
-            pairs_for=cut.votes_for,
-            pairs_against=cut.votes_against,
-            doubted=cut.doubted,
-        )
-        for cut in doubts.cuts
-    )
+    draft.cuts.extend(replace(cut, members=members[cut.members], rotation=cut.rotation.T) for cut in doubts.cuts)
     draft.doubts.extend(s for s in doubt_sentences(doubts) if s not in draft.doubts)
 
 
@@ -217,7 +204,6 @@ def _result(
     count, index = graph.num_edges, graph.pattern.components[0]
     nearest = np.argmin(np.where(graph.present, squared_distances(graph, transposed(poses)), np.inf), axis=1)
     choice = np.where(full.fixed[:count], nearest, draft.choice[:count])
-    misfit = angles_rad(transposed(graph.chosen(choice)) @ relative(transposed(poses), graph.edges))
     gauge = (poses @ draft.frames)[:, index[:, None], index]
     identity = np.eye(graph.dim)
     cuts = [
@@ -230,14 +216,10 @@ def _result(
         confidence=read_only(draft.confidence),
         edge_inlier=read_only(draft.inlier[:count]),
         edge_choice=read_only(choice),
-        edge_inconsistency_rad=read_only(misfit),
         parts=tuple(sorted(draft.parts, key=lambda part: int(part[0]))),
         components=components,
         weak_cuts=tuple(cuts),
         alternatives=_posed_alternatives(draft, poses, gauge, index),
-        symmetries=tuple(
-            _embedded(gauge[shape] @ turn @ gauge[shape].T, identity, index) for shape, turn in draft.symmetries
-        ),
         warnings=connectivity_warnings(len(components)),
         doubts=tuple(draft.doubts),
     )

@@ -9,8 +9,9 @@ import numpy as np
 
 from collalign.synchronization.problem.graph import PairGraph, degrees, tree_rotations
 from collalign.synchronization.problem.model import EdgeModel
+from collalign.synchronization.result import WeakCut
 from collalign.synchronization.solvers.belief_propagation import propagate_beliefs
-from collalign.synchronization.solvers.blocks import Cut, turn_differences, weak_cuts
+from collalign.synchronization.solvers.blocks import turn_differences, weak_cuts
 from collalign.synchronization.solvers.robust import (
     maximise_likelihood,
     reweighted_frames,
@@ -71,7 +72,7 @@ class State:
     cost: float
 
 
-def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> tuple[list[State], list[Cut]]:
+def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> tuple[list[State], list[WeakCut]]:
     """Return the states that several starts lead to, the most likely one first, and the weak blocks of that one.
 
     Parameters
@@ -95,7 +96,7 @@ def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> tuple[list[
     return states, cuts
 
 
-def turn_blocks(state: State, free: BoolArray, fixed: BoolArray) -> tuple[State, list[Cut]]:
+def turn_blocks(state: State, free: BoolArray, fixed: BoolArray) -> tuple[State, list[WeakCut]]:
     """Return the state after turning whole blocks of shapes while that makes the pairs more likely, and its cuts.
 
     Parameters
@@ -112,7 +113,7 @@ def turn_blocks(state: State, free: BoolArray, fixed: BoolArray) -> tuple[State,
         if cheapest is None or cheapest.log_odds >= 0.0 or not remaining:
             break
         frames = state.frames.copy()
-        frames[cheapest.members] = frames[cheapest.members] @ cheapest.turn
+        frames[cheapest.members] = frames[cheapest.members] @ cheapest.rotation
         moved = improve(state.model, frames, free)
         if moved.cost >= state.cost - COST_TOL:
             break

@@ -348,7 +348,13 @@ def test_a_block_is_named_as_long_as_the_final_poses_have_it(rng: np.random.Gene
     pairs = pairs_at(truth)
     trust, first = trusted(samples, pairs, truth), solved(pairs)
     cut = WeakCut(
-        members=np.array([0, 1]), rotation=HALF_TURN, log_odds=0.1, pairs_for=3, pairs_against=2, doubted=True
+        members=np.array([0, 1]),
+        rotation=HALF_TURN,
+        log_odds=0.1,
+        pairs_for=3,
+        pairs_against=2,
+        structured=False,
+        doubted=True,
     )
     first = replace(first, weak_cuts=(cut,))
     chance = pose_confidence(trust)

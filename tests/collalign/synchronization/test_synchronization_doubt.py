@@ -94,10 +94,9 @@ def test_too_few_pairs_for_the_flips_are_called_unreliable() -> None:
 def test_a_symmetric_collection_is_reported() -> None:
     problem = symmetric_pairs(np.random.default_rng(4), regular_edges(30, 8, 0), 30)
     found = _solve(problem)
-    assert len(found.symmetries) == 1
-    assert np.trace(found.symmetries[0]) == pytest.approx(-1.0, abs=0.1)
+    assert any("nearly the same turned" in line for line in found.doubts)
     clean = flipped_pairs(np.random.default_rng(4), regular_edges(30, 8, 0), 30, wrong=0.2, num_candidates=4)
-    assert not _solve(clean).symmetries
+    assert not _solve(clean).doubts
 
 
 def test_mirrored_shapes_are_found_among_wrong_signs() -> None:

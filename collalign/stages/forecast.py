@@ -1,0 +1,185 @@
+"""What a run will cost: time, disk and memory, by what shapes and pairs took so far, and fixed rates for the rest."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from collalign.engine.run_options import RunOptions
+from collalign.engine.session import Session
+from collalign.engine.store.layout import Costs
+from collalign.engine.store.store import Store
+from collalign.options import AUTO, AlignOptions, AlignSession
+from collalign.products.pair import Pair
+from collalign.stages.chirality.pilot import MOST_SHAPES
+from collalign.stages.evidence.decide import wants_maps
+from collalign.stages.evidence.weigh import weigh_pairs
+from collalign.stages.incomplete.detect import MIN_SHAPES
+from collalign.stages.pairs.match import match_pairs
+from collalign.stages.pairs.sparse_pairs import all_pairs
+from collalign.stages.shape_stage import prepare_shapes
+from data_tools.io.shapes import FolderListing
+
+#: Shapes of a trial, from all over the folder.
+NUM_TRIAL_SHAPES = 5
+
+# Measured by cProfile and tests/benchmarks/bench_estimate.py on teeth, skulls, bodies and generated shapes.
+#: In times of matching a pair: of each pair, to solve it again and in all synchronizations; of each shape, the pairs
+#: of the pilot, the refinement of its local pairs, its confidence, the search of what is missing, and its tile.
+AGAIN, SYNCHRONIZATION, PILOT, LOCAL, CONFIDENCE, MISSING, TILE = 0.22, 0.1, 2.5, 4.0, 1.0, 1.65, 0.5
+#: Outputs of a shape, in times of preparing one; so many shapes have tiles.
+OUTPUT, MOST_TILES = 0.13, 100
+#: Bytes of a row beside its record (key, label, digest, index entry), and pages per filled page (1.1 to 1.4).
+_ROW_OVERHEAD_BYTES, _PAGE_FACTOR = 220, 1.2
+#: Share of its ideal speed that each further worker reaches (1.8 to 1.98 of 2 measured).
+_EFFICIENCY = 0.95
+#: Memory of a process that has loaded the libraries, and of each byte of a record while it is in use (measured at 100
+#: and 300 shapes by tests/benchmarks/bench_scale.py).
+_BASE_BYTES, _MEMORY_FACTOR = 2.4e8, 1.5
+_MINUTE_S, _MIB = 60.0, 2.0**20
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunEstimate:
+    """What a run is expected to take.
+
+    Attributes
+    ----------
+    num_shapes, num_pairs : int
+        Still to be computed.
+    stages_s : mapping of str to float
+        Wall-clock seconds of each stage with the given workers; NaN where nothing similar has been timed yet.
+    disk_bytes : float
+        What the store will grow by, to some 20 %; NaN where nothing similar has been stored yet.
+    memory_bytes : float
+        Peak of the parent process.
+    """
+
+    num_shapes: int
+    num_pairs: int
+    stages_s: Mapping[str, float]
+    disk_bytes: float
+    memory_bytes: float
+
+    @property
+    def seconds(self) -> float:
+        """Wall-clock time of the whole run."""
+        return sum(self.stages_s.values())
+
+    def __str__(self) -> str:
+        stages = ", ".join(f"{stage} {seconds / _MINUTE_S:.1f}" for stage, seconds in self.stages_s.items())
+        seconds = "unknown" if math.isnan(self.seconds) else f"{self.seconds / _MINUTE_S:.1f} min ({stages})"
+        disk, memory = (
+            "unknown" if math.isnan(size) else f"{size / _MIB:.1f} MiB"
+            for size in (self.disk_bytes, self.memory_bytes)
+        )
+        return (
+            f"{self.num_shapes} shapes and {self.num_pairs} pairs to compute: time {seconds}, disk {disk}, "
+            f"memory {memory}"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Workload:
+    """How much a run has to do: of its shapes and pairs, those that no store holds; whether sides are asked for."""
+
+    num_shapes: int
+    num_pairs: int
+    missing_shapes: int = 0
+    missing_pairs: int = 0
+    pilot: bool = False
+
+
+def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -> tuple[dict[str, Costs], float]:
+    """Prepare and match some shapes of a folder, keep nothing of it, and return what each kind of record cost.
+
+    Also the seconds until the workers had started.
+
+    Raises
+    ------
+    CollalignError
+        If too few of them are usable.
+    """
+    num = len(listing.names)
+    chosen = sorted({round(place) for place in np.linspace(0, num - 1, min(num, NUM_TRIAL_SHAPES))})
+    few = replace(
+        listing, files=tuple(listing.files[i] for i in chosen), names=tuple(listing.names[i] for i in chosen)
+    )
+    with Session.open(options, replace(run, store=None)) as session:
+        started = time.perf_counter()
+        shapes = prepare_shapes(session, few)
+        prepared_s = time.perf_counter() - started
+        pairs, _ = match_pairs(session, shapes, all_pairs(len(shapes.names)))
+        if wants_maps(options, pairs):
+            weigh_pairs(session, shapes, pairs)
+        costs = costs_of(session.store)
+    busy_s = costs["shapes"].mean_seconds * len(shapes.names) / min(run.num_workers, len(shapes.names))
+    return costs, max(0.0, prepared_s - busy_s)
+
+
+def costs_of(store: Store) -> dict[str, Costs]:
+    """Return what each kind of record that the forecast reckons with cost on average."""
+    return {kind: store.costs(kind) for kind in ("shapes", "pairs", "surfaces", "evidence")}
+
+
+def rest_s(session: AlignSession, num_shapes: int, pairs: list[Pair]) -> float:
+    """Return how many seconds are left to the outputs once all pairs are matched, from what the run took so far."""
+    work = Workload(num_shapes=num_shapes, num_pairs=len(pairs))
+    return forecast(costs_of(session.store), work, session.options, session.run.num_workers).seconds
+
+
+def forecast(
+    costs: Mapping[str, Costs], work: Workload, options: AlignOptions, num_jobs: int, *, start_s: float = 0.0
+) -> RunEstimate:
+    """Return what a workload will take.
+
+    Parameters
+    ----------
+    costs : mapping of str to Costs
+        Of similar shapes and pairs, and of their maps, none where the collection needs none.
+    work : Workload
+    options : AlignOptions
+    num_jobs : int
+        Worker processes.
+    start_s : float
+        Until they have started.
+    """
+    match_s, prepare_s = costs["pairs"].mean_seconds, costs["shapes"].mean_seconds
+    num, new = work.num_shapes, work.missing_pairs + work.pilot * PILOT * min(work.num_shapes, MOST_SHAPES)
+    refines = float(options.refine)
+    shared = {"shapes": _times(work.missing_shapes, prepare_s), "pairs": _times(new, match_s)}
+    alone = {"start": start_s, "outputs": TILE * match_s * min(num, MOST_TILES)}
+    if work.missing_pairs and costs["evidence"].num_records:
+        shared["maps"] = num * costs["surfaces"].mean_seconds + work.missing_pairs * costs["evidence"].mean_seconds
+    if options.synchronization == "robust":
+        shared["poses"] = (AGAIN * work.num_pairs + refines * LOCAL * num) * match_s
+        alone["poses"] = SYNCHRONIZATION * work.num_pairs * match_s
+        shared["confidence"] = refines * CONFIDENCE * num * match_s
+    if options.incomplete == AUTO and num >= MIN_SHAPES:
+        shared["incomplete shapes"] = refines * MISSING * num * match_s
+    shared["outputs"] = OUTPUT * prepare_s * num
+    speed = 1.0 + _EFFICIENCY * (num_jobs - 1)
+    sizes = [
+        _times(number, costs[kind].mean_bytes)
+        for kind, number in (("shapes", work.missing_shapes), ("pairs", work.missing_pairs))
+    ]
+    rows = work.missing_shapes + work.missing_pairs
+    return RunEstimate(
+        num_shapes=work.missing_shapes,
+        num_pairs=work.missing_pairs,
+        stages_s={
+            stage: shared.get(stage, 0.0) / speed + alone.get(stage, 0.0)
+            for stage in dict.fromkeys([*shared, *alone])
+        },
+        disk_bytes=(sum(sizes) + rows * _ROW_OVERHEAD_BYTES) * _PAGE_FACTOR,
+        memory_bytes=_BASE_BYTES + _MEMORY_FACTOR * sum(sizes),
+    )
+
+
+def _times(number: float, each: float) -> float:
+    """Return the product, 0 where there is nothing to do even if the cost is unknown."""
+    return number * each if number else 0.0

@@ -1,1 +1,0 @@
-"""Maps and shapes of a whole collection: permutations, superimposition."""

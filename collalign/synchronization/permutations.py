@@ -1,0 +1,132 @@
+"""Consistent labels of the samples over a collection: permutation synchronization.
+
+Every sample gets one of as many labels as a shape has samples, no two samples of one shape the same one. Two samples
+correspond if they share a label, so that ``map_a_b[map_b_c] == map_a_c`` exactly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import breadth_first_order
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.threads import one_blas_thread
+
+#: Most that the distance to a label counts, relative to the strongest support by maps.
+NEARNESS_SHARE = 0.5
+
+#: A sample's label counts this much more than others of equal support, relative to the strongest.
+TIE_SHARE = 1e-6
+
+#: Samples times labels whose support is held at once: of ten thousand shapes all of it would take a gibibyte.
+MOST_HELD = 2**22
+
+#: Rounds of projected power iteration, at most.
+MAX_ROUNDS = 30
+
+
+@one_blas_thread()
+def synchronize_maps(edges: IntArray, maps: IntArray, weights: FloatArray, positions: FloatArray) -> IntArray:
+    """Find consistent labels by projected power iteration (Chen and Candes 2018; Pachauri et al. 2013).
+
+    Each round every shape votes: the label of a sample is supported by the labels of the samples matched to it, and
+    by how near the members of a label are; the labels of one shape are the linear assignment of most support. Sparse
+    in the pairs: time and memory grow with their number times the samples.
+
+    Parameters
+    ----------
+    edges : ndarray of int, shape (E, 2)
+        Shapes i, j of each pair.
+    maps : ndarray of int, shape (E, k)
+        ``map_i_j``: the sample on i of each sample of j, one-to-one.
+    weights : ndarray, shape (E,)
+        Trust in each map.
+    positions : ndarray, shape (N, k, d)
+        Samples in the common frame.
+
+    Returns
+    -------
+    ndarray of int, shape (N, k)
+        Each row a permutation of 0, ..., k - 1.
+    """
+    num, total = positions.shape[:2]
+    matches = _match_matrix(edges, maps, weights, num)
+    labels = _first_labels(matches, positions)
+    previous = None
+    for _ in range(MAX_ROUNDS):
+        fresh = _elected(matches, labels, positions)
+        if np.array_equal(fresh, labels) or (previous is not None and np.array_equal(fresh, previous)):
+            break
+        previous, labels = labels, fresh
+    return labels.reshape(num, total)
+
+
+def _match_matrix(edges: IntArray, maps: IntArray, weights: FloatArray, num: int) -> csr_matrix:
+    """Return the symmetric sparse matrix of weighted matches over all samples of all shapes."""
+    total = maps.shape[1]
+    rows, cols = edges[:, :1] * total + maps, edges[:, 1:] * total + np.arange(total)
+    values = np.repeat(weights, total)
+    upper = csr_matrix((values, (rows.ravel(), cols.ravel())), shape=(num * total, num * total))
+    return (upper + upper.T).tocsr()
+
+
+def _first_labels(matches: csr_matrix, positions: FloatArray) -> IntArray:
+    """Return labels spread from the best connected shape, by assignment to those already labelled."""
+    (num, total, _), clouds = positions.shape, positions.reshape(-1, positions.shape[2])
+    owner = np.repeat(np.arange(num), total)
+    labels = np.full(num * total, -1, dtype=np.int64)
+    coarse = csr_matrix((np.ones(len(owner)), (owner, np.arange(len(owner)))), shape=(num, len(owner)))
+    between = (coarse @ matches @ coarse.T).tocsr()
+    strength = np.asarray(between.sum(axis=1)).ravel()
+    root = int(np.lexsort((strength,))[-1])
+    labels[root * total : (root + 1) * total] = np.arange(total)
+    reached = breadth_first_order(between, root, directed=False, return_predecessors=False)
+    for shape in (*reached[1:], *np.setdiff1d(np.arange(num), reached)):
+        part = slice(shape * total, (shape + 1) * total)
+        support = np.asarray(_support(matches[part], labels, total).todense())
+        seen = labels >= 0
+        far = ((clouds[part][:, None] - _label_means(clouds[seen], labels[seen], total)) ** 2).sum(axis=2)
+        labels[part] = linear_sum_assignment(far / max(float(far.max()), 1e-300) - support)[1]
+    return labels
+
+
+def _elected(matches: csr_matrix, labels: IntArray, positions: FloatArray) -> IntArray:
+    """Return the labels that the samples' matches, and their places, elect: one round, some shapes at a time."""
+    (num, total, _), clouds = positions.shape, positions.reshape(-1, positions.shape[2])
+    support = _support(matches, labels, total)
+    centres = _label_means(clouds, labels, total)
+    typical = max(float(np.median(((clouds - centres[labels]) ** 2).sum(axis=1))), 1e-300)
+    most = NEARNESS_SHARE * max(float(support.max()), 1.0)
+    fresh = labels.copy()
+    at_once = max(1, MOST_HELD // total**2)
+    for first in range(0, num, at_once):
+        rows = slice(first * total, min(first + at_once, num) * total)
+        held = np.asarray(support[rows].todense())
+        squared = (clouds[rows] ** 2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * clouds[rows] @ centres.T
+        held += most * np.exp(-np.maximum(squared, 0.0) / (2.0 * typical))
+        fresh[rows] = _assigned(held.reshape(-1, total, total), labels[rows].reshape(-1, total)).ravel()
+    return fresh
+
+
+def _support(matches: csr_matrix, labels: IntArray, total: int) -> csr_matrix:
+    """Return the weight with which each sample's matches vote for each label, shape (rows, k)."""
+    seen = np.flatnonzero(labels >= 0)
+    return matches @ csr_matrix((np.ones(len(seen)), (seen, labels[seen])), shape=(len(labels), total))
+
+
+def _label_means(clouds: FloatArray, labels: IntArray, total: int) -> FloatArray:
+    """Return the mean of the samples of each label, shape (k, d)."""
+    count = np.bincount(labels, minlength=total).astype(np.float64)
+    sums = np.stack([np.bincount(labels, weights=column, minlength=total) for column in clouds.T], axis=1)
+    return np.asarray(sums / count[:, None])
+
+
+def _assigned(support: FloatArray, labels: IntArray) -> IntArray:
+    """Return the linear assignment of most support of every shape; ties keep the label that a sample has."""
+    fresh = labels.copy()
+    for row, part in enumerate(support):
+        part[np.arange(len(part)), labels[row]] += TIE_SHARE * max(float(part.max()), 1.0)
+        fresh[row] = linear_sum_assignment(-part)[1]
+    return fresh
