@@ -1,4 +1,4 @@
-"""The list of mutants fits the code, and the runner tells killed ones from survivors."""
+"""Drawn faults fit the code, and the runner tells killed ones from survivors."""
 
 import os
 import subprocess
@@ -11,7 +11,6 @@ from tests.mutants.calls import Calls
 from tests.mutants.draw import Imports, as_mutant, by_package, changes, draw
 from tests.mutants.equivalent import EQUIVALENT
 from tests.mutants.place import MODULE, Mutant, applied, mutated
-from tests.mutants.places import MUTANTS
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = """LIMIT = 3
@@ -25,13 +24,6 @@ class Box:
 def twice(n):
     return n + n
 """
-
-
-def test_places_are_there_and_are_tried_by_tests_that_are_there() -> None:
-    assert len({str(mutant) for mutant in MUTANTS}) == len(MUTANTS)
-    gone = [mutant for mutant in MUTANTS if not is_there(mutant)]
-    assert len(MUTANTS) - len(gone) >= 150
-    assert not gone, "\n".join(map(str, gone))  # bring the list up to date with the code
 
 
 def is_there(mutant: Mutant) -> bool:

@@ -6,8 +6,6 @@ from pathlib import Path
 
 #: Stands for the body of a module outside of all functions: its constants.
 MODULE = "<module>"
-#: By module and the files in ``tests`` that should fail: the function, its text and what replaces it, of every fault.
-Table = dict[tuple[str, ...], list[tuple[str, str, str]]]
 
 
 @dataclass(frozen=True)
@@ -23,7 +21,7 @@ class Mutant:
     old, new : str
         Text that occurs exactly once in that function, and what replaces it.
     tests : tuple of str
-        Test files that should fail; none of them needs data.
+        Tests that should notice; none of them needs data.
     """
 
     file: str
@@ -83,12 +81,3 @@ def function_spans(tree: ast.Module) -> dict[str, tuple[int, int]]:
                 if isinstance(child, ast.FunctionDef):
                     found[f"{node.name}.{child.name}"] = (child.lineno - 1, int(child.end_lineno or 0))
     return found
-
-
-def listed(table: Table) -> tuple[Mutant, ...]:
-    """Return the mutants of a table."""
-    return tuple(
-        Mutant(file, *fault, tuple(f"tests/{test}" for test in tests))
-        for (file, *tests), faults in table.items()
-        for fault in faults
-    )

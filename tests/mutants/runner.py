@@ -1,7 +1,7 @@
 """Runs the tests of a mutant in a copy of the project: killed, survived, or no verdict.
 
-mutmut and cosmic-ray choose places themselves and run all tests for each, which takes days here; this keeps a fixed
-list of places with the few test files that should notice, so that the share of killed mutants can be compared.
+mutmut and cosmic-ray run all tests for each place, which takes days here; this draws places by a seed and runs the
+few tests that call what a fault changes.
 """
 
 import importlib
