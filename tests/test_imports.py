@@ -1,10 +1,12 @@
 """Heavy packages are imported when they are needed, and one that is missing is named with the way to get it."""
 
+import inspect
 import subprocess
 import sys
+from collections.abc import Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ import pairwise
 from collalign.engine.run_options import RunOptions
 from collalign.tools.export.run import export
 from data_tools.errors import CollalignError
+from data_tools.surface.shape import Shape
 
 #: Nothing of these is needed to align shapes and to match pairs.
 OPTIONAL = (
@@ -61,6 +64,56 @@ def test_the_packages_beside_collalign_are_the_same_below_its_name() -> None:
     subprocess.run([sys.executable, "-c", BESIDE], check=True, timeout=600)
     assert {"pairwise", "data_tools", "errors"} < set(dir(collalign))
     assert not {"Any", "TYPE_CHECKING", "sys"} & set(dir(collalign))
+
+
+class Top(dict[str, Any]):
+    """The names that can be imported from collalign, and those of libraries that are imported when needed."""
+
+    def __missing__(self, name: str) -> Any:
+        if name == "Figure":
+            return object
+        try:
+            return getattr(collalign, name)
+        except AttributeError:
+            raise KeyError(name) from None
+
+
+def named_types(hint: Any) -> Iterator[type]:
+    """Yield the classes of this project that a type hint names."""
+    if isinstance(hint, type) and hint.__module__.partition(".")[0] in ("collalign", "data_tools", "pairwise"):
+        yield hint
+    for part in get_args(hint):
+        yield from named_types(part)
+
+
+def signature_types(thing: Any) -> set[type]:
+    """Return the classes that the signature of a function names, or the public attributes and methods of a class."""
+    members = [thing]
+    if isinstance(thing, type):
+        public = [member for name, member in inspect.getmembers(thing) if not name.startswith("_")]
+        members += [getattr(member, "fget", getattr(member, "func", member)) for member in public]
+    hints = [get_type_hints(one, localns=Top()) for one in members if isinstance(one, type) or inspect.isroutine(one)]
+    return {found for one in hints for hint in one.values() for found in named_types(hint)}
+
+
+def not_at_the_top(names: Iterable[str]) -> set[str]:
+    """Return the classes that signatures of these names of collalign name, and that are not to be had there."""
+    found = {one for name in names for one in signature_types(getattr(collalign, name))}
+    return {one.__qualname__ for one in found if getattr(collalign, one.__name__, None) is not one}
+
+
+def test_every_type_that_a_signature_names_is_imported_from_the_top() -> None:
+    functions_and_types = [name for name in collalign.__all__ if callable(getattr(collalign, name))]
+    assert len(functions_and_types) > 60
+    assert not_at_the_top(functions_and_types) == set()
+
+
+def test_a_type_that_is_missing_at_the_top_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stray(shape: list[Shape] | None) -> None: ...
+
+    monkeypatch.setattr(collalign, "stray", stray, raising=False)
+    assert not_at_the_top(["stray"]) == {"Shape"}
+    assert not_at_the_top(["align_collection"]) == set()
 
 
 def run_without(blocked: tuple[str, ...]) -> subprocess.CompletedProcess[str]:

@@ -16,9 +16,6 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray, as_mask, read_onl
 from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
 
-#: What callers may give as ``rotation_pattern``.
-PatternLike: TypeAlias = "RotationPattern | ArrayLike | Sequence[int] | int | None"
-
 
 @dataclass(frozen=True, eq=False)
 class RotationPattern:
@@ -169,6 +166,10 @@ class RotationPattern:
         for index, (u, _, vt) in zip(self.components, factors, strict=True):
             rotations[..., index[:, None], index] = u @ vt
         return rotations
+
+
+#: What callers may give as ``rotation_pattern``.
+PatternLike: TypeAlias = RotationPattern | ArrayLike | Sequence[int] | int | None
 
 
 def _set_determinants(factors: list[tuple[FloatArray, FloatArray, FloatArray]], wanted: FloatArray | float) -> None:
