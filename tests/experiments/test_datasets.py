@@ -59,26 +59,6 @@ def test_teeth_layout(tmp_path: Path, registered: list[Shape], rng: np.random.Ge
         datasets.read_teeth(tmp_path)
 
 
-def test_shrec07_layout(tmp_path: Path, registered: list[Shape]) -> None:
-    folder = tmp_path / "blob"
-    (folder / "landmarks").mkdir(parents=True)
-    for i, shape in enumerate(registered, start=9):
-        write_mesh(folder / "meshes" / f"{i}.off", shape)
-        lines = [f"{j} {x} {y} {z}" for j, (x, y, z) in enumerate(shape.vertices[:5])]
-        (folder / "landmarks" / f"{i}.vts").write_text("\n".join(lines))
-    (folder / "3.sym.info").write_text("0 1\n2\n")
-    found = datasets.read_shrec07_class(folder)
-    assert found.names == ("9", "10", "11")
-    assert found.labels == {"class": ("blob",) * 3}
-    assert found.mirror is not None
-    assert found.mirror.tolist() == [1, 0, 2, 3, 4]
-    assert found.landmarks is not None
-    np.testing.assert_allclose(found.landmarks[1], registered[1].vertices[:5])
-    (folder / "landmarks" / "9.vts").write_text("0 0 0 0\n")
-    with pytest.raises(InputError, match="different numbers"):
-        datasets.read_shrec07_class(folder)
-
-
 def test_registered_archive_layout(tmp_path: Path, registered: list[Shape]) -> None:
     vertices = np.stack([s.vertices for s in registered]).astype(np.float32)
     faces = np.stack([s.faces for s in registered]).astype(np.uint16)
@@ -106,21 +86,6 @@ def test_registered_archive_layout(tmp_path: Path, registered: list[Shape]) -> N
     (tmp_path / "all.npz").unlink()
     with pytest.raises(InputError, match=r"one \.npz archive, found 0"):
         datasets.read_registered_archive(tmp_path)
-
-
-def test_registered_folder_and_faust_layouts(tmp_path: Path, registered: list[Shape]) -> None:
-    for i, shape in enumerate(registered):
-        write_mesh(tmp_path / "meshes" / f"centaur{i}.off", shape)
-        write_mesh(tmp_path / "training" / "registrations" / f"tr_reg_{39 + i:03d}.ply", shape)
-    found = datasets.read_registered_folder(tmp_path)
-    assert found.names == ("centaur0", "centaur1", "centaur2")
-    assert found.landmark_vertices is None
-    faust = datasets.read_faust(tmp_path)
-    assert faust.labels == {"subject": ("3", "4", "4"), "pose": ("9", "0", "1")}
-    assert len(faust.shape(2).vertices) == 80
-    write_mesh(tmp_path / "training" / "registrations" / "scan.ply", registered[0])
-    with pytest.raises(InputError, match="ends in the number"):
-        datasets.read_faust(tmp_path)
 
 
 def test_range_scan_layout(tmp_path: Path, registered: list[Shape], rng: np.random.Generator) -> None:
