@@ -7,6 +7,7 @@ The steps are public functions of :mod:`pairwise.portfolio`, :mod:`pairwise.loca
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Unpack
@@ -26,6 +27,9 @@ from pairwise.portfolio import find_poses, relax, wants_relaxation
 from pairwise.problem.problem import Problem, ProblemArguments
 from pairwise.results import Candidate, MatchResult, RelaxationResult
 from pairwise.status import Status
+
+#: A shift of more than this share of the points' spread is said.
+SHIFTED = 0.1
 
 
 @one_blas_thread()
@@ -54,6 +58,7 @@ def match(
     translation : bool
         Poses turn about the origin; this shifts both sets to their centroids first, which is the best shift where
         all points are matched and weigh the same. Energies, bounds and certificates are then of the shifted points.
+        A warning says where a shift is most of what a pose about the origin leaves.
     starts : array_like, shape (m, d, d), optional
         Poses to descend from as well.
     dense : pair of DensePoints, of arrays (l, d), or of pairs (points, normals), optional
@@ -101,10 +106,24 @@ def match(
     options = as_options("options", options, MatchOptions, changes)
     result = match_problem(problem, options, starts=poses, dense=clouds)
     if not translation:
+        _warn_of_shift(problem, result.candidates[0])
         return result
     shifts = (read_only(centres[0] - c.R_target_source @ centres[1]) for c in result.candidates)
     ranked = tuple(replace(c, translation=shift) for c, shift in zip(result.candidates, shifts, strict=True))
     return replace(result, translation=ranked[0].translation, candidates=ranked)
+
+
+def _warn_of_shift(problem: Problem, best: Candidate) -> None:
+    """Warn where most of what a pose leaves is a shift, which a pose about the origin cannot take."""
+    matched = problem.target[best.map_target_source]
+    rest = matched - problem.source @ best.R_target_source.T
+    shift, spread = float(np.linalg.norm(rest.mean(axis=0))), float(np.sqrt(matched.var(axis=0).sum()))
+    if shift > SHIFTED * spread > 0 and shift**2 > 0.5 * (rest**2).sum(axis=1).mean():
+        warnings.warn(
+            f"the matched points are {shift:.3g} apart on average, {shift / spread:.2g} spreads, since poses "
+            "turn about the origin; translation=True shifts both sets to their centroids first",
+            stacklevel=4,
+        )
 
 
 def _about_centroids(problem: Problem) -> tuple[Problem, tuple[FloatArray, FloatArray]]:

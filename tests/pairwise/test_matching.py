@@ -1,5 +1,7 @@
 """The matcher: global optimum on the catalogue, alternatives, chirality, proof, invariances, refusals."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -215,3 +217,15 @@ def test_points_at_the_origin_behind_a_mask_are_proven_in_every_unit(unit: float
         optimum = brute_force(Problem.from_user(target, source, allowed=allowed)).energy
         assert result.energy == pytest.approx(optimum, rel=1e-9)
         assert optimum * (1 - 2e-3) <= result.lower_bound <= optimum * (1 + 1e-12)
+
+
+def test_centroids_that_a_pose_about_the_origin_cannot_bring_together_are_said(rng: np.random.Generator) -> None:
+    target = rng.random((20, 3))
+    with pytest.warns(UserWarning, match="poses turn about the origin; translation=True"):
+        match(target, target + np.array([3.0, 0.0, 0.0]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        match(target, target + np.array([3.0, 0.0, 0.0]), translation=True)
+        match(target, target[:9])
+        match(target[:1], 3.0 * target[:1])
+        match(target, target + 0.05 * rng.standard_normal(target.shape))
