@@ -19,11 +19,9 @@ from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.synchronization.problem.frames import transposed
 from collalign.synchronization.solvers.averaging import average_frames, residuals_deg
 from data_tools.arrays import FloatArray
-from data_tools.datasets.synthetic_shapes import crown
-from data_tools.embedding.embedding import Samples, sample_shape
-from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.embedding.embedding import Samples
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from data_tools.surface.shape import Shape
+from tests.collalign.stages.test_pose_refinement import posed_crowns
 
 NUM = 5
 EDGES = np.array(list(itertools.combinations(range(NUM), 2)))
@@ -61,15 +59,9 @@ def weighed_pairs(measured: FloatArray) -> list[Pair]:
     ]
 
 
-def posed_crowns(rng: np.random.Generator, noise: float) -> tuple[list[Samples], FloatArray]:
-    """Return one crown in several poses, mirrored ones among them, its samples moved by some noise."""
-    shape = crown(num_vertices=500)
-    turns = np.stack([random_rotation(rng, group="O") for _ in range(NUM)])
-    options = SamplingOptions(num_points=32, num_dense_points=0)
-    samples = [
-        sample_shape(Shape.from_arrays(shape.vertices @ turn, shape.faces), options, EmbeddingOptions(kind="xyz"))
-        for turn in turns
-    ]
+def noisy_crowns(rng: np.random.Generator, noise: float) -> tuple[list[Samples], FloatArray]:
+    """Return one crown in several poses, its samples moved by some noise."""
+    samples, turns = posed_crowns(rng, NUM, num_points=32, num_dense=0)
     moved = [item.positions + noise * rng.standard_normal(item.positions.shape) for item in samples]
     return [replace(item, positions=p, coordinates=p) for item, p in zip(samples, moved, strict=True)], turns
 
@@ -82,7 +74,7 @@ def largest_error(rotations: FloatArray, truth: FloatArray) -> float:
 def test_the_way_that_agrees_with_itself_decides(
     session: AlignSession, rng: np.random.Generator, map_error: float, noise: float
 ) -> None:
-    samples, truth = posed_crowns(rng, noise)
+    samples, truth = noisy_crowns(rng, noise)
     pairs = weighed_pairs(turned(true_pairs(truth), map_error, rng))
     solution = synchronize_pairs(session.options, NUM, pairs)
     without_maps = [replace(pair, log_odds=np.array([-np.inf])) for pair in pairs]
@@ -94,7 +86,7 @@ def test_the_way_that_agrees_with_itself_decides(
 
 
 def test_poses_set_by_hand_stay(session: AlignSession, rng: np.random.Generator) -> None:
-    samples, truth = posed_crowns(rng, 0.02)
+    samples, truth = noisy_crowns(rng, 0.02)
     pairs = weighed_pairs(turned(true_pairs(truth), 5.0, rng))
     fixed = {1: truth[1], 3: truth[3]}
     solution = synchronize_pairs(session.options, NUM, pairs, Constraints(fixed=fixed))
@@ -106,7 +98,7 @@ def test_poses_set_by_hand_stay(session: AlignSession, rng: np.random.Generator)
 
 
 def test_first_samples_are_centred_and_of_unit_size(rng: np.random.Generator) -> None:
-    samples = replace(posed_crowns(rng, 0.0)[0][0], invariants=rng.standard_normal((32, 2)))
+    samples = replace(noisy_crowns(rng, 0.0)[0][0], invariants=rng.standard_normal((32, 2)))
     few = first_samples(samples, 8)
     assert np.allclose(few.positions.mean(axis=0), 0)
     assert np.linalg.norm(few.positions) == pytest.approx(1.0)

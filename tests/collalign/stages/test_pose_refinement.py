@@ -39,10 +39,13 @@ def test_local_pairs_keep_the_nearest_and_the_connection(rng: np.random.Generato
     assert len(across) == 1
 
 
-def posed_crowns(rng: np.random.Generator, num: int) -> tuple[list[Samples], np.ndarray]:
+def posed_crowns(
+    rng: np.random.Generator, num: int, *, num_points: int = 16, num_dense: int = 200
+) -> tuple[list[Samples], np.ndarray]:
+    """Return one crown in several poses, mirrored ones among them."""
     shape = crown(num_vertices=500)
     turns = np.stack([random_rotation(rng, group="O") for _ in range(num)])
-    options = SamplingOptions(num_points=16, num_dense_points=200)
+    options = SamplingOptions(num_points=num_points, num_dense_points=num_dense)
     samples = [
         sample_shape(Shape.from_arrays(shape.vertices @ turn, shape.faces), options, EmbeddingOptions(kind="xyz"))
         for turn in turns
