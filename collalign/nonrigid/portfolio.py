@@ -13,8 +13,13 @@ from collalign.nonrigid.map_evidence import MIXED_ORIENTATION, judge
 from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.nonrigid.refine import Refiner
-from collalign.nonrigid.starts.eigenfunctions import descriptor_start, sign_starts
-from collalign.nonrigid.starts.masks import WAVE_SHARE, candidate_mask, wave_gaps
+from collalign.nonrigid.starts.eigenfunctions import (
+    WAVE_SHARE,
+    candidate_mask,
+    descriptor_start,
+    sign_starts,
+    wave_gaps,
+)
 from collalign.nonrigid.starts.smooth import SmoothMapper
 from collalign.nonrigid.surface.posed import NUM_FUNCTIONS, NUM_POINTS, first_samples, sampled_surface
 from collalign.nonrigid.surface.spectral_shape import SpectralShape

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,20 +16,9 @@ from pairwise.certificates.certificate import Certificate
 SMALLEST_GAP = 0.003
 
 
-def _no_values() -> FloatArray:
-    return read_only(np.zeros(0))
-
-
-def _no_evidence() -> FloatArray:
-    return read_only(np.zeros((0, 0)))
-
-
-def _no_rotations() -> FloatArray:
-    return read_only(np.zeros((0, 3, 3)))
-
-
-def _no_map() -> IntArray:
-    return read_only(np.zeros(0, dtype=np.int64))
+def _nothing(*shape: int, dtype: type = np.float64) -> Callable[[], Any]:
+    """Return what makes the default of a field that a later stage fills: a read-only array without entries."""
+    return lambda: read_only(np.zeros(shape, dtype=dtype))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,20 +76,20 @@ class Pair:
     rotations: FloatArray
     maps: IntArray
     energies: FloatArray
-    gaps: FloatArray = field(default_factory=_no_values)
-    log_odds: FloatArray = field(default_factory=_no_values)
-    evidence: FloatArray = field(default_factory=_no_evidence)
+    gaps: FloatArray = field(default_factory=_nothing(0))
+    log_odds: FloatArray = field(default_factory=_nothing(0))
+    evidence: FloatArray = field(default_factory=_nothing(0, 0))
     lower_bound: float = float("nan")
     status: str = ""
     chirality_proven: bool = False
     certificate: Certificate | None = None
     complete_within: float = float("nan")
-    regions: FloatArray = field(default_factory=_no_rotations)
-    region_radii_rad: FloatArray = field(default_factory=_no_values)
+    regions: FloatArray = field(default_factory=_nothing(0, 3, 3))
+    region_radii_rad: FloatArray = field(default_factory=_nothing(0))
     choice: int = -1
     inlier: bool = False
     disagreement_deg: float = float("nan")
-    map_target_source: IntArray = field(default_factory=_no_map)
+    map_target_source: IntArray = field(default_factory=_nothing(0, dtype=np.int64))
     energy: float = float("nan")
 
     __repr__ = one_line

@@ -51,7 +51,9 @@ def measure(name: str, num: int) -> None:
     with shapes_of(name, num) as folder:
         run = RunOptions(jobs=1, store=folder.parent / "store.sqlite")
         start = time.process_time()
-        estimate = estimate_job(BatchJob(folder=folder, out=folder.parent / "out", options=AlignOptions()), run)
+        estimate = estimate_job(
+            BatchJob(folders=(folder,), out=folder.parent / "out", recursive=False, options=AlignOptions()), run
+        )
         trial_s = time.process_time() - start
         start = time.process_time()
         collection = align_collection(folder, run=run)

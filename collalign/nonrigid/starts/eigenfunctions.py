@@ -10,10 +10,11 @@ from itertools import product
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from collalign.nonrigid.starts.masks import wave_gaps
 from collalign.nonrigid.surface.spectral_shape import SpectralShape
-from data_tools.arrays import BoolArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 from pairwise.local.local_search import LocalMinima, MatchingCosts, minimise, procrustes
 from pairwise.problem.problem import Problem
 
@@ -23,6 +24,8 @@ NUM_SIGNS = 8
 DESCENT_SIZES = (12, 17)
 #: Maps that go from one descent to the next.
 NUM_KEPT = 96
+#: Share of the target's samples that each source sample may match, by the wave kernel signature.
+WAVE_SHARE = 0.15
 
 
 def embedded_problem(
@@ -88,3 +91,34 @@ def descriptor_start(
     gaps = wave_gaps(target, source, source_samples)
     _, point_map = linear_sum_assignment(np.where(allowed, gaps, np.inf).T)
     return descend_maps(target, source, source_samples, allowed, point_map[None], "descriptors")
+
+
+def candidate_mask(gaps: FloatArray, share: float) -> BoolArray:
+    """Return which target samples each source sample may match, shape (n, k): the share nearest by descriptor.
+
+    Maron et al. 2016, section 6.1. A mask that leaves no injective map is widened, by half its share at a time, until
+    it has one.
+
+    Parameters
+    ----------
+    gaps : ndarray, shape (n, k)
+        How much the descriptors differ.
+    share : float
+    """
+    ranks = gaps.argsort(axis=0, kind="stable").argsort(axis=0, kind="stable")
+    allowed = ranks < max(1, round(share * len(gaps)))
+    while not _has_injective_map(allowed):
+        share = min(1.0, 1.5 * share)
+        allowed |= ranks < round(share * len(gaps))
+    return allowed
+
+
+def wave_gaps(target: SpectralShape, source: SpectralShape, source_samples: IntArray) -> FloatArray:
+    """Return how much the wave kernel signatures of samples differ, the mean of their logarithms, shape (n, k)."""
+    differences = target.waves[target.samples][:, None, :] - source.waves[source_samples]
+    return np.abs(differences).mean(axis=2)
+
+
+def _has_injective_map(allowed: BoolArray) -> bool:
+    matched = maximum_bipartite_matching(csr_array(allowed), perm_type="row")
+    return bool((matched >= 0).all())

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature, vertex_normals
 from collalign.nonrigid.surface.spectral_shape import CURVATURE_TIMES, NUM_ORIENTATION, SpectralShape
 from collalign.nonrigid.surface.tips import Tips
-from data_tools.arrays import FloatArray, read_only
+from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.invariants import heat_kernel_signature, standardised
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
@@ -75,41 +76,30 @@ def prepare_posed(shape: Shape) -> PosedSurface:
     return posed_surface(spectral, vertex_normals(working)[dense])
 
 
-def spectral_samples(
-    *,
-    name: str,
-    vertices: FloatArray,
-    area: float,
-    eigenvalues: FloatArray,
-    functions: FloatArray,
-    mass: FloatArray,
-    agd: FloatArray,
-    curvature: FloatArray,
-    orientation: FloatArray,
-    tips: Tips | None = None,
-) -> SpectralShape:
-    """Return a prepared shape that is known at its dense samples only; arrays have one row for each of them."""
-    num = len(vertices)
+def spectral_samples(*, tips: Tips | None = None, **known: Any) -> SpectralShape:
+    """Return a prepared shape that is known at its dense samples only.
+
+    Parameters
+    ----------
+    tips : Tips, optional
+        None by default.
+    **known
+        The other fields of :class:`SpectralShape` that samples have; arrays have one row for each.
+    """
+    num = len(known["vertices"])
     nothing, none = read_only(np.empty((num, 0))), read_only(np.empty(0, dtype=np.int64))
+    kept: dict[str, Any] = {name: read_only(v) if isinstance(v, np.ndarray) else v for name, v in known.items()}
     return SpectralShape(
-        name=name,
-        vertices=read_only(vertices),
         faces=read_only(np.empty((0, 3), dtype=np.int64)),
         to_working=none,
         to_original=none,
-        area=area,
-        eigenvalues=read_only(eigenvalues),
-        functions=read_only(functions),
-        mass=read_only(mass),
-        agd=read_only(agd),
         waves=nothing,
-        curvature=read_only(curvature),
         samples=none,
         dense=read_only(np.arange(num)),
         tips=tips or Tips.none(num),
-        orientation=read_only(orientation),
         self_maps=read_only(np.empty((0, 0, 0))),
         notes=(),
+        **kept,
     )
 
 
@@ -131,35 +121,30 @@ def posed_surface(spectral: SpectralShape, normals: FloatArray) -> PosedSurface:
 
 def first_samples(surface: PosedSurface, num_points: int, num_functions: int) -> PosedSurface:
     """Return the surface at its first samples, which are spread evenly, with its lowest functions alone."""
-    whole = surface.spectral
-    few = spectral_samples(
-        name=whole.name,
-        vertices=whole.vertices[:num_points],
-        area=whole.area,
-        eigenvalues=whole.eigenvalues[:num_functions],
-        functions=whole.functions[:num_points, :num_functions],
-        mass=whole.mass[:num_points] / whole.mass[:num_points].sum(),
-        agd=whole.agd[:num_points],
-        curvature=whole.curvature[:num_points],
-        orientation=whole.orientation[:num_points],
-        tips=whole.tips.at_first(num_points),
-    )
-    return posed_surface(few, surface.normals[:num_points])
+    whole, first = surface.spectral, slice(num_points)
+    few = _at(whole, first, whole.orientation[first], whole.tips.at_first(num_points), num_functions)
+    return posed_surface(few, surface.normals[first])
 
 
 def sampled_surface(shape: SpectralShape) -> PosedSurface:
     """Return a shape that is prepared in full, at its dense samples; it must have triangles."""
-    dense = shape.dense
-    spectral = spectral_samples(
+    sampled = _at(shape, shape.dense, shape.orientation, shape.tips, len(shape.eigenvalues))
+    return posed_surface(sampled, vertex_normals(shape.working_shape)[shape.dense])
+
+
+def _at(
+    shape: SpectralShape, rows: IntArray | slice, orientation: FloatArray, tips: Tips, num_functions: int
+) -> SpectralShape:
+    """Return a shape at some of its vertices, with its lowest functions alone."""
+    return spectral_samples(
         name=shape.name,
-        vertices=shape.vertices[dense],
+        vertices=shape.vertices[rows],
         area=shape.area,
-        eigenvalues=shape.eigenvalues,
-        functions=shape.functions[dense],
-        mass=shape.mass[dense] / shape.mass[dense].sum(),
-        agd=shape.agd[dense],
-        curvature=shape.curvature[dense],
-        orientation=shape.orientation,
-        tips=shape.tips,
+        eigenvalues=shape.eigenvalues[:num_functions],
+        functions=shape.functions[rows][:, :num_functions],
+        mass=shape.mass[rows] / shape.mass[rows].sum(),
+        agd=shape.agd[rows],
+        curvature=shape.curvature[rows],
+        orientation=orientation,
+        tips=tips,
     )
-    return posed_surface(spectral, vertex_normals(shape.working_shape)[dense])

@@ -10,8 +10,7 @@ from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
 from collalign.nonrigid.map_evidence import judge
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.pose_maps import PoseMapper
-from collalign.nonrigid.starts.matched_tips import LEFT_OUT, MIN_TIPS, REMOTENESS_WEIGHT, tip_matchings
-from collalign.nonrigid.starts.smooth import SmoothMapper
+from collalign.nonrigid.starts.smooth import LEFT_OUT, MIN_TIPS, REMOTENESS_WEIGHT, SmoothMapper, tip_matchings
 from collalign.nonrigid.surface.posed import sampled_surface
 from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
 from collalign.nonrigid.surface.tips import UNREACHABLE, Tips
