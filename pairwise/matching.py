@@ -23,13 +23,16 @@ from pairwise.candidates import with_better
 from pairwise.dense.points import DensePoints
 from pairwise.dense.rank import DenseLike, dense_pair, refine_candidates
 from pairwise.options import MatchOptions, Strategy
-from pairwise.portfolio import find_poses, relax, wants_relaxation
+from pairwise.portfolio import find_poses, wants_relaxation
 from pairwise.problem.problem import Problem, ProblemArguments
+from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate, MatchResult, RelaxationResult
 from pairwise.status import Status
 
 #: A shift of more than this share of the points' spread is said.
 SHIFTED = 0.1
+#: Relative gap between energy and bound at which a pose counts as proven.
+GAP_TOL = 1e-3
 
 
 @one_blas_thread()
@@ -143,14 +146,16 @@ def match_problem(
 ) -> MatchResult:
     """Match as :func:`match` does, from a checked problem, checked starts (m, d, d) and checked dense points."""
     begin_s = time.perf_counter()
-    relaxation = relax(problem, options) if wants_relaxation(problem, options) else None
+    relaxation = None
+    if wants_relaxation(problem, options):
+        relaxation = solve_pm_sdp(problem, tol=GAP_TOL, time_limit_s=options.time_limit_s)
     relaxed_s = time.perf_counter()
     ranked = find_poses(problem, options, relaxation=relaxation, starts=starts)
     found_s = time.perf_counter()
-    bound, status = _proven(problem, relaxation, ranked[0], options)
+    bound, status = _proven(problem, relaxation, ranked[0])
     if options.certify and status is not Status.PROVEN_OPTIMAL and can_certify(problem):
         left_s = None if options.time_limit_s is None else max(options.time_limit_s - (found_s - begin_s), 1e-3)
-        proof = prove(problem, ranked, tol=options.gap_tol, time_limit_s=left_s)
+        proof = prove(problem, ranked, tol=GAP_TOL, time_limit_s=left_s)
         ranked, status = with_better(ranked, proof.candidate, problem, options), proof.status
         bound = min(float(np.fmax(bound, proof.lower_bound)), ranked[0].energy)
     proven_s = time.perf_counter()
@@ -178,13 +183,11 @@ def match_problem(
     )
 
 
-def _proven(
-    problem: Problem, relaxation: RelaxationResult | None, best: Candidate, options: MatchOptions
-) -> tuple[float, Status]:
+def _proven(problem: Problem, relaxation: RelaxationResult | None, best: Candidate) -> tuple[float, Status]:
     """Return the relaxation's bound, NaN without one, and whether it proves the best pose."""
     if relaxation is None or not problem.pattern.is_block_diagonal:
         return float("nan"), Status.LOCAL_OPTIMUM
     bound = min(max(relaxation.lower_bound, 0.0), best.energy)
-    if bound >= (1.0 - options.gap_tol) * best.energy - problem.rounding_energy:
+    if bound >= (1.0 - GAP_TOL) * best.energy - problem.rounding_energy:
         return bound, Status.PROVEN_OPTIMAL
     return bound, Status.LOCAL_OPTIMUM

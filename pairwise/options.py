@@ -29,8 +29,6 @@ class MatchOptions:
     """Try to prove that no better pose exists."""
     time_limit_s: float | None = None
     """Seconds for the relaxation and the proof of one pair; none by default."""
-    gap_tol: float = 1e-3
-    """Relative gap between energy and bound at which a pose counts as proven."""
     num_draws: int = 64
     """Poses drawn from the solution of the relaxation."""
     max_candidates: int = 8
@@ -51,6 +49,5 @@ class MatchOptions:
         if self.candidate_factor != np.inf:
             check_number("candidate_factor", self.candidate_factor, lower=1.0)
         check_flag("certify", self.certify)
-        check_number("gap_tol", self.gap_tol, upper=1.0, positive=True)
         if self.time_limit_s not in (None, np.inf):
             check_number("time_limit_s", self.time_limit_s, positive=True)

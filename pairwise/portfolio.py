@@ -19,7 +19,6 @@ from pairwise.local.rotation_search import explore, look_around
 from pairwise.options import MatchOptions
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations
 from pairwise.problem.problem import Problem
-from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate, RelaxationResult
 
 #: Largest dimension of the rotation block that a set of rotations covers.
@@ -31,11 +30,6 @@ def wants_relaxation(problem: Problem, options: MatchOptions) -> bool:
     uncovered = problem.pattern.rotation_block > _MAX_COVERED_DIM
     by_strategy = {"search": False, "relaxation": True, "portfolio": uncovered}[options.strategy]
     return by_strategy or (options.certify and not can_certify(problem))
-
-
-def relax(problem: Problem, options: MatchOptions) -> RelaxationResult:
-    """Solve PM-SDP of the problem to the gap that counts as proven."""
-    return solve_pm_sdp(problem, tol=options.gap_tol, time_limit_s=options.time_limit_s)
 
 
 def find_poses(

@@ -15,6 +15,7 @@ from pairwise.pm_sdp.certify import certify_dual, optimal_assignment
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import DualSolution, solve_dual
 from pairwise.problem.problem import Problem, ProblemArguments
+from pairwise.reference.cvxpy import check_limits
 from pairwise.results import RelaxationResult
 from pairwise.status import Status
 
@@ -68,7 +69,9 @@ def solve_relaxation(
     >>> bool(abs(found.lower_bound) < 1e-4)
     True
     """
-    _check_options(solver, tol, max_iterations, time_limit_s)
+    if solver not in ("dual", "scs", "clarabel"):
+        raise OptionsError(f"solver: expected 'dual', 'scs' or 'clarabel', got {solver!r}")
+    check_limits(tol, max_iterations, time_limit_s)
     problem = Problem.from_user(target, source, **problem_arguments)
     limits: dict[str, Any] = {} if max_iterations is None else {"max_iterations": max_iterations}
     if solver != "dual":
@@ -78,17 +81,6 @@ def solve_relaxation(
             problem, solver=solver, cross_products=cross_products, tol=tol, time_limit_s=time_limit_s, **limits
         )
     return solve_pm_sdp(problem, cross_products=cross_products, tol=tol, time_limit_s=time_limit_s, **limits)
-
-
-def _check_options(solver: str, tol: float, max_iterations: int | None, time_limit_s: float | None) -> None:
-    if solver not in ("dual", "scs", "clarabel"):
-        raise OptionsError(f"solver: expected 'dual', 'scs' or 'clarabel', got {solver!r}")
-    if not 0.0 < tol < 1.0:
-        raise OptionsError(f"tol: expected a number between 0 and 1, got {tol}")
-    if max_iterations is not None and max_iterations < 1:
-        raise OptionsError(f"max_iterations: expected at least 1, got {max_iterations}")
-    if time_limit_s is not None and not time_limit_s > 0.0:
-        raise OptionsError(f"time_limit_s: expected a positive number of seconds, got {time_limit_s}")
 
 
 @one_blas_thread()

@@ -24,7 +24,7 @@ from experiments.tables import Column, Row, Table
 from pairwise.dense.rank import refine_candidates
 from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
-from pairwise.portfolio import relax
+from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate
 
 SEED = 0
@@ -91,7 +91,7 @@ def measure_pairs(cell: Cell) -> Record:
         for name, error in _errors(pair, result.candidates, ranked).items():
             found[name].append(error)
         if number < settings["bounds"]:
-            found["bound"].append(relax(pair.problem, MatchOptions(gap_tol=1e-2)).value / result.energy)
+            found["bound"].append(solve_pm_sdp(pair.problem, tol=1e-2).value / result.energy)
     lists = {name: np.array(values) for name, values in found.items()}
     return {**lists, "seconds": seconds, "refinement_s": refinement_s}
 

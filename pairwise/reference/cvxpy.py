@@ -63,17 +63,22 @@ def solve_program(
     return Status.ITERATION_LIMIT if (stats.num_iters or 0) >= limit else Status.STALLED
 
 
-def _solver_settings(
-    solver: str, tol: float, max_iterations: int | None, time_limit_s: float | None
-) -> dict[str, float]:
-    if solver not in DEFAULT_MAX_ITERATIONS:
-        raise OptionsError(f"solver: expected 'scs' or 'clarabel', got {solver!r}")
+def check_limits(tol: float, max_iterations: int | None, time_limit_s: float | None) -> None:
+    """Refuse a tolerance or a limit that no solver can have."""
     if not 0 < tol < 1:
         raise OptionsError(f"tol: expected a number between 0 and 1, got {tol}")
     if max_iterations is not None and max_iterations < 1:
         raise OptionsError(f"max_iterations: expected 1 or more, got {max_iterations}")
     if time_limit_s is not None and not time_limit_s > 0:
         raise OptionsError(f"time_limit_s: expected a positive number, got {time_limit_s}")
+
+
+def _solver_settings(
+    solver: str, tol: float, max_iterations: int | None, time_limit_s: float | None
+) -> dict[str, float]:
+    if solver not in DEFAULT_MAX_ITERATIONS:
+        raise OptionsError(f"solver: expected 'scs' or 'clarabel', got {solver!r}")
+    check_limits(tol, max_iterations, time_limit_s)
     limit = max_iterations or DEFAULT_MAX_ITERATIONS[solver]
     if solver == "scs":
         settings = {"eps_abs": tol, "eps_rel": tol, "max_iters": limit}

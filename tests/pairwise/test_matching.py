@@ -196,7 +196,6 @@ def test_bad_input_is_refused_by_name(arguments, message: str) -> None:
         {"candidate_factor": 0.9},
         {"max_candidates": 0},
         {"num_draws": -1},
-        {"gap_tol": 0.0},
     ],
 )
 def test_impossible_options_are_refused(fields) -> None:

@@ -11,9 +11,8 @@ from collalign.analysis.label_table import read_labels
 from collalign.cli.talk import say, tell, warn
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
-from collalign.tools.classify.clouds import posed_clouds
 from collalign.tools.classify.run import Singles, classify_leave_one_out
-from collalign.tools.classify.surface_distance import surface_distances
+from collalign.tools.classify.surface_distance import posed_clouds, surface_distances
 
 #: Said below every classification.
 _DISTANCES = "By distances of surfaces: closest points at the poses, refined for near neighbours."

@@ -8,11 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
+from collalign.output.collection import Collection
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.embedding.sampling import farthest_points
+from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 from pairwise.dense.points import DensePoints
 from pairwise.dense.refine import refine_pose
 
+#: Points of each shape. Even points make closest points a measure of the surfaces alone.
+NUM_POINTS = 400
 #: Neighbours of each shape, by the poses as they are, whose distances are measured after refining the pose: a nearest
 #: neighbour is one of these.
 NUM_NEAR = 16
@@ -60,6 +65,16 @@ def distances_at_poses(clouds: Sequence[FloatArray]) -> FloatArray:
         num = 0.5 * (len(clouds[i]) + len(clouds[j]))
         distances[i, j] = distances[j, i] = np.sqrt(np.concatenate(squares).mean() * num)
     return distances
+
+
+def posed_clouds(collection: Collection) -> list[FloatArray]:
+    """Return farthest points of every display mesh, centred and of unit size in the common frame, each (k, 3)."""
+    clouds = []
+    for vertices, rotation in zip(collection.vertices, collection.rotations, strict=True):
+        shape = Shape.from_arrays(vertices)
+        chosen = farthest_points(shape, min(NUM_POINTS, len(vertices)), metric="euclidean")
+        clouds.append(unit_cloud(vertices[chosen]) @ rotation.T)
+    return clouds
 
 
 def unit_cloud(points: FloatArray) -> FloatArray:

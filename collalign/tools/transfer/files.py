@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from collalign.confidence.radius_model import COVERAGE
 from collalign.landmarks.curves import slider_rows
 from collalign.tools.transfer.result import TransferredLandmarks
-from data_tools.arrays import FloatArray
+from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 
@@ -47,39 +47,38 @@ def write_transfer(transferred: TransferredLandmarks, to: Path, *, leave_one_out
         return tuple(output.published(path) for path in staged)
 
 
-def transfer_rows(transferred: TransferredLandmarks) -> list[list[str]]:
+def transfer_rows(transferred: TransferredLandmarks) -> list[list[object]]:
     """One row per specimen and landmark: place, radius, and what became of it."""
-    rows = [["name", "landmark", "x", "y", "z", "radius", "status"]]
+    rows: list[list[object]] = [["name", "landmark", "x", "y", "z", "radius", "status"]]
     for at, name in enumerate(transferred.names):
         for number, label in enumerate(transferred.labels):
-            place = [*transferred.points[at, number], transferred.radii[at, number]]
-            rows.append([name, label, *map(_number, place), transferred.status[at][number]])
+            place = [*transferred.points[at, number].tolist(), float(transferred.radii[at, number])]
+            rows.append([name, label, *place, transferred.status[at][number]])
     return rows
 
 
-def slider_table(transferred: TransferredLandmarks) -> list[list[str]]:
+def slider_table(transferred: TransferredLandmarks) -> list[list[object]]:
     """Return between which landmarks each semilandmark of a curve slides, counted from 1, as geomorph has it."""
-    rows = [["before", "slide", "after"]]
+    rows: list[list[object]] = [["before", "slide", "after"]]
     for one in transferred.semilandmarks:
         if one.kind != "patch":
-            sliders = 1 + slider_rows(one.rows, closed=one.kind == "closed curve")
-            rows += [[str(number) for number in row] for row in sliders.tolist()]
+            rows += (1 + slider_rows(one.rows, closed=one.kind == "closed curve")).tolist()
     return rows
 
 
-def surface_table(transferred: TransferredLandmarks) -> list[list[str]]:
+def surface_table(transferred: TransferredLandmarks) -> list[list[object]]:
     """Return the numbers, from 1, of semilandmarks that slide along surfaces."""
-    patches = [one.rows for one in transferred.semilandmarks if one.kind == "patch"]
-    return [["surface"], *([str(1 + row)] for rows in patches for row in rows)]
+    rows: list[list[object]] = [["surface"]]
+    return rows + [[1 + row] for one in transferred.semilandmarks if one.kind == "patch" for row in one.rows]
 
 
-def left_out_rows(transferred: TransferredLandmarks) -> list[list[str]]:
+def left_out_rows(transferred: TransferredLandmarks) -> list[list[object]]:
     """One row per template and landmark: how far the other templates' answer is from the expert's, and the radius."""
-    rows = [["name", "landmark", "error", "radius"]]
+    rows: list[list[object]] = [["name", "landmark", "error", "radius"]]
     for at, name in enumerate(transferred.templates):
         for number, label in enumerate(transferred.labels):
             pair = transferred.left_out_errors[at, number], transferred.left_out_radii[at, number]
-            rows.append([name, label, *map(_number, pair)])
+            rows.append([name, label, *map(float, pair)])
     return rows
 
 
@@ -120,11 +119,5 @@ def draw_left_out(transferred: TransferredLandmarks, path: Path) -> Path:
     return write_atomic(path, image.getvalue())
 
 
-def _write(path: Path, rows: list[list[str]]) -> Path:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return write_atomic(path, text.getvalue().encode("utf-8", "backslashreplace"))
-
-
-def _number(value: float | FloatArray) -> str:
-    return "" if np.isnan(value) else repr(float(value))
+def _write(path: Path, rows: Sequence[Sequence[object]]) -> Path:
+    return write_atomic(path, csv_text(rows).encode("utf-8", "backslashreplace"))
