@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 from collalign.engine.jobs.job import Job, K, Results, Runner, T, Wanted, table_of_stored
@@ -125,6 +127,7 @@ class Session(Generic[OptionsT]):
         shared: SharedTable | None = None,
         retry: Literal["crashed", "all"] = "crashed",
         strict: bool = False,
+        until: float = math.inf,
     ) -> Results[K, T]:
         """Compute what the store lacks, put every result into it, and return all of them.
 
@@ -141,6 +144,9 @@ class Session(Generic[OptionsT]):
             Which failures of earlier runs are tried again; all with ``strict``.
         strict : bool
             Raise at the first failure; what is finished stays in the store.
+        until : float
+            When, by :func:`time.monotonic`, no further task begins; what has not begun is among the failures of the
+            results, not of the store. The first that are wanted begin first.
 
         Raises
         ------
@@ -154,7 +160,7 @@ class Session(Generic[OptionsT]):
         with nullcontext() if own is None else own, self._display(job.kind, len(by_key), len(missing)) as report:
             outcomes = run_jobs(
                 Runner(job.run, is_kept=True),
-                ((key, by_key[key].arguments) for key in missing),
+                takewhile(lambda _: time.monotonic() < until, ((key, by_key[key].arguments) for key in missing)),
                 num_jobs=self.run.num_workers,
                 time_limit_s=time_limit_s,
                 memory_limit_bytes=None if time_limit_s is None else self.run.memory_limit_bytes,
@@ -169,7 +175,8 @@ class Session(Generic[OptionsT]):
                     outcomes.close()
                     raise InputError(f"{label}: {outcome.failure}")
         done, failures = self.store.keys(job.kind), self.store.failures(job.kind)
-        reasons = {name: failures[one.key].reason for name, one in wanted.items() if one.key not in done}
+        left = {name: failures.get(one.key) for name, one in wanted.items() if one.key not in done}
+        reasons = {name: "no time was left" if failure is None else failure.reason for name, failure in left.items()}
         return Results(self.store, job, wanted, reasons)
 
     def spread(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from data_tools.arrays import as_floats, as_indices, as_rotations
 from data_tools.errors import InputError
 from pairwise.certificates.verify_cells import tilted_bound
-from pairwise.certificates.verify_joint import gram_bound, largest_turns
+from pairwise.certificates.verify_joint import gram_bound
 from pairwise.local.local_search import MatchingCosts
 from pairwise.problem.problem import Problem
 
@@ -35,8 +35,6 @@ class CheckedCollection:
         No arrangement of the shapes costs less; NaN where the proof is refused.
     energy : float
         Of the arrangement in the file.
-    num_held : int
-        Shapes that no arrangement as cheap as that turns by more than a right angle against most others.
     fault : str
         Why the proof is refused, empty if it is not.
     """
@@ -45,7 +43,6 @@ class CheckedCollection:
     num_pairs: int
     proven: float
     energy: float
-    num_held: int
     fault: str = ""
 
     def __str__(self) -> str:
@@ -54,8 +51,7 @@ class CheckedCollection:
         return (
             f"Collection: no arrangement of the {self.num_shapes} shapes costs less than {self.proven:.6g} over "
             f"{self.num_pairs} pairs; the cheapest one known costs {self.energy:.6g}, "
-            f"{100 * (self.energy / max(self.proven, 1e-300) - 1.0):.2f} % more. "
-            f"None that is as cheap turns {self.num_held} of the shapes by more than 90 deg against most others."
+            f"{100 * (self.energy / max(self.proven, 1e-300) - 1.0):.2f} % more."
         )
 
 
@@ -76,9 +72,7 @@ def check_collection(
         return _check(arrays, num_shapes, problem)
     except (InputError, FloatingPointError, OverflowError, np.linalg.LinAlgError) as error:
         nothing = float("nan")
-        return CheckedCollection(
-            num_shapes=num_shapes, num_pairs=0, proven=nothing, energy=nothing, num_held=0, fault=str(error)
-        )
+        return CheckedCollection(num_shapes=num_shapes, num_pairs=0, proven=nothing, energy=nothing, fault=str(error))
 
 
 def _check(
@@ -110,7 +104,6 @@ def _check(
             rotation = frames[i].T @ frames[j]
             energy += one.energy(rotation, MatchingCosts(one).assign(rotation[None])[0])
         proven = pair_sum + gram_bound(edges, tilts, diagonal)
-        turns = largest_turns(edges, tilts, diagonal, frames, energy - pair_sum)
     claim = float(as_floats(arrays["bound"], "bound", shape=()))
     if not proven >= claim - _CLAIM_TOL * max(energy, abs(claim)):
         raise InputError(f"it claims the bound {claim:.12g} but proves {proven:.12g}")
@@ -119,5 +112,4 @@ def _check(
         num_pairs=len(edges),
         proven=proven,
         energy=energy,
-        num_held=int((turns <= 0.5 * np.pi).sum()),
     )

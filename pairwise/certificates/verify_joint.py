@@ -45,58 +45,6 @@ def gram_bound(edges: IntArray, tilts: FloatArray, diagonal: FloatArray) -> floa
     return len(matrix) * min(0.0, least) - float(np.trace(matrix)) - _rounding(matrix)
 
 
-@one_blas_thread()
-def largest_turns(
-    edges: IntArray, tilts: FloatArray, diagonal: FloatArray, frames: FloatArray, gap: float
-) -> FloatArray:
-    """Bound the angles by which poses of a total energy at most that of the given ones can differ from these.
-
-    With D the stack of R_i^T at i and -R_j^T at j, and W_i = (R_i^T)^T X_i what turns shape i, W_i - W_j = D^T X, so
-    |W_i - W_j|^2 <= tr X^T S X times the largest eigenvalue of D^T S^-1 D where S is positive definite, and it is
-    8 sin^2(angle / 2), and at least 4 where just one of them is mirrored.
-
-    Parameters
-    ----------
-    edges, tilts, diagonal
-        As for :func:`gram_bound`.
-    frames : ndarray, shape (N, 3, 3)
-        R_i.
-    gap : float
-        The energy of these poses less the sum of the pairs' bounds: then tr X^T S X - tr Y is at most that.
-
-    Returns
-    -------
-    ndarray, shape (N,)
-        For each shape the median over the others, in radians; pi where its pose, or its mirror image, is left free.
-    """
-    matrix, num = gram_matrix(edges, tilts, diagonal), len(frames)
-    shift = max(0.0, _rounding(matrix) - float(np.linalg.eigvalsh(matrix)[0]))
-    slack = gap + float(np.trace(matrix)) + _rounding(matrix)
-    least = np.full((num, num), np.inf)
-    for share in _SHIFTS:
-        more = shift + share * max(slack, 0.0) / len(matrix)
-        if more > 0.0:
-            resistances = _resistances(matrix + more * np.eye(len(matrix)), frames)
-            least = np.minimum(least, (slack + len(matrix) * more) * resistances)
-    turns = np.where(least < 4.0, 2.0 * np.arcsin(np.sqrt(np.clip(least / 8.0, 0.0, 1.0))), np.pi)
-    others = turns[~np.eye(num, dtype=bool)].reshape(num, num - 1)
-    return np.asarray(np.median(others, axis=1))
-
-
-#: By what share of the slack S is raised in all, to be inverted: the least result of these counts.
-_SHIFTS = (0.01, 0.1, 1.0)
-
-
-def _resistances(matrix: FloatArray, frames: FloatArray) -> FloatArray:
-    """Return the largest eigenvalue of D^T S^-1 D for all pairs of shapes, (N, N)."""
-    num = len(frames)
-    blocks = np.linalg.inv(matrix).reshape(num, 3, num, 3)
-    turned = np.einsum("iab,ibjc,jdc->ijad", frames, blocks, frames, optimize=True)
-    own = turned[np.arange(num), np.arange(num)]
-    both = own[:, None] + own[None] - turned - np.swapaxes(turned, 2, 3)
-    return np.asarray(np.linalg.eigvalsh(both)[..., -1] * (1.0 + 1e-9))
-
-
 def _rounding(matrix: FloatArray) -> float:
     """Return more than rounding can have changed an eigenvalue or the trace by."""
     return 8.0 * len(matrix) * _EPS * float(np.linalg.norm(matrix))

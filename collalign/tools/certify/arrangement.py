@@ -18,8 +18,8 @@ from pairwise.problem.problem import Problem
 
 #: Most alternations of maps and poses, and most sweeps over the poses between two of them.
 _MOST_ROUNDS, _MOST_SWEEPS = 100, 50
-#: Poses and maps stay when the energy falls by less than this share of it.
-_LEAST_GAIN = 1e-9
+#: Poses and maps stay when the energy falls by less than this share of it; poses alone from this change on.
+_LEAST_GAIN, _LEAST_STEP = 1e-7, 1e-9
 #: Perturbations: turns of this many degrees (one drawn each time) of each shape with one of these probabilities. Of
 #: eight teeth (draws 0 to 4 of ``python -m experiments teeth_jobs``) one has an arrangement that is .9 % cheaper and
 #: was never reached by turns of at most 6 degrees.
@@ -116,6 +116,6 @@ class PairEnergies:
             before = frames.copy()
             for shape, pulls in enumerate(dense):
                 frames[shape] = self.pattern.project((frames @ np.swapaxes(pulls, 1, 2)).sum(axis=0))
-            if np.abs(frames - before).max() < _LEAST_GAIN:
+            if np.abs(frames - before).max() < _LEAST_STEP:
                 break
         return frames

@@ -15,7 +15,7 @@ from collalign.output.evidence.gather import json_types
 from collalign.output.evidence.loading import load
 from collalign.output.report.page import write_report
 from collalign.output.write import REPORT_FILE, WRITER, report_title
-from collalign.tools.certify.result import FREE_RAD, CertifiedCollection, share_of
+from collalign.tools.certify.result import CertifiedCollection, share_of
 from data_tools.io.files import read_text, write_atomic
 from data_tools.io.output_folder import OutputFolder
 
@@ -99,15 +99,9 @@ def certification_record(certified: CertifiedCollection) -> dict[str, object]:
                 "R_cheapest_shape": frame,
                 "change_deg": change,
                 "same_chirality": same,
-                "largest_turn_deg": None if turn > FREE_RAD else np.rad2deg(turn),
             }
-            for name, frame, change, same, turn in zip(
-                certified.names,
-                joint.frames,
-                certified.changes_deg,
-                certified.same_chirality,
-                joint.turns_rad,
-                strict=True,
+            for name, frame, change, same in zip(
+                certified.names, joint.frames, certified.changes_deg, certified.same_chirality, strict=True
             )
         ],
         "pairs": [{"target": certified.names[i], "source": certified.names[j]} for i, j in joint.edges.tolist()],
@@ -125,8 +119,6 @@ def certification_summary(certified: CertifiedCollection) -> tuple[str, ...]:
         if not len(turned)
         else f"Refuted: turning {_named(names, turned)} costs {less} less."
     )
-    held, free = np.flatnonzero(joint.turns_rad <= FREE_RAD), np.flatnonzero(joint.turns_rad > FREE_RAD)
-    largest = np.rad2deg(joint.turns_rad[held].max(initial=0.0))
     return (
         f"Proven: no consistent arrangement of these {len(names)} shapes is cheaper than the result by more than "
         f"{_percent(saving)}, nor than the cheapest one known by more than {_percent(1.0 - joint.share)} (lower "
@@ -134,10 +126,6 @@ def certification_summary(certified: CertifiedCollection) -> tuple[str, ...]:
         f"{len(joint.edges)} pairs of squared distances of {certified.coordinates.shape[1]} matched samples; "
         f"{joint.ended}).",
         own,
-        f"Proven: no arrangement as cheap as that turns {_named(names, held)} by more than {largest:.0f} deg against "
-        "most others." + (f" Left free: {_named(names, free)}." if len(free) else "")
-        if len(held)
-        else "The proof leaves the pose of every single shape free.",
         "Not proven: that the poses are anatomically right, or that the cheapest poses are.",
     )
 

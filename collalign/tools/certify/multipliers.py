@@ -5,9 +5,6 @@ Good ones are the dual variables of: minimise ``sum_c shares_c F_ij(R_c)`` over 
 is solved by alternating direction multipliers (Boyd et al. 2011): shares of each pair's columns, then the projection
 on G >= 0, then the scaled dual U. There -rho U is positive semidefinite, has L_ij / 2 beside the diagonal and Y on
 it.
-
-A multiple (``curvature``) of ``3 - <R*_ij, R>`` may be taken off every energy, R* the cheapest arrangement known. It
-adds to S a Laplacian that vanishes at R* alone, and so says how far as cheap poses can be from R*.
 """
 
 from __future__ import annotations
@@ -35,7 +32,7 @@ class JointMaster:
     num_shapes : int
     edges : ndarray of int, shape (E, 2)
     known : ndarray, shape (E, d, d)
-        R*_ij, a first column of each pair.
+        A first column of each pair: those of one arrangement.
     energies : ndarray, shape (E,)
         Of these columns.
     unit : float
@@ -47,15 +44,12 @@ class JointMaster:
         L_ij; zero before the first round.
     diagonal : ndarray, shape (N, d, d)
         Y_i.
-    known, curvature
-        What is taken off, see above; nothing at first.
     """
 
     def __init__(
         self, num_shapes: int, edges: IntArray, known: FloatArray, energies: FloatArray, unit: float
     ) -> None:
         self._edges, self._dim, self._penalty = edges, known.shape[-1], _PENALTY * unit
-        self.known, self.curvature = known, 0.0
         self._columns, self._energies, self._shares = known[:, None], energies[:, None], np.ones((len(edges), 1))
         self.tilts, self.diagonal = np.zeros_like(known), np.zeros((num_shapes, self._dim, self._dim))
         self._blocks = self._with_diagonal(np.eye(self._dim), known)
@@ -83,12 +77,6 @@ class JointMaster:
                     self._shares = np.pad(self._shares, room)
                 self._columns[pair, at], self._energies[pair, at] = rotation, energy
 
-    def recentre(self, known: FloatArray, energies: FloatArray, most_curved: float) -> None:
-        """Take R* (E, d, d) of energies (E,) for the cheapest arrangement known from now on."""
-        self.known, self.curvature = known, min(self.curvature, most_curved)
-        for pair in range(len(known)):
-            self.add(pair, known[pair : pair + 1], energies[pair : pair + 1])
-
     def used(self, pair: int) -> FloatArray:
         """Return the columns of a pair that have a share, (m, d, d)."""
         return self._columns[pair][self._shares[pair] > 0.0]
@@ -97,31 +85,29 @@ class JointMaster:
     def run(self) -> float:
         """Alternate for one round; return the bound that holds if there is no rotation but the columns."""
         left, right = self._edges.T
-        cosines = (self._columns * self.known[:, None]).sum(axis=(2, 3))
-        costs = self._energies - self.curvature * (self._dim - cosines)
         for _ in range(_STEPS):
             mixed = self._blocks - self._dual
-            self._improve_shares(costs, mixed[left, :, right])
+            self._improve_shares(mixed[left, :, right])
             means = (self._shares[..., None, None] * self._columns).sum(axis=1)
             wanted = self._dual + self._with_diagonal(np.eye(self._dim), means, mixed)
             self._blocks = _positive_part(wanted)
             self._dual = wanted - self._blocks
         every, slack = np.arange(len(self.diagonal)), -self._penalty * self._dual
-        tilts, diagonal = 2.0 * slack[left, :, right], slack[every, :, every]
-        degrees = np.bincount(self._edges.ravel(), minlength=len(every))
-        self.tilts = tilts - self.curvature * self.known
-        self.diagonal = diagonal + 0.5 * self.curvature * degrees[:, None, None] * np.eye(self._dim)
-        values = costs - (self._columns * tilts[:, None]).sum(axis=(2, 3))
-        return float(values.min(axis=1).sum() - np.trace(diagonal, axis1=1, axis2=2).sum())
+        self.tilts, self.diagonal = 2.0 * slack[left, :, right], slack[every, :, every]
+        return float(self.least().sum() - np.trace(self.diagonal, axis1=1, axis2=2).sum())
 
-    def _improve_shares(self, costs: FloatArray, wanted: FloatArray) -> None:
-        """Lower ``<costs, shares> + penalty |columns^T shares - wanted|^2`` of all pairs, step by step.
+    def least(self) -> FloatArray:
+        """Return the least of F - <L, .> over the columns of each pair, shape (E,)."""
+        return np.asarray((self._energies - (self._columns * self.tilts[:, None]).sum(axis=(2, 3))).min(axis=1))
+
+    def _improve_shares(self, wanted: FloatArray) -> None:
+        """Lower ``<energies, shares> + penalty |columns^T shares - wanted|^2`` of all pairs, step by step.
 
         Each step moves share from the column of largest gradient that has some to that of least gradient.
         """
-        pairs, points = np.arange(len(wanted)), self._columns.reshape(*costs.shape, -1)
+        pairs, points = np.arange(len(wanted)), self._columns.reshape(*self._energies.shape, -1)
         away = (self._shares[..., None] * points).sum(axis=1) - wanted.reshape(len(wanted), -1)
-        gradient = costs + 2.0 * self._penalty * (points @ away[..., None])[..., 0]
+        gradient = self._energies + 2.0 * self._penalty * (points @ away[..., None])[..., 0]
         for _ in range(_SHARE_STEPS):
             low = gradient.argmin(axis=1)
             high = np.where(self._shares > 0.0, gradient, -np.inf).argmax(axis=1)

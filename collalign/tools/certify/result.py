@@ -8,9 +8,6 @@ import numpy as np
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
 
-#: A shape is left free where some arrangement that is as cheap may turn it by more than this.
-FREE_RAD = 0.5 * np.pi
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointBound:
@@ -32,17 +29,14 @@ class JointBound:
     frames : ndarray, shape (N, 3, 3)
         ``R_common_shape`` of the cheapest arrangement known.
     bounds : tuple of float
-        The joint lower bound of each round of proofs.
+        The joint lower bound of each round of proofs, also where the time ended within it.
     ended : str
         Why there was no further round.
     bound : float
-        No arrangement has a smaller energy: the best of all rounds.
+        No arrangement has a smaller energy: the best of all rounds, at least 0.
     tilts, diagonal, depths, num_cells
         What proves it, see :mod:`pairwise.certificates.verify_joint`: L (E, 3, 3), Y (N, 3, 3), the depths of all
         cells, and how many each chirality of each pair has, (E, 1) or (E, 2).
-    turns_rad : ndarray, shape (N,)
-        Every arrangement of at most ``energy`` turns a shape by at most this against the median of the others; pi
-        where nothing is proven.
     """
 
     edges: IntArray
@@ -57,7 +51,6 @@ class JointBound:
     diagonal: FloatArray
     depths: IntArray
     num_cells: IntArray
-    turns_rad: FloatArray
 
     __repr__ = one_line
 

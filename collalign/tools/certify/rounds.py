@@ -1,8 +1,9 @@
 """Rounds of multipliers and proofs: a lower bound for all consistent arrangements of some shapes together.
 
 Multipliers (:mod:`collalign.tools.certify.multipliers`) are improved by descents, which cost little, before all pairs
-are bounded at them by branch and bound. Any multipliers prove a bound; the best of all rounds counts. Rounding the
-relaxed Gram matrix also leads to arrangements that may be cheaper than any known one.
+are bounded at them by branch and bound, for as long as there is time. Any multipliers prove a bound, and so do any of
+the pairs; the best of all rounds counts. Rounding the relaxed Gram matrix also leads to arrangements that may be
+cheaper than any known one.
 """
 
 from __future__ import annotations
@@ -22,31 +23,30 @@ from collalign.tools.certify.multipliers import JointMaster
 from collalign.tools.certify.result import JointBound
 from data_tools.arrays import FloatArray, read_only
 from data_tools.checks import check_count, check_number
-from data_tools.errors import CollectionError
-from pairwise.branch_and_bound.tilted import TiltedProof, prove_tilted
-from pairwise.certificates.verify_joint import gram_bound, largest_turns
+from pairwise.branch_and_bound.tilted import TiltedProof, least_energies, prove_tilted
+from pairwise.certificates.verify_joint import gram_bound
 from pairwise.local.rotation_sets import rotation_set
 from pairwise.problem.problem import Problem
 
 #: How exactly each pair is bounded, as a share of the mean energy of a pair: what the joint bound loses to it.
 _GAP = 5e-4
-#: Rounds of descents before each round of proofs, and when the rounds end: the columns promise no more than this
-#: share of the energy above what is proven.
-_DESCENTS, _SETTLED = 5, 1e-3
-#: What is taken off per unit of 3 - <R*, R>, as a share of the mean energy of a pair, and the share of the energy
-#: that the bound may lose to it, else nothing is: of 0, .003, .01, .03 and .1 the largest that eight teeth bear
-#: (draws 0 to 4); eight chairs with near symmetries (family 10 of ``python -m experiments deformations``) lose 4 %.
-_CURVATURE, _MOST_LOST = 0.03, 3e-3
-#: An arrangement counts as cheaper, and the multipliers are made for it, from this share of a pair's energy on.
+#: Rounds of descents before each round of proofs, which takes about three times as long as one of them: pairs times
+#: rounds, and most.
+_DESCENT_PAIRS, _MOST_DESCENTS = 10_000, 5
+#: The rounds end once the columns promise no more than this share of the energy above what is proven.
+_SETTLED = 1e-3
+#: The multipliers are made again for an arrangement that is cheaper by this share.
 _CHEAPER = 1e-3
-#: Rotations from which each pair's first columns descend beside its candidates, and columns kept of each search.
-_NUM_STARTS, _NUM_KEPT = 16, 8
-#: What each later descent starts from beside the columns in use: turns of the best pose, and some of all rotations.
-_NUM_JITTERED, _JITTER_RAD, _NUM_FAR = 4, 0.1, 6
+#: Columns kept of each search.
+_NUM_KEPT = 8
+#: What each descent starts from beside the columns in use: turns of the best pose, and some of so many rotations.
+_NUM_JITTERED, _JITTER_RAD, _NUM_FAR, _NUM_STARTS = 4, 0.1, 6, 16
 #: Smallest energy, as a share of a shape's square size, that tolerances are taken of.
 _LEAST_ENERGY = 1e-6
 #: Descents from perturbed arrangements: pairs times descents, and most.
 _PERTURBED_PAIRS, _MOST_PERTURBED = 6000, 200
+#: Relative rounding of what a linear function of a rotation is at most.
+_ROUNDING = 128.0 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +66,8 @@ class CertifyOptions:
     """Stop once this share of the cheapest known arrangement's energy is proven."""
 
     budget_s: float = 3600.0
-    """Seconds after which no further round begins."""
+    """Seconds after which no further proof of a pair begins; pairs without one count with a bound that costs
+    nothing."""
 
     def __post_init__(self) -> None:
         check_count("max_rounds", self.max_rounds, lower=1)
@@ -84,7 +85,7 @@ def bound_pair(target: Points, source: Points, group: str, **settings: Any) -> T
 
 
 #: Bounds a pair. The version changes whenever the same pair and multipliers would give another bound.
-BOUNDING = Job(kind="proofs", version="joint-3", run=bound_pair, reader=TiltedProof)
+BOUNDING = Job(kind="proofs", version="joint-4", run=bound_pair, reader=TiltedProof)
 
 
 def problem_of(target: Points, source: Points, group: str) -> Problem:
@@ -102,30 +103,47 @@ class Rounds:
     energies: PairEnergies
     candidates: Sequence[FloatArray]
 
-    def of_all(self, tilts: FloatArray, known: Sequence[FloatArray], gap: float = 0.0) -> list[TiltedProof]:
-        """Bound every pair at tilts (E, 3, 3), or descend, from known rotations; what is proven goes to the store.
+    def descend(self, tilts: FloatArray, known: Sequence[FloatArray]) -> list[TiltedProof]:
+        """Descend to small values of every pair at tilts (E, 3, 3), from known rotations."""
+        group = {"group": self.session.options.group, "gap": 0.0}
+        tasks = {e: self._shapes(e) | group | {"tilt": tilts[e], "known": some} for e, some in enumerate(known)}
+        return list(self.session.spread("descents", bound_pair, tasks).values())
 
-        Raises
-        ------
-        CollectionError
-            If a proof failed.
+    def prove(self, master: JointMaster, gap: float, deadline: float) -> list[TiltedProof]:
+        """Bound every pair at the master's tilts to a gap, first those whose bounds raise the joint one most.
+
+        A pair whose energy is high needs fewer cells as well. What is proven goes to the store. Pairs that failed, or
+        that no time is left for, have bounds that cost nothing: energies are not negative.
         """
-        wanted = {}
-        for (i, j), tilt, some in zip(self.energies.edges.tolist(), tilts, known, strict=True):
-            settings = {"group": self.session.options.group, "tilt": tilt, "known": some, "gap": gap}
-            arguments = {"target": self.samples[i], "source": self.samples[j]} | settings
-            wanted[i, j] = Wanted(
+        most = np.linalg.norm(master.tilts, "nuc", axis=(1, 2)) * (1.0 + _ROUNDING)
+        wanted, group = {}, self.session.options.group
+        for e in np.argsort(-(master.least() + most), kind="stable").tolist():
+            i, j = self.energies.edges[e].tolist()
+            settings = {"group": group, "tilt": master.tilts[e], "known": master.used(e), "gap": gap}
+            wanted[e] = Wanted(
                 key=BOUNDING.key(settings, self.keys[i], self.keys[j]),
                 label=f"pair {i}, {j}",
-                arguments=arguments | {"time_limit_s": self.session.run.pair_time_limit_s},
+                arguments=self._shapes(e) | settings | {"time_limit_s": self.session.run.pair_time_limit_s},
             )
-        if not gap:
-            tasks = {ends: one.arguments for ends, one in wanted.items()}
-            return list(self.session.spread("descents", bound_pair, tasks).values())
-        found = self.session.compute(BOUNDING, wanted, time_limit_s=None)
-        for ends, reason in found.failures.items():
-            raise CollectionError(f"{wanted[ends].label}: its energy could not be bounded ({reason})")
-        return list(found.values())
+        found = self.session.compute(BOUNDING, wanted, time_limit_s=None, until=deadline)
+        sides = 2 if group == "O" else 1
+        return [found[e] if e in found else unproven(-bound, sides) for e, bound in enumerate(most.tolist())]
+
+    def _shapes(self, pair: int) -> dict[str, Any]:
+        i, j = self.energies.edges[pair]
+        return {"target": self.samples[i], "source": self.samples[j]}
+
+
+def unproven(bound: float, sides: int) -> TiltedProof:
+    """Return a bound that is proven by the whole of the rotations, of so many chiralities, as one cell per face."""
+    nothing = np.zeros((0, 3, 3))
+    return TiltedProof(
+        lower_bound=bound,
+        rotations=nothing,
+        energies=nothing[:, 0, 0],
+        depths=np.zeros(4 * sides, dtype=np.int64),
+        num_cells=np.full(sides, 4),
+    )
 
 
 def bound_arrangements(rounds: Rounds, frames: FloatArray, options: CertifyOptions) -> JointBound:
@@ -138,42 +156,42 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, options: CertifyOptio
     frames : ndarray, shape (N, 3, 3)
         ``R_common_shape`` of the arrangement that is to be judged.
     options : CertifyOptions
-
-    Raises
-    ------
-    CollectionError
-        If the proof of a pair failed.
     """
     deadline, energies = time.monotonic() + options.budget_s, rounds.energies
     edges, rng = energies.edges, np.random.default_rng(0)
-    near, gap = energies.descend(frames), 0.0
-    num = int(np.clip(_PERTURBED_PAIRS // len(edges), 1, _MOST_PERTURBED))
+    near = energies.descend(frames)
+    num = min(_PERTURBED_PAIRS // len(edges), _MOST_PERTURBED)
     best = energies.perturb(near, np.random.default_rng(0), num)
     unit = _unit(energies, best)
     master = JointMaster(energies.num_shapes, edges, energies.relative(best.frames), energies.at(best.frames), unit)
-    _descend(rounds, master, rng, first=True)
-    proven: tuple[FloatArray, FloatArray, list[TiltedProof]] = master.tilts, master.diagonal, []
+    for pair, (problem, some) in enumerate(zip(energies.problems, rounds.candidates, strict=True)):
+        master.add(pair, some, least_energies(problem, some))
     bounds: list[float] = []
     ended = ""
     while not ended:
         promised = np.inf
         if not master.is_large:
-            promised = _descend(rounds, master, rng)
+            promised = _descend(rounds, master, best, rng, deadline)
             found = energies.descend(energies.rounded(master.gram))
-            if found.energy < best.energy - _CHEAPER * unit:
-                best, unit = found, _unit(energies, found)
-                master.recentre(energies.relative(best.frames), energies.at(best.frames), _CURVATURE * unit)
+            former, best = best, min(best, found, key=lambda one: one.energy)
+            unit, rotations, values = _unit(energies, best), energies.relative(best.frames), energies.at(best.frames)
+            for pair in range(len(edges)):
+                master.add(pair, rotations[pair : pair + 1], values[pair : pair + 1])
+            if best.energy < (1.0 - _CHEAPER) * former.energy:
                 continue
-            if not bounds:
-                promised = _choose_curvature(rounds, master, rng, promised, unit)
-        proofs = rounds.of_all(master.tilts, [master.used(e) for e in range(len(edges))], _GAP * unit)
+        proofs = rounds.prove(master, _GAP * unit, deadline)
         _add(master, proofs)
-        pair_sum = sum(proof.lower_bound for proof in proofs)
-        bounds.append(pair_sum + gram_bound(edges, master.tilts, master.diagonal))
+        bounds.append(sum(proof.lower_bound for proof in proofs) + gram_bound(edges, master.tilts, master.diagonal))
         if bounds[-1] == max(bounds):
-            proven, gap = (master.tilts, master.diagonal, proofs), best.energy - pair_sum
+            proven = master.tilts, master.diagonal, proofs
         ended = _ended(bounds, promised, best.energy, master.is_large, deadline, options)
     tilts, diagonal, proofs = proven
+    if max(bounds) < 0.0:
+        tilts, diagonal, proofs = (
+            0.0 * tilts,
+            0.0 * diagonal,
+            [unproven(0.0, len(proofs[0].num_cells)) for _ in edges],
+        )
     return JointBound(
         edges=read_only(edges),
         stated_energy=float(energies.at(frames).sum()),
@@ -182,45 +200,34 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, options: CertifyOptio
         frames=read_only(best.frames),
         bounds=tuple(bounds),
         ended=ended,
-        bound=max(bounds),
+        bound=max(0.0, *bounds),
         tilts=read_only(tilts),
         diagonal=read_only(diagonal),
         depths=read_only(np.concatenate([proof.depths for proof in proofs])),
         num_cells=read_only(np.stack([proof.num_cells for proof in proofs])),
-        turns_rad=read_only(largest_turns(edges, tilts, diagonal, best.frames, gap)),
     )
 
 
-def _descend(rounds: Rounds, master: JointMaster, rng: np.random.Generator, *, first: bool = False) -> float:
+def _descend(
+    rounds: Rounds, master: JointMaster, best: Arrangement, rng: np.random.Generator, deadline: float
+) -> float:
     """Improve the multipliers by rounds of descents; return what the columns promise.
 
-    Pairs descend from columns with a share, turns of the best pose by a few degrees and some of all rotations; first
-    without multipliers, from their candidates and all of these.
+    Pairs descend from columns with a share, turns of the best pose by a few degrees and some of all rotations.
     """
-    starts, promised = rotation_set(3, _NUM_STARTS), np.inf
+    starts = rotation_set(3, _NUM_STARTS)
     starts = np.concatenate([starts, -starts]) if rounds.session.options.group == "O" else starts
-    if first:
-        _add(master, rounds.of_all(master.tilts, [np.concatenate([some, starts]) for some in rounds.candidates]))
-        return promised
-    for _ in range(_DESCENTS):
-        promised = master.run()
+    relative = rounds.energies.relative(best.frames)
+    promised = master.run()
+    for _ in range(int(np.clip(_DESCENT_PAIRS // len(relative), 1, _MOST_DESCENTS))):
+        if time.monotonic() >= deadline:
+            break
         turns = Rotation.from_rotvec(_JITTER_RAD * rng.standard_normal((_NUM_JITTERED, 3))).as_matrix()
         far = starts[rng.choice(len(starts), _NUM_FAR)]
-        known = [np.concatenate([master.used(e), one @ turns, far]) for e, one in enumerate(master.known)]
-        _add(master, rounds.of_all(master.tilts, known))
+        known = [np.concatenate([master.used(e), one @ turns, far]) for e, one in enumerate(relative)]
+        _add(master, rounds.descend(master.tilts, known))
+        promised = master.run()
     return promised
-
-
-def _choose_curvature(
-    rounds: Rounds, master: JointMaster, rng: np.random.Generator, plain: float, unit: float
-) -> float:
-    """Take off what says how far poses can be from the best ones unless the bound falls; return what is promised."""
-    master.curvature = _CURVATURE * unit
-    promised = _descend(rounds, master, rng)
-    if promised >= plain - _MOST_LOST * unit * len(master.known):
-        return promised
-    master.curvature = 0.0
-    return _descend(rounds, master, rng)
 
 
 def _unit(energies: PairEnergies, best: Arrangement) -> float:

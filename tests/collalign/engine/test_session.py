@@ -55,6 +55,15 @@ def test_results_and_failures_are_kept_and_not_computed_again() -> None:
         assert again["one"] == {"root": 7.0}
 
 
+def test_nothing_begins_once_the_time_is_over_and_the_store_knows_nothing_of_it() -> None:
+    with Store.memory() as store:
+        session = session_around(store)
+        found = session.compute(JOB, WANTED, time_limit_s=None, until=0.0)
+        assert (len(found), set(found.failures.values())) == (0, {"no time was left"})
+        assert not store.failures("measurements")
+        assert len(session.compute(JOB, WANTED, time_limit_s=None)) == 3
+
+
 @dataclass(frozen=True)
 class Root:
     root: float

@@ -15,7 +15,7 @@ from collalign.tools.certify.arrangement import PairEnergies
 from collalign.tools.certify.multipliers import MOST_ROWS, JointMaster
 from collalign.tools.certify.result import JointBound
 from collalign.tools.certify.rounds import CertifyOptions, Rounds, bound_arrangements, problem_of
-from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.rotations import random_rotation
 from pairwise.branch_and_bound.tilted import prove_tilted
 from pairwise.certificates.verify_joint import gram_bound
 from pairwise.local.local_search import energies_of
@@ -118,7 +118,7 @@ def test_brute_force_finds_the_cheapest_arrangement_without_being_told_of_it() -
 
 
 @pytest.mark.parametrize("group", ["SO", "O"])
-def test_no_arrangement_costs_less_than_the_bound_and_none_as_cheap_turns_shapes_farther(group: str) -> None:
+def test_no_arrangement_costs_less_than_the_bound(group: str) -> None:
     rounds = planted(4, 8, 0.25, group=group)
     energies, rng = rounds.energies, np.random.default_rng(2)
     found = certified(rounds)
@@ -132,17 +132,19 @@ def test_no_arrangement_costs_less_than_the_bound_and_none_as_cheap_turns_shapes
         for problem, tilt in zip(energies.problems, alone.tilts, strict=True)
     )
     assert found.bound > pair_sum
-    as_cheap = [one for one in others if one.energy <= found.energy * (1 + 1e-9)]
-    assert as_cheap
-    for one in as_cheap:
-        turned = [one.frames[i] @ found.frames[i].T for i in range(4)]
-        for i in range(4):
-            angles = [rotation_angle_deg(turned[i].T @ turned[j], np.eye(3)) for j in range(4) if j != i]
-            assert np.median(angles) <= np.rad2deg(found.turns_rad[i]) + 1e-6
 
 
-def test_the_shapes_of_an_arrangement_that_is_clearly_cheapest_are_held() -> None:
-    assert certified(planted(4, 8, 0.03)).turns_rad.max() < np.pi / 2
+@pytest.mark.parametrize("group", ["SO", "O"])
+def test_pairs_that_no_time_was_left_for_take_from_the_bound_no_more_than_they_must(
+    group: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rounds = planted(4, 8, 0.25, group=group)
+    whole = certified(rounds, max_rounds=1)
+    assert certified(rounds, budget_s=1e-9).bound == 0.0
+    monkeypatch.setattr("collalign.engine.session.takewhile", lambda _, tasks: itertools.islice(tasks, 5))
+    some = certified(rounds, max_rounds=1)
+    assert 0.0 < some.bound < whole.bound
+    assert (some.num_cells.max(axis=1) > 4).sum() == 5
 
 
 def test_the_energy_of_an_arrangement_is_that_of_its_pairs_and_descent_never_raises_it() -> None:
@@ -179,7 +181,7 @@ def test_shares_solve_the_least_squares_problem_of_every_pair() -> None:
         master.add(pair, random_frames(num, rng), rng.random(num))
     wanted = 0.5 * rng.standard_normal((3, 3, 3))
     for _ in range(60):
-        master._improve_shares(master._energies, wanted)
+        master._improve_shares(wanted)
     for pair, num in enumerate((1, 4, 7)):
         points, cost = master._columns[pair, :num].reshape(num, 9), master._energies[pair, :num]
         goal, weight = wanted[pair].ravel(), master._penalty
@@ -211,7 +213,6 @@ def test_what_the_columns_promise_is_what_the_multipliers_prove_of_them() -> Non
     edges, frames = np.array([[0, 1], [0, 2], [1, 2]]), random_frames(3, rng)
     known = np.array([frames[i].T @ frames[j] for i, j in edges])
     master = JointMaster(3, edges, known, np.full(3, 0.3), 0.3)
-    master.curvature = 0.009
     columns = [random_frames(5, rng) for _ in range(3)]
     for pair, some in enumerate(columns):
         master.add(pair, some, np.linspace(0.05, 0.4, 5))
