@@ -14,7 +14,6 @@ import pytest
 import collalign
 import pairwise
 from collalign.engine.run_options import RunOptions
-from collalign.tools.export.run import export
 from data_tools.errors import CollalignError
 from data_tools.surface.shape import Shape
 
@@ -26,7 +25,6 @@ OPTIONAL = (
     "matplotlib",
     "open3d",
     "pandas",
-    "pyarrow",
     "distributed",
     "dask",
 )
@@ -147,16 +145,11 @@ def use_scheduler(result: Path) -> Any:
     return collalign.align_collection([np.eye(8, 3)] * 2, run=run, progress=False)
 
 
-def export_parquet(result: Path) -> Any:
-    return export(result, "parquet", result / "tables")
-
-
 @pytest.mark.parametrize(
     ("package", "call", "advice"),
     [
         ("cvxpy", relax, "pip install cvxpy"),
         ("distributed", use_scheduler, "pip install 'collalign[dask]'"),
-        ("pyarrow", export_parquet, "pip install 'collalign[tables]'"),
     ],
 )
 def test_a_missing_package_is_named(

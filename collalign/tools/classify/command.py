@@ -11,7 +11,7 @@ from collalign.analysis.label_table import read_labels
 from collalign.cli.talk import say, tell, warn
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
-from collalign.tools.classify.run import Singles, classify_leave_one_out
+from collalign.tools.classify.run import classify_leave_one_out
 from collalign.tools.classify.surface_distance import posed_clouds, surface_distances
 
 #: Said below every classification.
@@ -23,7 +23,6 @@ def classify(
     *,
     labels: Path,
     by: str,
-    singles: Singles = "leave-out",
     include_doubtful: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Classify every shape by its nearest neighbour, leaving it out.
@@ -40,8 +39,6 @@ def classify(
         CSV file with one row per shape.
     by
         Column of the labels.
-    singles
-        Whether labels that only one shape carries are left out of the count or count as wrong.
     include_doubtful
         Let shapes count whose pose is in doubt, and incomplete ones.
     """
@@ -58,7 +55,6 @@ def classify(
         surface_distances([clouds[at] for at in chosen], collection.part_numbers[chosen]),
         [values[at] for at in chosen],
         names=[collection.names[at] for at in chosen],
-        singles=singles,
     )
     tell(**found.as_dict(), left_out=dict(who.left_out))
     say("\n".join(filter(None, [found.table(), _DISTANCES, who.sentence])))

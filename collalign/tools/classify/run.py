@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from collalign.analysis.label_table import known_label
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
-from data_tools.errors import InputError, OptionsError
-
-Singles = Literal["leave-out", "count-wrong"]
+from data_tools.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,12 +84,12 @@ class Classification:
 
 
 def classify_leave_one_out(
-    distances: ArrayLike, labels: Sequence[str], *, names: Sequence[str] | None = None, singles: Singles = "leave-out"
+    distances: ArrayLike, labels: Sequence[str], *, names: Sequence[str] | None = None
 ) -> Classification:
     """Give every labelled shape the label of its nearest labelled neighbour and count how often that is right.
 
-    A label that only one shape carries cannot be found again when that shape is left out. Such shapes are not scored
-    by default but remain neighbours of the others, who lose by them; ``singles="count-wrong"`` scores them as errors.
+    A label that only one shape carries cannot be found again when that shape is left out. Such shapes are not scored,
+    but remain neighbours of the others, who lose by them.
 
     Parameters
     ----------
@@ -100,7 +98,6 @@ def classify_leave_one_out(
     labels : sequence of str, length N
         ``""`` (or ``NA`` and the like) where unknown; such shapes are neither scored nor neighbours.
     names : sequence of str, optional
-    singles : {"leave-out", "count-wrong"}
 
     Returns
     -------
@@ -115,8 +112,6 @@ def classify_leave_one_out(
     -----
     Ties go to the shape that comes first.
     """
-    if singles not in ("leave-out", "count-wrong"):
-        raise OptionsError(f"singles: expected 'leave-out' or 'count-wrong', got {singles!r}")
     matrix = np.array(distances, dtype=np.float64)
     values = tuple(known_label(label) for label in labels)
     num = len(values)
@@ -127,7 +122,7 @@ def classify_leave_one_out(
         raise InputError(f"labels: {sum(counts.values())} shapes have a label, at least two are needed")
     known = np.array([bool(value) for value in values])
     nearest = _nearest(matrix, known)
-    scored = tuple(bool(value) and (counts[value] > 1 or singles == "count-wrong") for value in values)
+    scored = tuple(bool(value) and counts[value] > 1 for value in values)
     by_label = _by_label(values, nearest, scored)
     num_scored, num_correct = (sum(pair[part] for pair in by_label.values()) for part in (0, 1))
     others = int(known.sum()) - 1
@@ -143,7 +138,7 @@ def classify_leave_one_out(
         scored=scored,
         by_label=by_label,
         single_members=single_members,
-        statement=_statement(num - int(known.sum()), len(single_members), singles),
+        statement=_statement(num - int(known.sum()), len(single_members)),
     )
 
 
@@ -164,14 +159,10 @@ def _by_label(values: Sequence[str], nearest: IntArray, scored: Sequence[bool]) 
     return found
 
 
-def _statement(num_unknown: int, num_single: int, singles: Singles) -> str:
-    treated = (
-        "not scored (they can never be right) but kept as neighbours"
-        if singles == "leave-out"
-        else "scored as errors"
-    )
+def _statement(num_unknown: int, num_single: int) -> str:
     return (
         "Leave-one-out classification by the nearest neighbour. "
         f"{num_unknown} shapes without a label were neither scored nor neighbours; "
-        f"{num_single} shapes that are the only member of their label were {treated}."
+        f"{num_single} shapes that are the only member of their label were not scored (they can never be right) but "
+        "kept as neighbours."
     )

@@ -29,7 +29,6 @@ FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
     "fcsv": fcsv.write,
     "shapeworks": shapeworks.write,
     "csv": tables.write_csv,
-    "parquet": tables.write_parquet,
     "ply": meshes.writer("ply"),
     "obj": meshes.writer("obj"),
     "stl": meshes.writer("stl"),
@@ -128,4 +127,4 @@ def _who_counts(collection: Collection, include_doubtful: bool) -> Members:
 
 def _computes(format: str, space: Space) -> bool:
     """Whether anything in the files depends on more than one shape."""
-    return space == "procrustes" or format in ("csv", "parquet")
+    return space == "procrustes" or format == "csv"

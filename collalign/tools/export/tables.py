@@ -1,9 +1,8 @@
-"""Tables of the whole result as CSV or Parquet, for R, pandas and spreadsheets."""
+"""Tables of the whole result as CSV, for R, pandas and spreadsheets."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from collalign.tools.export.request import (
     label_columns,
     member_columns,
 )
-from data_tools.errors import InputError, UnavailableError
+from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 
 #: Column name to values.
@@ -31,28 +30,6 @@ def write_csv(request: ExportRequest) -> tuple[Path, ...]:
         request.write(f"{name}.csv", csv_text([table, *zip(*table.values(), strict=True)]))
         for name, table in result_tables(request).items()
     ]
-    return (*paths, *_tree(request))
-
-
-def write_parquet(request: ExportRequest) -> tuple[Path, ...]:
-    """Write every table as ``NAME.parquet``.
-
-    Raises
-    ------
-    UnavailableError
-        If pyarrow is not installed.
-    """
-    try:
-        pyarrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
-    except ImportError as error:
-        raise UnavailableError(
-            "parquet needs pyarrow; install it with: pip install 'collalign[tables]', or export csv"
-        ) from error
-    paths = []
-    for name, table in result_tables(request).items():
-        path = request.path(f"{name}.parquet")
-        parquet.write_table(pyarrow.table({column: list(values) for column, values in table.items()}), path)
-        paths.append(path)
     return (*paths, *_tree(request))
 
 

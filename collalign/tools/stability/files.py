@@ -1,15 +1,13 @@
-"""Page, table, record and picture of how stable a result is, beside the result."""
+"""Page, table and picture of how stable a result is, beside the result."""
 
 from __future__ import annotations
 
 import html
 import io
-import json
 from pathlib import Path
 
 import numpy as np
 
-from collalign.output.evidence.gather import json_types
 from collalign.output.write import REPORT_FILE
 from collalign.products.trust import DOUBT
 from collalign.tools.stability.result import Stability
@@ -22,9 +20,8 @@ from data_tools.percent import percent
 
 #: The command whose files these are, in the manifest of an output folder.
 WRITER = "stability"
-CSV_FILE, JSON_FILE, PLOT_FILE, PAGE_FILE = FILES = (
+CSV_FILE, PLOT_FILE, PAGE_FILE = FILES = (
     "stability.csv",
-    "stability.json",
     "stability.png",
     "stability.html",
 )
@@ -46,7 +43,7 @@ _MAX_NAMES = 8
 
 
 def write_stability(stability: Stability, output: OutputFolder) -> tuple[Path, ...]:
-    """Write ``stability.csv``, ``.json``, ``.png`` and ``.html`` and return the paths.
+    """Write ``stability.csv``, ``.png`` and ``.html`` and return the paths.
 
     Parameters
     ----------
@@ -60,32 +57,9 @@ def write_stability(stability: Stability, output: OutputFolder) -> tuple[Path, .
         If somebody else's file is in the way; nothing has been written then.
     """
     write_atomic(output.stage(CSV_FILE), csv_text(_rows(stability)).encode())
-    write_atomic(output.stage(JSON_FILE), json.dumps(stability_record(stability), indent=1).encode())
     plot = draw_stability(stability, output.stage(PLOT_FILE))
     write_stability_page(stability, plot.read_bytes(), output.stage(PAGE_FILE))
     return output.publish(complete=True)
-
-
-def stability_record(stability: Stability) -> dict[str, object]:
-    """Return the contents of ``stability.json``: every repetition of every shape."""
-    repeated = [
-        {
-            "repetition": words,
-            "shapes": [
-                {
-                    "name": stability.names[i],
-                    "change_deg": stability.changes_deg[v, i],
-                    "same_chirality": stability.same_chirality[v, i],
-                    "neighbours_kept": stability.neighbours[v, i],
-                }
-                for i in np.flatnonzero(stability.present[v])
-            ],
-        }
-        for v, words in enumerate(stability.repetitions)
-    ]
-    shapes = [dict(zip(_COLUMNS, row, strict=True)) for row in _rows(stability)[1:]]
-    record = json_types({"stay_deg": stability.stay_deg, "shapes": shapes, "repetitions": repeated})
-    return dict(record)
 
 
 def stability_summary(stability: Stability) -> tuple[str, ...]:

@@ -1,1 +1,1 @@
-"""How the surfaces of a result vary: one page, meshes, tables and a figure."""
+"""How the surfaces of a result vary: one page, meshes and tables."""

@@ -1,4 +1,4 @@
-"""``collalign variation``: how the surfaces of a result vary, as a page, meshes, tables and a figure."""
+"""``collalign variation``: how the surfaces of a result vary, as a page, meshes and tables."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def variation(
     result
         Folder that ``collalign align`` wrote.
     to
-        Folder for variation.html, meshes with offsets from the mean, scores, distances and a figure; by default
-        ``variation`` in the result.
+        Folder for variation.html, meshes with offsets from the mean, scores and distances; by default ``variation``
+        in the result.
     labels
         CSV file with one row per shape; every column is one way to group.
     landmarks

@@ -1,13 +1,10 @@
-"""Writes the page, the meshes, the tables and the figure of a collection's shape variation."""
+"""Writes the page, the meshes and the tables of a collection's shape variation."""
 
 from __future__ import annotations
 
 import html
-import io
 from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
 
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members
 from collalign.output.report.page import render_page
@@ -23,7 +20,6 @@ from data_tools.io.output_folder import OutputFolder, file_stems
 PAGE_FILE = "variation.html"
 #: Where in a result's folder the page is, which its report names.
 DEFAULT_FOLDER = "variation"
-FIGURE_STEM = "morphospace"
 #: Of the surfaces drawn along a component.
 DEVIATIONS = 2.0
 _WRITER = "variation"
@@ -75,9 +71,6 @@ def write_variation(
         if symmetry is not None:
             write_symmetry_tables(variation.names, symmetry, columns, output)
             _write_asymmetry(variation, symmetry, output)
-        for ending in ("svg", "png"):
-            first = next(iter(columns.values()), ("",) * len(variation.names))
-            write_atomic(output.stage(f"{FIGURE_STEM}.{ending}"), morphospace(variation, first, ending))
         return output.publish(last=PAGE_FILE, complete=True)
 
 
@@ -123,42 +116,3 @@ def _write_asymmetry(variation: SurfaceVariation, symmetry: SurfaceSymmetry, out
         offset = signed_offsets(symmetry.mean, variation.faces, vertices)
         path = output.stage(SYMMETRY_FOLDER, *f"{stem}.ply".split("/"))
         write_scalar_ply(path, vertices, variation.faces, {"asymmetry": offset})
-
-
-def morphospace(variation: SurfaceVariation, labels: tuple[str, ...], ending: str) -> bytes:
-    """Draw the scores on the first two components, with a convex hull for every label."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    scores, shares = variation.components.scores, variation.components.shares
-    second = scores[:, 1] if scores.shape[1] > 1 else np.zeros(len(scores))
-    places = np.column_stack([scores[:, 0], second])
-    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    for number, kind in enumerate(sorted(set(labels))):
-        members = places[[label == kind for label in labels]]
-        color = "0.55" if not kind else f"C{number % 10}"
-        axes.plot(*members.T, "o", ms=4, color=color, label=kind or None)
-        if kind and len(members) > 2:
-            axes.fill(*members[_hull(members)].T, alpha=0.12, color=color)
-    if any(labels):
-        axes.legend(fontsize=7)
-    axes.set_aspect("equal")
-    axes.set_xlabel(f"PC1 ({100 * shares[0]:.0f} %)")
-    axes.set_ylabel(f"PC2 ({100 * shares[1]:.0f} %)" if len(shares) > 1 else "")
-    image = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "collalign"}):
-        figure.savefig(image, format=ending, metadata={"Date": None} if ending == "svg" else {"Software": None})
-    return image.getvalue()
-
-
-def _hull(points: FloatArray) -> list[int]:
-    """Corners of the convex hull in order; all points where they lie on a line."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return list(ConvexHull(points).vertices)
-    except QhullError:
-        return list(range(len(points)))

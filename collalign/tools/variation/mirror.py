@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign.registration.register import register
 from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.surface import RegistrationSurface
-from data_tools.arrays import FloatArray, read_only
+from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.poses import Similarity
 from data_tools.rotations import spread_directions
@@ -28,32 +26,10 @@ _NUM_NORMALS, _NUM_POINTS, _NUM_REFINED = 200, 500, 6
 MOST_UNLIKE = 0.08
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MirrorMap:
-    """The other side of every vertex of a bilateral surface. Arrays are read-only.
-
-    Attributes
-    ----------
-    places : SurfacePoints
-        Where on the surface the counterpart of each vertex lies.
-    normal : ndarray, shape (3,)
-        Of the mirror plane.
-    unlikeness : float
-        Root mean square distance of the surface from its mirror image before anything bends, in parts of the radius.
-    return_error : float
-        Root mean square distance from each vertex to the counterpart of its counterpart, in parts of the radius.
-    """
-
-    places: SurfacePoints
-    normal: FloatArray
-    unlikeness: float
-    return_error: float
-
-
 @one_blas_thread()
 def mirror_map(
     shape: Shape, options: RegistrationOptions | None = None, *, normal: FloatArray | None = None
-) -> MirrorMap:
+) -> SurfacePoints:
     """Find the other side of a surface by registering its mirror image to it.
 
     Parameters
@@ -62,6 +38,11 @@ def mirror_map(
     options : RegistrationOptions, optional
     normal : ndarray, shape (3,), optional
         Of the mirror plane, roughly; by default the plane is looked for whose mirror image fits best.
+
+    Returns
+    -------
+    SurfacePoints
+        Where on the surface the counterpart of each vertex lies.
 
     Raises
     ------
@@ -86,15 +67,7 @@ def mirror_map(
             f"{shape.name}: is not bilateral: its mirror image fits to {unlikeness:.2f} of the radius at best, "
             f"{MOST_UNLIKE} at most is meant"
         )
-    places = surface.locator.closest(register(surface, source, options).vertices)
-    returned = places.on(places.on(shape.vertices)) - shape.vertices
-    values, vectors = np.linalg.eigh(0.5 * (turn + turn.T))
-    return MirrorMap(
-        places=places,
-        normal=read_only(vectors[:, values.argmin()]),
-        unlikeness=unlikeness,
-        return_error=float(np.sqrt((returned**2).sum(axis=1).mean())) / surface.radius,
-    )
+    return surface.locator.closest(register(surface, source, options).vertices)
 
 
 def _dense_points(surface: RegistrationSurface, centre: FloatArray) -> DensePoints:

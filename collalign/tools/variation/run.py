@@ -47,7 +47,7 @@ def write_surface_variation(
     run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
 ) -> SurfaceVariation:
-    """Show how the surfaces of a result vary: one page, meshes, tables and a figure.
+    """Show how the surfaces of a result vary: one page, meshes and tables.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def _counterparts(
     """Find the other side of every vertex of the mean."""
     mean = Shape.from_arrays(found.mean, found.faces, name="the mean")
     if symmetry == "auto":
-        return mirror_map(mean).places
+        return mirror_map(mean)
     names, points = marked
     if not names:
         raise InputError("symmetry: pairs are of landmarks; name files that have them (landmarks)")
@@ -168,7 +168,7 @@ def _counterparts(
     known = there & there[partner]
     numbers = np.cumsum(known) - 1
     centred = points[known] - points[known].mean(axis=0)
-    return mirror_map(mean, normal=mirror_normal(centred, numbers[partner[known]])).places
+    return mirror_map(mean, normal=mirror_normal(centred, numbers[partner[known]]))
 
 
 def _on_mean(dense: DenseCorrespondence, mean: FloatArray, known: Mapping[str, FloatArray]) -> FloatArray:

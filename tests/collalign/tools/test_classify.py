@@ -7,7 +7,7 @@ import pytest
 from collalign.analysis.label_table import read_labels
 from collalign.analysis.procrustes import procrustes_distances
 from collalign.tools.classify.run import classify_leave_one_out
-from data_tools.errors import InputError, OptionsError
+from data_tools.errors import InputError
 
 LINE = np.array([0.0, 1.0, 10.0, 11.0, 30.0, 12.5])
 DISTANCES = np.abs(LINE[:, None] - LINE[None, :])
@@ -32,12 +32,6 @@ def test_single_members_are_not_scored_but_remain_neighbours() -> None:
     assert found.by_label == {"a": (2, 2), "b": (2, 0), "c": (0, 0), "d": (0, 0)}
     assert "2 shapes that are the only member" in found.statement
     assert "not scored" in found.statement
-
-
-def test_single_members_count_as_errors_if_asked() -> None:
-    found = classify_leave_one_out(DISTANCES, ["a", "a", "b", "c", "d", "b"], singles="count-wrong")
-    assert (found.num_scored, found.num_correct) == (6, 2)
-    assert "scored as errors" in found.statement
 
 
 def test_unknown_labels_are_neither_scored_nor_neighbours() -> None:
@@ -72,8 +66,6 @@ def test_bad_input_is_refused() -> None:
         classify_leave_one_out(DISTANCES, ["a"])
     with pytest.raises(InputError, match="at least two"):
         classify_leave_one_out(DISTANCES, ["a", "", "", "", "", ""])
-    with pytest.raises(OptionsError, match="singles"):
-        classify_leave_one_out(DISTANCES, ["a"] * 6, singles="drop")  # type: ignore[arg-type]
 
 
 @pytest.mark.data

@@ -328,14 +328,6 @@ def test_the_table_of_pairs_names_target_and_source_and_shapes_have_their_sizes(
     assert not np.allclose(centroid_sizes(view), view.scales)
 
 
-def test_parquet_says_the_same_as_csv(view: Collection, tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
-    files = {path.stem: path for path in export(view, "parquet", tmp_path)}
-    table = parquet.read_table(files["shapes"]).to_pydict()
-    assert table["name"] == list(view.names)
-    np.testing.assert_array_equal(table["T23"], view.transforms[:, 1, 2])
-
-
 def test_label_columns_never_hide_the_table_s_own(view: Collection, tmp_path: Path) -> None:
     labelled = dataclasses.replace(view, labels={"confidence": ("x",) * 6})
     table = rows(tmp_path / "shapes.csv") if export(labelled, "csv", tmp_path) else []
