@@ -78,7 +78,7 @@ def place_and_scale(
         factors = common_scales(in_label_order(posed, labels))
     if scaling == "rigid":
         factors = units
-    shifts = centre - (0.0 if fixed else factors[:, None] * posed.mean(axis=1))
+    shifts = np.tile(centre, (len(samples), 1)) if fixed else -factors[:, None] * posed.mean(axis=1)
     transforms = np.tile(np.eye(4), (len(samples), 1, 1))
     for i, item in enumerate(samples):
         transforms[i, :3, :3] = factors[i] / item.scale * rotations[i]
