@@ -110,7 +110,8 @@ def pair_affinity(graph: PairGraph) -> FloatArray:
         affinity[i, j] = affinity[j, i] = (np.sum(apart <= CLOSED) + PRIOR_CLOSED) / (len(third) + 1.0)
     if graph.energies is not None:
         lowest = np.where(graph.present, graph.energies, np.inf).min(axis=1)
-        trust = np.minimum(1.0, np.median(lowest) / np.maximum(lowest, 1e-300))
+        least = np.maximum(lowest, np.median(lowest))
+        trust = np.divide(np.median(lowest), least, out=np.ones(len(least)), where=least > 0)
         affinity[left, right] *= trust
         affinity[right, left] *= trust
     return affinity
