@@ -36,7 +36,7 @@ def propagate_beliefs(
     start : ndarray, shape (N, L), optional
         Beliefs to start from; uniform by default.
     fixed : ndarray of int, optional
-        Shapes that stay at turn 0: they break the symmetry of the gauge.
+        Shapes that stay at turn 0: they break the symmetry of the gauge. Their own marginals are what the others say.
     max_rounds : int
         At most; it ends before when no message changes by ``MESSAGE_TOL``.
     """
@@ -62,9 +62,7 @@ def propagate_beliefs(
         cavity = _softmax(field[source] - messages[reverse])
         if change < MESSAGE_TOL:
             break
-    marginals = _softmax(_summed(messages, target, num_shapes))
-    marginals[is_fixed] = at_turn_0
-    return marginals
+    return _softmax(_summed(messages, target, num_shapes))
 
 
 def conditional_moves(edges: IntArray, costs: FloatArray, labels: IntArray, *, free: FloatArray) -> IntArray:

@@ -87,7 +87,7 @@ def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> tuple[list[
     free[list(gauge)], is_fixed[list(fixed)] = False, True
     states: list[State] = []
     for frames in _starts(graph, free):
-        states.append(improve(EdgeModel(graph=graph), _in_gauge(frames, gauge, graph), free))
+        states.append(improve(EdgeModel(graph=graph), _in_gauge(frames, gauge, graph), free, is_fixed))
         best = min(states, key=lambda state: state.cost)
         if 1.0 - best.beliefs[:, 0].mean() <= SETTLED_SHARE:
             break
@@ -114,23 +114,27 @@ def turn_blocks(state: State, free: BoolArray, fixed: BoolArray) -> tuple[State,
             break
         frames = state.frames.copy()
         frames[cheapest.members] = frames[cheapest.members] @ cheapest.rotation
-        moved = improve(state.model, frames, free)
+        moved = improve(state.model, frames, free, fixed)
         if moved.cost >= state.cost - COST_TOL:
             break
         state = moved
     return state, cuts
 
 
-def improve(model: EdgeModel, frames: FloatArray, free: BoolArray) -> State:
-    """Alternate turns chosen by beliefs with refinement, from given frames, while the likelihood grows."""
+def improve(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: BoolArray) -> State:
+    """Alternate turns chosen by beliefs with refinement, from given frames, while the likelihood grows.
+
+    Where no shape is ``fixed`` by hand the one that holds the gauge may turn like all others, so that the answer does
+    not depend on which one holds it.
+    """
     model, frames = maximise_likelihood(model, frames, free, estimate=False)
-    state = _with_beliefs(model, frames, free)
+    state = _with_beliefs(model, frames, free, fixed)
     for _ in range(MAX_ROUNDS):
         shapes = np.arange(len(frames))
-        chosen = np.where(free, np.argmax(state.beliefs, axis=1), 0)
+        chosen = np.argmax(state.beliefs, axis=1)
         moved = state.frames @ state.alternatives.turns[shapes, chosen]
         model, frames = maximise_likelihood(state.model, moved, free)
-        fresh = _with_beliefs(model, frames, free)
+        fresh = _with_beliefs(model, frames, free, fixed)
         settled = not chosen.any()
         if fresh.cost >= state.cost - COST_TOL and _ > 0:
             break
@@ -140,7 +144,7 @@ def improve(model: EdgeModel, frames: FloatArray, free: BoolArray) -> State:
     return state
 
 
-def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray) -> State:
+def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: BoolArray) -> State:
     """Return the state with the beliefs about every shape's turns."""
     graph = model.graph
     aligned = aligned_candidates(graph, frames)
@@ -151,6 +155,7 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray) -> Stat
     start = np.full((graph.num_shapes, costs.shape[2]), OTHER_TURNS / (costs.shape[2] - 1))
     start[:, 0] = OWN_POSE
     beliefs = propagate_beliefs(graph.edges, costs, graph.num_shapes, start=start, fixed=np.flatnonzero(~free))
+    beliefs[fixed] = np.arange(beliefs.shape[1]) == 0
     cost = float(costs[:, 0, 0].sum())
     return State(
         model=model,

@@ -106,6 +106,15 @@ def test_gauge_of_the_shapes_and_order_change_nothing(seed: int) -> None:
     assert np.allclose(first.confidence, moved.confidence[order], atol=0.05)
 
 
+@pytest.mark.parametrize("holder", range(14))
+def test_whichever_shape_holds_the_gauge_may_be_turned_itself(holder: int) -> None:
+    """Among equally well connected shapes the first holds the gauge; in this problem one of them starts out wrong."""
+    problem = flipped_pairs(np.random.default_rng(911), regular_edges(14, 6, 1), 14, wrong=0.1, num_candidates=4)
+    order = np.roll(np.arange(14), holder)
+    found = synchronize(order[problem.edges], problem.rotations, energies=problem.energies)
+    assert pose_errors_deg(found.rotations[order], problem.truth).max() < 30.0
+
+
 def test_reversed_edges_change_nothing() -> None:
     rng = np.random.default_rng(4)
     problem = flipped_pairs(rng, regular_edges(20, 6, 0), 20, wrong=0.2, num_candidates=4)
