@@ -1,1 +1,1 @@
-"""What aligned shapes say: Procrustes statistics, ordination, classification, warps."""
+"""What aligned shapes say: Procrustes statistics, ordination, classification."""

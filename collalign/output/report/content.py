@@ -15,7 +15,7 @@ from collalign.output.evidence.members import main_part, statistics_members
 from collalign.output.report.coverage import incomplete_content
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import offered_poses, own_disagreements_deg
-from collalign.output.report.statistics import cycle_histogram, shape_map, variation
+from collalign.output.report.statistics import cycle_histogram, shape_map
 from collalign.products.pair import Pair
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
@@ -42,14 +42,13 @@ def build_content(collection: Collection) -> tuple[dict[str, Any], dict[str, str
     """
     meshes: dict[str, Any] = {}
     blobs: dict[str, str] = {}
-    varied, extra = variation(collection)
     incomplete, parts = incomplete_content(collection)
     packed = {
         str(at): pack_mesh(*parts)
         for at, parts in enumerate(zip(collection.vertices, collection.faces, collection.landmarks, strict=True))
     }
     places = place_meshes(collection)
-    for name, (info, text) in (packed | extra | parts | places).items():
+    for name, (info, text) in (packed | parts | places).items():
         meshes[name], blobs[f"mesh-{name}"] = info, text
     pair_fields, blobs["pairs"], statuses = _pairs(collection)
     shape_statistics = shape_map(collection)
@@ -70,7 +69,6 @@ def build_content(collection: Collection) -> tuple[dict[str, Any], dict[str, str
         "statuses": statuses,
         "orders": _orders(collection, shape_statistics),
         "map": shape_statistics,
-        "variation": varied,
         "incomplete": incomplete,
         "places": [f"place-{at}" if f"place-{at}" in places else None for at in range(len(collection))]
         if places

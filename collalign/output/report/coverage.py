@@ -1,4 +1,4 @@
-"""What the page shows of incomplete shapes: what of each has a counterpart, what it covers, and a completed view."""
+"""What the page shows of incomplete shapes: what of each has a counterpart, and what it covers."""
 
 from __future__ import annotations
 
@@ -9,21 +9,18 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from collalign.analysis.warp import thin_plate_warp
 from collalign.output.collection import Collection
 from collalign.output.evidence.members import main_part
 from collalign.output.report.payload import pack_mesh
 from collalign.products.incomplete import Incomplete
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
-from data_tools.errors import InputError
 from data_tools.poses import moved_by
 from data_tools.surface.beyond import lies_beyond
 from data_tools.surface.topology import mesh_edges
 
 #: Incomplete shapes that are drawn, those that cover least.
 MOST_DRAWN = 40
-_MIN_WARP_LABELS = 5
 _NONE = np.empty((0, 3))
 
 #: Packed meshes by name.
@@ -89,15 +86,13 @@ def incomplete_content(collection: Collection) -> tuple[dict[str, Any], Meshes]:
         others = [posed[i] for i in one.partners.tolist()]
         own = posed[one.shape]
         shares = np.mean([other.has(own.vertices) for other in others], axis=0)
-        entry["own"] = _add(meshes, f"coverage-{one.shape}", collection, one.shape, own, shares)
-        missing = None if typical is None else _missing_part(collection, typical, one.shape, own)
-        if missing is not None:
-            entry["completed"] = _add(meshes, f"missing-{one.shape}", collection, one.shape, missing)
+        entry["own"] = name = f"coverage-{one.shape}"
+        meshes[name] = pack_mesh(collection.vertices[one.shape], own.faces, _NONE, shares)
     if typical is not None:
         surface = posed.get(typical) or _posed(collection, typical)
         shares = np.mean([posed[one.shape].has(surface.vertices) for one in listed[:MOST_DRAWN]], axis=0)
-        mesh = _add(meshes, "coverage-typical", collection, typical, surface, shares)
-        content["typical"] = {"shape": typical, "mesh": mesh}
+        content["typical"] = {"shape": typical, "mesh": "coverage-typical"}
+        meshes["coverage-typical"] = pack_mesh(collection.vertices[typical], surface.faces, _NONE, shares)
     return content, meshes
 
 
@@ -121,16 +116,6 @@ def _posed(collection: Collection, at: int) -> _Posed:
     return _Posed(moved_by(T, collection.vertices[at]), collection.faces[at])
 
 
-def _add(
-    meshes: Meshes, name: str, collection: Collection, at: int, surface: _Posed, shares: FloatArray | None = None
-) -> str:
-    """Pack a mesh of the common frame in the file coordinates of a shape, and return its name."""
-    inverse = np.linalg.inv(collection.transforms[at])
-    points = moved_by(inverse, surface.vertices)
-    meshes[name] = pack_mesh(points, surface.faces, _NONE, () if shares is None else shares)
-    return name
-
-
 def _typical(collection: Collection) -> int | None:
     """Return the complete shape of the main part whose samples are nearest to the mean; None where there is none."""
     whole = np.array([i for i in main_part(collection).tolist() if not collection.is_incomplete[i]], dtype=np.int64)
@@ -139,32 +124,3 @@ def _typical(collection: Collection) -> int | None:
     samples = collection.aligned_landmarks[whole]
     gaps = np.linalg.norm(samples - np.nanmean(samples, axis=0), axis=2)
     return int(whole[np.nanmean(gaps, axis=1).argmin()])
-
-
-def _missing_part(collection: Collection, typical: int, at: int, own: _Posed) -> _Posed | None:
-    """Return the part of the mean surface that a shape lacks, carried there by the points that it has.
-
-    The mean surface is that of the typical shape, its points taken to the means over the complete shapes by a
-    smoothing thin-plate spline; another one takes the means to the points of the incomplete shape.
-    """
-    samples = collection.aligned_landmarks
-    mean = np.nanmean(
-        samples[~collection.is_incomplete & (collection.part_numbers == collection.part_numbers[typical])], axis=0
-    )
-    known = np.isfinite(mean).all(axis=1) & np.isfinite(samples[typical]).all(axis=1)
-    shared = known & np.isfinite(samples[at]).all(axis=1)
-    if shared.sum() < _MIN_WARP_LABELS:
-        return None
-    smoothing = float(np.median(cKDTree(mean[known]).query(mean[known], k=2)[0][:, 1]))
-    surface = _posed(collection, typical)
-    try:
-        average = thin_plate_warp(surface.vertices, samples[typical][known], mean[known], smoothing=smoothing)
-        carried = thin_plate_warp(average, mean[shared], samples[at][shared], smoothing=smoothing)
-    except InputError:
-        return None
-    lacks = ~own.has(carried)
-    if not len(surface.faces):
-        return _Posed(carried[lacks], surface.faces) if lacks.any() else None
-    faces = surface.faces[lacks[surface.faces].all(axis=1)]
-    used, renumbered = np.unique(faces, return_inverse=True)
-    return _Posed(carried[used], renumbered.reshape(-1, 3)) if len(faces) else None

@@ -51,17 +51,14 @@ def mesh_of(meshes: dict[str, tuple[dict[str, object], str]], name: str) -> tupl
     return np.array(info["centre"]) + info["step"] * arrays["vertices"].reshape(-1, 3), arrays["scalars"] / 255.0
 
 
-def test_colours_and_the_completed_part_tell_where_the_plane_was() -> None:
+def test_colours_tell_where_the_plane_was() -> None:
     view = broken_view()
     content, meshes = incomplete_content(view)
     (entry,) = content["shapes"]
     assert entry["coverage"] == pytest.approx(0.7)
-    assert (entry["own"], entry["completed"]) == (f"coverage-{BROKEN}", f"missing-{BROKEN}")
+    assert entry["own"] == f"coverage-{BROKEN}"
     T = view.transforms[BROKEN]
     height = (view.vertices[BROKEN] @ T[:3, :3].T + T[:3, 3])[:, 0].max()
-    missing, _ = mesh_of(meshes, f"missing-{BROKEN}")
-    posed = missing @ T[:3, :3].T + T[:3, 3]
-    assert posed[:, 0].min() > height - 0.05
     assert mesh_of(meshes, f"coverage-{BROKEN}")[1].min() == 1.0
     typical = content["typical"]["shape"]
     assert typical != BROKEN
@@ -72,11 +69,10 @@ def test_colours_and_the_completed_part_tell_where_the_plane_was() -> None:
     assert (shares[beyond < -0.05] == 1).all()
 
 
-def test_where_no_shape_is_complete_none_is_completed() -> None:
-    content, meshes = incomplete_content(broken_view(every=True))
+def test_where_no_shape_is_complete_none_is_typical() -> None:
+    content, _ = incomplete_content(broken_view(every=True))
     assert "typical" not in content
     assert len(content["shapes"]) == 6
-    assert not any(name.startswith("missing") for name in meshes)
 
 
 def test_complete_collections_say_nothing() -> None:
@@ -84,15 +80,6 @@ def test_complete_collections_say_nothing() -> None:
     assert build_content(view_of(4))[0]["incomplete"] == {}
     assert "1 of them incomplete" in render_report(broken_view())
     assert "of them incomplete" not in render_report(view_of(4))
-
-
-def test_a_shape_with_too_few_points_is_drawn_without_completion() -> None:
-    view = broken_view()
-    samples = view.landmarks.copy()
-    samples[BROKEN][4:] = np.nan
-    content, meshes = incomplete_content(dataclasses.replace(view, landmarks=samples))
-    assert "completed" not in content["shapes"][0]
-    assert f"missing-{BROKEN}" not in meshes
 
 
 def test_the_record_counts_what_the_arrays_hold() -> None:

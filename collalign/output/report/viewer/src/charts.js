@@ -1,9 +1,7 @@
-// The cophenetic tree, the cycle histogram, and the shapes along the principal components.
+// The cophenetic tree and the cycle histogram.
 
-import { Matrix4 } from "three";
 import { el, number, responsive, select, svg, table } from "./dom.js";
 import { labelColors } from "./shape_map.js";
-import { poseMatrix } from "./data.js";
 
 const ROW = 15;
 const WIDE_TREE = { width: 900, names: 230 };
@@ -72,30 +70,4 @@ export function cycleSection(app) {
     picture,
     el("details", null, el("summary", null, "As a table"), table("Cycle errors", ["Angle", "Cycles"], rows)),
   ];
-}
-
-export function componentsSection(app) {
-  const { stage } = app;
-  const { components, problem } = app.collection.variation;
-  if (!components) return [el("p", null, problem), surfacesNote()];
-  const unit = { centroid: [0, 0, 0], scale: 1 };
-  const draw = (parent, mesh, caption) => {
-    const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": `${caption}; arrow keys turn` });
-    parent.append(el("figure", null, canvas, el("figcaption", null, caption)));
-    stage.add(canvas, () => [{ mesh, matrix: poseMatrix(unit, new Matrix4()), color: "#d9c8a5" }], { zoomable: true });
-  };
-  const rows = components.map(({ share, low, high }, at) => {
-    const row = el("div", { class: "figures three" });
-    draw(row, low, `component ${at + 1} (${number(100 * share)} % of the variance), −2 sd`);
-    draw(row, app.collection.variation.mean, "mean");
-    draw(row, high, `component ${at + 1}, +2 sd`);
-    return row;
-  });
-  return [el("p", { class: "muted" }, app.collection.variation.words), surfacesNote(), ...rows];
-}
-
-// A file cannot see whether the page that another command writes is there: a link to it might lead nowhere.
-function surfacesNote() {
-  return el("p", null, el("code", null, "collalign variation"),
-    " with the name of this folder writes variation/variation.html beside this report, with whole surfaces in correspondence: components that deform the mean surface, group means, each specimen against the mean, left and right, numbered landmarks.");
 }

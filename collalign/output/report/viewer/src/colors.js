@@ -7,7 +7,6 @@ const VIRIDIS = ["#440154", "#482878", "#3e4989", "#31688e", "#26828e", "#1f9e89
 const DIVERGING = ["#2166ac", "#67a9cf", "#d1e5f0", "#f7f7f7", "#fddbc7", "#ef8a62", "#b2182b"];
 export const BONE = "#d9c8a5";
 export const GREY = "#a9b0b8";
-export const MISSING_PART = "#3f8fca";
 
 // A component of a screen's colour as three.js adds light, in [0, 1].
 export const linear = (value) => value ** 2.2;

@@ -1,7 +1,7 @@
-// Shapes of which parts are missing: what of each has a counterpart, what the others have beyond it.
+// Shapes of which parts are missing: what of each has a counterpart on the others, and what they have of a complete one.
 
 import { button, el, table } from "./dom.js";
-import { MISSING_PART, VIRIDIS_CSS } from "./colors.js";
+import { VIRIDIS_CSS } from "./colors.js";
 import { after, percent } from "./layers.js";
 
 function share(value) {
@@ -29,10 +29,6 @@ function entry(app, one) {
   const { name } = app.collection.shapes[one.shape];
   const row = el("div", { class: "figures few" });
   if (one.own) figure(app, row, `${name}, what the others have too`, () => [after(app, one.shape, { mesh: one.own })]);
-  if (one.completed) {
-    figure(app, row, `${name} and, in blue, what the mean has beyond it: a guess`, () => [
-      after(app, one.shape), after(app, one.shape, { mesh: one.completed, color: MISSING_PART, opacity: 0.6 })]);
-  }
   const words = `Covers ${share(one.coverage)} of the shapes that it was posed on; ${one.points[0]} of ${one.points[1]} corresponding points are there. Incomplete: ${one.reason || "as told"}.`;
   return el("div", { class: "entry" }, el("h3", null, button(name, () => app.openShape(one.shape), { class: "link" })), el("p", null, words), row, overlapTable(app, one));
 }
@@ -43,16 +39,13 @@ function legend() {
 
 export function incompleteSection(app) {
   const { shapes, drawn, typical } = app.collection.incomplete;
-  const intro = "Colours say how many of the shapes that an incomplete one was posed on have a counterpart of each place. "
-    + "Clear blue is the mean's surface where the shape has none, carried there by the points that it has: a picture, in no export and no figure.";
+  const intro = "Colours say how many of the shapes that an incomplete one was posed on have a counterpart of each place.";
   const parts = [el("p", { class: "muted" }, intro), legend()];
   if (typical) {
     const row = el("div", { class: "figures few" });
     const caption = `${app.collection.shapes[typical.shape].name}, a complete shape: how many of the incomplete ones have each place`;
     figure(app, row, caption, () => [after(app, typical.shape, { mesh: typical.mesh })]);
     parts.push(row);
-  } else {
-    parts.push(el("p", null, "No shape is complete, so none is drawn completed."));
   }
   if (drawn < shapes.length) parts.push(el("p", null, `The ${drawn} that cover least are drawn.`));
   return [...parts, ...shapes.map((one) => entry(app, one))];

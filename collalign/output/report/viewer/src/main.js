@@ -5,7 +5,7 @@ import { Corrections, correctionBar } from "./corrections.js";
 import { Overlay, overlaySection } from "./overlay.js";
 import { Stage } from "./stage.js";
 import { button, el } from "./dom.js";
-import { componentsSection, cycleSection, treeSection } from "./charts.js";
+import { cycleSection, treeSection } from "./charts.js";
 import { doubtSection } from "./doubt.js";
 import { excludedSection, runSection } from "./tables.js";
 import { gallerySection } from "./gallery.js";
@@ -26,7 +26,6 @@ const SECTIONS = [
   ["places", "Maps of vertices", placesSection],
   ["pairs", "Pairs", pairsSection],
   ["map", "Shape map", mapSection],
-  ["components", "Variation", componentsSection],
   ["tree", "Tree", treeSection],
   ["cycles", "Cycle consistency", cycleSection],
   ["run", "This run", runSection],

@@ -76,7 +76,7 @@ function legend(app, column) {
 export function mapSection(app) {
   const { collection } = app;
   const { map, categories: columns } = collection;
-  if (!map.members) return [el("p", null, map.problem)];
+  if (!map.members) return [el("p", null, map.problem), surfacesNote()];
   let [method, column] = [Object.keys(map.points)[0], columns[0] ?? ""];
   const picture = el("div", { class: "picture" });
   const show = responsive(picture, (narrow) => [scatter(app, method, column, narrow ? NARROW : WIDE), column && legend(app, column)]);
@@ -87,5 +87,12 @@ export function mapSection(app) {
       columns.length ? select("Colour by", [...columns.map((key) => [key, key]), ["", "nothing"]], (key) => { column = key; show(); }, column) : "",
       el("span", { class: "muted" }, map.words)),
     picture,
+    surfacesNote(),
   ];
+}
+
+// A file cannot see whether the page that another command writes is there: a link to it might lead nowhere.
+function surfacesNote() {
+  return el("p", null, el("code", null, "collalign variation"),
+    " with the name of this folder writes variation/variation.html beside this report, with whole surfaces in correspondence: components that deform the mean surface, group means, each specimen against the mean, left and right, numbered landmarks.");
 }
