@@ -12,7 +12,7 @@ from collalign.nonrigid.map_options import SurfaceOptions as SurfaceOptions
 from collalign.options import AlignOptions as AlignOptions
 from collalign.options import PairOptions as PairOptions
 from collalign.options import TwoShapeOptions as TwoShapeOptions
-from collalign.output.browsing import AlignedShape as AlignedShape
+from collalign.output.aligned_shape import AlignedShape as AlignedShape
 from collalign.output.collection import Collection as Collection
 from collalign.output.evidence.loading import load as load
 from collalign.output.evidence.members import Members as Members

@@ -6,14 +6,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from collalign.engine.run_options import RunOptions
 from collalign.options import AlignOptions
-from collalign.output.browsing import AlignedShape, html_of, pairs_table, shapes_table, trimesh_of
+from collalign.output.aligned_shape import AlignedShape, trimesh_of
 from collalign.output.contact_sheet import contact_sheet, tile_of
 from collalign.output.vertex_maps import load_vertex_maps
 from collalign.products.consistent_maps import ConsistentMaps, position_of
@@ -24,7 +24,6 @@ from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Excluded
 from collalign.products.trust import DOUBT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-from data_tools.checks import check_choice
 from data_tools.errors import InputError
 from data_tools.io.output_folder import OutputFolder, file_stems
 from data_tools.io.shapes import read_shape
@@ -41,8 +40,8 @@ MESH_FOLDER = "meshes"
 class Collection:
     """An aligned collection, just made by :func:`collalign.align_collection` or read by :func:`collalign.load`.
 
-    ``len``, indexing and iteration give the shapes, in natural order of their names; notebooks show a table and a
-    picture. Arrays are read-only.
+    ``len``, indexing and iteration give the shapes, in natural order of their names; ``pandas.DataFrame`` makes
+    tables of their list and of the pairs' list. Arrays are read-only.
 
     Attributes
     ----------
@@ -175,9 +174,6 @@ class Collection:
         doubtful, mirrored = int((self.confidence < DOUBT).sum()), int(self.reflected.sum())
         found = f"{len(self)} shapes, {len(self.pairs)} pairs, {doubtful} doubtful, {mirrored} mirrored"
         return f"<{type(self).__name__}: {found}>"
-
-    def _repr_html_(self) -> str:
-        return html_of(repr(self), list(self), self.plot)
 
     @property
     def scales(self) -> FloatArray:
@@ -359,23 +355,3 @@ class Collection:
         """
         chosen = [self.index(shape) for shape in (self.names if shapes is None else shapes)]
         return {self.names[at]: trimesh_of(self._shape(at, aligned=True)) for at in chosen}
-
-    def to_dataframe(self, of: Literal["shapes", "pairs"] = "shapes") -> Any:
-        """Return one row per shape, or per matched pair.
-
-        Parameters
-        ----------
-        of : {"shapes", "pairs"}
-
-        Returns
-        -------
-        pandas.DataFrame
-            Indexed by the names of the shapes, or of target and source.
-
-        Raises
-        ------
-        UnavailableError
-            If pandas is not installed.
-        """
-        check_choice("of", of, ("shapes", "pairs"))
-        return shapes_table(self) if of == "shapes" else pairs_table(self.pairs, self.names)

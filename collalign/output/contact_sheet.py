@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from collalign.output.evidence.camera import camera
 from collalign.output.evidence.display_mesh import display_mesh
@@ -39,20 +38,16 @@ _PNG = {"compress_level": 3}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tile:
-    """One shape for the sheet: its mesh (decimated), its transform, and how far it is trusted (NaN: unknown).
-
-    ``colours`` has one row for each vertex, or one for all.
-    """
+    """One shape for the sheet: its mesh (decimated), its transform, and how far it is trusted (NaN: unknown)."""
 
     name: str
     vertices: FloatArray
     faces: IntArray
     transform: FloatArray
     confidence: float
-    colours: FloatArray
 
 
-def tile_of(shape: Shape, transform: FloatArray, confidence: float, colours: FloatArray | None = None) -> Tile:
+def tile_of(shape: Shape, transform: FloatArray, confidence: float) -> Tile:
     """Decimate a shape for drawing.
 
     Parameters
@@ -61,16 +56,9 @@ def tile_of(shape: Shape, transform: FloatArray, confidence: float, colours: Flo
     transform : ndarray, shape (4, 4)
         File coordinates to the common frame.
     confidence : float
-    colours : ndarray, shape (v, 3), optional
-        Red, green and blue of the shape's vertices, between 0 and 1.
     """
     vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=_MAX_FACES)
-    shown = _COLOUR[None]
-    if colours is not None:
-        shown = colours[cKDTree(shape.vertices).query(vertices)[1]]
-    return Tile(
-        name=shape.name, vertices=vertices, faces=faces, transform=transform, confidence=confidence, colours=shown
-    )
+    return Tile(name=shape.name, vertices=vertices, faces=faces, transform=transform, confidence=confidence)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,10 +104,10 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
         row, column = divmod(position, columns)
         corner = np.array([2.0 * column, size[1] - (row + 1) * _ROW_HEIGHT])
         linear = tile.transform[:3, :3]
-        panels.append(_panel(tile.vertices @ view.T, tile.faces, tile.colours, corner, flipped=False))
+        panels.append(_panel(tile.vertices @ view.T, tile.faces, corner, flipped=False))
         moved = tile.vertices @ (view @ linear).T
         flipped = bool(np.linalg.det(linear) < 0)
-        panels.append(_panel(moved, tile.faces, tile.colours, corner + _RIGHT, flipped=flipped))
+        panels.append(_panel(moved, tile.faces, corner + _RIGHT, flipped=flipped))
         words: dict[str, Any] = {"fontsize": 7, "va": "bottom", "parse_math": False}
         axes.text(corner[0] + _MARGIN, corner[1] + 1.0, tile.name, **words)
         if not np.isnan(tile.confidence):
@@ -136,25 +124,21 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Panel:
-    """A shape seen from the viewpoint, the farthest first: corners of triangles or points, shades, colours."""
+    """A shape seen from the viewpoint, the farthest first: corners of triangles or points, and their shades."""
 
     faces: bool
     corners: FloatArray
     shades: FloatArray
-    colours: FloatArray
 
 
-def _panel(
-    vertices: FloatArray, faces: IntArray, colours: FloatArray, corner: FloatArray, *, flipped: bool
-) -> _Panel:
+def _panel(vertices: FloatArray, faces: IntArray, corner: FloatArray, *, flipped: bool) -> _Panel:
     """Project one mesh (or point cloud) into the cell of unit size at ``corner``, with Lambert shading."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     points = (vertices - 0.5 * (low + high)) / (0.5 * (high - low)[:2].max() or 1.0)
     flat = corner + 0.5 + (0.5 - _MARGIN) * points[:, :2]
     if not len(faces):
         order = np.argsort(points[:, 2])
-        of_points = np.broadcast_to(colours, points.shape)[order]
-        return _Panel(faces=False, corners=flat[order], shades=points[order, 2], colours=of_points)
+        return _Panel(faces=False, corners=flat[order], shades=points[order, 2])
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
@@ -164,7 +148,6 @@ def _panel(
         faces=True,
         corners=flat[faces][order],
         shades=np.clip(0.25 + 0.7 * np.abs(facing), 0.0, 1.0)[order],
-        colours=np.broadcast_to(colours, vertices.shape)[faces].mean(axis=1)[order],
     )
 
 
@@ -178,8 +161,7 @@ def _draw(axes: Any, panels: list[_Panel]) -> None:
     corners = np.concatenate([panel.corners for panel in panels]).reshape(-1, 2)
     shades = np.concatenate([panel.shades for panel in panels])
     triangles = np.arange(len(corners)).reshape(-1, 3)
-    tints = np.concatenate([panel.colours for panel in panels])
-    colours: Any = np.repeat(np.clip(shades[:, None] * tints, 0.0, 1.0), 3, axis=0)
+    colours: Any = np.repeat(np.clip(shades[:, None] * _COLOUR, 0.0, 1.0), 3, axis=0)
     mesh = TriMesh(Triangulation(corners[:, 0], corners[:, 1], triangles))
     mesh.set_facecolor(colours)
     axes.add_collection(mesh, autolim=False)

@@ -1,4 +1,4 @@
-"""What is made of each shape's file: its aligned mesh, its mesh for the report, its tiles of the contact sheets."""
+"""What is made of each shape's file: its aligned mesh, and its mesh for the report."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from scipy.spatial import cKDTree
 from collalign.engine.jobs.job import Runner
 from collalign.engine.jobs.run import run_jobs
 from collalign.output.collection import Collection
-from collalign.output.contact_sheet import Tile, tile_of
 from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.output.vertex_maps import PlaceColours, at_vertices
 from data_tools.arrays import FloatArray, IntArray
@@ -22,32 +21,25 @@ from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
-from data_tools.surface.shape import Shape
 
 Made = TypeVar("Made")
-
-#: More shapes than this are drawn as an evenly spaced choice.
-_MAX_TILES = 100
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShapeParts:
-    """What the report and the contact sheets show of one shape.
+    """What the report and the contact sheet show of one shape.
 
     Attributes
     ----------
     vertices : ndarray, shape (v, 3)
         Of the display mesh, in the file's coordinates.
     faces : ndarray of int, shape (f, 3)
-    tile, coloured : Tile or None
     places : ndarray of uint8, shape (v, 3)
         Colours of the display mesh by place, (0, 3) where there are none.
     """
 
     vertices: FloatArray
     faces: IntArray
-    tile: Tile | None
-    coloured: Tile | None
     places: NDArray[np.uint8]
 
 
@@ -58,10 +50,8 @@ def write_shape(
     cleaning: CleaningOptions,
     *,
     transform: FloatArray,
-    confidence: float,
     mesh: Path,
     max_faces: int,
-    drawn: bool,
     colours: FloatArray | None,
 ) -> ShapeParts:
     """Read a shape, write its aligned copy and decimate it; runs inside a worker.
@@ -71,27 +61,21 @@ def write_shape(
     file, name, digest, cleaning
         As the shape was read for the alignment.
     transform : ndarray, shape (4, 4)
-    confidence : float
     mesh : Path
         Where to write the aligned mesh.
     max_faces : int
         Of the mesh for the report.
-    drawn : bool
-        Whether the shape has a tile.
     colours : ndarray, shape (f, 3), or None
-        Of its file's vertices, for a second tile; see :meth:`collalign.output.vertex_maps.PlaceColours.of_file`.
+        Of its file's vertices; see :meth:`collalign.output.vertex_maps.PlaceColours.of_file`.
     """
     shape = read_shape(file, cleaning, name=name, digest=digest)
     write_mesh(mesh, shape.transformed(transform))
     vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=max_faces)
-    shown = Shape.from_arrays(vertices, faces, name=shape.name)
-    tile = tile_of(shown, transform, confidence) if drawn else None
-    coloured, places = None, np.empty((0, 3), dtype=np.uint8)
+    places = np.empty((0, 3), dtype=np.uint8)
     if colours is not None:
         colours = at_vertices(colours, shape)[cKDTree(shape.vertices).query(vertices)[1]]
         places = np.round(255.0 * colours).astype(np.uint8)
-        coloured = tile_of(shown, transform, confidence, colours) if drawn else None
-    return ShapeParts(vertices=vertices, faces=faces, tile=tile, coloured=coloured, places=places)
+    return ShapeParts(vertices=vertices, faces=faces, places=places)
 
 
 def write_shapes(
@@ -110,7 +94,7 @@ def write_shapes(
     meshes : sequence of Path
         Where to write the aligned mesh of each shape.
     colours : PlaceColours or None
-        Of the second tiles.
+        By place.
     num_jobs : int
         Processes of this machine that share the work; 1 is this one alone.
     advance : callable, optional
@@ -122,7 +106,6 @@ def write_shapes(
         If a file has vanished or changed meanwhile, or a mesh cannot be written.
     """
     num = len(collection.names)
-    drawn = set(np.linspace(0, num - 1, min(num, _MAX_TILES)).round().astype(int).tolist())
     tasks = (
         (
             str(i),
@@ -132,10 +115,8 @@ def write_shapes(
                 "digest": collection.made.digests[i],
                 "cleaning": collection.options.cleaning,
                 "transform": collection.transforms[i],
-                "confidence": float(collection.confidence[i]),
                 "mesh": meshes[i],
                 "max_faces": faces_per_shape(num),
-                "drawn": i in drawn,
                 "colours": None if colours is None else colours.of_file(name),
             },
         )

@@ -1,4 +1,4 @@
-"""Maps of all vertices in files: ``vertex_maps.npz``, and a picture of all shapes in the reference's colours."""
+"""Maps of all vertices: ``vertex_maps.npz``, and the reference's colours for all shapes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from data_tools.errors import InputError
 from data_tools.surface.shape import Shape
 
 VERTEX_MAPS_FILE = "vertex_maps.npz"
-VERTEX_MAPS_PICTURE = "vertex_maps.png"
 #: Of vertices that have no counterpart on the reference.
 _GREY = np.full(3, 0.6)
 

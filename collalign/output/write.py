@@ -13,7 +13,7 @@ import numpy as np
 from collalign.confidence.candidate_model import candidate_chances
 from collalign.output.certificates import write_certificates
 from collalign.output.collection import MESH_FOLDER, Collection
-from collalign.output.contact_sheet import ContactSheet
+from collalign.output.contact_sheet import ContactSheet, tile_of
 from collalign.output.evidence.evidence_file import (
     CORRESPONDENCES_FILE,
     EVIDENCE_FILE,
@@ -22,8 +22,8 @@ from collalign.output.evidence.evidence_file import (
 )
 from collalign.output.evidence.gather import shown_pair
 from collalign.output.report.page import Page, report_pages
-from collalign.output.shape_files import ShapeParts, share_out, write_shapes
-from collalign.output.vertex_maps import VERTEX_MAPS_FILE, VERTEX_MAPS_PICTURE, PlaceColours, save_vertex_maps
+from collalign.output.shape_files import share_out, write_shapes
+from collalign.output.vertex_maps import VERTEX_MAPS_FILE, PlaceColours, save_vertex_maps
 from collalign.products.trust import KINDS
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import declared_system
@@ -32,6 +32,7 @@ from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder, file_stems, refuse_overlap
 from data_tools.io.source import inputs_of, location
 from data_tools.poses import scales_of
+from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
 #: The command whose files these are, in the manifest of an output folder.
@@ -41,6 +42,8 @@ PAIRS_FILE = "pairs.csv"
 RUN_FILE = "run.json"
 CONTACT_SHEET_FILE = "contact_sheet.png"
 REPORT_FILE = "report.html"
+#: More shapes than this are drawn as an evenly spaced choice.
+_MAX_TILES = 100
 #: Written by every run; the report can be left out.
 _TABLES = (ALIGNMENT_FILE, CORRESPONDENCES_FILE, PAIRS_FILE, RUN_FILE, CONTACT_SHEET_FILE, EVIDENCE_FILE)
 
@@ -120,7 +123,7 @@ def save_collection(
         )
         save_evidence(shown, output.staging)
         title = report_title(collection) if report else None
-        documents = _documents(parts, shown, output, title)
+        documents = _documents(shown, output, title)
         share_out(write_document, ((name, {"document": one}) for name, one in documents), num_jobs=num_jobs)
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
@@ -137,8 +140,7 @@ def report_title(collection: Collection) -> str:
 
 def output_names(names: Sequence[str]) -> list[str]:
     """Return the paths, relative to the folder, that the results of shapes of these names take."""
-    optional = (REPORT_FILE, VERTEX_MAPS_FILE, VERTEX_MAPS_PICTURE)
-    return [*_TABLES, *optional, *(f"{MESH_FOLDER}/{stem}.ply" for stem in file_stems(names))]
+    return [*_TABLES, REPORT_FILE, VERTEX_MAPS_FILE, *(f"{MESH_FOLDER}/{stem}.ply" for stem in file_stems(names))]
 
 
 def _evidence(collection: Collection, shape: int) -> dict[str, float | None]:
@@ -235,14 +237,13 @@ def write_document(document: Page | ContactSheet) -> None:
 
 
 def _documents(
-    parts: Sequence[ShapeParts], shown: Collection, output: OutputFolder, title: str | None
+    shown: Collection, output: OutputFolder, title: str | None
 ) -> Iterator[tuple[str, Page | ContactSheet]]:
     """Yield what is drawn and, with a title, the pages of the report, by name."""
-    tiles = tuple(part.tile for part in parts if part.tile is not None)
+    drawn = np.linspace(0, len(shown) - 1, min(len(shown), _MAX_TILES)).round().astype(np.int64)
+    meshes = {i: Shape.from_arrays(shown.vertices[i], shown.faces[i], name=shown.names[i]) for i in drawn.tolist()}
+    tiles = tuple(tile_of(mesh, shown.transforms[i], float(shown.confidence[i])) for i, mesh in meshes.items())
     yield "sheet", ContactSheet(path=output.stage(CONTACT_SHEET_FILE).absolute(), tiles=tiles)
-    coloured = tuple(part.coloured for part in parts if part.coloured is not None)
-    if coloured:
-        yield "coloured", ContactSheet(path=output.stage(VERTEX_MAPS_PICTURE).absolute(), tiles=coloured)
     if title is not None:
         for page in report_pages(shown, output.stage(REPORT_FILE).absolute(), title=title):
             yield page.title, page

@@ -5,25 +5,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from collalign import AlignOptions, RunOptions, align_collection
-from collalign.output import shape_files
+from collalign.output import write
 from collalign.output.vertex_maps import PlaceColours
 from collalign.products.deformation import VertexMaps
-from data_tools.datasets.synthetic_shapes import chair
-from data_tools.options import SamplingOptions
+from data_tools.io.output_folder import OutputFolder
+from tests.view_problems import view_of
 
 
 @pytest.mark.parametrize(("most", "drawn"), [(100, [0, 1, 2, 3, 4]), (3, [0, 2, 4])])
 def test_all_shapes_are_drawn_or_as_many_as_fit_from_the_first_to_the_last(
     most: int, drawn: list[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(shape_files, "_MAX_TILES", most)
-    shapes = {f"chair{i}": chair(np.random.default_rng(i), resolution=1) for i in range(5)}
-    options = AlignOptions(group="SO", sampling=SamplingOptions(num_points=8, num_dense_points=0))
-    collection = align_collection(shapes, options=options, run=RunOptions(jobs=1))
-    parts = shape_files.write_shapes(collection, [tmp_path / f"{name}.ply" for name in collection.names], None)
-    assert [i for i, part in enumerate(parts) if part.tile is not None] == drawn
-    assert len(list(tmp_path.iterdir())) == 5
+    monkeypatch.setattr(write, "_MAX_TILES", most)
+    view = view_of(5)
+    with OutputFolder.open(tmp_path, writer="align") as output:
+        ((name, sheet),) = write._documents(view, output, None)
+    assert name == "sheet"
+    assert [tile.name for tile in sheet.tiles] == [view.names[i] for i in drawn]
 
 
 def test_colours_are_the_places_along_the_axes_of_the_reference() -> None:

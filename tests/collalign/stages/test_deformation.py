@@ -182,7 +182,6 @@ def test_maps_survive_saving(deformed: tuple[list[Shape], Collection, Path]) -> 
     assert maps is not None
     assert (again["f1", "f3"] == maps["f1", "f3"]).all()
     assert again.reference == maps.reference
-    assert (out / "vertex_maps.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InputError, match="no maps of 'g'"):
         again["g", "f0"]
 
