@@ -21,7 +21,7 @@ from tests.mutants.place import MODULE, Mutant, function_spans
 
 PACKAGES = ("collalign", "data_tools", "pairwise")
 #: The variable that names the folder, and for how many seconds the tests of one fault may take without it.
-CALLS, ENOUGH_S = "MUTANTS_CALLS", 6.0
+CALLS, ENOUGH_S = "MUTANTS_CALLS", 60.0
 
 
 class Recorder:

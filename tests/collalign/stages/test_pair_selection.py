@@ -134,6 +134,9 @@ def test_adaptive_pairs_join_separate_groups_and_end_when_all_pairs_exist(rng: n
     added = adaptive_pairs(edges, np.ones(5), [np.arange(3), np.array([3, 4])], hashes(5), descriptors)
     assert nx.is_connected(nx.Graph(np.concatenate([edges, added]).tolist()))
     assert len(adaptive_pairs(all_pairs(5), np.zeros(5), [], hashes(5), descriptors)) == 0
+    parts = [np.arange(37), np.arange(37, 40)]
+    joining = adaptive_pairs(edges, np.ones(40), parts, hashes(40), rng.standard_normal((40, 2)))
+    assert set(joining[:, 1].tolist()) == {37, 38, 39}, "the smaller part asks for pairs"
     everything = np.concatenate([edges, adaptive_pairs(edges, np.zeros(5), [], hashes(5), descriptors)])
     assert as_set(everything) == as_set(all_pairs(5))
 

@@ -52,6 +52,7 @@ def test_shapes_without_any_distance_are_errors() -> None:
     assert record["wrong"][0]["predicted"] is None
     assert record["accuracy"] == pytest.approx(4 / 6)
     assert "4 of 6" in found.table()
+    assert found.table().splitlines()[1].split() == ["a", *map(str, found.by_label["a"])]
 
 
 def test_nothing_to_score_is_said() -> None:

@@ -97,6 +97,7 @@ def test_vertex_areas_of_cloud_and_mesh_agree(sphere: Shape) -> None:
     cloud = Shape.from_arrays(sphere.vertices)
     assert vertex_areas(cloud).sum() == pytest.approx(4 * np.pi, rel=0.1)
     assert vertex_areas(sphere).sum() == pytest.approx(sphere.area)
+    np.testing.assert_allclose(vertex_areas(Shape.from_arrays(np.eye(3))), np.pi, err_msg="fewer than the neighbours")
 
 
 def test_points_on_a_line_have_no_laplacian_and_that_is_said_in_words() -> None:
