@@ -19,6 +19,7 @@ from collalign.output.evidence.members import Members as Members
 from collalign.products.consistent_maps import ConsistentMaps as ConsistentMaps
 from collalign.products.deformation import VertexMaps as VertexMaps
 from collalign.products.incomplete import Incomplete as Incomplete
+from collalign.products.own import Own as Own
 from collalign.products.pair import Alternative as Alternative
 from collalign.products.pair import Pair as Pair
 from collalign.products.run_record import Made as Made
@@ -27,7 +28,9 @@ from collalign.products.shapes import Excluded as Excluded
 from collalign.products.trust import Trust as Trust
 from collalign.products.trust import Witness as Witness
 from collalign.registration.registration_options import RegistrationOptions as RegistrationOptions
+from collalign.stages.poses.synchronize import pair_graph as pair_graph
 from collalign.synchronization import synchronize as synchronize
+from collalign.synchronization.problem.graph import PairGraph as PairGraph
 from collalign.synchronization.result import SynchronizationResult as SynchronizationResult
 from collalign.synchronization.result import WeakCut as WeakCut
 from collalign.tools.certify.result import CertifiedCollection as CertifiedCollection
@@ -62,6 +65,7 @@ from data_tools.options import CleaningOptions as CleaningOptions
 from data_tools.options import EmbeddingOptions as EmbeddingOptions
 from data_tools.options import SamplingOptions as SamplingOptions
 from data_tools.poses import Similarity as Similarity
+from data_tools.surface.shape import Shape as Shape
 from pairwise.certificates.certificate import Certificate as Certificate
 from pairwise.dense.refine import RefinedPose as RefinedPose
 from pairwise.options import MatchOptions as MatchOptions

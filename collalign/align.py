@@ -18,6 +18,7 @@ from collalign.options import AUTO, AlignOptions, AlignSession
 from collalign.output.collection import Collection
 from collalign.output.evidence.gather import by_label, cycle_errors_deg, part_numbers
 from collalign.products.consistent_maps import ConsistentMaps
+from collalign.products.own import Own
 from collalign.products.pair import FormerPairs
 from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Constraints, Shapes
@@ -25,12 +26,14 @@ from collalign.stages import steps
 from collalign.stages.incomplete.add import with_incomplete
 from collalign.stages.incomplete.detect import MIN_SHAPES, find_incomplete, told_incomplete
 from collalign.stages.incomplete.grow import align_scans
+from collalign.stages.own_knowledge import own_note, own_points, with_own_pairs
 from collalign.stages.pairs.match import num_reused_pairs
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.checks import as_options
+from data_tools.embedding.own_points import OwnPoints
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.files import readable_name
 from data_tools.io.objects import ShapesLike, list_shapes
@@ -53,6 +56,7 @@ def align_collection(
     options: AlignOptions | Mapping[str, Any] | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
     fixed: Mapping[str, ArrayLike] | None = None,
+    own: Own | Mapping[str, Any] | None = None,
     recursive: bool = False,
     progress: ProgressFactory | bool = True,
     **keywords: Any,
@@ -71,12 +75,15 @@ def align_collection(
         Processes, store, limits: how the work is done.
     fixed : mapping of name to array_like (3, 3), optional
         ``R_common_shape`` of shapes whose orientation a person has decided; they come out exactly so.
+    own : Own or mapping, optional
+        What you know beside: descriptors, samples, candidate poses and weights of pairs, all judged by the same
+        evidence as what a run finds.
     recursive : bool
         Whether folders in a folder count. Files of one name are called ``folder/name``.
     progress : bool or callable
         A bar per stage in terminals and notebooks; False is silent; a callable makes another display.
     **keywords
-        Fields of ``options`` and of ``run`` by themselves, which win: ``seed=1, group="O", jobs=2``.
+        Fields of ``options``, ``run`` and ``own`` by themselves, which win: ``seed=1, jobs=2, candidates={...}``.
 
     Returns
     -------
@@ -86,7 +93,7 @@ def align_collection(
     Raises
     ------
     InputError
-        If there are no shapes, or ``fixed`` or ``options.reference`` names a shape that is not there.
+        If there are no shapes, or ``fixed``, ``own`` or ``options.reference`` names a shape that is not there.
     OptionsError
         If an option is unknown or impossible.
     CollectionError
@@ -102,12 +109,15 @@ def align_collection(
     >>> bool(np.allclose(aligned.rotations[1], quarter, atol=1e-3))
     True
     """
-    of_run = {one.name: keywords.pop(one.name) for one in fields(RunOptions) if one.name in keywords}
+    of_run, of_own = (
+        {one.name: keywords.pop(one.name) for one in fields(kind) if one.name in keywords}
+        for kind in (RunOptions, Own)
+    )
     asked = as_options("options", options, AlignOptions, keywords)
     how = as_options("run", run, RunOptions, of_run)
     listing = list_shapes(shapes, recursive=recursive)
     with Session.open(asked, how, progress_display(progress)) as session:
-        return align_listing(session, listing, fixed=fixed or {})
+        return align_listing(session, listing, fixed=fixed or {}, own=as_options("own", own, Own, of_own))
 
 
 @one_blas_thread()
@@ -119,6 +129,7 @@ def align_listing(
     fixed_transforms: Mapping[str, FloatArray] | None = None,
     former: FormerPairs | None = None,
     incomplete: Iterable[str] = (),
+    own: Own = Own(),  # noqa: B008
 ) -> Collection:
     """Align listed files; :func:`align_collection` and :func:`collalign.extend.add_to_collection` both end here.
 
@@ -134,11 +145,16 @@ def align_listing(
         Pairs of an earlier run.
     incomplete : iterable of str
         Shapes that an earlier run found to be incomplete.
+    own : Own, optional
+        What the caller knows beside.
     """
     times_s = dict[str, float]()
     with steps.timed(session, times_s, "shapes"):
-        shapes = prepare_shapes(session, listing)
+        given = own_points(own, dict(zip(listing.names, listing.files, strict=True)))
+        session = _at_own_samples(session, given)
+        shapes = prepare_shapes(session, listing, given)
         constraints = _constraints(shapes, session.options, fixed, fixed_transforms or {})
+        constraints = with_own_pairs(constraints, own, shapes, session.options.group)
     run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)
     missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
     if len(missing) == len(shapes.names):
@@ -154,7 +170,18 @@ def align_listing(
         if missing:
             posed = with_incomplete(with_group(run, matched.group), posed, missing)
     session.enter(FINISHED)
-    return _collected(run, matched, posed, tuple(readable_name(path) for path in listing.skipped))
+    matched = replace(matched, notes=(own_note(own, given, constraints, posed.rotations), *matched.notes))
+    found = _collected(run, matched, posed, tuple(readable_name(path) for path in listing.skipped))
+    return replace(found, own=own.kinds)
+
+
+def _at_own_samples(session: AlignSession, given: Mapping[str, OwnPoints]) -> AlignSession:
+    """Return the session whose options say how many samples are given, if any are."""
+    samples = next((one.samples for one in given.values()), None)
+    if samples is None:
+        return session
+    sampling = replace(session.options.sampling, num_points=len(samples))
+    return session.with_options(replace(session.options, sampling=sampling))
 
 
 def matched_samples(session: AlignSession, listing: FolderListing) -> Shapes:

@@ -14,8 +14,8 @@ import pytest
 import collalign
 import pairwise
 from collalign.engine.run_options import RunOptions
+from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollalignError
-from data_tools.surface.shape import Shape
 
 #: Nothing of these is needed to align shapes and to match pairs.
 OPTIONAL = (
@@ -107,10 +107,10 @@ def test_every_type_that_a_signature_names_is_imported_from_the_top() -> None:
 
 
 def test_a_type_that_is_missing_at_the_top_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def stray(shape: list[Shape] | None) -> None: ...
+    def stray(shape: list[WorkingSurface] | None) -> None: ...
 
     monkeypatch.setattr(collalign, "stray", stray, raising=False)
-    assert not_at_the_top(["stray"]) == {"Shape"}
+    assert not_at_the_top(["stray"]) == {"WorkingSurface"}
     assert not_at_the_top(["align_collection"]) == set()
 
 

@@ -7,7 +7,7 @@ import json
 import re
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +18,7 @@ import collalign
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
 from collalign.cli.interruption import INCOMPLETE, resumable
+from collalign.cli.own_file import read_own
 from collalign.cli.talk import say, say_files, tell, warn
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.run_options import RunOptions
@@ -28,6 +29,7 @@ from collalign.output.collection import Collection
 from collalign.output.corrections import fixed_by, read_corrections
 from collalign.output.evidence.loading import load
 from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE, WRITER, output_names, save_collection
+from collalign.products.own import Own
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
@@ -46,15 +48,30 @@ _USUAL = re.compile(
 )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Given:
+    """How shapes are read, and what is known of them, beside the options of an alignment."""
+
+    recursive: Annotated[bool, Parameter(negative=())] = False
+    """Take the folders in a folder too; files of one name are called folder/name."""
+
+    corrections: Annotated[list[Path] | None, Parameter(negative=())] = None
+    """Decisions downloaded from the report: poses that are kept, with no pair matched again. Once for each file."""
+
+    labels: Path | None = None
+    """CSV file with one row per shape (name, then columns such as taxon), for the report."""
+
+    own: Path | None = None
+    """JSON file with candidate poses and weights of pairs, samples and descriptors of your own."""
+
+
 def align(
     folder: Annotated[list[Path], Parameter(negative=())],
     *,
     out: Path,
-    recursive: Annotated[bool, Parameter(negative=())] = False,
     check: Annotated[bool, Parameter(negative=())] = False,
-    corrections: Annotated[list[Path] | None, Parameter(negative=())] = None,
-    labels: Path | None = None,
     report: bool = True,
+    given: Annotated[Given, Parameter(name="*")] = Given(),
     options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
@@ -67,28 +84,23 @@ def align(
         these a line.
     out
         Folder for the results; an interrupted run goes on from the store in it.
-    recursive
-        Take the folders in a folder too; files of one name are called folder/name.
     check
         Only read every file and say what is in it: nothing is aligned or written.
-    corrections
-        Decisions downloaded from the report: poses that are kept, with no pair matched again. Once for each file.
-    labels
-        CSV file with one row per shape (name, then columns such as taxon), for the report.
     report
         Write report.html.
     """
-    listing, inputs = _listed(folder if folder[1:] else folder[0], recursive=recursive)
-    refuse_overlap(out, inputs)
-    fixed = fixed_by([read_corrections(path) for path in corrections or ()], listing.names)
-    table = _labels(labels, listing.names)
+    listing, inputs = _listed(folder if folder[1:] else folder[0], recursive=given.recursive)
+    own, of_own = (Own(), set[Path]()) if given.own is None else read_own(given.own)
+    refuse_overlap(out, inputs := inputs | of_own)
+    fixed = fixed_by([read_corrections(path) for path in given.corrections or ()], listing.names)
+    table = _labels(given.labels, listing.names)
     if check:
         return check_shapes(listing, options)
     store = run.store or out / STORE_FILE
     run = replace(run, store=store)
     with resumable(store), OutputFolder.open(out, writer=WRITER, inputs=inputs) as output:
         output.refuse_foreign(output_names(listing.names))
-        collection = collalign.align_collection(listing, options=options, run=run, fixed=fixed)
+        collection = collalign.align_collection(listing, options=options, run=run, fixed=fixed, own=own)
         written = _save(collection, output, table, store, report=report, num_jobs=run.num_workers)
     return _finish(collection, written)
 

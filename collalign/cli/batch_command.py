@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.batch import estimate_job, read_batch
-from collalign.cli.align_command import align
+from collalign.cli.align_command import Given, align
 from collalign.cli.interruption import INCOMPLETE
 from collalign.cli.talk import say, tell, told_apart, warn
 from collalign.engine.run_options import RunOptions
@@ -43,7 +43,13 @@ def batch(
                     tell(estimate=estimate)
                     say(f"  {estimate}")
                 else:
-                    code = align([*job.folders], out=job.out, recursive=job.recursive, options=job.options, run=run)
+                    code = align(
+                        [*job.folders],
+                        out=job.out,
+                        given=Given(recursive=job.recursive),
+                        options=job.options,
+                        run=run,
+                    )
                     tell(exit_code=code)
                     failed |= code != 0
             except BrokenPipeError:

@@ -80,6 +80,8 @@ class Collection:
         The shapes of which parts are missing; what they lack has no labels, and counts in no mean.
     options : AlignOptions
         As asked for.
+    own : tuple of str
+        What the caller gave beside shapes and options: "invariants", "samples", "candidates", "pair_weights".
     group : str
         "SO" or "O": whether shapes could be mirrored, as asked for or, with ``options.group`` "auto", as decided.
     run : RunRecord
@@ -116,6 +118,7 @@ class Collection:
     incomplete: tuple[Incomplete, ...] = ()
     options: AlignOptions
     group: str
+    own: tuple[str, ...] = ()
     run: RunRecord
     cycle_errors_deg: FloatArray
     labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -263,8 +266,13 @@ class Collection:
         Raises
         ------
         InputError
-            If a shape came from memory, or its file has vanished.
+            If a shape came from memory, its file has vanished, or samples or invariants were the caller's own.
         """
+        if given := {*self.own} & {"invariants", "samples"}:
+            raise InputError(
+                f"{self.folder}: was aligned with {' and '.join(sorted(given))} of the caller's own, which a "
+                "result does not keep; align all shapes again, with them"
+            )
         files = tuple(self.file(at) for at in range(len(self)))
         for file in files:
             if not file.is_file():

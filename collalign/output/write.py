@@ -192,6 +192,7 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
         "options": asdict(collection.options),
         "decided": {
             "group": collection.group,
+            "own": list(collection.own),
             "maps": collection.made.search_gain is not None,
             "search_gain": collection.made.search_gain,
         },

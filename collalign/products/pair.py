@@ -69,6 +69,8 @@ class Pair:
         The samples matched at the synchronized rotations; empty before.
     energy : float
         The energy of that match; NaN before.
+    weight : float
+        How much the pair counts in synchronization, as the caller asked.
     """
 
     target: int
@@ -91,6 +93,7 @@ class Pair:
     disagreement_deg: float = float("nan")
     map_target_source: IntArray = field(default_factory=_nothing(0, dtype=np.int64))
     energy: float = float("nan")
+    weight: float = 1.0
 
     __repr__ = one_line
 

@@ -82,11 +82,17 @@ class Constraints:
         Whole transforms that stay, of shapes whose rotation is fixed as well.
     reference : int
         Shape whose orientation is the common frame's where no shape is fixed.
+    candidates : mapping of (int, int) to ndarray (m, 3, 3)
+        ``R_i_j`` of pairs i < j that the caller proposes.
+    weights : mapping of (int, int) to float
+        How much pairs i < j count in synchronization; 0 leaves a pair out.
     """
 
     fixed: Mapping[int, FloatArray] = field(default_factory=dict)
     fixed_transforms: Mapping[int, FloatArray] = field(default_factory=dict)
     reference: int = 0
+    candidates: Mapping[tuple[int, int], FloatArray] = field(default_factory=dict)
+    weights: Mapping[tuple[int, int], float] = field(default_factory=dict)
 
     def some(self, chosen: Sequence[int]) -> Constraints:
         """Return those of some of the shapes, by position among these; the first is the reference if it is lost."""
@@ -95,9 +101,12 @@ class Constraints:
             fixed={at[i]: pose for i, pose in self.fixed.items() if i in at},
             fixed_transforms={at[i]: pose for i, pose in self.fixed_transforms.items() if i in at},
             reference=at.get(self.reference, 0),
+            candidates={(at[i], at[j]): of for (i, j), of in self.candidates.items() if i in at and j in at},
+            weights={(at[i], at[j]): of for (i, j), of in self.weights.items() if i in at and j in at},
         )
 
     @property
     def any_mirrored(self) -> bool:
-        """Whether a fixed pose mirrors its shape."""
-        return any(bool(np.linalg.det(pose) < 0) for pose in self.fixed.values())
+        """Whether a pose that is fixed, or proposed for a pair, mirrors a shape."""
+        poses = (*self.fixed.values(), *self.candidates.values())
+        return any(bool((np.linalg.det(pose) < 0).any()) for pose in poses)

@@ -158,7 +158,7 @@ def pair_proof(poses: PoseList, gaps_at: Callable[[FloatArray], FloatArray]) -> 
 
 
 #: Proves a pair. The version changes whenever the same pair would give another proof.
-PROVING = Job(kind="proofs", version="proof-4", run=prove_pair, reader=PairProof)
+PROVING = Job(kind="proofs", version="proof-5", run=prove_pair, reader=PairProof)
 
 
 def certify_pairs(
@@ -287,7 +287,7 @@ def contradictions(names: Sequence[str], pairs: Sequence[Pair], frames: FloatArr
 
 def _wanted(shapes: Shapes, pair: Pair, options: AlignOptions) -> Wanted:
     ends = shapes.keys[pair.target], shapes.keys[pair.source]
-    settings = {"tol": GAP_TOL, "time_limit_s": options.certify_pair_s}
+    settings = {"tol": GAP_TOL, "time_limit_s": options.certify_pair_s, "rotations": pair.rotations.tolist()}
     return Wanted(
         key=PROVING.key(settings, pair_key(*ends, options)),
         label=shapes.label(pair.target, pair.source),

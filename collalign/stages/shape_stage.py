@@ -12,6 +12,7 @@ from collalign.engine.store.layout import NUM_FILES
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.shapes import Excluded, Shapes
 from data_tools.embedding.embedding import Samples
+from data_tools.embedding.own_points import OwnPoints
 from data_tools.embedding.sampled_file import sample_file
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import FolderListing
@@ -36,13 +37,17 @@ class KeyedFile:
 SAMPLING = Job(kind="shapes", version="shape-9", run=sample_file, reader=Samples)
 
 
-def prepare_shapes(session: AlignSession, listing: FolderListing) -> Shapes:
+def prepare_shapes(
+    session: AlignSession, listing: FolderListing, own: Mapping[str, OwnPoints] | None = None
+) -> Shapes:
     """Read, clean, sample and embed every file whose result the store does not hold yet.
 
     Parameters
     ----------
     session : Session
     listing : FolderListing
+    own : mapping of str to OwnPoints, optional
+        Samples and invariants that are given, by name.
 
     Raises
     ------
@@ -54,11 +59,12 @@ def prepare_shapes(session: AlignSession, listing: FolderListing) -> Shapes:
         If a record is damaged.
     """
     asked = session.options.sampling.num_points
-    shapes = _prepare(session, listing, session.options)
+    own = own or {}
+    shapes = _prepare(session, listing, session.options, own)
     num = common_num_points([len(item.vertex_indices) for item in shapes.samples], asked)
     if num < asked:
         fewer = replace(session.options.sampling, num_points=num)
-        shapes = _prepare(session, listing, replace(session.options, sampling=fewer))
+        shapes = _prepare(session, listing, replace(session.options, sampling=fewer), own)
         note = f"Shapes are matched at {num} points instead of {asked}: most have fewer than {asked}."
         shapes = replace(shapes, notes=(note,))
     shapes = _with_enough(shapes, num, strict=session.options.strict)
@@ -122,9 +128,11 @@ def _with_enough(shapes: Shapes, num: int, *, strict: bool) -> Shapes:
     return replace(kept, excluded=shapes.excluded + left_out)
 
 
-def _prepare(session: AlignSession, listing: FolderListing, options: AlignOptions) -> Shapes:
+def _prepare(
+    session: AlignSession, listing: FolderListing, options: AlignOptions, own: Mapping[str, OwnPoints]
+) -> Shapes:
     """Read, clean, sample and embed every file, each at as many points as asked for or as it has."""
-    keyed, excluded = shape_keys(listing, options)
+    keyed, excluded = shape_keys(listing, options, own)
     session.store.set_note(NUM_FILES, str(len(keyed)))
     wanted = {
         name: Wanted(
@@ -137,6 +145,7 @@ def _prepare(session: AlignSession, listing: FolderListing, options: AlignOption
                 "embedding": options.embedding,
                 "name": name,
                 "digest": item.digest,
+                "own": own.get(name),
             },
         )
         for name, item in keyed.items()
@@ -162,7 +171,9 @@ def excluded_file(file: Origin, name: str, reason: str) -> Excluded:
     return Excluded(file=shown, reason=reason)
 
 
-def shape_keys(listing: FolderListing, options: AlignOptions) -> tuple[dict[str, KeyedFile], list[Excluded]]:
+def shape_keys(
+    listing: FolderListing, options: AlignOptions, own: Mapping[str, OwnPoints] | None = None
+) -> tuple[dict[str, KeyedFile], list[Excluded]]:
     """Return the file and its key of every name, and the files that cannot even be opened."""
     keyed, excluded = {}, []
     settings = {"cleaning": options.cleaning, "sampling": options.sampling, "embedding": options.embedding}
@@ -175,6 +186,7 @@ def shape_keys(listing: FolderListing, options: AlignOptions) -> tuple[dict[str,
             excluded.append(excluded_file(file, name, str(error)))
             continue
         # The reader depends on the suffix as well as on the content.
-        key = SAMPLING.key(settings | {"suffix": file.suffix.lower()}, digest)
+        given = (own[name].digest,) if own and name in own else ()
+        key = SAMPLING.key(settings | {"suffix": file.suffix.lower()}, digest, *given)
         keyed[name] = KeyedFile(file=file, digest=digest, key=key)
     return keyed, excluded

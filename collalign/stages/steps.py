@@ -24,8 +24,7 @@ from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.rivals import try_rivals
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.forecast import rest_s
-from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs
-from collalign.stages.pairs.match import match_pairs
+from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs, match_chosen
 from collalign.stages.poses.agreement import resolve_pairs, with_common_match
 from collalign.stages.poses.frame import fix_frame
 from collalign.stages.poses.parts import join_parts, split_shapes
@@ -89,14 +88,14 @@ def match(run: Run) -> tuple[Run, Matched]:
     session, shapes = run.session, run.shapes
     with run.stage("pairs"):
         descriptors = describe_shapes(shapes)
-        edges = choose_pairs(session, shapes, descriptors, run.former)
+        edges = choose_pairs(session, shapes, descriptors, run.constraints, run.former)
         choice = decide_group(
             session, shapes, descriptors, edges, former=run.former, any_mirrored=run.constraints.any_mirrored
         )
         run = with_group(run, choice.group)
         session = run.session
-        pairs, failed = match_pairs(session, shapes, edges)
-        pairs, failed, solution = grow_pairs(session, shapes, descriptors, edges, pairs, failed)
+        pairs, failed = match_chosen(session, shapes, edges, run.constraints)
+        pairs, failed, solution = grow_pairs(session, shapes, descriptors, edges, pairs, failed, run.constraints)
     matched = Matched(
         group=choice.group,
         pairs=pairs,

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.invariants import NUM_SPECTRUM, heat_kernel_signature, standardised
+from data_tools.embedding.own_points import OwnPoints
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
 from data_tools.options import EmbeddingOptions, SamplingOptions
@@ -87,6 +89,7 @@ def sample_shape(
     embedding: EmbeddingOptions | None = None,
     *,
     surface: WorkingSurface | None = None,
+    own: OwnPoints | None = None,
 ) -> Samples:
     """Choose samples on a shape, normalise them and compute their coordinates.
 
@@ -100,6 +103,8 @@ def sample_shape(
     surface : WorkingSurface, optional
         Of this shape and of sampling options with the same limits of size, if there is one already: it keeps what
         several samplings share.
+    own : OwnPoints, optional
+        Samples and invariants that are given, by the vertices of this shape.
 
     Returns
     -------
@@ -113,8 +118,12 @@ def sample_shape(
     sampling = SamplingOptions() if sampling is None else sampling
     embedding = EmbeddingOptions() if embedding is None else embedding
     surface = WorkingSurface(shape, sampling) if surface is None else surface
-    chosen = _choose_samples(surface, sampling)
-    indices = _distinct(surface.to_original[chosen], shape)
+    if own is None or own.samples is None:
+        chosen = _choose_samples(surface, sampling)
+        indices = _distinct(surface.to_original[chosen], shape)
+    else:
+        indices = own.samples
+        chosen = cKDTree(surface.shape.vertices).query(shape.vertices[indices])[1]
     points = shape.vertices[indices]
     offset = points.mean(axis=0)
     scale = _unit_of_length(points - offset, surface, sampling)
@@ -122,7 +131,10 @@ def sample_shape(
     size = float(np.linalg.norm(positions))
     eigen = _spectrum(surface, embedding)
     coordinates, block_sizes = _coordinates(positions, size, eigen, chosen, embedding)
-    descriptors = _descriptors(surface, eigen, embedding)
+    if own is None or own.invariants is None:
+        descriptors = _descriptors(surface, eigen, embedding)
+    else:
+        descriptors = [(own.weight, own.invariants[surface.to_original])]
     dense_chosen = _choose_dense(surface, sampling)
     dense = surface.to_original[dense_chosen]
     dense_positions = (shape.vertices[dense] - offset) / scale

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from data_tools.arrays import read_only
 from data_tools.embedding.embedding import Samples, sample_shape
+from data_tools.embedding.own_points import OwnPoints
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
@@ -20,6 +21,7 @@ def sample_file(
     *,
     name: str,
     digest: str | None = None,
+    own: OwnPoints | None = None,
 ) -> Samples:
     """Read, clean, sample and embed one shape; ``vertex_indices`` count the vertices of the file.
 
@@ -34,6 +36,8 @@ def sample_file(
     name : str
     digest : str, optional
         Of the content that is expected: a file that has changed since is refused.
+    own : OwnPoints, optional
+        What the caller gives of this shape.
 
     Raises
     ------
@@ -45,7 +49,11 @@ def sample_file(
     num = len(surface.shape.vertices)
     fewer = MIN_POINTS <= num < sampling.num_points
     samples = sample_shape(
-        shape, replace(sampling, num_points=num) if fewer else sampling, embedding, surface=surface
+        shape,
+        replace(sampling, num_points=num) if fewer else sampling,
+        embedding,
+        surface=surface,
+        own=None if own is None else own.of_shape(shape),
     )
     if shape.source_indices is None:
         return samples

@@ -148,7 +148,7 @@ def part_numbers(parts: tuple[IntArray, ...], num_shapes: int) -> IntArray:
 
 def options_record(collection: Collection) -> dict[str, Any]:
     """Return the options as asked for, and what was decided, by name."""
-    return asdict(collection.options) | {"decided": {"group": collection.group}}
+    return asdict(collection.options) | {"decided": {"group": collection.group, "own": list(collection.own)}}
 
 
 def json_types(value: Any) -> Any:

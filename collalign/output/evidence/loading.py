@@ -115,6 +115,7 @@ def _correspondences(data: dict[str, NDArray[Any]], names: tuple[str, ...]) -> d
 
 def _collection(data: dict[str, NDArray[Any]], correspondences: dict[str, Any], folder: Path) -> Collection:
     text = json.loads(data["text"].tobytes())
+    decided = text["options"].pop("decided")
     names = tuple(text["names"])
     num = len(names)
     columns = {column: tuple(values) for column, values in text["labels"].items()}
@@ -129,7 +130,8 @@ def _collection(data: dict[str, NDArray[Any]], correspondences: dict[str, Any], 
         files=tuple(text["files"]),
         labels=columns,
         excluded=tuple(Excluded(file=file, reason=reason) for file, reason in text["excluded"]),
-        group=text["options"].pop("decided")["group"],
+        group=decided["group"],
+        own=tuple(decided.get("own", ())),
         options=as_options("options", text["options"], AlignOptions),
         run=RunRecord(versions=text["versions"], times_s=text["timings_s"]),
         notes=tuple(text["notes"]),

@@ -82,14 +82,14 @@ def decide_group(
     former : FormerPairs, optional
         What an earlier run matched; its group stays.
     any_mirrored : bool
-        Whether a pose set by hand mirrors its shape.
+        Whether a pose that was given mirrors its shape.
     """
     if session.options.group != "auto":
         return GroupChoice(group=session.options.group)
     if former is not None and former.group == "O":
         return GroupChoice(group="O", note="Shapes may be mirrored, as in the collection that shapes were added to.")
     if any_mirrored:
-        return GroupChoice(group="O", note="Shapes may be mirrored, because a pose set by hand is.")
+        return GroupChoice(group="O", note="Shapes may be mirrored, because a pose that was given is.")
     choice = group_of_shapes(session, shapes, descriptors, edges)
     if former is None or choice.group == "SO":
         return choice

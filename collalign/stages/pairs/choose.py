@@ -6,7 +6,8 @@ import numpy as np
 
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import FormerPairs, Pair
-from collalign.products.shapes import Excluded, Shapes
+from collalign.products.shapes import Constraints, Excluded, Shapes
+from collalign.stages.own_knowledge import with_own
 from collalign.stages.pairs.descriptor import shape_descriptor
 from collalign.stages.pairs.match import match_pairs
 from collalign.stages.pairs.select import adaptive_pairs, extend_pairs, select_pairs
@@ -27,7 +28,11 @@ def describe_shapes(shapes: Shapes) -> FloatArray:
 
 
 def choose_pairs(
-    session: AlignSession, shapes: Shapes, descriptors: FloatArray, former: FormerPairs | None = None
+    session: AlignSession,
+    shapes: Shapes,
+    descriptors: FloatArray,
+    constraints: Constraints,
+    former: FormerPairs | None = None,
 ) -> IntArray:
     """Return the pairs that ``options.pairs`` asks for, target and source of each, shape (E, 2).
 
@@ -36,14 +41,27 @@ def choose_pairs(
     session : Session
     shapes : Shapes
     descriptors : ndarray, shape (N, m)
+    constraints : Constraints
+        Pairs with proposed poses are matched, those of no weight are not.
     former : FormerPairs, optional
         What an earlier run matched: only pairs with a new shape come on top.
     """
     strategy = _strategy(len(shapes.names), session.options)
     hashes = identity_hashes(shapes.keys, session.options.seed)
     if former is None or not former.num_shapes:
-        return select_pairs(strategy, hashes, descriptors)
-    return _merged(former.edges, extend_pairs(former.num_shapes, strategy, hashes, descriptors))
+        edges = select_pairs(strategy, hashes, descriptors)
+    else:
+        edges = _merged(former.edges, extend_pairs(former.num_shapes, strategy, hashes, descriptors))
+    return _merged(edges, np.array([*constraints.candidates], dtype=np.int64).reshape(-1, 2))
+
+
+def match_chosen(
+    session: AlignSession, shapes: Shapes, edges: IntArray, constraints: Constraints
+) -> tuple[list[Pair], list[Excluded]]:
+    """Match pairs as :func:`match_pairs` does, with what the caller knows of them."""
+    counts = [constraints.weights.get((i, j), 1.0) > 0 for i, j in edges.tolist()]
+    pairs, failed = match_pairs(session, shapes, edges[counts])
+    return with_own(session, shapes, pairs, constraints), failed
 
 
 def grow_pairs(
@@ -53,6 +71,7 @@ def grow_pairs(
     edges: IntArray,
     pairs: list[Pair],
     failed: list[Excluded],
+    constraints: Constraints,
 ) -> tuple[list[Pair], list[Excluded], SynchronizationResult | None]:
     """Match further pairs, in rounds, where the synchronization of those before is uncertain.
 
@@ -64,6 +83,7 @@ def grow_pairs(
         The shapes, and the pairs that were to be matched so far.
     pairs, failed
         What became of them.
+    constraints : Constraints
 
     Returns
     -------
@@ -80,7 +100,7 @@ def grow_pairs(
         if not len(added):
             return pairs, failed, solution
         edges = _merged(edges, added)
-        pairs, failed = match_pairs(session, shapes, edges)
+        pairs, failed = match_chosen(session, shapes, edges, constraints)
     return pairs, failed, None
 
 

@@ -112,13 +112,13 @@ def solve_again(
 ) -> list[Solved]:
     """Return what solving pairs again gives, each from the rotation that the collection asks for."""
     tasks = {
-        (pair.target, pair.source): {
+        number: {
             "target": Shared(key=str(pair.target), reader=Samples),
             "source": Shared(key=str(pair.source), reader=Samples),
             "group": session.options.group,
             "start": start,
         }
-        for pair, start in zip(pairs, asked, strict=True)
+        for number, (pair, start) in enumerate(zip(pairs, asked, strict=True))
     }
     return list(session.spread("pairs again", solve, tasks, shared=table).values())
 

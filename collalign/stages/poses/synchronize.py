@@ -49,6 +49,7 @@ def pair_graph(
         num_shapes=num_shapes,
         pattern=RotationPattern.from_user(block_sizes if len(block_sizes) > 1 else None, dim, group),
         log_odds=[pair.log_odds for pair in pairs] if is_weighed else None,
+        weights=np.array([pair.weight for pair in pairs]),
     )
 
 

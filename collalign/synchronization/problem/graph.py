@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import coo_matrix, csr_matrix
 
 from collalign.synchronization.problem.checks import check_pattern, checked_edges, checked_energies
-from data_tools.arrays import BoolArray, FloatArray, IntArray, as_rotations, as_weights, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, as_rotations, as_weights, one_line, read_only
 from data_tools.errors import InputError
 from pairwise.problem.pattern import PatternLike, RotationPattern
 
@@ -52,6 +52,8 @@ class PairGraph:
     pattern: RotationPattern
     fixed: BoolArray
     log_odds: FloatArray | None = None
+
+    __repr__ = one_line
 
     @classmethod
     def from_user(
@@ -123,6 +125,7 @@ class PairGraph:
         num_shapes: int,
         pattern: RotationPattern,
         log_odds: Sequence[FloatArray] | None = None,
+        weights: FloatArray | None = None,
     ) -> PairGraph:
         """Build the graph of pairs that are known to be right: each with as many candidates as it has.
 
@@ -135,6 +138,8 @@ class PairGraph:
         pattern : RotationPattern
         log_odds : sequence of ndarray, optional
             Of each pair's candidates; minus infinity leaves one out.
+        weights : ndarray, shape (E,), optional
+            Positive; all equal by default.
         """
         most = max((len(energies) for _, energies in candidates), default=1)
         dim = pattern.mask.shape[0]
@@ -155,7 +160,7 @@ class PairGraph:
             candidates=read_only(stack),
             present=read_only(np.isfinite(costs)),
             energies=read_only(costs),
-            weights=read_only(np.ones(len(edges))),
+            weights=read_only(np.ones(len(edges)) if weights is None else weights),
             pattern=pattern,
             fixed=read_only(np.zeros(len(edges), dtype=bool)),
             log_odds=odds if odds is None else read_only(odds),

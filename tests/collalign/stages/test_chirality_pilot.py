@@ -200,7 +200,7 @@ def test_a_mirrored_pose_set_by_hand_allows_mirror_images(
     fixed = {"crown2": aligned_mixed.rotations[1]}
     found = align_collection(mixed, options=OPTIONS, run=store, fixed=fixed)
     assert found.group == "O"
-    assert "because a pose set by hand is" in " ".join(found.notes)
+    assert "because a pose that was given is" in " ".join(found.notes)
     assert np.allclose(found.rotations[1], fixed["crown2"])
 
 

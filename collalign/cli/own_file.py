@@ -1,0 +1,62 @@
+"""What the caller knows of shapes and pairs, from a file: ``collalign align --own FILE``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from collalign.products.own import Own
+from data_tools.errors import CollalignError, InputError
+from data_tools.io.files import read_text
+
+_KEYS = {"pairs", "samples", "invariants", "invariants_weight"}
+
+
+def read_own(path: Path) -> tuple[Own, set[Path]]:
+    """Return what a JSON file says of pairs and samples, with the invariants of a folder that it names.
+
+    ``{"pairs": [{"target": A, "source": B, "rotations": [R], "weight": 1}], "samples": {A: [0, 7]}, "invariants":
+    FOLDER, "invariants_weight": 0.4}``, each of which may be missing; FOLDER, relative to the file, holds ``A.npy``.
+
+    Returns
+    -------
+    own : Own
+    inputs : set of Path
+        The file and the folder.
+
+    Raises
+    ------
+    InputError
+        Naming the file, if it is not such a file, or an array cannot be read.
+    """
+    try:
+        content = json.loads(read_text(path))
+        if unknown := sorted(set(content) - _KEYS):
+            raise InputError(f"there is no entry {unknown[0]!r}, only {', '.join(sorted(_KEYS))}")
+        pairs = [((one["target"], one["source"]), one) for one in content.pop("pairs", [])]
+        folder = path.parent / content.pop("invariants") if "invariants" in content else None
+        own = Own(
+            candidates={pair: one["rotations"] for pair, one in pairs if "rotations" in one},
+            pair_weights={pair: one["weight"] for pair, one in pairs if "weight" in one},
+            invariants={} if folder is None else _arrays(folder),
+            **content,
+        )
+    except (CollalignError, ValueError, TypeError, AttributeError, KeyError, RecursionError) as error:
+        reason = f"no {error} is given" if isinstance(error, KeyError) else str(error)
+        raise InputError(f"{path}: {reason.removeprefix(f'{path}: ')}") from error
+    return own, {path, *([] if folder is None else [folder])}
+
+
+def _arrays(folder: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of a folder by the names of their shapes."""
+    found = {}
+    for file in sorted(folder.rglob("*.npy")):
+        try:
+            found[file.relative_to(folder).with_suffix("").as_posix()] = np.load(file, allow_pickle=False)
+        except (OSError, ValueError, EOFError) as error:
+            raise InputError(f"invariants: {file} cannot be read ({error})") from error
+    if not found:
+        raise InputError(f"invariants: {folder} holds no NAME.npy")
+    return found

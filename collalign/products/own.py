@@ -1,0 +1,69 @@
+"""What a caller knows of shapes and of pairs, and gives a run beside what it finds out by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_tools.arrays import as_rotations
+from data_tools.checks import check_number
+from data_tools.errors import InputError
+from data_tools.surface.shape import Shape
+
+#: Two shapes by their names.
+Names: TypeAlias = tuple[str, str]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Own:
+    """Descriptors, samples, poses and trust of the caller's own, by the names of shapes.
+
+    Raises
+    ------
+    InputError
+        If poses are no rotations, or a pair is none of two shapes, or is weighed twice.
+    OptionsError
+        If a weight is no number, or negative.
+    """
+
+    invariants: Mapping[str, ArrayLike] | Callable[[Shape], ArrayLike] = field(default_factory=dict)
+    """What no rotation changes, shape (v, m), one row per vertex of the file, of every shape; or a function that
+    returns it of a shape with ``vertices`` and ``faces`` as its file stores them. It takes the place of the
+    descriptors of ``EmbeddingOptions``; columns are standardised over the samples as those are."""
+
+    invariants_weight: float = 0.4
+    """Squared norm of the invariants over all samples, relative to that of the positions; by default as much as
+    those that they replace."""
+
+    samples: Mapping[str, ArrayLike] = field(default_factory=dict)
+    """The vertices of each file that are matched, shape (k,), equally many of every shape."""
+
+    candidates: Mapping[Names, ArrayLike] = field(default_factory=dict)
+    """``R_a_b`` of pairs (a, b), shape (3, 3) or (m, 3, 3), taking b's coordinates to a's."""
+
+    pair_weights: Mapping[Names, float] = field(default_factory=dict)
+    """How much more or less than the others pairs count in synchronization; 0 leaves a pair out."""
+
+    def __post_init__(self) -> None:
+        check_number("invariants_weight", self.invariants_weight)
+        for name in ("candidates", "pair_weights"):
+            for pair in getattr(self, name):
+                if not (isinstance(pair, tuple) and len(pair) == 2 and pair[0] != pair[1]):
+                    raise InputError(f"{name}: expected pairs of two names, got {pair!r}")
+        for pair, weight in self.pair_weights.items():
+            check_number(f"pair_weights[{', '.join(pair)}]", weight)
+            if pair[::-1] in self.pair_weights:
+                raise InputError(f"pair_weights: {' and '.join(pair)} are there twice")
+        for pair, poses in self.candidates.items():
+            if as_rotations(poses, f"candidates[{', '.join(pair)}]", dim=3).ndim > 3 or not np.size(poses):
+                raise InputError(f"candidates[{', '.join(pair)}]: expected shape (3, 3) or (m, 3, 3)")
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The names of what is given."""
+        names = ("invariants", "samples", "candidates", "pair_weights")
+        return tuple(name for name in names if getattr(self, name))

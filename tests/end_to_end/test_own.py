@@ -1,0 +1,191 @@
+"""What a caller knows goes into a run where the pipeline has its own, and is judged like that."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import collalign
+from collalign import Collection, Own, RunOptions, align_collection
+from collalign.cli import main
+from data_tools.datasets.synthetic import PlantedCollection, write_collection
+from data_tools.errors import InputError, OptionsError
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from tests.finished_runs import chairs
+
+NUM = 5
+OPTIONS = {"sampling": {"num_points": 24, "num_dense_points": 0}, "incomplete": "never"}
+
+
+@pytest.fixture(scope="module")
+def planted() -> PlantedCollection:
+    return chairs(NUM)
+
+
+def align(planted: PlantedCollection, **keywords: Any) -> Collection:
+    shapes = {shape.name: shape for shape in planted.shapes}
+    return align_collection(shapes, options=OPTIONS, progress=False, **{"jobs": 1} | keywords)
+
+
+@pytest.fixture(scope="module")
+def plain(planted: PlantedCollection) -> Collection:
+    return align(planted)
+
+
+def names(planted: PlantedCollection, *positions: int) -> Any:
+    return tuple(planted.shapes[i].name for i in positions)
+
+
+def test_a_pose_of_its_own_becomes_a_candidate_and_is_judged_by_its_energy(planted: PlantedCollection) -> None:
+    first, second = names(planted, 0, 1)
+    # One pose of a pair finds few candidates: the right pose is new to it, and a wrong one is never believed.
+    few = {"matching": {"strategy": "search", "max_candidates": 1}}
+    wrong = random_rotation(np.random.default_rng(1))
+    right = planted.relative_rotation(0, 1)
+    for given in ({(first, second): [right, wrong]}, {(second, first): [right.T, wrong.T]}):
+        found = align(planted, candidates=given, **few)
+        pair = found.pairs[first, second]
+        assert len(pair.energies) > 1
+        assert (np.diff(pair.energies) >= 0).all()
+        assert found.own == ("candidates",)
+        assert any("Given by the caller: poses of 1 pairs, 1 within 15 deg" in note for note in found.notes)
+        error = rotation_angle_deg(found.rotations[0].T @ found.rotations[1], right)
+        assert error < 15
+    alone = align(planted, candidates={(first, second): wrong}, **few)
+    assert rotation_angle_deg(alone.rotations[0].T @ alone.rotations[1], right) < 15
+    assert any("poses of 1 pairs, 0 within" in note for note in alone.notes)
+
+
+def test_a_pair_of_no_weight_is_left_out_and_others_weigh_in_the_graph(planted: PlantedCollection) -> None:
+    first, second, third = names(planted, 0, 1, 2)
+    found = align(planted, pair_weights={(second, first): 0, (first, third): 0.25})
+    assert (first, second) not in found.pairs
+    assert found.pairs[first, third].weight == 0.25
+    graph = collalign.pair_graph(found.pairs, len(found), found.group)
+    assert sorted(graph.weights.tolist()) == [0.25] + [1.0] * (len(found.pairs) - 1)
+    again = collalign.synchronize(graph).rotations
+    for i in range(NUM):
+        assert rotation_angle_deg(again[0].T @ again[i], found.rotations[0].T @ found.rotations[i]) < 10
+    with pytest.raises(InputError, match="a graph holds rotations"):
+        collalign.synchronize(graph, again)
+
+
+def test_stages_of_ones_own_give_the_result_of_the_pipeline(planted: PlantedCollection, plain: Collection) -> None:
+    samples = dict(zip(plain.names, plain.samples, strict=True))
+    again = align(planted, samples=samples, embedding={"kind": "xyz"})
+    np.testing.assert_array_equal(again.samples, plain.samples)
+    np.testing.assert_array_equal(again.made.coordinates, plain.made.coordinates)
+    assert again.made.invariants.shape[2] == 0
+    poses = dict(zip(plain.names, plain.rotations, strict=True))
+    np.testing.assert_allclose(align(planted, fixed=poses).transforms, plain.transforms, atol=1e-9)
+
+
+def test_own_samples_may_be_others_than_asked_for(planted: PlantedCollection, plain: Collection) -> None:
+    found = align(
+        planted, samples={name: row[::-1][:12] for name, row in zip(plain.names, plain.samples, strict=True)}
+    )
+    np.testing.assert_array_equal(found.samples, plain.samples[:, ::-1][:, :12])
+    assert found.options.sampling.num_points == 12
+
+
+def heights(shape: Any) -> Any:
+    """What a rotation does not change: how far each vertex is from the centroid."""
+    return np.linalg.norm(shape.vertices - shape.vertices.mean(axis=0), axis=1)[:, None]
+
+
+def test_invariants_take_the_place_of_descriptors_at_the_samples(planted: PlantedCollection, tmp_path: Path) -> None:
+    store = tmp_path / "store.sqlite"
+    plain = align(planted, store=store)
+    found = align(planted, invariants=heights, invariants_weight=0.3, store=store)
+    as_arrays = {shape.name: heights(shape) for shape in reversed(planted.shapes)}
+    again = align(planted, invariants=as_arrays, invariants_weight=0.3, store=store)
+    np.testing.assert_array_equal(found.made.invariants, again.made.invariants)
+    assert (found.run.num_reused, again.run.num_reused) == (0, NUM + len(again.pairs))
+    assert align(planted, invariants=heights, store=store).run.num_reused == 0  # of another weight
+    assert align(planted, store=store).run.num_reused == NUM + len(plain.pairs)
+    for shape, rows, at, where in zip(
+        planted.shapes, found.made.invariants, found.samples, found.made.coordinates, strict=True
+    ):
+        np.testing.assert_allclose((rows**2).sum(), 0.3 * (where**2).sum())
+        assert np.corrcoef(rows[:, 0], heights(shape)[at, 0])[0, 1] > 1 - 1e-9
+
+
+def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(
+    planted: PlantedCollection, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_collection(tmp_path / "shapes", planted)
+    (tmp_path / "values").mkdir()
+    for shape in planted.shapes:
+        np.save(tmp_path / "values" / f"{shape.name}.npy", heights(shape))
+    first, second, third = names(planted, 0, 1, 2)
+    pairs = [
+        {"target": first, "source": second, "weight": 0},
+        {"target": first, "source": third, "rotations": [planted.relative_rotation(0, 2).tolist()], "weight": 2},
+    ]
+    own, out = tmp_path / "own.json", tmp_path / "out"
+    own.write_text(json.dumps({"pairs": pairs, "invariants": "values"}))
+    flags = ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--jobs", "1", "--no-report"]
+    assert main(["align", str(tmp_path / "shapes"), "--out", str(out), "--own", str(own), *flags]) == 0
+    said = (
+        "Given by the caller: invariants (1 columns of weight 0.4); poses of 1 pairs, 1 within 15 deg of the result"
+    )
+    assert said in capsys.readouterr().out
+    record = json.loads((out / "alignment.json").read_text())
+    assert record["decided"]["own"] == ["invariants", "candidates", "pair_weights"]
+    assert collalign.load(out).own == ("invariants", "candidates", "pair_weights")
+    assert main(["stability", str(out)]) == 2
+    assert "aligned with invariants of the caller's own, which a result does not keep" in capsys.readouterr().err
+    own.write_text(json.dumps({"pairs": [{"source": first}]}))
+    assert main(["align", str(tmp_path / "shapes"), "--out", str(out), "--own", str(own)]) == 2
+    assert "own.json: no 'target' is given" in capsys.readouterr().err
+    own.write_text(json.dumps({"candidates": []}))
+    assert main(["align", str(tmp_path / "shapes"), "--out", str(out), "--own", str(own)]) == 2
+    assert "there is no entry 'candidates'" in capsys.readouterr().err
+    assert main(["align", str(tmp_path / "shapes"), "--out", str(tmp_path / "values"), "--own", str(own)]) == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"candidates": {("a", "b"): np.eye(2)}}, r"candidates\[a, b\]: expected 3 x 3"),
+        ({"candidates": {("a", "b"): np.eye(3) * 2}}, r"candidates\[a, b\]: not orthogonal"),
+        ({"candidates": {"ab": np.eye(3)}}, "candidates: expected pairs of two names, got 'ab'"),
+        ({"candidates": {("a", "x"): np.eye(3)}}, "candidates: no shape is called 'x'"),
+        ({"candidates": {("a", "b"): -np.eye(3)}, "group": "SO"}, r"candidates\[a, b\]: contains a reflection"),
+        ({"pair_weights": {("a", "b"): -1}}, r"pair_weights\[a, b\]: expected a number of at least 0"),
+        ({"pair_weights": {("a", "b"): 1, ("b", "a"): 2}}, "b and a are there twice|a and b are there twice"),
+        ({"samples": {"a": [0, 1, 2, 3]}}, "samples: every shape needs its own, 'b' has none"),
+        (
+            {"samples": {"a": [0, 1, 2, 2], "b": [0, 1, 2, 3]}},
+            r"samples\[a\]: expected at least 4 different vertices",
+        ),
+        ({"samples": {"a": range(4), "b": range(5)}}, "samples: a has 4 columns or vertices, b has 5"),
+        ({"samples": {"a": [0, 1, 2, 900], "b": range(4)}, "strict": True}, "a: samples: vertex 900 is none of the"),
+        (
+            {"invariants": {"a": np.ones((3, 2)), "b": np.ones((40, 2))}, "strict": True},
+            "a: invariants: 3 rows for 40",
+        ),
+        ({"invariants": lambda shape: shape.vertices[:, 0]}, r"invariants\[a\]: expected shape \(any, any\)"),
+        ({"own": {"candidate": {}}}, "own: there is no option 'candidate'; did you mean 'candidates'"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_by_its_name(given: dict[str, Any], words: str) -> None:
+    points = np.random.default_rng(0).random((40, 3))
+    with pytest.raises((InputError, OptionsError), match=words):
+        align_collection({"a": points, "b": points[::-1]}, progress=False, **given)
+
+
+def test_the_order_in_which_things_are_given_changes_nothing(planted: PlantedCollection) -> None:
+    given = {
+        names(planted, i, j): random_rotation(np.random.default_rng(i + 9 * j)) for i, j in ((0, 1), (2, 1), (3, 4))
+    }
+    own = Own(candidates=given, pair_weights=dict.fromkeys(given, 0.5))
+    turned = Own(
+        candidates={pair[::-1]: given[pair].T for pair in reversed(given)},
+        pair_weights=dict.fromkeys(reversed(given), 0.5),
+    )
+    found, again = (align(planted, own=one, run=RunOptions(jobs=1)) for one in (own, turned))
+    np.testing.assert_array_equal(found.transforms, again.transforms)
+    assert found.notes == again.notes
