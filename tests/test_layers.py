@@ -24,8 +24,6 @@ HEAVY = {"trimesh", "cvxpy", "open3d", "matplotlib", "distributed", "clarabel", 
 COMPILED = {
     "pairwise.branch_and_bound.assignment",
     "pairwise.partial.screen",
-    "pairwise.pm_sdp.cone_kernels",
-    "pairwise.pm_sdp.newton_kernels",
 }
 
 

@@ -64,9 +64,10 @@ class MomentBasis:
 
     def sum_of_points(self, lifted: LiftedRotation, F: FloatArray, u: FloatArray, Y: FloatArray) -> FloatArray:
         """Return the coordinates (m,) of what the equations must span: sums of F (k, s, s) and u (k, s), Y's part."""
-        from pairwise.pm_sdp.newton_kernels import packed_sum
-
-        return packed_sum(F, u, lifted.quaternion_slopes, Y, self.rows, self.cols, self.scale)
+        total = np.zeros((self.size + 1, self.size + 1))
+        total[0, 1:] = u.sum(axis=0) + 0.5 * np.einsum("qaij,qij->a", lifted.quaternion_slopes, Y)
+        total[1:, 1:] = F.sum(axis=0)
+        return self.pack(total)
 
     @cached_property
     def congruence_gather(self) -> tuple[IntArray, IntArray, FloatArray]:

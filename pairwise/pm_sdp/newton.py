@@ -19,7 +19,7 @@ from scipy.linalg import lapack
 from data_tools.arrays import FloatArray
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.moment_basis import MomentBasis, gram
-from pairwise.pm_sdp.newton_blocks import LocalBlocks
+from pairwise.pm_sdp.newton_blocks import TINY, LocalBlocks
 from pairwise.pm_sdp.step_targets import Targets
 from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint
 
@@ -34,11 +34,9 @@ class NewtonSystem:
     """Factorisation of the Newton system at one pair of primal and dual points."""
 
     def __init__(self, data: RelaxationData, basis: MomentBasis, primal: PrimalPoint, dual: DualPoint) -> None:
-        from pairwise.pm_sdp.newton_kernels import quaternion_operators
-
         self.data, self.basis, self.primal, self.dual = data, basis, primal, dual
         self.blocks = LocalBlocks(data, basis, primal, dual)
-        self.quaternion_operators = quaternion_operators(primal.Y, dual.Y)
+        self.quaternion_operators = _quaternion_operators(primal.Y, dual.Y)
         self.dual_sum = basis.sum_of_points(data.lifted, dual.F, dual.u, dual.Y)
         self._assemble()
 
@@ -114,20 +112,20 @@ class NewtonSystem:
 
     def _quaternion_step(self, targets: Targets, dR: FloatArray) -> FloatArray:
         """Return dY (q, 4, 4) of the dual point for a step of R."""
-        from pairwise.pm_sdp.newton_kernels import quaternion_step
-
-        return quaternion_step(
-            *self.quaternion_operators, targets.quaternions - self.data.lifted.quaternion_change(dR)
-        )
+        T, weights = self.quaternion_operators
+        rhs = targets.quaternions - self.data.lifted.quaternion_change(dR)
+        turned = np.swapaxes(T, 1, 2)
+        return turned @ ((T @ rhs @ turned) * weights) @ T
 
     def _direction(
         self, targets: Targets, dx: FloatArray, local: FloatArray, moments: FloatArray, dbeta: FloatArray
     ) -> Direction:
-        from pairwise.pm_sdp.newton_kernels import step_of_points
-
         data, primal, dual = self.data, self.primal, self.dual
-        point = (primal.x, primal.B, dual.mean, dual.inverse)
-        dB, dF, du, bend, ds = step_of_points(*point, targets.ratio, dx, local)
+        dF, du = local[:, 1:, 1:], local[:, 1:, 0]
+        turned, shift = dual.mean @ dF, du[:, None]
+        bend, ds = -shift - turned, ((turned + 2.0 * shift) * dual.mean).sum(axis=2)
+        pull = primal.B @ dF + primal.x[..., None] * shift - targets.ratio
+        dB = dx[..., None] * dual.mean - pull @ dual.inverse
         dR, dalpha = moments[0, 1:], -local[:, 0, 0]
         dY = self._quaternion_step(targets, dR)
         dslack = np.zeros(data.num_rows)
@@ -154,3 +152,11 @@ def _solve(factor: FloatArray, rhs: FloatArray) -> FloatArray:
 def _solve_lower(factor: FloatArray, rhs: FloatArray) -> FloatArray:
     """Solve a lower triangular system of several right hand sides."""
     return lapack.dtrtrs(factor, rhs, lower=True)[0]
+
+
+def _quaternion_operators(primal: FloatArray, dual: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Diagonalise ``X -> sym(dual^-1 X primal)`` of 4x4 matrices: T and W with ``T^T (W * (T . T^T)) T``."""
+    factor = np.linalg.cholesky(dual)
+    values, vectors = np.linalg.eigh(np.swapaxes(factor, 1, 2) @ primal @ factor)
+    values = np.maximum(values, TINY)
+    return np.swapaxes(factor @ vectors, 1, 2), 2.0 / (values[:, :, None] + values[:, None, :])

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from data_tools.arrays import FloatArray
 from pairwise.pm_sdp.data import RelaxationData
-from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint
+from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint, are_positive, conditional_moments
 
 #: A step shorter than this is no progress.
 SHORTEST_STEP = 1e-4
+#: Bisection ends when the interval is this share of its upper end.
+_PRECISION = 1.0 / 256.0
 
 
 def longest_primal(data: RelaxationData, point: PrimalPoint, step: Direction, least: float) -> float:
@@ -22,14 +26,18 @@ def longest_primal(data: RelaxationData, point: PrimalPoint, step: Direction, le
     least : float
         In [0, 1).
     """
-    from pairwise.pm_sdp.cone_kernels import longest_block_step, longest_primal_step
-
     size = min(_longest_linear(point.x[data.valid], step.x[data.valid], least), 1.0)
     size = min(_longest_linear(point.slack[~data.equality], step.slack[~data.equality], least), size)
-    size = longest_block_step(point.Y, data.lifted.quaternion_change(step.R), least, size)
-    return longest_primal_step(
-        (point.x, point.B, point.C, point.G), data.valid, (step.x, step.B, step.C), least, size
-    )
+    turned = data.lifted.quaternion_change(step.R)
+
+    def keeps(trial: float) -> bool:
+        if not are_positive((1.0 - least) * point.Y + trial * turned):
+            return False
+        moved = (one + trial * change for one, change in zip((point.x, point.B, point.C), steps, strict=True))
+        return are_positive(conditional_moments(data, *moved)[1] - least * point.G)
+
+    steps = step.x, step.B, step.C
+    return _longest(keeps, size)
 
 
 def longest_dual(data: RelaxationData, point: DualPoint, step: Direction, least: float) -> float:
@@ -40,11 +48,30 @@ def longest_dual(data: RelaxationData, point: DualPoint, step: Direction, least:
     data, point, step, least
         See :func:`longest_primal`.
     """
-    from pairwise.pm_sdp.cone_kernels import longest_block_step, longest_dual_step
-
     size = min(_longest_linear(point.beta[~data.equality], step.beta[~data.equality], least), 1.0)
-    size = longest_block_step(point.Y, step.Y, least, size)
-    return longest_dual_step((point.F, point.s), data.valid, (step.F, step.bend, step.ds), least, size)
+
+    root = np.linalg.inv(point.factor)
+    # (F + t dF)^-1 = root^T turns diag(1 / (1 + t rates)) turns^T root
+    rates, turns = np.linalg.eigh(root @ step.F @ np.swapaxes(root, 1, 2))
+    bends = (step.bend @ (np.swapaxes(root, 1, 2) @ turns)) ** 2
+
+    def keeps(trial: float) -> bool:
+        if (1.0 - least + trial * rates).min() <= 0.0 or not are_positive((1.0 - least) * point.Y + trial * step.Y):
+            return False
+        change = step.ds - trial * (bends @ (1.0 / (1.0 + trial * rates))[..., None])[..., 0]
+        return bool(((1.0 - least) * point.s + trial * change >= 0.0)[data.valid].all())
+
+    return _longest(keeps, size)
+
+
+def _longest(keeps: Callable[[float], bool], size: float) -> float:
+    """Return the longest of the sizes up to the given one at which a cone is kept, by bisection."""
+    low, high, trial = 0.0, size, size
+    while True:
+        low, high = (trial, high) if keeps(trial) else (low, trial)
+        if high - low <= _PRECISION * high:
+            return low
+        trial = 0.5 * (low + high)
 
 
 def _longest_linear(values: FloatArray, changes: FloatArray, least: float) -> float:

@@ -57,22 +57,38 @@ def aim(
     weight : float
         Share of these terms: below one where the former step could not be taken in full.
     """
-    from pairwise.pm_sdp.newton_kernels import first_order_terms, moment_targets, second_order_terms
-
-    ratio, products, gram = first_order_terms(
-        (primal.x, primal.B, primal.G), (dual.w, dual.s, dual.F, dual.inverse), mu
-    )
+    ratio = primal.x[..., None] * dual.w - primal.B @ dual.F
+    products = mu - primal.x * dual.s
+    gram = mu * dual.inverse - primal.G
     slacks = mu + primal.slack * dual.beta
     quaternions = mu * dual.Y_inverse - primal.Y
     if former is not None:
-        x = primal.x if data.is_full else np.where(data.valid, primal.x, 1.0)
-        step = (former.x, former.B, former.C, former.F, former.u, former.bend, former.ds)
-        ratio_terms, product_terms, gram_terms = second_order_terms(x, primal.mean, dual.inverse, step)
+        ratio_terms, product_terms, gram_terms = _second_order_terms(data, primal, dual, former)
         ratio -= weight * ratio_terms
         products += weight * product_terms
         gram += weight * gram_terms
         slacks += weight * former.slack * former.beta
         turned = dual.Y_inverse @ former.Y @ data.lifted.quaternion_change(former.R)
-        quaternions -= weight * 0.5 * (turned + np.swapaxes(turned, 1, 2))
-    moments = moment_targets(primal.x, primal.B, primal.mean, primal.R, dual.inverse, ratio, gram)
+        quaternions -= weight * _symmetric(turned)
+    solved = ratio @ dual.inverse
+    moments = np.empty((len(gram), *np.add(gram.shape[1:], 1)))
+    moments[:, 0, 0] = primal.x.sum(axis=1) - 1.0
+    moments[:, 0, 1:] = moments[:, 1:, 0] = (solved + primal.B).sum(axis=1) - primal.R
+    moments[:, 1:, 1:] = gram + 2.0 * _symmetric(np.swapaxes(solved, 1, 2) @ primal.mean)
     return Targets(moments, products, slacks, quaternions, ratio)
+
+
+def _second_order_terms(
+    data: RelaxationData, primal: PrimalPoint, dual: DualPoint, step: Direction
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what a step leaves of ratio, products and Gram matrices."""
+    x, dx = np.where(data.valid, primal.x, 1.0), step.x[..., None]
+    curved = ((step.bend @ dual.inverse) * step.bend).sum(axis=2)
+    bent = step.B - primal.mean * dx
+    change = step.C - _symmetric(np.swapaxes(bent + step.B, 1, 2) @ primal.mean)
+    gram = np.swapaxes(bent / x[..., None], 1, 2) @ bent - _symmetric(dual.inverse @ step.F @ change)
+    return step.B @ step.F + dx * step.u[:, None], x * curved - step.x * step.ds, gram
+
+
+def _symmetric(matrices: FloatArray) -> FloatArray:
+    return 0.5 * (matrices + np.swapaxes(matrices, 1, 2))

@@ -117,29 +117,49 @@ def primal_point(
     data: RelaxationData, x: FloatArray, B: FloatArray, C: FloatArray, R: FloatArray, slack: FloatArray
 ) -> PrimalPoint | None:
     """Return the point, or None where it is not strictly inside the cones."""
-    from pairwise.pm_sdp.cone_kernels import are_positive, conditional_moments
-
     if (x <= 0.0)[data.valid].any() or (slack <= 0.0)[~data.equality].any():
         return None
     Y = _QUARTER + data.lifted.quaternion_change(R)
-    mean, G, is_inside = conditional_moments(x, B, C, data.valid)
-    return PrimalPoint(x, B, C, R, slack, mean, G, Y) if is_inside and are_positive(Y) else None
+    mean, G = conditional_moments(data, x, B, C)
+    return PrimalPoint(x, B, C, R, slack, mean, G, Y) if are_positive(G) and are_positive(Y) else None
+
+
+def conditional_moments(
+    data: RelaxationData, x: FloatArray, B: FloatArray, C: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return ``B / x`` (k, c, s), zero where padded, and ``C - sum_i B_i B_i^T / x_i`` (k, s, s)."""
+    mean = B / np.where(data.valid, x, 1.0)[..., None]
+    scatter = np.swapaxes(B, 1, 2) @ mean
+    return mean, C - 0.5 * (scatter + np.swapaxes(scatter, 1, 2))
+
+
+def are_positive(blocks: FloatArray) -> bool:
+    """Return whether all blocks (q, a, a) are positive definite."""
+    try:
+        np.linalg.cholesky(blocks)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def dual_point(
     data: RelaxationData, alpha: FloatArray, beta: FloatArray, F: FloatArray, u: FloatArray, Y: FloatArray
 ) -> DualPoint | None:
     """Return the point, or None where it is not strictly inside the cones."""
-    from pairwise.pm_sdp.cone_kernels import are_positive, dual_blocks
-
     if (beta >= 0.0)[~data.equality].any() or not are_positive(Y):
         return None
-    linear = data.cost - alpha[:, None] - beta[data.index]
-    factor, inverse, w, mean, s, is_inside = dual_blocks(F, u, data.vectors, linear, data.valid)
-    if not is_inside:
+    try:
+        factor: FloatArray = np.linalg.cholesky(F).astype(np.float64, copy=False)
+    except np.linalg.LinAlgError:
         return None
-    Y_inverse: FloatArray = np.linalg.inv(Y).astype(np.float64, copy=False)
-    return DualPoint(alpha, beta, F, u, Y, factor, inverse, w, mean, s, Y_inverse)
+    root, Y_inverse = (np.linalg.inv(blocks).astype(np.float64, copy=False) for blocks in (factor, Y))
+    w = np.where(data.valid[..., None], data.vectors - u[:, None], 0.0)
+    whitened = w @ np.swapaxes(root, 1, 2)
+    linear = data.cost - alpha[:, None] - beta[data.index]
+    s = np.where(data.valid, linear - (whitened**2).sum(axis=2), 1.0)
+    if not (s > 0.0).all():
+        return None
+    return DualPoint(alpha, beta, F, u, Y, factor, np.swapaxes(root, 1, 2) @ root, w, whitened @ root, s, Y_inverse)
 
 
 def move_primal(data: RelaxationData, point: PrimalPoint, step: Direction, size: float) -> PrimalPoint | None:

@@ -1,5 +1,7 @@
 """A Newton step against the equations that it solves: linearised by differences, not by the solver's own formulas."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from pairwise.pm_sdp import newton_blocks
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import _InteriorPoint
 from pairwise.pm_sdp.newton import NewtonSystem
+from pairwise.pm_sdp.step_length import longest_dual, longest_primal
 from pairwise.pm_sdp.step_targets import aim
 from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint, move_dual, move_primal
 from pairwise.problem.problem import Problem
@@ -61,6 +64,46 @@ def along(solver: _InteriorPoint, step: Direction, size: float) -> dict[str, np.
     assert moved[0] is not None
     assert moved[1] is not None
     return complementarity(solver.data, *moved)
+
+
+def share_of_primal(solver: _InteriorPoint, step: Direction, size: float) -> float:
+    """Return the least share of its distance to the boundary that anything of the primal point keeps."""
+    data, point = solver.data, solver.primal
+    x, B = point.x + size * step.x, point.B + size * step.B
+    weighted = np.where(data.valid, 1.0 / np.where(data.valid, x, 1.0), 0.0)[..., None] * B
+    G = point.C + size * step.C - np.swapaxes(B, 1, 2) @ weighted
+    Y = point.Y + size * data.lifted.quaternion_change(step.R)
+    shares = [x[data.valid] / point.x[data.valid]]
+    shares.append(1.0 + size * (step.slack / np.where(data.equality, 1.0, point.slack))[~data.equality])
+    shares += [np.linalg.eigvals(np.linalg.solve(*pair)).real.ravel() for pair in ((point.G, G), (point.Y, Y))]
+    return float(np.concatenate(shares).min())
+
+
+def share_of_dual(solver: _InteriorPoint, step: Direction, size: float) -> float:
+    """Return the same of the dual point."""
+    data, point = solver.data, solver.dual
+    F, w = point.F + size * step.F, point.w - size * np.where(data.valid[..., None], step.u[:, None], 0.0)
+    potentials = point.alpha[:, None] + point.beta[data.index]
+    potentials += size * (step.alpha[:, None] + step.beta[data.index])
+    bent = (np.swapaxes(np.linalg.solve(F, np.swapaxes(w, 1, 2)), 1, 2) * w).sum(axis=2)
+    shares = [((data.cost - potentials - bent) / point.s)[data.valid]]
+    shares.append(1.0 + size * (step.beta / np.where(data.equality, 1.0, point.beta))[~data.equality])
+    pairs = (point.F, F), (point.Y, point.Y + size * step.Y)
+    shares += [np.linalg.eigvals(np.linalg.solve(*pair)).real.ravel() for pair in pairs]
+    return float(np.concatenate(shares).min())
+
+
+@pytest.mark.parametrize("stretch", [0.01, 1.0, 30.0])
+def test_longest_steps_keep_the_share_and_no_longer_ones_do(point: _InteriorPoint, stretch: float) -> None:
+    data, primal, dual, least = point.data, point.primal, point.dual, 0.05
+    found = NewtonSystem(data, point.basis, primal, dual).solve(aim(data, primal, dual, 0.0))
+    step = Direction(*(stretch * getattr(found, one.name) for one in fields(found)))
+    sizes = longest_primal(data, primal, step, least), longest_dual(data, dual, step, least)
+    for size, share_of in zip(sizes, (share_of_primal, share_of_dual), strict=True):
+        assert share_of(point, step, size) >= least - 1e-9
+        assert size == 1.0 or share_of(point, step, 1.01 * size) < least
+    assert stretch != 30.0 or max(sizes) < 1.0
+    assert stretch != 0.01 or min(sizes) == 1.0
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3])

@@ -7,7 +7,6 @@ from hypothesis import HealthCheck, Phase, given, settings
 from data_tools.errors import OptionsError
 from pairwise import solve_relaxation, verify_certificate
 from pairwise.pm_sdp import interior_point
-from pairwise.pm_sdp.cone_kernels import longest_block_step, longest_dual_step, longest_primal_step
 from pairwise.problem.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.status import Status
@@ -146,73 +145,6 @@ def test_scale_and_order_do_not_matter(rng: np.random.Generator) -> None:
 def test_impossible_options_are_refused(options) -> None:
     with pytest.raises(OptionsError):
         solve_relaxation(np.eye(3), np.eye(3), **options)
-
-
-def positive(rng: np.random.Generator, num: int, size: int) -> np.ndarray:
-    roots = rng.standard_normal((num, size, size))
-    return roots @ np.swapaxes(roots, 1, 2) + 0.1 * np.eye(size)
-
-
-def symmetric(rng: np.random.Generator, num: int, size: int) -> np.ndarray:
-    matrices = rng.standard_normal((num, size, size))
-    return matrices + np.swapaxes(matrices, 1, 2)
-
-
-@pytest.mark.parametrize("change", [0.01, 1.0, 1e3])
-def test_longest_steps_keep_the_share_and_no_longer_ones_do(rng: np.random.Generator, change: float) -> None:
-    num, num_matches, dim, least = 7, 5, 4, 0.05
-    valid = rng.random((num, num_matches)) < 0.8
-    valid[:, 0] = True
-
-    def least_eigenvalue(size: float, blocks: np.ndarray, changes: np.ndarray) -> float:
-        return float(np.linalg.eigvalsh((1.0 - least) * blocks + size * changes).min())
-
-    blocks, changes = positive(rng, num, dim), change * symmetric(rng, num, dim)
-    size = longest_block_step(blocks, changes, least, 1.0)
-    assert least_eigenvalue(size, blocks, changes) >= -1e-12
-    assert size == 1.0 or least_eigenvalue(1.01 * size, blocks, changes) < 0.0
-
-    def gram(x: np.ndarray, B: np.ndarray, C: np.ndarray) -> np.ndarray:
-        weighted = np.where(valid, 1.0 / x, 0.0)[..., None] * B
-        return C - np.swapaxes(B, 1, 2) @ weighted
-
-    x, B = rng.random((num, num_matches)) + 1.0, 0.1 * rng.standard_normal((num, num_matches, dim))
-    C = positive(rng, 1, dim)[0] + np.eye(dim)
-    dx, dB = 0.3 * x * rng.standard_normal(x.shape).clip(-1, 1), change * rng.standard_normal(B.shape)
-    dC, G = change * symmetric(rng, 1, dim)[0], gram(x, B, C)
-    size = longest_primal_step((x, B, C, G), valid, (dx, dB, dC), least, 1.0)
-
-    def least_gram(t: float) -> float:
-        return float(np.linalg.eigvalsh(gram(x + t * dx, B + t * dB, C + t * dC) - least * G).min())
-
-    assert least_gram(size) >= -1e-12
-    assert size == 1.0 or least_gram(1.01 * size) < 0.0
-
-
-@pytest.mark.parametrize("change", [0.01, 1.0, 1e3])
-def test_longest_dual_step_keeps_slacks(rng: np.random.Generator, change: float) -> None:
-    num, num_matches, dim, least = 6, 5, 4, 0.05
-    F, dF = positive(rng, num, dim), change * symmetric(rng, num, dim)
-    w, du = rng.standard_normal((num, num_matches, dim)), change * rng.standard_normal((num, 1, dim))
-    valid = rng.random((num, num_matches)) < 0.8
-    linear, dlinear = 50.0 + rng.random(valid.shape), change * rng.standard_normal(valid.shape)
-
-    def slacks(t: float) -> np.ndarray:
-        moved = w - t * du
-        solved = np.linalg.solve(F + t * dF, np.swapaxes(moved, 1, 2))
-        return linear + t * dlinear - (np.swapaxes(solved, 1, 2) * moved).sum(axis=2)
-
-    mean = np.swapaxes(np.linalg.solve(F, np.swapaxes(w, 1, 2)), 1, 2)
-    linear += np.maximum(1.0 - slacks(0.0), 0.0)
-    bend, ds = -du - mean @ dF, dlinear + ((mean @ dF + 2.0 * du) * mean).sum(axis=2)
-    size = longest_dual_step((F, slacks(0.0)), valid, (dF, bend, ds), least, 1.0)
-
-    def is_kept(t: float) -> bool:
-        blocks = np.linalg.eigvalsh((1.0 - least) * F + t * dF).min() >= 0.0
-        return bool(blocks and (slacks(t) >= least * slacks(0.0))[valid].all())
-
-    assert is_kept((1.0 - 1e-9) * size)
-    assert size == 1.0 or not is_kept(1.01 * size)
 
 
 def test_many_variables_converge_once_rough_operators_no_longer_do(rng: np.random.Generator) -> None:
