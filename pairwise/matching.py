@@ -20,8 +20,6 @@ from data_tools.checks import as_options
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import can_certify, prove
 from pairwise.candidates import with_better
-from pairwise.dense.points import DensePoints
-from pairwise.dense.rank import DenseLike, dense_pair, refine_candidates
 from pairwise.options import MatchOptions, Strategy
 from pairwise.portfolio import find_poses, wants_relaxation
 from pairwise.problem.problem import Problem, ProblemArguments
@@ -42,7 +40,6 @@ def match(
     *,
     translation: bool = False,
     starts: ArrayLike | None = None,
-    dense: tuple[DenseLike, DenseLike] | None = None,
     strategy: Strategy | None = None,
     certify: bool | None = None,
     time_limit_s: float | None = None,
@@ -64,9 +61,6 @@ def match(
         A warning says where a shift is most of what a pose about the origin leaves.
     starts : array_like, shape (m, d, d), optional
         Poses to descend from as well.
-    dense : pair of DensePoints, of arrays (l, d), or of pairs (points, normals), optional
-        Many points of target and source in the same units: every candidate is refined on them, and the candidates are
-        ranked by both energies (:mod:`pairwise.dense.rank`).
     strategy, certify, time_limit_s, seed : optional
         Override the fields of ``options`` of the same names.
     options : MatchOptions or mapping, optional
@@ -105,9 +99,8 @@ def match(
     if starts is not None:
         group = problem_arguments.get("group", "SO")
         poses = as_rotations(starts, "starts", group=group, dim=problem.dim).reshape(-1, problem.dim, problem.dim)
-    clouds = None if dense is None else dense_pair(dense, problem)
     options = as_options("options", options, MatchOptions, changes)
-    result = match_problem(problem, options, starts=poses, dense=clouds)
+    result = match_problem(problem, options, starts=poses)
     if not translation:
         _warn_of_shift(problem, result.candidates[0])
         return result
@@ -137,33 +130,20 @@ def _about_centroids(problem: Problem) -> tuple[Problem, tuple[FloatArray, Float
 
 
 @one_blas_thread()
-def match_problem(
-    problem: Problem,
-    options: MatchOptions,
-    *,
-    starts: FloatArray | None = None,
-    dense: tuple[DensePoints, DensePoints] | None = None,
-) -> MatchResult:
-    """Match as :func:`match` does, from a checked problem, checked starts (m, d, d) and checked dense points."""
-    begin_s = time.perf_counter()
+def match_problem(problem: Problem, options: MatchOptions, *, starts: FloatArray | None = None) -> MatchResult:
+    """Match as :func:`match` does, from a checked problem and checked starts (m, d, d)."""
+    began_s = time.monotonic()
     relaxation = None
     if wants_relaxation(problem, options):
         relaxation = solve_pm_sdp(problem, tol=GAP_TOL, time_limit_s=options.time_limit_s)
-    relaxed_s = time.perf_counter()
     ranked = find_poses(problem, options, relaxation=relaxation, starts=starts)
-    found_s = time.perf_counter()
     bound, status = _proven(problem, relaxation, ranked[0])
     if options.certify and status is not Status.PROVEN_OPTIMAL and can_certify(problem):
-        left_s = None if options.time_limit_s is None else max(options.time_limit_s - (found_s - begin_s), 1e-3)
+        spent_s = time.monotonic() - began_s
+        left_s = None if options.time_limit_s is None else max(options.time_limit_s - spent_s, 1e-3)
         proof = prove(problem, ranked, tol=GAP_TOL, time_limit_s=left_s)
         ranked, status = with_better(ranked, proof.candidate, problem, options), proof.status
         bound = min(float(np.fmax(bound, proof.lower_bound)), ranked[0].energy)
-    proven_s = time.perf_counter()
-    if dense is not None:
-        optimum = ranked[0]
-        ranked = refine_candidates(ranked, problem, dense)
-        if ranked[0].energy > optimum.energy and status is Status.PROVEN_OPTIMAL:
-            status = Status.LOCAL_OPTIMUM
     best = ranked[0]
     return MatchResult(
         R_target_source=best.R_target_source,
@@ -172,14 +152,7 @@ def match_problem(
         lower_bound=bound,
         candidates=ranked,
         status=status,
-        times_s={
-            "relaxation": relaxed_s - begin_s,
-            "search": found_s - relaxed_s,
-            "certify": proven_s - found_s,
-            "refinement": time.perf_counter() - proven_s,
-        },
         certificate=None if relaxation is None else relaxation.certificate,
-        refined=best.refined,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from data_tools.arrays import FloatArray, IntArray, one_line
@@ -10,7 +10,6 @@ from pairwise.status import Status
 
 if TYPE_CHECKING:
     from pairwise.certificates.certificate import Certificate
-    from pairwise.dense.refine import RefinedPose
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,9 +30,6 @@ class Candidate:
         What found it: ``"search"``, ``"axes"``, ``"around"``, ``"relaxation"``, ``"start"``, ...
     translation : ndarray, shape (d,), or None
         Added to the turned source's points; None unless it was asked for.
-    refined : RefinedPose or None
-        The rotation block of this pose refined on dense points, with the energies there; None without them. All
-        other fields are about the samples.
     """
 
     R_target_source: FloatArray
@@ -42,7 +38,6 @@ class Candidate:
     reflected: bool
     origin: str
     translation: FloatArray | None = None
-    refined: RefinedPose | None = None
 
     __repr__ = one_line
 
@@ -50,10 +45,6 @@ class Candidate:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MatchResult:
     """The best pose found for a pair, its alternatives, and what is proven about it.
-
-    With dense points the best pose is the candidate of least energy on the samples times energy on the dense points
-    (:mod:`pairwise.dense.rank`), and its refined pose is ``refined``. Bound, certificate and energy stay about the
-    samples.
 
     Attributes
     ----------
@@ -64,18 +55,13 @@ class MatchResult:
     lower_bound : float
         No pose has a smaller energy; NaN where nothing was certified.
     candidates : tuple of Candidate
-        The distinct poses found, the best one first, which is the answer itself: by energy, or with dense points by
-        the product of both energies.
+        The distinct poses found, the best one first, which is the answer itself.
     status : Status
         ``PROVEN_OPTIMAL`` only where the answer has the energy that is proven.
-    times_s : dict of str to float
-        Seconds per stage.
     translation : ndarray, shape (d,), or None
         Added to the turned source's points; None unless it was asked for.
     certificate : Certificate or None
         Of the relaxation, where one was solved.
-    refined : RefinedPose or None
-        The answer's pose refined on dense points, where these were given.
     """
 
     R_target_source: FloatArray
@@ -84,10 +70,8 @@ class MatchResult:
     lower_bound: float
     candidates: tuple[Candidate, ...]
     status: Status
-    times_s: dict[str, float] = field(default_factory=dict)
     translation: FloatArray | None = None
     certificate: Certificate | None = None
-    refined: RefinedPose | None = None
 
     __repr__ = one_line
 
@@ -111,11 +95,6 @@ class RelaxationResult:
     B : ndarray, shape (k, r, n)
         ``X_ij E[[R] | j -> i]`` of each source point.
     status : Status
-    iterations : int
-    residuals : dict of str to float
-        Of the unscaled problem: ``"primal"``, ``"dual"``, ``"gap"``, relative.
-    times_s : dict of str to float
-        ``"setup"`` and ``"solve"``, seconds.
     certificate : Certificate or None
         The dual variables that prove ``lower_bound``; check it with :func:`pairwise.verify_certificate`.
     """
@@ -127,9 +106,6 @@ class RelaxationResult:
     C: FloatArray
     B: FloatArray
     status: Status
-    iterations: int
-    residuals: dict[str, float]
-    times_s: dict[str, float]
     certificate: Certificate | None = None
 
     __repr__ = one_line

@@ -38,13 +38,11 @@ class FunctionalMap:
         One row of the target's basis for each row of the source's.
     map_source_target : ndarray of int, shape (u,)
         One row of the source's basis for each row of the target's.
-    iterations : int
     """
 
     C_source_target: FloatArray
     map_target_source: IntArray
     map_source_target: IntArray
-    iterations: int
 
 
 def mutual_nearest_rows(target: FloatArray, source: FloatArray) -> tuple[IntArray, IntArray]:
@@ -128,9 +126,7 @@ class ZoomOut:
             forward, backward = mutual_nearest_rows(rows_target, rows_source)
         last = self._sizes[-1]
         c = fitted_map(self._target[:, :last], self._source[:, :last], forward, backward)
-        return FunctionalMap(
-            C_source_target=c, map_target_source=forward, map_source_target=backward, iterations=len(self._sizes)
-        )
+        return FunctionalMap(C_source_target=c, map_target_source=forward, map_source_target=backward)
 
 
 def fitted_map(target: FloatArray, source: FloatArray, forward: IntArray, backward: IntArray) -> FloatArray:

@@ -87,7 +87,6 @@ class HarmonicRefiner:
             C_source_target=fitted_map(self._target.basis, self._source.basis, forward, backward),
             map_target_source=forward,
             map_source_target=backward,
-            iterations=len(smoothness),
         )
 
     def of_all_vertices(self, found: FunctionalMap) -> tuple[IntArray, IntArray]:

@@ -135,18 +135,17 @@ def icp(basis_target: FloatArray, basis_source: FloatArray, rotation_target_sour
     FunctionalMap
         With ``C_source_target`` the transpose of the final rotation.
     """
-    rotation, iterations, change = rotation_target_source, 0, np.inf
-    while change > _SETTLED and iterations < _MOST_STEPS:
-        iterations += 1
+    rotation = rotation_target_source
+    for _ in range(_MOST_STEPS):
         point_map = mutual_nearest_rows(basis_target, basis_source @ rotation.T)[0]
         before, rotation = rotation, nearest_orthogonal(basis_target[point_map].T @ basis_source)
-        change = float(np.abs(rotation - before).max())
+        if np.abs(rotation - before).max() <= _SETTLED:
+            break
     forward, backward = mutual_nearest_rows(basis_target, basis_source @ rotation.T)
     return FunctionalMap(
         C_source_target=np.ascontiguousarray(rotation.T),
         map_target_source=forward,
         map_source_target=backward,
-        iterations=iterations,
     )
 
 

@@ -21,7 +21,8 @@ from experiments.pairs.posed_samples import (
     posed_pairs,
 )
 from experiments.tables import Column, Row, Table
-from pairwise.dense.rank import refine_candidates
+from pairwise.dense.rank import ranked_on_dense
+from pairwise.dense.refine import RefinedPose
 from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
 from pairwise.relaxations import solve_pm_sdp
@@ -83,12 +84,12 @@ def measure_pairs(cell: Cell) -> Record:
         begin = time.process_time()
         result = match_problem(pair.problem, MatchOptions())
         matched = time.process_time()
-        ranked = result.candidates
+        refined: tuple[RefinedPose, ...] = ()
         if pair.dense is not None:
-            ranked = refine_candidates(ranked, pair.problem, pair.dense)
+            _, refined = ranked_on_dense(result, pair.problem, pair.dense)
         seconds += matched - begin
         refinement_s += time.process_time() - matched
-        for name, error in _errors(pair, result.candidates, ranked).items():
+        for name, error in _errors(pair, result.candidates, refined).items():
             found[name].append(error)
         if number < settings["bounds"]:
             found["bound"].append(solve_pm_sdp(pair.problem, tol=1e-2).value / result.energy)
@@ -96,13 +97,12 @@ def measure_pairs(cell: Cell) -> Record:
     return {**lists, "seconds": seconds, "refinement_s": refinement_s}
 
 
-def _errors(pair: PosedPair, candidates: Sequence[Candidate], ranked: Sequence[Candidate]) -> dict[str, float]:
+def _errors(pair: PosedPair, candidates: Sequence[Candidate], refined: Sequence[RefinedPose]) -> dict[str, float]:
     """Return the errors of the best pose and of the best candidate, by samples and, where there are any, refined."""
     errors = pair.errors_deg(np.stack([candidate.R_target_source for candidate in candidates]))
     found = {"best": float(errors[0]), "top": float(errors[:TOP].min())}
-    refined = [candidate.refined.pose.rotation for candidate in ranked if candidate.refined is not None]
     if refined:
-        errors = pair.errors_deg(np.stack(refined))
+        errors = pair.errors_deg(np.stack([one.pose.rotation for one in refined]))
         found |= {"dense": float(errors[0]), "dense_top": float(errors[:TOP].min())}
     return found
 

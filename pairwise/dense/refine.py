@@ -18,7 +18,6 @@ from data_tools.poses import Similarity
 from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
 from pairwise.dense.points import DenseMatcher, DensePoints
-from pairwise.status import Status
 
 #: Weight of unit normals beside positions of root mean square radius 1.
 NORMAL_WEIGHT = 0.2
@@ -37,17 +36,10 @@ class RefinedPose:
     energy : float
         Mean squared distance of the matched points at this pose plus that of their invariants, in squared units of
         the target.
-    initial_energy : float
-        The same for the first correspondences at the start.
-    iterations : int
-    status : Status
     """
 
     pose: Similarity
     energy: float
-    initial_energy: float
-    iterations: int
-    status: Status
 
 
 @one_blas_thread()
@@ -98,24 +90,15 @@ def refine_pose(
     matcher = DenseMatcher(target, source, normal_weight=normal_weight * target.radius)
     chirality = float(np.sign(np.linalg.det(pose.rotation)))
     pairs = matcher.pair_up(pose)
-    initial_energy = matcher.mean_cost(pairs, pose)
-    status, iterations = Status.ITERATION_LIMIT, 0
     for iterations in range(1, max_iterations + 1):
         former = pose
         to, of = target.points[pairs[0]], source.points[pairs[1]]
         pose = _procrustes(to, of, chirality, None if estimate_scale else pose.scale)
         if np.abs(pose.rotation - former.rotation).max() <= _SETTLED:
-            status = Status.CONVERGED
             break
         if iterations < max_iterations:
             pairs = matcher.pair_up(pose)
-    return RefinedPose(
-        pose=pose,
-        energy=matcher.mean_cost(pairs, pose),
-        initial_energy=initial_energy,
-        iterations=iterations,
-        status=status,
-    )
+    return RefinedPose(pose=pose, energy=matcher.mean_cost(pairs, pose))
 
 
 def _start(

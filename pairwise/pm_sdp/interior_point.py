@@ -61,11 +61,6 @@ class DualSolution:
     value, dual_value : float
         Primal and dual objectives, the constant included.
     status : Status
-    iterations : int
-    residuals : dict of str to float
-        ``"primal"``, ``"dual"``, ``"gap"``.
-    times_s : dict of str to float
-        ``"setup"``, ``"solve"``.
     """
 
     primal: PrimalPoint
@@ -74,9 +69,6 @@ class DualSolution:
     value: float
     dual_value: float
     status: Status
-    iterations: int
-    residuals: dict[str, float]
-    times_s: dict[str, float]
 
 
 @one_blas_thread()
@@ -110,20 +102,18 @@ class _InteriorPoint:
     """The loop and its bookkeeping, on the problem scaled to unit vectors."""
 
     def __init__(self, data: RelaxationData, tol: float, max_iterations: int, time_limit_s: float | None) -> None:
-        self.started = time.perf_counter()
-        self.deadline = np.inf if time_limit_s is None else self.started + time_limit_s
+        self.deadline = np.inf if time_limit_s is None else time.perf_counter() + time_limit_s
         self.tol, self.max_iterations = tol, max_iterations
         size = float(np.sqrt((data.vectors**2).sum(axis=2)).max(initial=0.0))
         self.scale = max(size, 1e-3 * float(np.abs(data.cost).max(initial=0.0))) or 1.0
         self.data = _scaled(data, 1.0 / self.scale)
         self.basis = MomentBasis(data.lifted.num_variables, data.lifted.equations)
         self.primal, self.dual = starting_points(self.data, self.basis)
-        self.set_up = time.perf_counter()
 
     def run(self) -> DualSolution:
         """Iterate until converged or stopped, and return the best points met."""
         self._measure()
-        best, best_error, best_iteration = self._solution(0), self._error(), 0
+        best, best_error, best_iteration = self._solution(), self._error(), 0
         status = Status.ITERATION_LIMIT
         for iteration in range(1, self.max_iterations + 1):
             if best_error <= 1.0 or time.perf_counter() > self.deadline:
@@ -134,9 +124,8 @@ class _InteriorPoint:
                 break
             self._measure()
             if self._error() < best_error:
-                best, best_error, best_iteration = self._solution(iteration), self._error(), iteration
-        times = {"setup": self.set_up - self.started, "solve": time.perf_counter() - self.set_up}
-        return replace(best, status=Status.CONVERGED if best_error <= 1.0 else status, times_s=times)
+                best, best_error, best_iteration = self._solution(), self._error(), iteration
+        return replace(best, status=Status.CONVERGED if best_error <= 1.0 else status)
 
     def _measure(self) -> None:
         """Compute both objectives and the violations of the scaled problem."""
@@ -146,10 +135,8 @@ class _InteriorPoint:
         self.value = self._primal_objective(primal) + data.constant
         rows = data.row_sums(primal.x) + primal.slack - 1.0
         misses = (rows, primal.x.sum(axis=1) - 1.0, primal.B.sum(axis=1) - primal.R)
-        self.violations = {
-            "primal": max(float(np.abs(miss).max()) for miss in misses),
-            "dual": outside / (1.0 + float(np.abs(dual.F).max())),
-        }
+        self.violation = max(float(np.abs(miss).max()) for miss in misses)
+        self.violation = max(self.violation, outside / (1.0 + float(np.abs(dual.F).max())))
 
     def _primal_objective(self, point: PrimalPoint | Direction) -> float:
         """Return the linear objective of a primal point or step."""
@@ -167,7 +154,7 @@ class _InteriorPoint:
         """Return the gap and the violations over what is asked for: at most one at convergence."""
         reference = abs(self.value) + _CONSTANT_SHARE * abs(self.data.constant) + 1e-9
         gap = abs(self.value - self.dual_value) / reference
-        return max(gap / self.tol, max(self.violations.values()) / _VIOLATION_TOL)
+        return max(gap / self.tol, self.violation / _VIOLATION_TOL)
 
     def _advance(self) -> bool:
         """Take one predictor-corrector step; False where arithmetic allows none."""
@@ -230,19 +217,14 @@ class _InteriorPoint:
         degree = data.valid.sum() + dual.u.size + (~data.equality).sum() + 4 * len(dual.Y)
         return total / float(degree)
 
-    def _solution(self, iteration: int) -> DualSolution:
-        value, dual_value = self.value * self.scale, self.dual_value * self.scale
-        reference = abs(value) + _CONSTANT_SHARE * abs(self.data.constant * self.scale) + 1e-300
+    def _solution(self) -> DualSolution:
         return DualSolution(
             primal=self.primal,
             dual=_unscaled(self.dual, self.scale),
             equation_multipliers=self.multipliers * self.scale,
-            value=value,
-            dual_value=dual_value,
+            value=self.value * self.scale,
+            dual_value=self.dual_value * self.scale,
             status=Status.STALLED,
-            iterations=iteration,
-            residuals={**self.violations, "gap": abs(value - dual_value) / reference},
-            times_s={},
         )
 
 

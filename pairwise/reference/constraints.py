@@ -39,10 +39,6 @@ class LiftedEquations:
     linear: csr_array
     constant: FloatArray
 
-    def residual(self, c: FloatArray, entries: FloatArray) -> FloatArray:
-        """Return the left side minus the right side at numbers, shape (m,)."""
-        return self.quadratic @ c.ravel() + self.linear @ entries - self.constant
-
 
 def orthogonality_equations(pattern: RotationPattern) -> LiftedEquations:
     """Return ``R R^T = I`` and ``R^T R = I`` as equations in C (Maron et al. 2016, eq. 8).

@@ -29,7 +29,6 @@ from pairwise.reference.constraints import (
     cross_product_equations,
     hull_constraints,
     orthogonality_equations,
-    quaternion_moments,
 )
 from pairwise.reference.cvxpy import cvxpy_module, solve_program
 from pairwise.results import RelaxationResult
@@ -193,8 +192,6 @@ def solve_model(
     lifted = np.zeros((problem.num_source, len(r_entries), problem.num_target))
     lifted[model.source_index, :, model.target_index] = b.T
     value = float(model.objective.value) * model.scale + model.constant
-    violation = primal_residual(problem, matches, lifted, c, r_entries)
-    stats = program.solver_stats
     return RelaxationResult(
         value=value,
         lower_bound=math.nan,
@@ -203,45 +200,7 @@ def solve_model(
         C=read_only(0.5 * (c + c.T)),
         B=read_only(lifted),
         status=status,
-        iterations=int(stats.num_iters or 0),
-        residuals={
-            "primal": violation,
-            "dual": math.nan,
-            "gap": math.nan,
-        },
-        times_s={"setup": float(program.compilation_time or 0.0), "solve": float(stats.solve_time or 0.0)},
     )
-
-
-def primal_residual(problem: Problem, x: FloatArray, b: FloatArray, c: FloatArray, entries: FloatArray) -> float:
-    """Return the largest violation of any constraint at numbers, from the definitions.
-
-    Parameters
-    ----------
-    problem : Problem
-    x : ndarray, shape (n, k)
-    b : ndarray, shape (k, r, n)
-    c : ndarray, shape (r, r)
-    entries : ndarray, shape (r,)
-        [R].
-    """
-    rows = x.sum(axis=1) - 1.0
-    violations = [
-        np.abs(x.sum(axis=0) - 1.0).max(),
-        (np.abs(rows) if problem.num_source == problem.num_target else rows).max(),
-        np.abs(x[~problem.allowed]).max(initial=0.0),
-        np.abs(b.sum(axis=2) - entries).max(),
-        np.abs(orthogonality_equations(problem.pattern).residual(c, entries)).max(),
-    ]
-    for point in range(problem.num_source):
-        lifted = np.block([[np.diag(x[:, point]), b[point].T], [b[point], c]])
-        violations.append(-np.linalg.eigvalsh(lifted)[0])
-    mean = problem.pattern.unpack(entries)
-    for start, stop in problem.pattern.special_blocks:
-        if stop - start == 3:
-            moments = np.array(quaternion_moments(mean[start:stop, start:stop]))
-            violations.append(-0.25 * np.linalg.eigvalsh(moments)[0])
-    return float(max(0.0, *violations))
 
 
 def _objective(problem: Problem, i: IntArray, j: IntArray, x: Any, b: Any) -> tuple[Any, float, float]:
@@ -277,7 +236,4 @@ def _failed(model: Model, status: Status) -> RelaxationResult:
         C=missing(r, r),
         B=missing(k, r, n),
         status=status,
-        iterations=0,
-        residuals={"primal": math.nan, "dual": math.nan, "gap": math.nan},
-        times_s={"setup": math.nan, "solve": math.nan},
     )

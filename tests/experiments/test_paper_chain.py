@@ -44,4 +44,4 @@ def test_icp_finds_the_rotation(rng: np.random.Generator, monkeypatch: pytest.Mo
     assert np.abs(found.C_source_target.T - rotation).max() < 1e-9
     assert np.array_equal(found.map_target_source, order)
     monkeypatch.setattr("experiments.maps.paper_chain._MOST_STEPS", 1)
-    assert icp(target, source, tilt @ rotation).iterations == 1
+    assert np.abs(icp(target, source, tilt @ rotation).C_source_target.T - rotation).max() > 1e-9

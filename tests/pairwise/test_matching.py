@@ -158,14 +158,13 @@ def test_clouds_with_other_centroids_are_shifted_on_request() -> None:
     rng = np.random.default_rng(13)
     points, turn, shift = rng.random((12, 3)), random_rotations(3, 1, rng)[0], np.array([5.0, -3.0, 1.0])
     source = (points - shift) @ turn
-    result = match(points, source, translation=True, dense=(points, source))
+    result = match(points, source, translation=True)
     np.testing.assert_allclose(result.R_target_source, turn, atol=1e-9)
     for pose in (result, *result.candidates):
         moved = source @ pose.R_target_source.T + pose.translation
         apart = ((moved - points[pose.map_target_source]) ** 2).sum()
         assert apart == pytest.approx(pose.energy, abs=1e-9)
     np.testing.assert_allclose(result.translation, shift, atol=1e-9)
-    np.testing.assert_allclose(result.refined.pose.shift, shift, atol=1e-9)
     alone = match(points, source)
     assert alone.translation is None
     assert alone.energy > 1.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.source import location
 from data_tools.poses import Similarity
 from data_tools.threads import one_blas_thread
+from pairwise.dense.rank import ranked_on_dense
 from pairwise.dense.refine import RefinedPose
 from pairwise.matching import match_problem
 from pairwise.results import Candidate, MatchResult
@@ -35,6 +37,8 @@ class RigidMatch:
         What was matched; ``vertex_indices`` count the vertices of the shapes as given.
     result : MatchResult
         Poses and maps of the samples, best first.
+    refined : tuple of RefinedPose
+        Each of these poses refined on dense samples; empty without them.
     """
 
     target_file: str
@@ -42,6 +46,7 @@ class RigidMatch:
     target: Samples
     source: Samples
     result: MatchResult
+    refined: tuple[RefinedPose, ...] = ()
 
     @property
     def transform(self) -> FloatArray:
@@ -51,12 +56,8 @@ class RigidMatch:
     @property
     def transforms(self) -> FloatArray:
         """The answer and its alternatives, shape (m, 4, 4), refined where they were."""
-        return np.array(
-            [
-                self.transform_of(_pose_of(one) if one.refined is None else one.refined.pose)
-                for one in self.result.candidates
-            ]
-        )
+        poses = [one.pose for one in self.refined] or [_pose_of(one) for one in self.result.candidates]
+        return np.array([self.transform_of(pose) for pose in poses])
 
     def __repr__(self) -> str:
         best = self.result.candidates[0]
@@ -86,28 +87,21 @@ class RigidMatch:
             "energy": result.energy,
             "lower_bound": None if np.isnan(result.lower_bound) else result.lower_bound,
             "transform": self.transform.tolist(),
-            "candidates": [self._candidate_record(candidate) for candidate in result.candidates],
+            "candidates": [
+                self._candidate_record(candidate, refined)
+                for candidate, refined in zip_longest(result.candidates, self.refined)
+            ],
             "source_vertices": self.source.vertex_indices.tolist(),
         }
 
-    def _candidate_record(self, candidate: Candidate) -> dict[str, Any]:
+    def _candidate_record(self, candidate: Candidate, refined: RefinedPose | None) -> dict[str, Any]:
         vertices = self.target.vertex_indices
         return {
             "transform": self.transform_of(_pose_of(candidate)).tolist(),
             "energy": candidate.energy,
-            "refined": None if candidate.refined is None else self._refined_record(candidate.refined),
+            "refined": refined and {"transform": self.transform_of(refined.pose).tolist(), "energy": refined.energy},
             "reflected": candidate.reflected,
             "map_target_source": vertices[candidate.map_target_source].tolist(),
-        }
-
-    def _refined_record(self, found: RefinedPose) -> dict[str, Any]:
-        """Return what the dense samples say of a candidate: mean costs per point before and after refinement."""
-        return {
-            "transform": self.transform_of(found.pose).tolist(),
-            "initial_energy": found.initial_energy,
-            "energy": found.energy,
-            "iterations": found.iterations,
-            "status": found.status.name,
         }
 
 
@@ -159,9 +153,8 @@ def match_rigid(
         for origin in origins
     )
     problem = pair_problem(to, of, options.group)
-    clouds = None
+    result, refined = match_problem(problem, options.seeded()), tuple[RefinedPose, ...]()
     if options.refine and options.sampling.num_dense_points:
-        clouds = dense_points(to), dense_points(of)
-    result = match_problem(problem, options.seeded(), dense=clouds)
-    target_file, source_file = (location(origin) for origin in origins)
-    return RigidMatch(target_file=target_file, source_file=source_file, target=to, source=of, result=result)
+        result, refined = ranked_on_dense(result, problem, (dense_points(to), dense_points(of)))
+    files = dict(zip(("target_file", "source_file"), map(location, origins), strict=True))
+    return RigidMatch(**files, target=to, source=of, result=result, refined=refined)

@@ -56,7 +56,6 @@ def as_map(bodies: tuple[SpectralShape, SpectralShape], maps: tuple[IntArray, In
         C_source_target=fitted_map(bases[0], bases[1], *maps),
         map_target_source=maps[0],
         map_source_target=maps[1],
-        iterations=0,
     )
 
 

@@ -41,7 +41,6 @@ def identity_of(shape: SpectralShape) -> FunctionalMap:
         C_source_target=np.eye(len(shape.eigenvalues) + 1),
         map_target_source=own,
         map_source_target=own,
-        iterations=0,
     )
 
 

@@ -28,9 +28,6 @@ def mixture(problem: Problem, rotations: np.ndarray, maps: np.ndarray, sign: flo
         C=packed.T @ packed / m,
         B=b,
         status=Status.CONVERGED,
-        iterations=0,
-        residuals={},
-        times_s={},
     )
 
 

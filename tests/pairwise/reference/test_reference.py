@@ -8,7 +8,7 @@ import pytest
 
 from data_tools.errors import OptionsError
 from pairwise.problem.problem import Problem
-from pairwise.reference.pm_sdp import primal_residual, solve_reference
+from pairwise.reference.pm_sdp import solve_reference
 from pairwise.status import Status
 from tests.oracles import brute_force, check_relaxation
 from tests.problems import KnownProblem, catalogue, planted, random_rotation
@@ -21,7 +21,6 @@ def test_solution_is_feasible_and_bounds_the_optimum(known: KnownProblem) -> Non
     result = solve_reference(known.problem, tol=1e-8)
     assert result.status in (Status.CONVERGED, Status.STALLED)
     assert check_relaxation(known.problem, result, 1e-5) == []
-    assert result.residuals["primal"] < 1e-5
     assert math.isnan(result.lower_bound)
     optimum = brute_force(known.problem).energy if math.isnan(known.optimum) else known.optimum
     assert result.value <= optimum + 1e-5 * (1.0 + optimum)
@@ -80,13 +79,3 @@ def test_wrong_options_are_refused(rng: np.random.Generator) -> None:
     for options in ({"solver": "mosek"}, {"tol": 0.0}, {"max_iterations": 0}, {"time_limit_s": -1.0}):
         with pytest.raises(OptionsError, match=next(iter(options))):
             solve_reference(problem, **options)
-
-
-def test_primal_residual_sees_violations(rng: np.random.Generator) -> None:
-    problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)))
-    result = solve_reference(problem, tol=1e-8)
-    entries = problem.pattern.pack(result.R)
-    assert primal_residual(problem, result.X, result.B, result.C, entries) < 1e-6
-    assert primal_residual(problem, 1.1 * result.X, result.B, result.C, entries) > 1e-2
-    assert primal_residual(problem, result.X, result.B, 1.1 * result.C, entries) > 1e-2
-    assert primal_residual(problem, result.X, result.B, result.C, -3.0 * entries) > 1e-2
