@@ -28,9 +28,9 @@ from data_tools.io.shapes import FolderListing
 NUM_TRIAL_SHAPES = 5
 
 # Measured by cProfile and tests/benchmarks/bench_estimate.py on teeth, skulls, bodies and generated shapes.
-#: In times of matching a pair: of each pair, to solve it again and in all synchronizations; of each shape, the pairs
+#: In times of matching a pair: of each pair, in all synchronizations; of each shape, the pairs
 #: of the pilot, the refinement of its local pairs, its confidence, the search of what is missing, and its tile.
-AGAIN, SYNCHRONIZATION, PILOT, LOCAL, CONFIDENCE, MISSING, TILE = 0.22, 0.1, 2.5, 4.0, 1.0, 1.65, 0.5
+SYNCHRONIZATION, PILOT, LOCAL, CONFIDENCE, MISSING, TILE = 0.1, 2.5, 4.0, 1.0, 1.65, 0.5
 #: Outputs of a shape, in times of preparing one; so many shapes have tiles.
 OUTPUT, MOST_TILES = 0.13, 100
 #: Bytes of a row beside its record (key, label, digest, index entry), and pages per filled page (1.1 to 1.4).
@@ -156,7 +156,7 @@ def forecast(
     if work.missing_pairs and costs["evidence"].num_records:
         shared["maps"] = num * costs["surfaces"].mean_seconds + work.missing_pairs * costs["evidence"].mean_seconds
     if options.synchronization == "robust":
-        shared["poses"] = (AGAIN * work.num_pairs + refines * LOCAL * num) * match_s
+        shared["poses"] = refines * LOCAL * num * match_s
         alone["poses"] = SYNCHRONIZATION * work.num_pairs * match_s
         shared["confidence"] = refines * CONFIDENCE * num * match_s
     if options.incomplete == AUTO and num >= MIN_SHAPES:

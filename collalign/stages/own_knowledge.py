@@ -12,8 +12,7 @@ from collalign.options import AlignSession
 from collalign.products.own import Own
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints, Shapes
-from collalign.stages.poses.agreement import resolve_pair, solve_again
-from collalign.synchronization.resolve import SAME_POSE_RAD
+from collalign.stages.poses.agreement import SAME_POSE_RAD, resolve_pair, solve_again
 from data_tools.arrays import FloatArray, as_floats, as_indices, as_rotations, read_only
 from data_tools.checks import meant
 from data_tools.embedding.own_points import OwnPoints

@@ -22,11 +22,11 @@ from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.pairs.match import pair_key
+from collalign.stages.poses.agreement import SAME_POSE_RAD
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.stages.shape_stage import SAMPLING
 from collalign.stages.surface_gap import surface_gaps
 from collalign.synchronization import SynchronizationResult
-from collalign.synchronization.resolve import SAME_POSE_RAD
 from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.percent import percent

@@ -25,7 +25,7 @@ from collalign.stages.evidence.rivals import try_rivals
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.forecast import rest_s
 from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs, match_chosen
-from collalign.stages.poses.agreement import resolve_pairs, with_common_match
+from collalign.stages.poses.agreement import with_common_match
 from collalign.stages.poses.frame import fix_frame
 from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.placement import common_labels, common_positions, in_label_order, place_and_scale
@@ -157,15 +157,14 @@ class Posed:
 
 
 def pose(run: Run, matched: Matched) -> Posed:
-    """Synchronize, match pairs again where the others ask for it, refine, and settle frame, labels and places."""
+    """Synchronize, refine, and settle frame, labels and places."""
     session, options, samples, constraints = run.session, run.session.options, run.shapes.samples, run.constraints
     with run.stage("synchronization"):
         with session.alone("synchronization"):
             parts, linked = split_shapes(options, samples, matched.pairs)
             known = matched.solution if not parts else None
             first = synchronize_shapes(options, samples, linked, constraints, known=known)
-        resolved, solution = resolve_pairs(session, samples, linked, first, constraints)
-        pairs, solution = join_parts(options, parts, matched.pairs, resolved, solution, constraints)
+        pairs, solution = join_parts(options, parts, matched.pairs, linked, first, constraints)
         rotations = refine_poses(session, samples, pairs, solution, constraints)
         with session.alone("common matches"):
             rotations, solution = fix_frame(options, samples, rotations, solution, constraints)

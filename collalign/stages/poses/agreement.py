@@ -1,4 +1,4 @@
-"""How pairs and collection come to agree: pairs are solved again from the common poses, where they disagree."""
+"""Pairs at poses that the collection asks for: solved again from these, or matched at them."""
 
 from __future__ import annotations
 
@@ -10,17 +10,14 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from collalign.engine.jobs.job import Shared, table_of_values
+from collalign.engine.jobs.job import Shared
 from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
-from collalign.products.shapes import Constraints
-from collalign.stages.poses.synchronize import pair_graph
 from collalign.stages.surface_gap import surface_gaps
-from collalign.synchronization import SynchronizationResult, synchronize_graph
-from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
+from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.rotations import rotation_angle_deg
@@ -28,8 +25,8 @@ from pairwise.local.local_search import minimise
 
 Solved = TypeVar("Solved")
 
-#: How often disagreeing pairs are solved again.
-MAX_ROUNDS = 5
+#: Poses of a pair within so many radians are one.
+SAME_POSE_RAD = np.deg2rad(1.0)
 
 
 def resolve_pair(target: Samples, source: Samples, group: str, start: FloatArray) -> Record:
@@ -47,60 +44,6 @@ def resolve_pair(target: Samples, source: Samples, group: str, start: FloatArray
     pose = minimise(problem, start[None])
     gaps = surface_gaps(target, source, pose.rotations)
     return {"rotations": pose.rotations, "maps": pose.maps, "energies": pose.energies, "gaps": gaps}
-
-
-def resolve_pairs(
-    session: AlignSession,
-    samples: Sequence[Samples],
-    pairs: Sequence[Pair],
-    solution: SynchronizationResult,
-    constraints: Constraints,
-) -> tuple[list[Pair], SynchronizationResult]:
-    """Solve pairs again from the common poses where they disagree, and synchronize, until nothing changes.
-
-    The paper's steps 2 to 4 (section 6.3 of Maron et al. 2016); a pair's energy may veto a pose.
-
-    Parameters
-    ----------
-    session : Session
-        Its group is decided; with the paper's own synchronization nothing is solved again, nor where maps have been
-        asked: then energies alone have no veto.
-    samples : sequence of Samples
-    pairs : sequence of Pair
-    solution : SynchronizationResult
-        Of these pairs.
-    constraints : Constraints
-
-    Returns
-    -------
-    pairs : list of Pair
-        Re-solved poses are appended to their candidates.
-    solution : SynchronizationResult
-        Its ``edge_choice`` counts the candidates of the returned pairs.
-    """
-    agreed, options = list(pairs), session.options
-    if options.synchronization != "robust" or any(len(pair.log_odds) for pair in pairs):
-        return agreed, solution
-    graph = with_room(pair_graph(pairs, len(samples), options.group))
-    with table_of_values(samples) as table:
-        for _ in range(MAX_ROUNDS):
-            edges, asked = disagreeing_pairs(graph, solution.rotations)
-            poses = solve_again(session, [pairs[e] for e in edges], asked, table, resolve_pair)
-            resolved = [_with_pose(pairs[edges[n]], pose) for n, pose in enumerate(poses)]
-            graph, accepted = with_resolved(
-                graph,
-                edges,
-                [np.ascontiguousarray(pose["rotations"][0, :3, :3]) for pose in poses],
-                [float(pair.costs[-1]) for pair in resolved],
-            )
-            if not accepted.any():
-                break
-            for n in np.flatnonzero(accepted):
-                agreed[edges[n]] = resolved[n]
-            solution = synchronize_graph(graph, fixed=constraints.fixed, reference=constraints.reference)
-    last = np.array([len(pair.energies) - 1 for pair in agreed])
-    is_resolved = solution.edge_choice == graph.present.shape[1] - 1
-    return agreed, replace(solution, edge_choice=read_only(np.where(is_resolved, last, solution.edge_choice)))
 
 
 def solve_again(
@@ -121,16 +64,6 @@ def solve_again(
         for number, (pair, start) in enumerate(zip(pairs, asked, strict=True))
     }
     return list(session.spread("pairs again", solve, tasks, shared=table).values())
-
-
-def _with_pose(pair: Pair, pose: Record) -> Pair:
-    return replace(
-        pair,
-        rotations=np.concatenate([pair.rotations, pose["rotations"]]),
-        maps=np.concatenate([pair.maps, pose["maps"]]),
-        energies=np.concatenate([pair.energies, pose["energies"]]),
-        gaps=np.concatenate([pair.gaps, pose["gaps"]]),
-    )
 
 
 def with_common_match(

@@ -52,7 +52,7 @@ def gather_trust(
         Its group is decided.
     samples : sequence of Samples
     pairs : sequence of Pair
-        As first matched: none was solved again from the answer.
+        As matched.
     rotations : ndarray, shape (N, 3, 3)
         The reported ``R_common_shape``.
     components : sequence of ndarray of int

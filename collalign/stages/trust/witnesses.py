@@ -40,7 +40,7 @@ def hear_witnesses(
     options : AlignOptions
         With a decided group.
     pairs : sequence of Pair
-        As weighed, before any was solved again from the answer.
+        As weighed.
     rotations : ndarray, shape (N, 3, 3)
         The reported ``R_common_shape``.
     components : sequence of ndarray of int

@@ -39,7 +39,7 @@ def trust_notes(
     trust : Trust
     confidence : ndarray, shape (N,)
     first : SynchronizationResult
-        Of the pairs as first matched, before any was solved again from the answer.
+        Of the pairs as matched.
     rotations : ndarray, shape (N, 3, 3)
         The reported poses.
     constraints : Constraints

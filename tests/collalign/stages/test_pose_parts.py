@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from collalign.engine.run_options import RunOptions
-from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
-from collalign.stages.poses.agreement import resolve_pair, resolve_pairs
+from collalign.stages.poses.agreement import resolve_pair
 from collalign.stages.poses.frame import turned
 from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.synchronize import synchronize_pairs, synchronize_shapes
@@ -46,7 +44,6 @@ def pairs() -> list[Pair]:
 
 @pytest.fixture
 def samples(rng: np.random.Generator) -> list[Samples]:
-    """Shapes so unlike that no pair can be solved again to an energy near its own."""
     none = np.zeros(0, dtype=np.int64)
     clouds = rng.standard_normal((sum(SIZES), 6, 3))
     return [
@@ -66,8 +63,6 @@ def solve(
     options = AlignOptions(group="SO", clusters=clusters)
     split, linked = split_shapes(options, samples, pairs)
     solution = synchronize_shapes(options, samples, linked, constraints)
-    with Session.open(options, RunOptions(jobs=1)) as session:
-        linked, solution = resolve_pairs(session, samples, linked, solution, constraints)
     merged, solution = join_parts(options, split, pairs, linked, solution, constraints)
     assert [(pair.target, pair.source) for pair in merged] == [(pair.target, pair.source) for pair in pairs]
     return solution

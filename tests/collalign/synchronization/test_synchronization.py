@@ -7,7 +7,6 @@ import pytest
 from collalign.synchronization import PairGraph, synchronize, synchronize_graph
 from collalign.synchronization.problem.frames import angles_rad
 from collalign.synchronization.problem.model import EdgeModel
-from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
 from data_tools.errors import InputError, OptionsError
 from pairwise.problem.pattern import RotationPattern
 from tests.synchronization_problems import (
@@ -18,7 +17,6 @@ from tests.synchronization_problems import (
     pose_errors_deg,
     random_rotations,
     regular_edges,
-    small_rotations,
 )
 
 METHODS = ["robust", "spectral"]
@@ -228,31 +226,6 @@ def test_weights_zero_cut_edges() -> None:
     weights = np.where((edges == 3).any(axis=1), 0.0, 1.0)
     found = synchronize(edges, exact_pairs(truth, edges), weights=weights)
     assert len(found.components) == 2
-
-
-def test_pairs_that_disagree_are_found_and_take_what_their_energy_allows() -> None:
-    rng = np.random.default_rng(15)
-    truth = random_rotations(rng, 12)
-    edges = complete_edges(12)
-    exact = exact_pairs(truth, edges)
-    rotations = exact @ small_rotations(rng, (len(edges),), 0.2)
-    wrong = np.sort(rng.choice(len(edges), 15, replace=False))
-    rotations[wrong] = random_rotations(rng, 15)
-    graph = with_room(PairGraph.from_user(edges, rotations, energies=np.ones(len(edges))))
-    found, asked = disagreeing_pairs(graph, truth)
-    assert np.array_equal(found, wrong)
-    assert np.allclose(asked, exact[wrong])
-    stubborn, known = 3, 5
-    energies = np.where(np.arange(15) == stubborn, 10.0, 0.5)
-    poses = [*asked]
-    poses[known] = rotations[wrong[known]]
-    agreed, accepted = with_resolved(graph, found, poses, energies.tolist())
-    assert np.flatnonzero(~accepted).tolist() == [stubborn, known]
-    assert np.array_equal(agreed.present[:, -1], np.isin(np.arange(len(edges)), wrong[accepted]))
-    assert np.array_equal(disagreeing_pairs(agreed, truth)[0], wrong[~accepted])
-    again, accepted = with_resolved(agreed, found, poses, energies.tolist())
-    assert not accepted.any()
-    assert np.array_equal(again.candidates, agreed.candidates)
 
 
 def test_bad_input_is_refused() -> None:

@@ -22,7 +22,6 @@ from collalign.synchronization.problem.model import (
     relative_weights,
     squared_distances,
 )
-from collalign.synchronization.resolve import disagreeing_pairs, with_resolved, with_room
 from collalign.synchronization.solvers.blockwise import connectivity_warnings, refinement_weights, restricted
 from collalign.synchronization.solvers.signs import synchronize_signs
 from collalign.synchronization.solvers.turns import (
@@ -328,27 +327,6 @@ def test_the_first_shape_of_every_component_is_not_mirrored(seed: int) -> None:
     found = synchronize_signs(edges, truth[edges[:, 0]] * truth[edges[:, 1]], np.ones(len(edges)), 9)
     assert np.array_equal(found[:5], truth[:5] != truth[0])
     assert np.array_equal(found[5:], truth[5:] != truth[5])
-
-
-def test_poses_that_a_pair_knows_or_cannot_afford_are_not_added() -> None:
-    edges = complete_edges(3)
-    pairs = np.tile(np.eye(3), (3, 1, 1))
-    graph = with_room(PairGraph.from_user(edges, pairs, energies=np.ones(3)))
-    poses = [THIRD, np.eye(3), THIRD]
-    _, accepted = with_resolved(graph, np.arange(3), poses, [1.9, 1.0, 2.1])
-    assert accepted.tolist() == [True, False, False]
-
-
-def test_pairs_within_a_degree_do_not_disagree() -> None:
-    edges = complete_edges(3)
-    turns = [np.eye(3)]
-    for angle in np.deg2rad([0.5, 2.0]):
-        c, s = np.cos(angle), np.sin(angle)
-        turns.append(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
-    graph = PairGraph.from_user(edges, np.tile(np.eye(3), (3, 1, 1)))
-    found, asked = disagreeing_pairs(graph, np.array(turns))
-    assert edges[found].tolist() == [[0, 2], [1, 2]]
-    np.testing.assert_allclose(asked[0], turns[2], atol=1e-12)
 
 
 def test_unconnected_parts_are_said() -> None:
