@@ -78,7 +78,7 @@ def test_a_shape_without_any_pair_is_named_first(
         pairs, failed = match_pairs(*args, **options)
         return [pair for pair in pairs if 4 not in (pair.target, pair.source)], failed
 
-    monkeypatch.setattr("collalign.stages.steps.match_pairs", match_all_but_the_last)
+    monkeypatch.setattr("collalign.stages.pairs.choose.match_pairs", match_all_but_the_last)
     assert main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS]) == 0
     printed = capsys.readouterr().out
     assert "look at them first: chair5 (unknown)" in printed
