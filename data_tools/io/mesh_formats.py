@@ -1,4 +1,4 @@
-"""Mesh formats. PLY, STL, GLB and GLTF go through trimesh; what it would accept silently is refused here."""
+"""Mesh formats. PLY, STL and GLB go through trimesh; what it would accept silently is refused here."""
 
 from __future__ import annotations
 
@@ -24,21 +24,17 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())
 def read_with_trimesh(source: Source) -> tuple[FloatArray, IntArray]:
     """Return the vertices (v, 3) and triangles (f, 3) of a file as they stand, neither merged nor repaired.
 
-    All parts of a scene are put together in the scene's coordinates. Names inside a file reach only files of its own
-    folder, and materials are never opened.
+    All parts of a scene are put together in the scene's coordinates. Nothing that a file names is opened.
     """
     path, content = source.path, source.content
     kind = path.suffix[1:].lower()
     promised = check_ply(path, content) if kind == "ply" else {}
     if kind == "stl":
         check_stl(path, content)
-    resolver = source if kind == "gltf" else None
-    options: dict[str, Any] = {"process": False, "validate": False}
-    if kind in ("glb", "gltf"):
-        options["skip_materials"] = True
+    options = {"process": False, "validate": False} | ({"skip_materials": True} if kind == "glb" else {})
     import trimesh
 
-    scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=resolver, **options)
+    scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, **options)
     parts = []
     for node in scene.graph.nodes_geometry:
         transform, geometry_name = scene.graph[node]
@@ -81,7 +77,7 @@ def _concatenate(parts: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, 
 
 #: Reader of each suffix.
 READERS = {
-    **dict.fromkeys((".ply", ".stl", ".glb", ".gltf"), read_with_trimesh),
+    **dict.fromkeys((".ply", ".stl", ".glb"), read_with_trimesh),
     ".off": read_off,
     ".obj": read_obj,
 }

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 
 from collalign import AlignOptions, RunOptions
 from collalign.engine.jobs.job import Runner
@@ -40,25 +39,6 @@ def prepare(folder: Path, store: Path | None = None, aligning: AlignOptions = OP
     options = RunOptions(jobs=1, store=store or folder.parent / "store", **run)  # type: ignore[arg-type]
     with Session.open(aligning, options) as session:
         return prepare_shapes(session, read_folder(folder))
-
-
-def add_gltf(folder: Path) -> Path:
-    """Add a GLTF file, and return its buffer of positions."""
-    shape = blob(np.random.default_rng(9), num_vertices=60)
-    for name, content in trimesh.Trimesh(shape.vertices, shape.faces).export(file_type="gltf").items():
-        (folder / name).write_bytes(content)
-    return max(folder.glob("*.bin"), key=lambda path: path.stat().st_size)
-
-
-def test_a_result_belongs_to_the_buffers_as_well(folder: Path) -> None:
-    buffer = add_gltf(folder)
-    first = prepare(folder)
-    points = np.frombuffer(buffer.read_bytes(), dtype=np.uint8)
-    assert first.names[0] == "model"
-    buffer.write_bytes(np.roll(points, 12).tobytes())
-    second = prepare(folder)
-    assert second.keys[0] != first.keys[0]
-    assert second.keys[1:] == first.keys[1:]
 
 
 def test_a_file_that_is_edited_between_its_key_and_its_reading_poisons_nothing(

@@ -10,7 +10,7 @@ from data_tools.errors import InputError
 from data_tools.io.headers import check_ply, check_stl
 from data_tools.io.mesh_formats import _concatenate, _part
 from data_tools.io.pcd import read_pcd
-from data_tools.io.source import read_source, sibling_path
+from data_tools.io.source import read_source
 
 FILE = Path("a.ply")
 HEADER = b"ply\nformat %s 1.0\nelement vertex %d\nproperty float x\nproperty double y\nproperty uchar z\n"
@@ -144,14 +144,3 @@ def test_faces_of_later_parts_are_counted_on() -> None:
     vertices, joined = _concatenate([(np.eye(3), faces), (2.0 * np.eye(3), faces)])
     assert joined.tolist() == [[0, 1, 2], [3, 4, 5]]
     assert len(vertices) == 6
-
-
-def test_buffers_are_named_in_their_own_folder_only(tmp_path: Path) -> None:
-    inside = tmp_path / "in"
-    inside.mkdir()
-    (inside / "a.bin").write_bytes(b"1")
-    (tmp_path / "secret.bin").write_bytes(b"2")
-    assert sibling_path(inside / "a.gltf", "a.bin").name == "a.bin"
-    for name in ("../secret.bin", str(tmp_path / "secret.bin")):
-        with pytest.raises(InputError, match="outside of its folder"):
-            sibling_path(inside / "a.gltf", name)
