@@ -66,7 +66,7 @@ def align_collection(
     Parameters
     ----------
     shapes : str, Path, iterable or mapping of name to shape
-        A folder of meshes (PLY, OFF, OBJ, STL, GLB) and point clouds (PLY, PCD, XYZ, TXT, CSV, NPZ), a pattern
+        A folder of meshes (PLY, OFF, OBJ, STL, GLB) and point clouds (PLY, XYZ, TXT, CSV, NPZ), a pattern
         (``data/*/*.stl``) or ``@FILE`` of places, one a line; or several of these, files, arrays (n, 3), pairs
         (V, F), trimesh and Open3D objects.
     options : AlignOptions or mapping, optional

@@ -1,4 +1,4 @@
-"""Point formats: text tables, NPZ archives and PCD."""
+"""Point formats: text tables and NPZ archives."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.io.archives import load_arrays
-from data_tools.io.pcd import read_pcd
 from data_tools.io.source import Source
 from data_tools.io.text_tables import read_points_table
 
@@ -39,5 +38,4 @@ READERS = {
     ".txt": read_text_points,
     ".csv": read_text_points,
     ".npz": read_npz,
-    ".pcd": read_pcd,
 }

@@ -60,7 +60,7 @@ def read_shape(
 ) -> Shape:
     """Read and clean a mesh or point cloud; its suffix names the format.
 
-    Meshes: PLY, OFF, OBJ, STL, GLB. Points: PLY, OBJ, PCD, XYZ, TXT, CSV. Either: NPZ with ``vertices`` (or
+    Meshes: PLY, OFF, OBJ, STL, GLB. Points: PLY, OBJ, XYZ, TXT, CSV. Either: NPZ with ``vertices`` (or
     ``points``) and perhaps ``faces``. Polygons are split into triangles.
 
     Parameters

@@ -41,10 +41,6 @@ def shape_files(folder: Path) -> dict[str, bytes]:
     np.savez(folder / "mesh.npz", vertices=mesh.vertices, faces=mesh.faces)
     points = mesh.vertices
     rows = [" ".join(f"{x:.6f}" for x in point) for point in points]
-    header = "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
-    header += f"WIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\n"
-    (folder / "ascii.pcd").write_text(header + "DATA ascii\n" + "\n".join(rows) + "\n")
-    (folder / "binary.pcd").write_bytes(header.encode() + b"DATA binary\n" + points.astype("<f4").tobytes())
     (folder / "points.xyz").write_text("\n".join(rows))
     (folder / "points.txt").write_text("\n".join(rows))
     (folder / "points.csv").write_text("x,y,z\n" + "\n".join(row.replace(" ", ",") for row in rows))

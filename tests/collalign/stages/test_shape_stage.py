@@ -1,6 +1,5 @@
 """What the shape stage remembers: results of what was read, and failures that the content causes."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from collalign.stages.shape_stage import common_num_points, prepare_shapes
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import read_folder, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.surface.shape import Shape
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0))
 
@@ -65,13 +65,8 @@ def test_a_file_that_is_edited_between_its_key_and_its_reading_poisons_nothing(
         np.testing.assert_array_equal(clean.positions, again.positions)
 
 
-def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_not(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_not(folder: Path) -> None:
     (folder / "bad.ply").write_text("ply\nnonsense")
-    head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nPOINTS 3\nDATA binary_compressed\n"
-    (folder / "compressed.pcd").write_text(head)
-    monkeypatch.setitem(sys.modules, "open3d", None)
     call = Call(function=Runner(stage.SAMPLING.run, is_kept=True), limits=Limits(), table=None)
     again = {}
     for token, file in enumerate([*sorted(folder.iterdir()), folder / "missing.ply"]):
@@ -79,16 +74,15 @@ def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_no
         outcome = run_in_process(call, task)
         if outcome.failure is not None:
             again[file.name] = outcome.crashed
-    assert again == {"bad.ply": False, "compressed.pcd": True, "missing.ply": True}
+    assert again == {"bad.ply": False, "missing.ply": True}
 
 
 def test_a_raised_memory_limit_is_noticed(folder: Path) -> None:
     size = 3_000_000
-    rows = np.random.default_rng(0).standard_normal((size, 3)).astype("<f4")
-    head = f"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nPOINTS {size}\nDATA binary\n"
-    (folder / "large.pcd").write_bytes(head.encode() + rows.tobytes())
+    points = np.random.default_rng(0).standard_normal((size, 3))
+    write_mesh(folder / "large.ply", Shape.from_arrays(points))
     (left_out,) = prepare(folder, memory_limit_gib=0.1, shape_time_limit_s=60.0).excluded
-    assert left_out.file == "large.pcd"
+    assert left_out.file == "large.ply"
     with Store.open(folder.parent / "store") as store:
         (failure,) = store.failures("shapes").values()
         assert failure.crashed, failure.reason

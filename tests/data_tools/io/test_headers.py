@@ -1,4 +1,4 @@
-"""What headers promise, PCD files, and the parts of scenes, on files made by hand."""
+"""What headers promise, and the parts of scenes, on files made by hand."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,8 +9,6 @@ import pytest
 from data_tools.errors import InputError
 from data_tools.io.headers import check_ply, check_stl
 from data_tools.io.mesh_formats import _concatenate, _part
-from data_tools.io.pcd import read_pcd
-from data_tools.io.source import read_source
 
 FILE = Path("a.ply")
 HEADER = b"ply\nformat %s 1.0\nelement vertex %d\nproperty float x\nproperty double y\nproperty uchar z\n"
@@ -83,38 +81,6 @@ def test_binary_stl_has_50_bytes_a_triangle() -> None:
     check_stl(FILE, content)
     with pytest.raises(InputError, match="promises 3 triangles"):
         check_stl(FILE, content[:-1])
-
-
-def pcd(body: bytes, *, fields: str = "x y z", counts: str = "1 1 1", points: int = 3, data: str = "ascii") -> bytes:
-    num = len(fields.split())
-    sizes, types = " ".join(["4"] * num), " ".join(["F"] * num)
-    lines = [f"FIELDS {fields}", f"SIZE {sizes}", f"TYPE {types}", f"COUNT {counts}", f"POINTS {points}"]
-    return ("\n".join(["VERSION 0.7", *lines, f"DATA {data}"]) + "\n").encode() + body
-
-
-def read(tmp_path: Path, content: bytes) -> np.ndarray:
-    (tmp_path / "a.pcd").write_bytes(content)
-    return read_pcd(read_source(tmp_path / "a.pcd"))[0]
-
-
-def test_only_points_without_any_coordinate_are_left_out(tmp_path: Path) -> None:
-    points = read(tmp_path, pcd(b"1 2 3\nnan nan nan\n4 nan 6\n"))
-    np.testing.assert_array_equal(points, [[1, 2, 3], [4, np.nan, 6]])
-
-
-def test_fields_with_several_numbers_shift_the_columns(tmp_path: Path) -> None:
-    content = pcd(b"9 8 7 1 2 3\n", fields="normal x y z", counts="3 1 1 1", points=1)
-    np.testing.assert_array_equal(read(tmp_path, content), [[1, 2, 3]])
-    body = np.array([9, 8, 7, 1, 2, 3], dtype="<f4").tobytes()
-    content = pcd(body, fields="normal x y z", counts="3 1 1 1", points=1, data="binary")
-    np.testing.assert_array_equal(read(tmp_path, content), [[1, 2, 3]])
-
-
-def test_binary_clouds_that_are_cut_off_are_refused(tmp_path: Path) -> None:
-    body = np.arange(9, dtype="<f4").tobytes()
-    assert len(read(tmp_path, pcd(body, data="binary"))) == 3
-    with pytest.raises(InputError, match="truncated, 3 points need 36 bytes, 35 follow"):
-        read(tmp_path, pcd(body[:-1], data="binary"))
 
 
 def part(transform: np.ndarray, faces: object = ((0, 1, 2),)) -> tuple[np.ndarray, np.ndarray]:

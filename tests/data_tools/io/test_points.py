@@ -1,5 +1,4 @@
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -7,20 +6,6 @@ import pytest
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
-
-
-def pcd(
-    points: int,
-    data: str,
-    *,
-    fields: str = "x y z",
-    size: str = "4 4 4",
-    kind: str = "F F F",
-    count: str = "1 1 1",
-) -> str:
-    head = f"VERSION .7\nFIELDS {fields}\nSIZE {size}\nTYPE {kind}\nCOUNT {count}\n"
-    return f"{head}POINTS {points}\nDATA {data}\n"
-
 
 MALFORMED = [
     ("nan.xyz", "0 0 0\nnan 1 2\n3 4 5\n", "NaN"),
@@ -35,15 +20,6 @@ MALFORMED = [
     ("binary.txt", "\x00\x01\x02", "columns|no points|numbers"),
     ("prose.txt", "This is a letter to a friend.\nIt has no points in it, or few.\n", "columns|numbers"),
     ("text.npz", "not an archive", "not an NPZ archive"),
-    ("text.pcd", "not a cloud", "no DATA line"),
-    ("header.pcd", "VERSION .7\nDATA ascii\n", "no FIELDS"),
-    ("cut.pcd", pcd(3, "ascii"), "truncated"),
-    ("huge.pcd", pcd(10**12, "binary"), "truncated"),
-    ("flat.pcd", pcd(1, "ascii", fields="x y", size="4 4", kind="F F", count="1 1"), "x, y and z"),
-    ("type.pcd", pcd(0, "binary", kind="F F Q"), "unknown PCD type"),
-    ("count.pcd", pcd(0, "ascii", count="1 1 -1"), "no number"),
-    ("sizes.pcd", pcd(0, "ascii", size="4 4"), "fields"),
-    ("kind.pcd", pcd(0, "zip"), "unknown DATA"),
 ]
 
 
@@ -74,20 +50,3 @@ def test_npz_arrays_are_checked(tmp_path: Path, arrays: dict[str, np.ndarray], r
     with pytest.raises(InputError, match=reason) as caught:
         read_shape(path)
     assert str(path) in str(caught.value)
-
-
-def test_compressed_pcd_asks_for_the_missing_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    head = pcd(3, "binary_compressed")
-    (tmp_path / "a.pcd").write_text(head)
-    monkeypatch.setitem(__import__("sys").modules, "open3d", None)
-    with pytest.raises(InputError, match=r"collalign\[open3d\]"):
-        read_shape(tmp_path / "a.pcd")
-
-
-def test_compressed_pcd_written_by_open3d_is_read(tmp_path: Path, rng: np.random.Generator, open3d: Any) -> None:
-    points = rng.standard_normal((50, 3))
-    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
-    for name, options in (("z", {"compressed": True}), ("b", {}), ("a", {"write_ascii": True})):
-        path = tmp_path / f"{name}.pcd"
-        assert open3d.io.write_point_cloud(str(path), cloud, **options)
-        np.testing.assert_allclose(read_shape(path).vertices, points, atol=1e-6)

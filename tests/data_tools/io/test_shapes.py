@@ -103,7 +103,7 @@ def test_errors_of_readers_are_neither_named_nor_quoted(
         read_shape(path)
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".stl", ".glb", ".npz", ".pcd", ".xyz"])
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".stl", ".glb", ".npz", ".xyz"])
 def test_missing_and_empty_files_are_refused(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"shape{suffix}"
     with pytest.raises(InputError, match="no such file"):
