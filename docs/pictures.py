@@ -114,7 +114,7 @@ def two_shapes() -> None:
 
 
 def landmarks() -> None:
-    """Landmarks of the tutorial on the mean surface, a component, and the errors of templates left out."""
+    """Landmarks of the tutorial on the mean surface, and a component."""
     from playwright.sync_api import sync_playwright
 
     page = (HERE / "tutorials" / "landmarks.md").read_text("utf-8")
@@ -127,7 +127,6 @@ def landmarks() -> None:
                 continue
             for line in code.splitlines():
                 collalign_command(line.split()[1:])
-        shutil.copy("several/leave_one_out.png", HERE / "tutorials" / "landmarks-left-out.png")
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         shown = browser.new_page(viewport={"width": 700, "height": 1400}, color_scheme="light")
         shown.goto((Path(folder) / "variation" / "variation.html").as_uri())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -24,7 +25,7 @@ from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Excluded
 from collalign.products.trust import DOUBT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-from data_tools.errors import InputError
+from data_tools.errors import CollalignError, InputError
 from data_tools.io.output_folder import OutputFolder, file_stems
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import inputs_of
@@ -34,6 +35,8 @@ from data_tools.surface.shape import Shape
 
 #: The folder of a result in which the aligned shapes lie.
 MESH_FOLDER = "meshes"
+#: Shapes that a notebook draws by itself.
+_MOST_SHOWN = 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -177,6 +180,15 @@ class Collection:
         doubtful, mirrored = int((self.confidence < DOUBT).sum()), int(self.reflected.sum())
         found = f"{len(self)} shapes, {len(self.pairs)} pairs, {doubtful} doubtful, {mirrored} mirrored"
         return f"<{type(self).__name__}: {found}>"
+
+    def _repr_png_(self) -> bytes | None:
+        """Return what notebooks show: the shapes of least confidence, before and after; None without their files."""
+        stream = io.BytesIO()
+        try:
+            self.plot(np.sort(np.argsort(self.confidence, kind="stable")[:_MOST_SHOWN]).tolist()).savefig(stream)
+        except CollalignError:
+            return None
+        return stream.getvalue()
 
     @property
     def scales(self) -> FloatArray:

@@ -1,6 +1,7 @@
 """What a person does with a result in a notebook, just made or read from its folder."""
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -104,9 +105,13 @@ def test_a_loaded_result_is_the_one_that_was_made(folder: Path, made: collalign.
         np.testing.assert_array_equal(one.map_target_source, two.map_target_source)
 
 
-def test_it_introduces_itself_in_a_line(result: collalign.Collection) -> None:
+def test_it_introduces_itself_in_a_line_and_in_a_picture(result: collalign.Collection) -> None:
     assert repr(result).startswith(f"<{type(result).__name__}: 3 shapes, 3 pairs, ")
     assert len(repr(result)) < 100
+    picture = result._repr_png_()
+    assert picture is not None
+    assert picture.startswith(b"\x89PNG")
+    assert replace(result, fresh=None, folder=None)._repr_png_() is None
 
 
 def test_lists_of_shapes_and_pairs_are_tables(result: collalign.Collection) -> None:

@@ -143,7 +143,6 @@ def test_the_command_writes_landmarks_tables_and_a_plot(
     assert float(rows[-1]["radius"]) > 0
     left_out = list(csv.DictReader((to / "leave_one_out.csv").open()))
     assert len(left_out) == 30
-    assert (to / "leave_one_out.png").read_bytes().startswith(b"\x89PNG")
     assert "30 landmarks of 5 templates" in capsys.readouterr().out
 
 

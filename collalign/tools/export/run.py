@@ -10,7 +10,6 @@ from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members, statistics_members
 from collalign.tools.export import fcsv, itk, meshes, morphologika, nts, shapeworks, slicer_json, tables, tps
 from collalign.tools.export.request import ExportRequest, Space
-from collalign.tools.export.specimen_names import incomplete_table
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import CoordinateSystem
@@ -74,8 +73,7 @@ def export(
     Returns
     -------
     tuple of Path
-        The files written; ``incomplete.csv`` is among them where shapes of the collection lack parts,
-        ``left_out.csv`` where anything was computed of several shapes.
+        The files written; ``left_out.csv`` is among them where anything was computed of several shapes.
 
     Raises
     ------
@@ -106,7 +104,7 @@ def export(
             )
             if space == "procrustes":
                 request = request.counted
-            staged = (*FORMATS[format](request), *incomplete_table(request))
+            staged = FORMATS[format](request)
             if _computes(format, space):
                 output.stage(LEFT_OUT_FILE).write_bytes(who.table)
                 staged = (*staged, output.staging / LEFT_OUT_FILE)

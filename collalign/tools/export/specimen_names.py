@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from collalign.tools.export.request import ExportRequest, centroid_sizes, label_columns, member_columns
 from data_tools.io.csv_cells import csv_text
 
@@ -67,15 +65,3 @@ def specimen_table(request: ExportRequest, written: list[str]) -> Path:
     }
     columns |= label_columns(collection, columns)
     return request.write("specimens.csv", csv_text([columns, *zip(*columns.values(), strict=True)]))
-
-
-def incomplete_table(request: ExportRequest) -> tuple[Path, ...]:
-    """Write ``incomplete.csv`` where shapes lack parts: which, why they count as such, and what they cover."""
-    collection = request.collection
-    if not collection.incomplete:
-        return ()
-    num, lacking = collection.landmarks.shape[1], np.isnan(collection.landmarks).any(axis=2).sum(axis=1)
-    rows: list[list[Any]] = [["name", "reason", "coverage", "missing_landmarks", "landmarks"]]
-    for one in collection.incomplete:
-        rows.append([collection.names[one.shape], one.reason, one.coverage, int(lacking[one.shape]), num])
-    return (request.write("incomplete.csv", csv_text(rows)),)

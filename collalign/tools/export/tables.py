@@ -37,7 +37,7 @@ def result_tables(request: ExportRequest) -> dict[str, Table]:
     """All tables of a result.
 
     ``shapes`` (pose, size, confidence, why it does not count, labels), ``landmarks`` (long form, in the space asked
-    for) and ``pairs`` have rows of all shapes. Of those who count are ``consensus`` (means of landmarks),
+    for) have rows of all shapes. Of those who count are ``consensus`` (means of landmarks),
     ``procrustes_distances``, and where they have enough landmarks in common ``procrustes_coordinates`` (a row per
     shape, columns L1_x, L1_y, ...: ``geomorph::arrayspecs`` makes an array of it) and ``principal_components``.
     """
@@ -45,7 +45,6 @@ def result_tables(request: ExportRequest) -> dict[str, Table]:
     tables: dict[str, Table] = {
         "shapes": _shapes(request),
         "landmarks": _landmarks(request),
-        "pairs": _pairs(request),
     }
     if not len(counted.collection):
         return tables
@@ -106,20 +105,6 @@ def _consensus(request: ExportRequest) -> Table:
     means = np.where(counts[:, None] > 0, totals / np.maximum(counts, 1)[:, None], np.nan)
     x, y, z = means.T.tolist()
     return {"landmark": list(labels), "shapes": counts.tolist(), "x": x, "y": y, "z": z}
-
-
-def _pairs(request: ExportRequest) -> Table:
-    pairs, names = request.collection.pairs, request.collection.names
-    return {
-        "target": [names[pair.target] for pair in pairs],
-        "source": [names[pair.source] for pair in pairs],
-        "energy": [pair.energy for pair in pairs],
-        "lower_bound": [pair.lower_bound for pair in pairs],
-        "disagreement_deg": [pair.disagreement_deg for pair in pairs],
-        "chirality_proven": [int(pair.chirality_proven) for pair in pairs],
-        "inlier": [int(pair.inlier) for pair in pairs],
-        "status": [pair.status for pair in pairs],
-    }
 
 
 def _distances(request: ExportRequest) -> Table:

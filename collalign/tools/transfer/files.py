@@ -1,8 +1,7 @@
-"""Tables and the plot of a transfer of landmarks."""
+"""Tables of a transfer of landmarks."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 
 TRANSFER_FILE = "transfer.csv"
-LEFT_OUT_FILE, LEFT_OUT_PLOT = "leave_one_out.csv", "leave_one_out.png"
+LEFT_OUT_FILE = "leave_one_out.csv"
 SLIDERS_FILE, SURFACES_FILE = "curveslide.csv", "surfaces.csv"
 _WRITER = "transfer"
 
@@ -42,7 +41,6 @@ def write_transfer(transferred: TransferredLandmarks, to: Path, *, leave_one_out
             staged.append(_write(output.stage(SURFACES_FILE), surface_table(transferred)))
         if leave_one_out:
             staged.append(_write(output.stage(LEFT_OUT_FILE), left_out_rows(transferred)))
-            staged.append(draw_left_out(transferred, output.stage(LEFT_OUT_PLOT)))
         output.publish()
         return tuple(output.published(path) for path in staged)
 
@@ -93,30 +91,6 @@ def left_out_summary(transferred: TransferredLandmarks) -> str:
         share = 100 * float(np.mean(errors[both] <= radius[both]))
         said += f"; {share:.0f} % within their radius ({100 * COVERAGE:.0f} % meant)"
     return said
-
-
-def draw_left_out(transferred: TransferredLandmarks, path: Path) -> Path:
-    """Draw the errors of every landmark, the worst landmarks first, and the median radius of each."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    errors, radius = transferred.left_out_errors, transferred.left_out_radii
-    known = np.isfinite(errors).any(axis=0)
-    order = np.flatnonzero(known)[np.argsort(-np.nanmedian(errors[:, known], axis=0), kind="stable")]
-    figure = Figure(figsize=(max(5.0, 0.22 * len(order)), 4.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    for place, number in enumerate(order):
-        axes.plot(np.full(len(errors), place), errors[:, number], "o", ms=3, color="C0", alpha=0.6)
-    if np.isfinite(radius[:, order]).any():
-        axes.plot(np.nanmedian(radius[:, order], axis=0), "_", color="C1", ms=9, mew=2, label="radius (median)")
-        axes.legend()
-    axes.set_xticks(range(len(order)), [transferred.labels[number] for number in order], rotation=90, fontsize=7)
-    axes.set_ylabel("error, in the files' unit")
-    axes.set_ylim(bottom=0)
-    image = io.BytesIO()
-    figure.savefig(image, format="png", metadata={"Software": None})
-    return write_atomic(path, image.getvalue())
 
 
 def _write(path: Path, rows: Sequence[Sequence[object]]) -> Path:

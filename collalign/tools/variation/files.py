@@ -6,14 +6,15 @@ import html
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members
 from collalign.output.report.page import render_page
 from collalign.tools.variation.page_content import build_variation
 from collalign.tools.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_tables, write_tables
-from collalign.tools.variation.scalar_ply import write_scalar_ply
 from collalign.tools.variation.surface_symmetry import SurfaceSymmetry
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation, group_means, signed_offsets
-from data_tools.arrays import FloatArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder, file_stems
 
@@ -91,7 +92,7 @@ def _write_meshes(variation: SurfaceVariation, columns: dict[str, tuple[str, ...
 
     def write(folder: str, stem: str, vertices: FloatArray) -> None:
         offset = signed_offsets(variation.mean, variation.faces, vertices)
-        write_scalar_ply(output.stage(folder, f"{stem}.ply"), vertices, variation.faces, {"offset": offset})
+        _write_mesh(output.stage(folder, f"{stem}.ply"), vertices, variation.faces, offset=offset)
 
     write("components", "mean", variation.mean)
     for at in range(min(NUM_COMPONENTS, len(variation.components.shares))):
@@ -115,4 +116,13 @@ def _write_asymmetry(variation: SurfaceVariation, symmetry: SurfaceSymmetry, out
         vertices = symmetry.mean + parts
         offset = signed_offsets(symmetry.mean, variation.faces, vertices)
         path = output.stage(SYMMETRY_FOLDER, *f"{stem}.ply".split("/"))
-        write_scalar_ply(path, vertices, variation.faces, {"asymmetry": offset})
+        _write_mesh(path, vertices, variation.faces, asymmetry=offset)
+
+
+def _write_mesh(path: Path, vertices: FloatArray, faces: IntArray, **values: FloatArray) -> None:
+    """Write a mesh with values at its vertices, which MeshLab, ParaView, 3D Slicer and R (Rvcg) read."""
+    import trimesh
+
+    attributes = {name: value.astype(np.float32) for name, value in values.items()}
+    mesh = trimesh.Trimesh(vertices, faces, process=False, vertex_attributes=attributes)
+    write_atomic(path, mesh.export(file_type="ply", vertex_normal=False))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from collalign.analysis.procrustes import PrincipalComponents
 from collalign.tools.export.specimen_names import without_blanks, written_names
 from collalign.tools.export.tps import tps_text
@@ -16,16 +14,15 @@ from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 
-SCORES_FILE, DISTANCES_FILE, POINTS_FILE = "scores.csv", "distances.csv", "points.tps"
+SCORES_FILE, POINTS_FILE = "scores.csv", "points.tps"
 SYMMETRY_FOLDER = "symmetry"
 Columns = Mapping[str, Sequence[str]]
 
 
 def write_tables(variation: SurfaceVariation, columns: Columns, output: OutputFolder) -> None:
-    """Write scores with centroid sizes, distances, and evenly spread points of all specimens."""
+    """Write scores with centroid sizes, and evenly spread points of all specimens."""
     sizes = {"centroid_size": variation.centroid_sizes}
     _csv(output, [SCORES_FILE], score_rows(variation.names, columns, variation.components, sizes))
-    _csv(output, [DISTANCES_FILE], distance_rows(variation))
     _tps(output, [POINTS_FILE], variation.names, variation.points)
 
 
@@ -55,16 +52,6 @@ def score_rows(
         values = [*(one[at] for one in numbers.values()), *components.scores[at, :count]]
         rows.append([name, *(labels[at] for labels in columns.values()), *map(float, values)])
     return rows
-
-
-def distance_rows(variation: SurfaceVariation) -> list[list[object]]:
-    """Return the root mean square distances of corresponding points of every two superimposed shapes."""
-    flat = variation.shapes.reshape(len(variation.names), -1)
-    squares = (flat**2).sum(axis=1)
-    gaps = np.maximum(squares[:, None] + squares - 2 * flat @ flat.T, 0.0) / len(variation.mean)
-    np.fill_diagonal(gaps, 0.0)
-    table = np.sqrt(gaps).tolist()
-    return [["", *variation.names], *([name, *row] for name, row in zip(variation.names, table, strict=True))]
 
 
 def anova_rows(symmetry: SurfaceSymmetry) -> list[list[object]]:

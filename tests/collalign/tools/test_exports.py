@@ -25,7 +25,6 @@ TABLES = (
     "shapes",
     "landmarks",
     "consensus",
-    "pairs",
     "procrustes_distances",
     "procrustes_coordinates",
     "principal_components",
@@ -312,17 +311,12 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
     nobody = dataclasses.replace(view, confidence=np.full(6, 0.3))
     with pytest.raises(InputError, match="0 shapes are complete and sure"):
         export(nobody, "tps", tmp_path / "none", space="procrustes")
-    assert not {path.stem for path in export(nobody, "csv", tmp_path / "none")} & set(TABLES[2:3] + TABLES[4:])
+    assert not {path.stem for path in export(nobody, "csv", tmp_path / "none")} & set(TABLES[2:])
 
 
-def test_the_table_of_pairs_names_target_and_source_and_shapes_have_their_sizes(
-    view: Collection, tmp_path: Path
-) -> None:
-    files = {path.name: path for path in export(view, "csv", tmp_path)}
-    found = [(row["target"], row["source"], row["status"]) for row in rows(files["pairs.csv"])]
-    assert found == [(view.names[pair.target], view.names[pair.source], pair.status) for pair in view.pairs]
-    assert any(target != source for target, source, _ in found)
-    shapes = rows(files["shapes.csv"])
+def test_shapes_have_their_sizes(view: Collection, tmp_path: Path) -> None:
+    export(view, "csv", tmp_path)
+    shapes = rows(tmp_path / "shapes.csv")
     assert [float(row["centroid_size"]) for row in shapes] == centroid_sizes(view).tolist()
     assert [float(row["scale"]) for row in shapes] == view.scales.tolist()
     assert not np.allclose(centroid_sizes(view), view.scales)
