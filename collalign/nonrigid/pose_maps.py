@@ -73,12 +73,15 @@ class PoseMapper:
             last=min(len(target.spectral.eigenvalues), len(source.spectral.eigenvalues)) + 1,
             factor=GROWTH,
         )
-        self._features = start_features(target, np.eye(3))
+        self._features = _start_features(target, np.eye(3))
 
     def map_from(self, R_target_source: FloatArray) -> FunctionalMap:
         """Return the map that closest points at a pose, either determinant, lead to."""
-        moved = start_features(self.source, R_target_source)
-        return self._refiner.from_point_maps(*mutual_nearest_rows(self._features, moved))
+        return self._refiner.from_point_maps(*self.closest_points(R_target_source))
+
+    def closest_points(self, R_target_source: FloatArray) -> tuple[IntArray, IntArray]:
+        """Return the point maps of the samples, there and back, by closest points at a pose."""
+        return mutual_nearest_rows(self._features, _start_features(self.source, R_target_source))
 
     def maps_from_signs(self) -> list[FunctionalMap]:
         """Return the maps that signs of the lowest eigenfunctions lead to, those that fit best at the start.
@@ -115,12 +118,8 @@ class PoseMapper:
 
     def rotation_of(self, found: FunctionalMap, *, chirality: float) -> FloatArray:
         """Return the orthogonal matrix of determinant ``chirality`` that fits a map and its inverse best."""
-        return self.rotation_between(found.map_target_source, found.map_source_target, chirality=chirality)
-
-    def rotation_between(self, forward: IntArray, backward: IntArray, *, chirality: float) -> FloatArray:
-        """Return the orthogonal matrix that fits point maps of the samples, there and back, best."""
-        to = np.vstack([self.target.points[forward], self.target.points])
-        of = np.vstack([self.source.points, self.source.points[backward]])
+        to = np.vstack([self.target.points[found.map_target_source], self.target.points])
+        of = np.vstack([self.source.points, self.source.points[found.map_source_target]])
         return nearest_orthogonal((to - to.mean(axis=0)).T @ (of - of.mean(axis=0)), determinant=chirality)
 
     def normal_gap(self, found: FunctionalMap, R_target_source: FloatArray) -> float:
@@ -131,7 +130,7 @@ class PoseMapper:
         return float(1.0 - cosines.mean())
 
 
-def start_features(surface: PosedSurface, rotation: FloatArray) -> FloatArray:
+def _start_features(surface: PosedSurface, rotation: FloatArray) -> FloatArray:
     """Return what closest points compare at the start, shape (n, 6 + m)."""
     normals = START_NORMAL_WEIGHT * surface.normals @ rotation.T
     return np.hstack([surface.points @ rotation.T, normals, START_DESCRIPTOR_WEIGHT * surface.descriptors])

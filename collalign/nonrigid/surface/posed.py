@@ -9,7 +9,6 @@ import numpy as np
 
 from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature, vertex_normals
 from collalign.nonrigid.surface.spectral_shape import CURVATURE_TIMES, NUM_ORIENTATION, SpectralShape
-from collalign.nonrigid.surface.tips import Tips
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.invariants import heat_kernel_signature, standardised
 from data_tools.embedding.working_surface import WorkingSurface
@@ -76,13 +75,11 @@ def prepare_posed(shape: Shape) -> PosedSurface:
     return posed_surface(spectral, vertex_normals(working)[dense])
 
 
-def spectral_samples(*, tips: Tips | None = None, **known: Any) -> SpectralShape:
+def spectral_samples(**known: Any) -> SpectralShape:
     """Return a prepared shape that is known at its dense samples only.
 
     Parameters
     ----------
-    tips : Tips, optional
-        None by default.
     **known
         The other fields of :class:`SpectralShape` that samples have; arrays have one row for each.
     """
@@ -96,7 +93,6 @@ def spectral_samples(*, tips: Tips | None = None, **known: Any) -> SpectralShape
         waves=nothing,
         samples=none,
         dense=read_only(np.arange(num)),
-        tips=tips or Tips.none(num),
         self_maps=read_only(np.empty((0, 0, 0))),
         notes=(),
         **kept,
@@ -122,19 +118,17 @@ def posed_surface(spectral: SpectralShape, normals: FloatArray) -> PosedSurface:
 def first_samples(surface: PosedSurface, num_points: int, num_functions: int) -> PosedSurface:
     """Return the surface at its first samples, which are spread evenly, with its lowest functions alone."""
     whole, first = surface.spectral, slice(num_points)
-    few = _at(whole, first, whole.orientation[first], whole.tips.at_first(num_points), num_functions)
+    few = _at(whole, first, whole.orientation[first], num_functions)
     return posed_surface(few, surface.normals[first])
 
 
 def sampled_surface(shape: SpectralShape) -> PosedSurface:
     """Return a shape that is prepared in full, at its dense samples; it must have triangles."""
-    sampled = _at(shape, shape.dense, shape.orientation, shape.tips, len(shape.eigenvalues))
+    sampled = _at(shape, shape.dense, shape.orientation, len(shape.eigenvalues))
     return posed_surface(sampled, vertex_normals(shape.working_shape)[shape.dense])
 
 
-def _at(
-    shape: SpectralShape, rows: IntArray | slice, orientation: FloatArray, tips: Tips, num_functions: int
-) -> SpectralShape:
+def _at(shape: SpectralShape, rows: IntArray | slice, orientation: FloatArray, num_functions: int) -> SpectralShape:
     """Return a shape at some of its vertices, with its lowest functions alone."""
     return spectral_samples(
         name=shape.name,
@@ -146,5 +140,4 @@ def _at(
         agd=shape.agd[rows],
         curvature=shape.curvature[rows],
         orientation=orientation,
-        tips=tips,
     )

@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature
-from collalign.nonrigid.surface.tips import NUM_TIPS, Tips
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.invariants import NUM_SPECTRUM, wave_kernel_signature
 from data_tools.embedding.sampling import farthest_points
@@ -24,6 +23,8 @@ from data_tools.surface.topology import face_areas, mesh_edges, vertex_component
 
 #: Energies of the wave kernel signature.
 NUM_WAVES = 40
+#: Local maxima of the average geodesic distance, at most, that start the samples.
+NUM_SEEDS = 10
 #: Low functions whose orientation form is kept.
 NUM_ORIENTATION = 12
 #: Heat times of the curvature that is compared, at unit area.
@@ -63,8 +64,6 @@ class SpectralShape:
         Smoothed mean curvatures; NaN for a point cloud.
     samples, dense : ndarray of int
         Working vertices: geodesic farthest points in order, and Euclidean farthest points.
-    tips : Tips
-        The tips of its limbs, which also start the samples.
     orientation : ndarray, shape (len(dense), q, q)
         Orientation form of the lowest functions; NaN for a point cloud.
     self_maps : ndarray, shape (s, q, q)
@@ -88,7 +87,6 @@ class SpectralShape:
     curvature: FloatArray
     samples: IntArray
     dense: IntArray
-    tips: Tips
     orientation: FloatArray
     self_maps: FloatArray
     notes: tuple[str, ...]
@@ -140,7 +138,7 @@ def prepare_surface(
         )
     dense = farthest_points(working, min(options.num_dense, num), metric="euclidean")
     eigen = (spectrum_of or _spectrum)(surface, dense, options.num_functions)
-    samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_TIPS), solver=surface.geodesics)
+    samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_SEEDS), solver=surface.geodesics)
     in_file = np.arange(len(shape.vertices)) if shape.source_indices is None else shape.source_indices
     to_working = np.full(int(in_file.max()) + 1, -1, dtype=np.int64)
     to_working[in_file[kept]] = cKDTree(working.vertices).query(part.vertices)[1]
@@ -160,7 +158,6 @@ def prepare_surface(
         curvature=read_only(curvature),
         samples=samples,
         dense=dense,
-        tips=Tips.of(surface, dense),
         orientation=read_only(orientation),
         self_maps=read_only(np.empty((0, 0, 0))),
         notes=(*notes, *surface.notes),

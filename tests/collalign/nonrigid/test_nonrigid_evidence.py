@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from collalign.confidence.map_model import FLOOR, STRETCH_WEIGHT, Evidence
+from collalign.nonrigid.eigen_starts import candidate_mask, wave_gaps
 from collalign.nonrigid.map_evidence import _commutativity_gap, _curvature_gap, paired_forms
-from collalign.nonrigid.starts.eigenfunctions import candidate_mask, wave_gaps
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.embedding.sampling import farthest_points
 from data_tools.surface.geodesics import GeodesicSolver
