@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from collalign.output import write
+from collalign.output.contact_sheet import Tile, contact_sheet
 from collalign.output.vertex_maps import PlaceColours
 from collalign.products.deformation import VertexMaps
 from data_tools.io.output_folder import OutputFolder
-from tests.view_problems import view_of
+from tests.view_problems import bumpy_shapes, view_of
 
 
 @pytest.mark.parametrize(("most", "drawn"), [(100, [0, 1, 2, 3, 4]), (3, [0, 2, 4])])
@@ -37,3 +38,18 @@ def test_colours_are_the_places_along_the_axes_of_the_reference() -> None:
     assert set(outside.round(9)) <= {0.08, 0.92}
     for grey in (unknown, none, of_corners[-1], *colours.of_file("c")):
         np.testing.assert_array_equal(grey, 0.6)
+
+
+def test_the_contact_sheet_shows_every_shape_before_and_after_in_its_own_cell() -> None:
+    """Two meshes and a cloud of four cells: something is drawn in the six halves of theirs, nothing in the fourth."""
+    vertices, faces = bumpy_shapes(1, subdivisions=2)
+    tiles = [
+        Tile(name="", vertices=vertices[0], faces=own, transform=np.eye(4), confidence=float("nan"))
+        for own in (faces, faces, np.empty((0, 3), dtype=int))
+    ]
+    figure = contact_sheet(tiles)
+    figure.canvas.draw()
+    dark = np.asarray(figure.canvas.buffer_rgba())[..., :3].min(axis=2) < 250
+    cells = dark.reshape(2, dark.shape[0] // 2, 4, dark.shape[1] // 4).mean(axis=(1, 3))
+    assert cells[0].min() > 0.3, "the share of a cell that a round mesh covers"
+    np.testing.assert_array_equal(cells[1] > 0, [True, True, False, False])

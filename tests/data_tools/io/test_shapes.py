@@ -11,7 +11,7 @@ import trimesh
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.shapes import READERS, distinct_names, files_at, read_folder, read_shape, write_mesh
-from data_tools.options import CleaningOptions
+from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.surface.shape import Shape
 from tests.data_tools.io.test_points import MALFORMED as POINTS
 
@@ -296,3 +296,8 @@ def test_many_vertices_that_are_not_finite_are_damage(tmp_path: Path) -> None:
     path, _ = with_gaps(tmp_path, ".ply", list(range(11)))
     with pytest.raises(InputError, match=r"gaps\.ply: 11 of 200 vertices .* damage"):
         read_shape(path)
+
+
+def test_colours_behind_the_corners_of_off_faces_are_no_corners(tmp_path: Path) -> None:
+    (tmp_path / "a.off").write_text("OFF\n3 2 0\n" + TRIANGLE + "3 0 1 2 255 0 0\n3 2 1 0\n")
+    assert read_shape(tmp_path / "a.off", AS_STORED).faces.tolist() == [[0, 1, 2], [2, 1, 0]]
