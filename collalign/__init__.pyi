@@ -55,8 +55,8 @@ from collalign.tools.variation.run import write_surface_variation as write_surfa
 from collalign.tools.variation.surface_variation import SurfaceVariation as SurfaceVariation
 from data_tools import errors as errors
 from data_tools.embedding.embedding import Samples as Samples
+from data_tools.io.listing import FolderListing as FolderListing
 from data_tools.io.output_folder import OutputFolder as OutputFolder
-from data_tools.io.shapes import FolderListing as FolderListing
 from data_tools.io.source import Source as Source
 from data_tools.landmarks.landmark_files import Landmarks as Landmarks
 from data_tools.landmarks.landmark_files import SemilandmarkRows as SemilandmarkRows

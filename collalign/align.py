@@ -32,12 +32,11 @@ from collalign.stages.poses.placement import common_positions
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.arrays import FloatArray, as_rotations, read_only
-from data_tools.checks import as_options
+from data_tools.checks import as_options, meant
 from data_tools.embedding.own_points import OwnPoints
-from data_tools.errors import CollectionError, InputError
-from data_tools.io.files import readable_name
+from data_tools.errors import CollectionError, InputError, OptionsError
+from data_tools.io.listing import FolderListing
 from data_tools.io.objects import ShapesLike, list_shapes
-from data_tools.io.shapes import FolderListing
 from data_tools.io.source import location
 from data_tools.poses import each_moved_by
 from data_tools.threads import one_blas_thread
@@ -58,6 +57,7 @@ def align_collection(
     fixed: Mapping[str, ArrayLike] | None = None,
     own: Own | Mapping[str, Any] | None = None,
     recursive: bool = False,
+    parts: bool = False,
     progress: ProgressFactory | bool = True,
     **keywords: Any,
 ) -> Collection:
@@ -80,6 +80,9 @@ def align_collection(
         evidence as what a run finds.
     recursive : bool
         Whether folders in a folder count. Files of one name are called ``folder/name``.
+    parts : bool
+        Whether the files of a folder in a folder, and files called ``A.part.ply``, are parts of one specimen that
+        move as one: cranium and mandible, the bones of a pelvis.
     progress : bool or callable
         A bar per stage in terminals and notebooks; False is silent; a callable makes another display.
     **keywords
@@ -113,9 +116,12 @@ def align_collection(
         {one.name: keywords.pop(one.name) for one in fields(kind) if one.name in keywords}
         for kind in (RunOptions, Own)
     )
+    known = [one.name for kind in (AlignOptions, RunOptions, Own) for one in fields(kind)]
+    for name in sorted(keywords.keys() - {*known}):
+        raise OptionsError(f"there is no option {name!r}{meant(name, known)}")
     asked = as_options("options", options, AlignOptions, keywords)
     how = as_options("run", run, RunOptions, of_run)
-    listing = list_shapes(shapes, recursive=recursive)
+    listing = list_shapes(shapes, recursive=recursive, parts=parts)
     with Session.open(asked, how, progress_display(progress)) as session:
         return align_listing(session, listing, fixed=fixed or {}, own=as_options("own", own, Own, of_own))
 
@@ -171,7 +177,7 @@ def align_listing(
             posed = with_incomplete(with_group(run, matched.group), posed, missing)
     session.enter(FINISHED)
     matched = replace(matched, notes=(own_note(own, given, constraints, posed.rotations), *matched.notes))
-    found = _collected(run, matched, posed, tuple(readable_name(path) for path in listing.skipped))
+    found = _collected(run, matched, posed, listing.skipped_names)
     return replace(found, own=own.kinds)
 
 

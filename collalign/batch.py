@@ -18,8 +18,8 @@ from collalign.stages.shape_stage import shape_keys
 from data_tools.checks import as_options
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import read_toml, resolved
+from data_tools.io.listing import FolderListing
 from data_tools.io.objects import list_shapes
-from data_tools.io.shapes import FolderListing
 from data_tools.threads import one_blas_thread
 
 

@@ -18,8 +18,8 @@ from collalign.products.pair import FormerPairs
 from data_tools.arrays import read_only
 from data_tools.checks import as_options
 from data_tools.errors import InputError
+from data_tools.io.listing import FolderListing
 from data_tools.io.objects import ShapesLike, list_shapes
-from data_tools.io.shapes import FolderListing
 from data_tools.threads import one_blas_thread
 
 
@@ -30,6 +30,7 @@ def add_to_collection(
     *,
     run: RunOptions | Mapping[str, Any] | None = None,
     recursive: bool = False,
+    parts: bool = False,
     progress: ProgressFactory | bool = True,
 ) -> Collection:
     """Align more shapes to an existing result, with the options of that result.
@@ -45,7 +46,7 @@ def add_to_collection(
         The new shapes, as :func:`collalign.align_collection` takes them; their names must be new as well.
     run : RunOptions or mapping, optional
         With the store of the first run, no old pair is matched again.
-    recursive, progress
+    recursive, parts, progress
         As in :func:`collalign.align_collection`.
 
     Returns
@@ -74,7 +75,7 @@ def add_to_collection(
     """
     former = load(result)
     files = former.source_files()
-    new = list_shapes(shapes, recursive=recursive)
+    new = list_shapes(shapes, recursive=recursive, parts=parts)
     taken = sorted(set(former.names) & set(new.names))
     if taken:
         raise InputError(f"the collection has a shape called {taken[0]!r} already; rename the new one")

@@ -34,9 +34,9 @@ from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
 from data_tools.errors import InputError, OptionsError
+from data_tools.io.listing import FolderListing, read_folder
 from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import OutputFolder, refuse_overlap
-from data_tools.io.shapes import FolderListing, read_folder
 from data_tools.io.source import inputs_of
 from data_tools.percent import percent
 from data_tools.poses import scales_of
@@ -44,7 +44,8 @@ from data_tools.rotations import rotation_angle_deg
 
 #: What is done to nearly every file and loses nothing of its surface; said of each in ``alignment.json`` alone.
 _USUAL = re.compile(
-    "merged |preprocessed on |geodesics are |tufted |dropped \\d+ (degenerate triangles|vertices of no triangle)"
+    "made of |merged |preprocessed on |geodesics are |tufted |"
+    "dropped \\d+ (degenerate triangles|vertices of no triangle)"
 )
 
 
@@ -54,6 +55,9 @@ class Given:
 
     recursive: Annotated[bool, Parameter(negative=())] = False
     """Take the folders in a folder too; files of one name are called folder/name."""
+
+    parts: Annotated[bool, Parameter(negative=())] = False
+    """The files of a folder in a folder, and A.part.ply, are parts of one specimen that move as one."""
 
     corrections: Annotated[list[Path] | None, Parameter(negative=())] = None
     """Decisions downloaded from the report: poses that are kept, with no pair matched again. Once for each file."""
@@ -89,7 +93,7 @@ def align(
     report
         Write report.html.
     """
-    listing, inputs = _listed(folder if folder[1:] else folder[0], recursive=given.recursive)
+    listing, inputs = _listed(folder if folder[1:] else folder[0], recursive=given.recursive, parts=given.parts)
     own, of_own = (Own(), set[Path]()) if given.own is None else read_own(given.own)
     refuse_overlap(out, inputs := inputs | of_own)
     fixed = fixed_by([read_corrections(path) for path in given.corrections or ()], listing.names)
@@ -110,6 +114,7 @@ def add(
     folder: Annotated[list[Path], Parameter(negative=())],
     *,
     recursive: Annotated[bool, Parameter(negative=())] = False,
+    parts: Annotated[bool, Parameter(negative=())] = False,
     labels: Path | None = None,
     report: bool = True,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
@@ -122,14 +127,14 @@ def add(
         Folder that ``collalign align`` wrote; it is brought up to date.
     folder
         The new shapes, as in ``collalign align``.
-    recursive
-        Take the folders in a folder too.
+    recursive, parts
+        As in ``collalign align``.
     labels
         CSV file with one row per shape, old and new, for the report.
     report
         Write report.html.
     """
-    listing, inputs = _listed(folder, recursive=recursive)
+    listing, inputs = _listed(folder, recursive=recursive, parts=parts)
     table = _labels(labels, (*load(result).names, *listing.names))
     store = run.store or result / STORE_FILE
     run = replace(run, store=store)
@@ -179,9 +184,10 @@ def demo(
     return code
 
 
-def _listed(given: Path | list[Path], *, recursive: bool) -> tuple[FolderListing, set[Path]]:
+def _listed(given: Path | list[Path], *, recursive: bool, parts: bool) -> tuple[FolderListing, set[Path]]:
     """Return the shapes that places hold, and all that results must lie apart from."""
-    listing, places = list_shapes(given, recursive=recursive), given if isinstance(given, list) else [given]
+    listing = list_shapes(given, recursive=recursive, parts=parts)
+    places = given if isinstance(given, list) else [given]
     return listing, {*(Path(str(place).removeprefix("@")) for place in places), *inputs_of(listing.files)}
 
 

@@ -12,8 +12,8 @@ from collalign.engine.jobs.progress import ProgressBar
 from collalign.options import AlignOptions
 from collalign.stages.shape_stage import common_num_points, excluded_file, odd_sizes
 from data_tools.errors import CollectionError, InputError
-from data_tools.io.files import readable_name
-from data_tools.io.shapes import FolderListing, read_shape
+from data_tools.io.listing import FolderListing
+from data_tools.io.shapes import read_shape
 from data_tools.surface.shape import Shape
 
 
@@ -43,7 +43,7 @@ def check_shapes(listing: FolderListing, options: AlignOptions) -> int:
         notes.append(f"Shapes would be matched at {num} points: most have fewer than {options.sampling.num_points}.")
     if few := [one["name"] for one in facts if one["points"] < num]:
         notes.append(f"Fewer than {num} points, which a run leaves out: {', '.join(few)}.")
-    skipped = [readable_name(path) for path in listing.skipped]
+    skipped = listing.skipped_names
     for note in [*notes, *([f"No shapes: {', '.join(skipped)}"] if skipped else [])]:
         say(f"Note: {note}")
     for item in left_out:

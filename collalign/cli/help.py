@@ -41,6 +41,7 @@ _BASIC = frozenset(
         "--num-subsets",
         "--out",
         "--partial",
+        "--parts",
         "--patches",
         "--recursive",
         "--result",

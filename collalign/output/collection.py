@@ -26,6 +26,7 @@ from collalign.products.shapes import Excluded
 from collalign.products.trust import DOUBT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import CollalignError, InputError
+from data_tools.io.listing import parts_of
 from data_tools.io.output_folder import OutputFolder, file_stems
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import inputs_of
@@ -287,7 +288,7 @@ class Collection:
             )
         files = tuple(self.file(at) for at in range(len(self)))
         for file in files:
-            if not file.is_file():
+            if not (file.is_file() or parts_of(file)):
                 raise InputError(
                     f"{file}: a shape of the collection is not there any more; put it back and try again"
                 )

@@ -62,14 +62,17 @@ def write_shape(
         As the shape was read for the alignment.
     transform : ndarray, shape (4, 4)
     mesh : Path
-        Where to write the aligned mesh.
+        Where to write the aligned mesh; its parts go to a folder of its name.
     max_faces : int
         Of the mesh for the report.
     colours : ndarray, shape (f, 3), or None
         Of its file's vertices; see :meth:`collalign.output.vertex_maps.PlaceColours.of_file`.
     """
     shape = read_shape(file, cleaning, name=name, digest=digest)
-    write_mesh(mesh, shape.transformed(transform))
+    aligned = shape.transformed(transform)
+    write_mesh(mesh, aligned)
+    for part, piece in aligned.split().items():
+        write_mesh(mesh.with_suffix("") / f"{part}.ply", piece)
     vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=max_faces)
     places = np.empty((0, 3), dtype=np.uint8)
     if colours is not None:

@@ -128,8 +128,8 @@ def save_collection(
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
         raise InputError(f"{output.folder}: the results cannot be written ({error.strerror or error})") from error
-    folders = {path.parent for path in written} - {output.folder}
-    return (*(path for path in written if path.parent == output.folder), *sorted(folders))
+    tops = dict.fromkeys(output.folder / path.relative_to(output.folder).parts[0] for path in written)
+    return (*(path for path in tops if path.is_file()), *sorted(path for path in tops if path.is_dir()))
 
 
 def report_title(collection: Collection) -> str:

@@ -50,9 +50,14 @@ class Own:
 
     def __post_init__(self) -> None:
         check_number("invariants_weight", self.invariants_weight)
+        for name in ("invariants", "samples", "candidates", "pair_weights"):
+            given = getattr(self, name)
+            if not isinstance(given, Mapping) and not (name == "invariants" and callable(given)):
+                raise InputError(f"{name}: expected values by the names of shapes, got {type(given).__name__}")
         for name in ("candidates", "pair_weights"):
             for pair in getattr(self, name):
-                if not (isinstance(pair, tuple) and len(pair) == 2 and pair[0] != pair[1]):
+                is_pair = isinstance(pair, tuple) and len(pair) == 2 and pair[0] != pair[1]
+                if not is_pair or not all(isinstance(one, str) for one in pair):
                     raise InputError(f"{name}: expected pairs of two names, got {pair!r}")
         for pair, weight in self.pair_weights.items():
             check_number(f"pair_weights[{', '.join(pair)}]", weight)

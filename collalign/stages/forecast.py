@@ -22,7 +22,7 @@ from collalign.stages.incomplete.detect import MIN_SHAPES
 from collalign.stages.pairs.match import match_pairs
 from collalign.stages.pairs.sparse_pairs import all_pairs
 from collalign.stages.shape_stage import prepare_shapes
-from data_tools.io.shapes import FolderListing
+from data_tools.io.listing import FolderListing
 
 #: Shapes of a trial, from all over the folder.
 NUM_TRIAL_SHAPES = 5

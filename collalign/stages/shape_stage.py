@@ -15,8 +15,8 @@ from data_tools.embedding.embedding import Samples
 from data_tools.embedding.own_points import OwnPoints
 from data_tools.embedding.sampled_file import sample_file
 from data_tools.errors import CollectionError, InputError
-from data_tools.io.shapes import FolderListing
-from data_tools.io.source import Origin, Source, hash_source
+from data_tools.io.listing import FolderListing, hash_shape
+from data_tools.io.source import Origin, Source
 
 #: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
 SMALLEST_SHARE = 0.5
@@ -179,7 +179,7 @@ def shape_keys(
     settings = {"cleaning": options.cleaning, "sampling": options.sampling, "embedding": options.embedding}
     for file, name in zip(listing.files, listing.names, strict=True):
         try:
-            digest = hash_source(file)
+            digest = hash_shape(file)
         except InputError as error:
             if options.strict:
                 raise

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from collalign.products.pair import Alternative
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,3 +78,5 @@ class SynchronizationResult:
     alternatives: tuple[tuple[Alternative, ...], ...]
     warnings: tuple[str, ...]
     doubts: tuple[str, ...]
+
+    __repr__ = one_line

@@ -119,7 +119,7 @@ def sample_shape(
     embedding = EmbeddingOptions() if embedding is None else embedding
     surface = WorkingSurface(shape, sampling) if surface is None else surface
     if own is None or own.samples is None:
-        chosen = _choose_samples(surface, sampling)
+        chosen = _choose_samples(surface, sampling, is_whole=not shape.parts)
         indices = _distinct(surface.to_original[chosen], shape)
     else:
         indices = own.samples
@@ -156,11 +156,11 @@ def sample_shape(
     )
 
 
-def _choose_samples(surface: WorkingSurface, options: SamplingOptions) -> IntArray:
-    """Return the samples as vertices of the working surface."""
+def _choose_samples(surface: WorkingSurface, options: SamplingOptions, *, is_whole: bool) -> IntArray:
+    """Return the samples as vertices of the working surface; over several parts they are spread by area."""
     metric = options.metric
     if metric == "auto":
-        metric = "geodesic" if surface.is_closed else "euclidean"
+        metric = "geodesic" if surface.is_closed and is_whole else "euclidean"
     return surface.farthest_points(options.num_points, metric, seeded=True)
 
 

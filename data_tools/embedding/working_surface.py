@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.invariants import boundary_distance
 from data_tools.embedding.sampling import farthest_points
-from data_tools.options import SamplingOptions
+from data_tools.options import CleaningOptions, SamplingOptions
 from data_tools.surface.cleaning import clean
 from data_tools.surface.decimation import decimate
 from data_tools.surface.geodesics import AGD_SOURCES, GeodesicSolver, agd_maxima, average_geodesic_distance
@@ -147,7 +147,8 @@ def _used(shape: Shape) -> IntArray:
 def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, str]:
     """Return a decimated copy; its vertices map back to the nearest original one."""
     vertices, faces = decimate(shape.vertices, shape.faces, max_faces)
-    small = clean(Shape.from_arrays(vertices, faces, name=shape.name, file=shape.file))
+    whole = CleaningOptions(largest_component=not shape.parts)
+    small = clean(Shape.from_arrays(vertices, faces, name=shape.name, file=shape.file), whole)
     used = _used(shape)
     _, nearest = cKDTree(shape.vertices[used], compact_nodes=False, balanced_tree=False).query(small.vertices)
     note = f"preprocessed on a copy decimated from {len(shape.faces)} to {len(small.faces)} triangles"

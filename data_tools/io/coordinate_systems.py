@@ -9,6 +9,7 @@ import numpy as np
 
 from data_tools.arrays import read_only
 from data_tools.errors import UnavailableError
+from data_tools.io.listing import parts_of
 from data_tools.io.source import Origin, read_start
 
 #: Where x and y grow: to the left and posterior, or to the right and anterior; z grows to superior in both.
@@ -21,10 +22,12 @@ _HEADER_BYTES = 1000
 def declared_system(file: Origin) -> CoordinateSystem | None:
     """Return the system that a mesh file declares in its header as 3D Slicer does (``SPACE=RAS``).
 
-    None where it declares none, as most do, or is not there any more: 3D Slicer takes those as LPS.
+    None where it, or the first of several parts, declares none, as most do, or is not there any more: 3D Slicer takes
+    those as LPS.
     """
     try:
-        found = re.search(rb"SPACE=(LPS|RAS)\b", read_start(file, _HEADER_BYTES))
+        first = next(iter(parts_of(file).values()), file)
+        found = re.search(rb"SPACE=(LPS|RAS)\b", read_start(first, _HEADER_BYTES))
     except UnavailableError:
         return None
     return None if found is None else "LPS" if found[1] == b"LPS" else "RAS"

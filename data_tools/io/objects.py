@@ -13,7 +13,7 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.io.files import natural_key
-from data_tools.io.shapes import FolderListing, distinct_names, files_at, read_folder
+from data_tools.io.listing import FolderListing, distinct_names, files_at, read_folder, specimen_at
 from data_tools.io.source import Origin, Source
 
 #: One shape: a file, an array (n, 3) of points, a pair (V, F), or an object of trimesh, Open3D or of this project.
@@ -24,17 +24,19 @@ ShapesLike: TypeAlias = str | Path | Iterable[ShapeLike] | Mapping[str, ShapeLik
 _KNOWN = "a file, an array (n, 3), a pair (vertices, faces), or a mesh or point cloud of trimesh or Open3D"
 
 
-def list_shapes(shapes: ShapesLike, *, recursive: bool = False) -> FolderListing:
+def list_shapes(shapes: ShapesLike, *, recursive: bool = False, parts: bool = False) -> FolderListing:
     """List the shapes of a collection, whatever form they come in; files are not read yet.
 
     Parameters
     ----------
     shapes : str, Path, iterable or mapping
-        A folder, a pattern or ``@FILE`` (:func:`data_tools.io.shapes.files_at`); or several of these, files, arrays
+        A folder, a pattern or ``@FILE`` (:func:`data_tools.io.listing.files_at`); or several of these, files, arrays
         (n, 3), pairs (V, F), trimesh and Open3D objects, in any mixture. A mapping gives their names; files are
         called by their stems (``folder/stem`` where those are equal), others ``shape1``, ``shape2``, ... by position.
     recursive : bool
         Whether the folders in a folder count.
+    parts : bool
+        Whether the files of a folder in a folder, and ``A.part.ply``, are parts of one specimen that move as one.
 
     Raises
     ------
@@ -45,10 +47,10 @@ def list_shapes(shapes: ShapesLike, *, recursive: bool = False) -> FolderListing
     if isinstance(shapes, FolderListing):
         return shapes
     if isinstance(shapes, str | Path):
-        if Path(shapes).is_dir() or not (str(shapes).startswith("@") or has_magic(str(shapes))):
+        if not parts and (Path(shapes).is_dir() or not (str(shapes).startswith("@") or has_magic(str(shapes)))):
             return read_folder(shapes, recursive=recursive)
         shapes = [shapes]
-    named, skipped = _named(shapes, recursive=recursive)
+    named, skipped = _named(shapes, recursive=recursive, parts=parts)
     if not named:
         raise InputError("shapes: there are none")
     names = sorted(named, key=natural_key)
@@ -81,7 +83,7 @@ def as_origin(shape: ShapeLike, name: str) -> Origin:
     return Source(Path(name), buffer.getvalue(), suffix=".npz")
 
 
-def _named(shapes: Any, *, recursive: bool) -> tuple[dict[str, ShapeLike], tuple[Path, ...]]:
+def _named(shapes: Any, *, recursive: bool, parts: bool) -> tuple[dict[str, ShapeLike], tuple[Path, ...]]:
     """Return the shapes by name, and what places hold beside shapes."""
     if isinstance(shapes, Mapping):
         if not all(isinstance(name, str) and name for name in shapes):
@@ -96,8 +98,8 @@ def _named(shapes: Any, *, recursive: bool) -> tuple[dict[str, ShapeLike], tuple
     files, skipped, named = dict[Path, None](), dict[Path, None](), list[tuple[str, ShapeLike]]()
     for number, shape in enumerate(given, start=1):
         if isinstance(shape, str | Path):
-            found, others = files_at(shape, recursive=recursive)
-            files |= dict.fromkeys(found)
+            found, others = files_at(shape, recursive=recursive or parts)
+            files |= dict.fromkeys(specimen_at(file, Path(shape)) if parts else file for file in found)
             skipped |= dict.fromkeys(others)
         else:
             named.append((getattr(shape, "name", None) or f"shape{number}", shape))
@@ -133,6 +135,8 @@ def _parts(shape: Any, name: str) -> tuple[Any, Any]:
         return shape[0], shape[1]
     if isinstance(shape, np.ndarray | list | tuple):
         return shape, None
+    if hasattr(shape, "to_geometry"):  # trimesh's scenes, which GLB files are loaded as
+        shape = shape.to_geometry()
     if hasattr(shape, "vertices"):  # trimesh, Open3D's meshes, and our own
         return shape.vertices, getattr(shape, "faces", getattr(shape, "triangles", None))
     if hasattr(shape, "vertex"):  # Open3D's tensor meshes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -30,6 +31,9 @@ class Shape:
         What cleaning changed, one sentence each.
     source_indices : ndarray of int, shape (v,), or None
         Where cleaning removed vertices: each vertex's index in the file. Read-only. None: the same as here.
+    parts : tuple of (str, int)
+        Of a specimen of several parts that move as one: the name of each and how many of the vertices are its own,
+        one part after the other. Empty for all others.
     """
 
     name: str
@@ -38,6 +42,7 @@ class Shape:
     file: Path | None = None
     notes: tuple[str, ...] = field(default=())
     source_indices: IntArray | None = None
+    parts: tuple[tuple[str, int], ...] = ()
 
     @classmethod
     def from_arrays(
@@ -61,6 +66,28 @@ class Shape:
         if faces is not None and np.size(faces):
             triangles = as_faces(faces, f"{name}: faces", num_vertices=len(points))
         return cls(name=name, vertices=read_only(points), faces=read_only(triangles), file=file, notes=notes)
+
+    @classmethod
+    def of_parts(cls, name: str, parts: Sequence[Shape], *, file: Path | None = None) -> Shape:
+        """Return several meshes, or clouds, that move as one."""
+        sizes = [len(part.vertices) for part in parts]
+        starts = np.cumsum([0, *sizes[:-1]])
+        faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)])
+        notes = (f"made of {', '.join(part.name for part in parts)}",)
+        return replace(
+            cls.from_arrays(np.concatenate([part.vertices for part in parts]), faces, name=name, file=file),
+            notes=notes + tuple(f"{note} ({part.name})" for part in parts for note in part.notes),
+            parts=tuple((part.name, size) for part, size in zip(parts, sizes, strict=True)),
+        )
+
+    def split(self) -> dict[str, Shape]:
+        """Return the parts by name; nothing where there is only one."""
+        found, start = dict[str, Shape](), 0
+        for name, size in self.parts:
+            faces = self.faces[(self.faces[:, 0] >= start) & (self.faces[:, 0] < start + size)] - start
+            found[name] = Shape.from_arrays(self.vertices[start : start + size], faces, name=name)
+            start += size
+        return found
 
     @property
     def is_mesh(self) -> bool:

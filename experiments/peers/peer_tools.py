@@ -12,7 +12,8 @@ import numpy as np
 
 from collalign import AlignOptions, RunOptions, align_collection
 from data_tools.arrays import FloatArray
-from data_tools.io.shapes import read_folder, read_shape
+from data_tools.io.listing import read_folder
+from data_tools.io.shapes import read_shape
 from data_tools.rotations import rotation_angle_deg
 from data_tools.surface.shape import Shape
 from experiments.clock import Elapsed, stopwatch

@@ -159,3 +159,14 @@ def test_surfaces_that_overlap_in_part_are_matched_and_say_so(
     assert "--nonrigid" in capsys.readouterr().err
     assert main(["match", *files, "--partial", "--certify"]) == 2
     assert "--partial works on surfaces" in capsys.readouterr().err
+
+
+def test_outputs_over_the_landmarks_of_a_shape_are_refused(
+    files: tuple[Path, Path, np.ndarray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    (marks / "some.csv").write_text("name,x,y,z\ntip,0,0,0\n")
+    given = [*map(str, files[:2]), "--nonrigid", "--landmarks", f"a={marks / 'some.csv'}"]
+    assert main(["match", *given, "--out", str(marks)]) == 2
+    assert "contains" in capsys.readouterr().err

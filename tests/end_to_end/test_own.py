@@ -168,6 +168,9 @@ def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(
             "a: invariants: 3 rows for 40",
         ),
         ({"invariants": lambda shape: shape.vertices[:, 0]}, r"invariants\[a\]: expected shape \(any, any\)"),
+        ({"candidates": {(0, 1): np.eye(3)}}, r"candidates: expected pairs of two names, got \(0, 1\)"),
+        ({"invariants": [np.eye(3)]}, "invariants: expected values by the names of shapes"),
+        ({"n_jobs": 2}, "there is no option 'n_jobs'; did you mean 'jobs'"),
         ({"own": {"candidate": {}}}, "own: there is no option 'candidate'; did you mean 'candidates'"),
     ],
 )

@@ -15,7 +15,7 @@ import numpy as np
 
 from collalign.cli import main
 from collalign.output.evidence.loading import load
-from data_tools.io.shapes import read_folder
+from data_tools.io.listing import read_folder
 from tests.fuzz.hostile import Attack
 from tests.view_problems import write_result
 

@@ -24,7 +24,7 @@ from collalign.tools.certify.rounds import CertifyOptions, Rounds, bound_arrange
 from data_tools.arrays import read_only
 from data_tools.checks import as_options
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.shapes import FolderListing
+from data_tools.io.listing import FolderListing
 from data_tools.threads import one_blas_thread
 
 

@@ -20,7 +20,7 @@ from collalign.tools.correspond.jobs import PosedFile, correspond
 from collalign.tools.correspond.result import DenseCorrespondence
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import as_options
-from data_tools.io.source import hash_source
+from data_tools.io.listing import hash_shape
 from data_tools.poses import moved_by
 from data_tools.surface.topology import mesh_edges
 from data_tools.threads import one_blas_thread
@@ -81,7 +81,7 @@ def dense_correspondence(
         PosedFile(
             name=collection.names[at],
             path=collection.file(at),
-            digest=hash_source(collection.file(at)),
+            digest=hash_shape(collection.file(at)),
             transform=collection.transforms[at],
             cleaning=collection.options.cleaning,
             incomplete=bool(collection.is_incomplete[at]),

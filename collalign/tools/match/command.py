@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from collalign.cli.talk import say, say_files, tell
 from collalign.engine.jobs.progress import ProgressBar
+from collalign.landmarks.templates import shape_of
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.options import TwoShapeOptions
 from collalign.products.trust import DOUBT
@@ -68,7 +69,7 @@ def match(
     """
     out = out or (Path("map") if nonrigid else None)
     if out is not None:
-        refuse_overlap(out, (target, source))
+        refuse_overlap(out, (target, source, *(shape_of(path)[1] for path in landmarks or ())))
         if nonrigid:
             return _match_nonrigid(target, source, out, deformation, surface, landmarks)
     if landmarks:

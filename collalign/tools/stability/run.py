@@ -24,7 +24,7 @@ from collalign.tools.stability.result import Stability
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.checks import as_options, check_count, check_flag
 from data_tools.errors import OptionsError
-from data_tools.io.shapes import FolderListing
+from data_tools.io.listing import FolderListing
 from data_tools.options import MIN_POINTS
 from data_tools.poses import AGREE_DEG
 from data_tools.threads import one_blas_thread

@@ -14,7 +14,7 @@ from collalign.engine.session import ProgressFactory
 from collalign.landmarks.carry import template
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import landmark_table
-from collalign.landmarks.templates import read_templates
+from collalign.landmarks.templates import read_templates, shape_of
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.correspond.result import DenseCorrespondence
@@ -96,7 +96,7 @@ def write_surface_variation(
     (3, 2)
     """
     collection = load(result)
-    inputs = () if isinstance(landmarks, Mapping) else map(Path, landmarks)
+    inputs = () if isinstance(landmarks, Mapping) else (shape_of(path)[1] for path in landmarks)
     refuse_overlap(Path(to), {*collection.inputs, *inputs})
     who = statistics_members(collection, include_doubtful=include_doubtful)
     if who.too_few(2):

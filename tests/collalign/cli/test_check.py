@@ -39,6 +39,9 @@ def test_a_check_reads_every_file_and_writes_nothing(folder: Path, capsys: pytes
     assert not out.exists()
     assert main(["align", str(folder / "left"), "--out", str(out), *FLAGS, "--check"]) == 0
     assert "2 of 2 files can be aligned." in capsys.readouterr().out
+    (folder / "right" / "readme.md").write_text("again")
+    assert main(["align", str(folder), "--recursive", "--out", str(out), *FLAGS, "--check", "--json"]) == 3
+    assert json.loads(capsys.readouterr().out)["skipped"] == ["in/readme.md", "right/readme.md"]
     (folder / "left" / "b.xyz").unlink()
     assert main(["align", str(folder / "left"), "--out", str(out), "--check"]) == 2
     assert "at least two are needed" in capsys.readouterr().err

@@ -21,7 +21,8 @@ from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
 from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.embedding.embedding import sample_shape
-from data_tools.io.shapes import read_folder, write_mesh
+from data_tools.io.listing import read_folder
+from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 from experiments.collections.posed import PosedCollection, pose_collection

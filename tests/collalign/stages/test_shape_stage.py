@@ -16,7 +16,8 @@ from collalign.products.shapes import Excluded, Shapes
 from collalign.stages import shape_stage as stage
 from collalign.stages.shape_stage import common_num_points, prepare_shapes
 from data_tools.datasets.synthetic_shapes import blob
-from data_tools.io.shapes import read_folder, write_mesh
+from data_tools.io.listing import read_folder
+from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 
@@ -45,15 +46,15 @@ def test_a_file_that_is_edited_between_its_key_and_its_reading_poisons_nothing(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     edited, original = folder / "s1.ply", (folder / "s1.ply").read_bytes()
-    hash_source = stage.hash_source
+    hash_shape = stage.hash_shape
 
     def hash_and_edit(path: Path) -> str:
-        digest = hash_source(path)
+        digest = hash_shape(path)
         if path == edited:
             write_mesh(path, blob(np.random.default_rng(7), num_vertices=60))
         return digest
 
-    monkeypatch.setattr(stage, "hash_source", hash_and_edit)
+    monkeypatch.setattr(stage, "hash_shape", hash_and_edit)
     prepared = prepare(folder)
     assert prepared.excluded == (Excluded(file="s1.ply", reason="has changed since the run began; run again"),)
     monkeypatch.undo()

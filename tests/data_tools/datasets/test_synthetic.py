@@ -16,7 +16,8 @@ from data_tools.datasets.synthetic import (
 )
 from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure
 from data_tools.errors import InputError
-from data_tools.io.shapes import read_folder, read_shape
+from data_tools.io.listing import read_folder
+from data_tools.io.shapes import read_shape
 from data_tools.rotations import rotation_angle_deg
 from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.topology import mesh_edges

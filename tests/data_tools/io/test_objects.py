@@ -66,6 +66,11 @@ def test_objects_of_open3d_are_read(shape: Shape, open3d: Any) -> None:
     np.testing.assert_allclose(read(tensor).vertices, shape.vertices, atol=1e-6)
 
 
+def test_a_scene_of_trimesh_is_the_mesh_that_it_shows(shape: Shape) -> None:
+    mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+    np.testing.assert_array_equal(read(trimesh.Scene(mesh)).vertices, shape.vertices)
+
+
 def test_the_content_of_a_source_decides_its_digest_and_travels_to_workers(shape: Shape) -> None:
     first, again = (as_origin(shape, name) for name in ("a", "b"))
     moved = as_origin((shape.vertices + 1.0, shape.faces), "a")

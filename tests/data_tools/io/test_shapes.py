@@ -10,7 +10,8 @@ import trimesh
 
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError, UnavailableError
-from data_tools.io.shapes import READERS, distinct_names, files_at, read_folder, read_shape, write_mesh
+from data_tools.io.listing import READERS, distinct_names, files_at, read_folder
+from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.surface.shape import Shape
 from tests.data_tools.io.test_points import MALFORMED as POINTS

@@ -1,0 +1,240 @@
+"""Which files are shapes: what folders, patterns and lists hold, their names, and the parts of one specimen."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from glob import glob, has_magic
+from pathlib import Path
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.errors import InputError
+from data_tools.io.files import natural_key, read_text, readable_name
+from data_tools.io.mesh_formats import READERS as MESH_READERS
+from data_tools.io.points import READERS as POINT_READERS
+from data_tools.io.source import DIGEST_LENGTH, Origin, Source, hash_source
+
+#: Reader of each suffix: (vertices, faces) from a file.
+READERS: dict[str, Callable[[Source], tuple[FloatArray, IntArray]]] = {**MESH_READERS, **POINT_READERS}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderListing:
+    """The shapes of a collection, mostly files of a folder that nothing has read yet.
+
+    Attributes
+    ----------
+    files : tuple of Path or Source
+        In natural order, with distinct ``names``.
+    names : tuple of str
+        The stem of each file, as readable text; where two stems are equal, the whole file name, or ``folder/stem``.
+    skipped : tuple of Path
+        Other files and folders, in natural order.
+    """
+
+    files: tuple[Origin, ...]
+    names: tuple[str, ...]
+    skipped: tuple[Path, ...] = ()
+
+    @property
+    def skipped_names(self) -> tuple[str, ...]:
+        """The names of the others, with as many folders as tell them apart."""
+        return tuple(_told_apart(self.skipped, kinds=(True,)))
+
+
+def read_folder(folder: Path | str, *, recursive: bool = False) -> FolderListing:
+    """List the shape files of a folder in natural order, without reading them.
+
+    Parameters
+    ----------
+    folder : path
+    recursive : bool
+        Its folders as well, at any depth; hidden ones and links to folders stay out.
+
+    Raises
+    ------
+    InputError
+        If it is no folder, cannot be read, or holds no shape file.
+    """
+    folder = Path(folder)
+    try:
+        if not folder.exists():
+            raise InputError(f"{folder}: no such folder")
+        if not folder.is_dir():
+            raise InputError(
+                f"{folder}: is a file, not a folder; give the folder that holds the shapes, or two files to "
+                "`collalign match`"
+            )
+        entries = _entries(folder, recursive=recursive)
+        files = tuple(path for path in entries if _is_shape(path))
+        if not files:
+            raise InputError(f"{folder}: holds no shape file; {_elsewhere(folder)}")
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read ({error.strerror or error})") from None
+    return FolderListing(
+        files=files, names=distinct_names(files), skipped=tuple(path for path in entries if path not in files)
+    )
+
+
+def files_at(place: Path | str, *, recursive: bool = False) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """Return the shape files of a place, and what else is there.
+
+    Parameters
+    ----------
+    place : path
+        A file; a folder; a pattern such as ``left/*.ply`` or ``**/*.stl``; or ``@FILE`` of such places, one a line,
+        relative to that file (empty lines and those that begin with ``#`` count for nothing).
+    recursive : bool
+        Of folders, as in :func:`read_folder`.
+
+    Raises
+    ------
+    InputError
+        If nothing is there, or a folder holds no shape file.
+    """
+    place, text = Path(place), str(place)
+    if text.startswith("@"):
+        return _files_of_list(Path(text[1:]), recursive=recursive)
+    try:
+        if place.is_dir():
+            listing = read_folder(place, recursive=recursive)
+            return tuple(path for path in listing.files if isinstance(path, Path)), listing.skipped
+        if not place.exists() and has_magic(text):
+            found = [Path(match) for match in glob(text, recursive=True)]
+            found = sorted((path for path in found if path.is_file()), key=lambda path: natural_key(str(path)))
+            files = tuple(path for path in found if path.suffix.lower() in READERS)
+            if not files:
+                raise InputError(f"{place}: no shape file matches")
+            return files, tuple(path for path in found if path not in files)
+        if not place.exists() and place.suffix.lower() not in READERS:
+            raise InputError(f"{place}: no such file or folder")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{text[:200]}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    return (place,), ()
+
+
+def _files_of_list(path: Path, *, recursive: bool) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """Return what the places of a list hold."""
+    try:
+        lines = read_text(path, "utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a list of files, it is no text") from None
+    files, others = list[Path](), list[Path]()
+    for number, line in enumerate(lines, start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        try:
+            found, rest = files_at(path.absolute().parent / line.strip(), recursive=recursive)
+        except InputError as error:
+            raise InputError(f"{path}, line {number}: {error}") from None
+        files += found
+        others += rest
+    return tuple(files), tuple(others)
+
+
+def _entries(folder: Path, *, recursive: bool) -> list[Path]:
+    """Return what can be seen in a folder, in natural order; in place of its folders what they hold."""
+    entries = sorted((p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name))
+    if not recursive:
+        return entries
+    inside = [
+        _entries(path, recursive=True) if path.is_dir() and not path.is_symlink() else [path] for path in entries
+    ]
+    return [path for paths in inside for path in paths]
+
+
+def _elsewhere(folder: Path) -> str:
+    """Say which folders of a folder without shape files have some."""
+    below = [path.relative_to(folder) for path in _entries(folder, recursive=True) if path.suffix.lower() in READERS]
+    counts = list(Counter(readable_name(Path(path.parts[0])) for path in below if len(path.parts) > 1).items())
+    if not counts:
+        return f"readable are {', '.join(sorted(READERS))}"
+    some = ", ".join([f"{name} ({count})" for name, count in counts[:10]]) + (", ..." if counts[10:] else "")
+    return f"its folders do: {some}; take them with --recursive (in Python recursive=True), or name one of them"
+
+
+def distinct_names(files: Sequence[Path]) -> tuple[str, ...]:
+    """Return distinct names, whatever the order: stems where they are unlike, else whole names, else with folders.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        Of which none is there twice.
+    """
+    alike: dict[str, list[Path]] = {}
+    for path in files:
+        alike.setdefault(_tail(path, 0, whole=False).casefold(), []).append(path)
+    named = {path: name for group in alike.values() for path, name in zip(group, _told_apart(group), strict=True)}
+    names = tuple(named[path] for path in files)
+    return names if len(set(names)) == len(names) else tuple(_told_apart(files, kinds=(True,)))
+
+
+def _told_apart(files: Sequence[Path], *, kinds: tuple[bool, ...] = (False, True)) -> list[str]:
+    """Return names of files with as few folders before them as tells them apart; with suffixes only where needed."""
+    deepest = max((len(path.parts) for path in files), default=1)
+    for depth in range(deepest):
+        for whole in kinds:
+            names = [_tail(path, depth, whole=whole) for path in files]
+            if len({name.casefold() for name in names}) == len(names):
+                return names
+    return [_tail(path, deepest, whole=True) for path in files]
+
+
+def _tail(path: Path, depth: int, *, whole: bool) -> str:
+    """Return the name of a file, with its suffix or without, behind so many of its folders."""
+    above = [readable_name(Path(part)) for part in path.absolute().parent.parts[-depth:]] if depth else []
+    name = readable_name(path)
+    return "/".join([*above, name if whole else name.removesuffix(path.suffix)])
+
+
+def specimen_at(file: Path, place: Path) -> Path:
+    """Return ``A.*`` for ``A.part.ply`` and for the files of a folder ``A`` in ``place``: a specimen of parts."""
+    if place.is_dir() and file.parent != place:
+        return file.parent.with_name(f"{file.parent.name}.*")
+    stem = Path(file.stem)
+    return file.with_name(f"{stem.stem}.*") if stem.suffix else file
+
+
+def parts_of(origin: Origin | str) -> dict[str, Path]:
+    """Return the files of a specimen's parts by the parts' names, where it is ``A.*``; nothing for all others.
+
+    Raises
+    ------
+    InputError
+        If two parts have the same name, or there is none.
+    """
+    if isinstance(origin, Source) or not str(origin).endswith(".*"):
+        return {}
+    path = Path(origin)
+    folder = path.with_suffix("")
+    inside = _entries(folder, recursive=False) if folder.is_dir() else []
+    beside = [file for file in _entries(path.parent, recursive=False) if specimen_at(file, path.parent) == path]
+    named = [(file.stem, file) for file in inside] + [(Path(file.stem).suffix[1:], file) for file in beside]
+    named = [(name, file) for name, file in named if _is_shape(file)]
+    if not named or len(dict(named)) < len(named):
+        raise InputError(f"{path}: {'two parts have the same name' if named else 'there are no files of its parts'}")
+    return dict(named)
+
+
+def hash_shape(origin: Origin) -> str:
+    """Return the digest of a shape's file, or of the files and names of its parts.
+
+    Raises
+    ------
+    InputError
+        As :func:`data_tools.io.source.hash_source`.
+    """
+    parts = parts_of(origin)
+    return joint_digest([(name, hash_source(file)) for name, file in parts.items()]) if parts else hash_source(origin)
+
+
+def joint_digest(parts: Sequence[tuple[str, str]]) -> str:
+    """Return the digest of parts, given their names and digests."""
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:DIGEST_LENGTH]
+
+
+def _is_shape(path: Path) -> bool:
+    return path.is_file() and path.suffix.lower() in READERS

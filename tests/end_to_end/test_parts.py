@@ -1,0 +1,122 @@
+"""Several meshes of one specimen move as one: read together, sampled by area, written one by one."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collalign import Collection, add_to_collection, align_collection, load
+from collalign.cli import main
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.errors import InputError
+from data_tools.io.listing import hash_shape, parts_of
+from data_tools.io.objects import list_shapes
+from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
+
+NUM = 4
+FLAGS = ["--sampling.num-points", "32", "--sampling.num-dense-points", "60", "--jobs", "1"]
+
+
+@pytest.fixture(scope="module")
+def poses() -> list[np.ndarray]:
+    rng = np.random.default_rng(3)
+    return [random_rotation(rng) for _ in range(NUM)]
+
+
+@pytest.fixture(scope="module")
+def folder(poses: list[np.ndarray], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cranium and a mandible of four specimens: of two in a folder each, of two side by side."""
+    rng = np.random.default_rng(0)
+    skull, jaw = (blob(rng, num_vertices=800) for _ in range(2))
+    path = tmp_path_factory.mktemp("skulls")
+    for number, pose in enumerate(poses):
+        parts = {"cranium": skull.vertices, "mandible": 0.4 * jaw.vertices + [1.5, 0.0, -1.0]}
+        for part, vertices in parts.items():
+            moved = (vertices + 0.01 * rng.standard_normal(vertices.shape)) @ pose  # R_common_shape is the pose
+            name = f"s{number}/{part}.ply" if number < 2 else f"s{number}.{part}.stl"
+            (path / name).parent.mkdir(exist_ok=True)
+            write_mesh(path / name, Shape.from_arrays(moved, skull.faces if part == "cranium" else jaw.faces))
+    return path
+
+
+@pytest.fixture(scope="module")
+def out(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    to = tmp_path_factory.mktemp("results") / "out"
+    assert main(["align", str(folder), "--parts", "--out", str(to), *FLAGS]) == 0
+    return to
+
+
+def worst_deg(collection: Collection, poses: list[np.ndarray]) -> float:
+    found = collection.rotations
+    return max(rotation_angle_deg(found[0].T @ found[i], poses[0].T @ poses[i]) for i in range(NUM))
+
+
+def test_one_pose_a_specimen_and_every_part_is_written_there(
+    folder: Path, out: Path, poses: list[np.ndarray]
+) -> None:
+    collection = load(out)
+    assert collection.names == ("s0", "s1", "s2", "s3")
+    assert worst_deg(collection, poses) < 5
+    for name, transform in zip(collection.names, collection.transforms, strict=True):
+        whole = read_shape(out / "meshes" / f"{name}.ply")
+        parts = {part: read_shape(out / "meshes" / name / f"{part}.ply") for part in ("cranium", "mandible")}
+        for part, file in parts_of(folder / f"{name}.*").items():
+            expected = read_shape(file).transformed(transform)
+            np.testing.assert_allclose(parts[part].area, expected.area, rtol=1e-4)
+            np.testing.assert_allclose(parts[part].vertices.mean(0), expected.vertices.mean(0), atol=1e-4)
+        assert whole.area < sum(part.area for part in parts.values())  # read as usual, its largest part alone
+    record = json.loads((out / "alignment.json").read_text())
+    assert [shape["file"] for shape in record["shapes"]] == ["s0.*", "s1.*", "s2.*", "s3.*"]
+    assert record["shape_notes"]["s0"][0] == "made of cranium, mandible"
+
+
+def test_without_being_asked_files_are_shapes_of_their_own(folder: Path) -> None:
+    assert list_shapes(folder, recursive=True).names == (
+        *("s0/cranium", "s0/mandible", "s1/cranium", "s1/mandible"),
+        *("s2.cranium", "s2.mandible", "s3.cranium", "s3.mandible"),
+    )
+    assert list_shapes([folder, folder / "s0"], parts=True).names[0] == "cranium"  # a folder that is named is a place
+    assert parts_of(folder / "s2.cranium.stl") == {}
+
+
+def test_samples_are_spread_over_the_parts_by_area(folder: Path, out: Path) -> None:
+    shape = read_shape(folder / "s0.*")
+    cranium, mandible = shape.split().values()
+    first = dict(shape.parts)["cranium"]
+    share = (load(out).samples[0] < first).mean()
+    assert abs(share - cranium.area / (cranium.area + mandible.area)) < 0.15
+    np.testing.assert_array_equal(shape.faces, np.concatenate([cranium.faces, mandible.faces + first]))
+    np.testing.assert_array_equal(shape.vertices[first:], mandible.vertices)
+
+
+def test_shapes_are_added_and_a_part_that_changes_is_noticed(
+    folder: Path, out: Path, tmp_path: Path, poses: list[np.ndarray]
+) -> None:
+    new = tmp_path / "new" / "late"
+    new.mkdir(parents=True)
+    for part, file in parts_of(folder / "s2.*").items():
+        write_mesh(new / f"{part}.ply", read_shape(file))
+    grown = add_to_collection(out, tmp_path / "new", parts=True, progress=False, run={"jobs": 1})
+    assert rotation_angle_deg(grown.rotations[4], load(out).rotations[2]) < 2
+    before = hash_shape(new.with_name("late.*"))
+    read_shape(new.with_name("late.*"), digest=before)
+    write_mesh(new / "mandible.ply", read_shape(folder / "s0" / "mandible.ply"))
+    assert hash_shape(new.with_name("late.*")) != before
+    with pytest.raises(InputError, match=r"late\.\*: has changed since"):
+        read_shape(new.with_name("late.*"), digest=before)
+    write_mesh(tmp_path / "new" / "late.mandible.ply", read_shape(folder / "s0" / "mandible.ply"))
+    with pytest.raises(InputError, match="two parts have the same name"):
+        parts_of(new.with_name("late.*"))
+    with pytest.raises(InputError, match="no files of its parts"):
+        parts_of(tmp_path / "none.*")
+
+
+def test_a_large_specimen_keeps_its_parts_when_it_is_simplified(folder: Path) -> None:
+    fine = align_collection(
+        folder, parts=True, sampling={"num_points": 24, "max_faces": 1000}, progress=False, jobs=1, incomplete="never"
+    )
+    first = dict(read_shape(folder / "s0.*").parts)["cranium"]
+    assert 0 < (fine.samples[0] >= first).sum() < 12
