@@ -19,7 +19,6 @@ from collalign.output.evidence.members import Members as Members
 from collalign.products.consistent_maps import ConsistentMaps as ConsistentMaps
 from collalign.products.deformation import VertexMaps as VertexMaps
 from collalign.products.incomplete import Incomplete as Incomplete
-from collalign.products.own import Own as Own
 from collalign.products.pair import Alternative as Alternative
 from collalign.products.pair import Pair as Pair
 from collalign.products.run_record import Made as Made

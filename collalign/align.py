@@ -55,7 +55,6 @@ def align_collection(
     options: AlignOptions | Mapping[str, Any] | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
     fixed: Mapping[str, ArrayLike] | None = None,
-    own: Own | Mapping[str, Any] | None = None,
     recursive: bool = False,
     parts: bool = False,
     progress: ProgressFactory | bool = True,
@@ -75,9 +74,6 @@ def align_collection(
         Processes, store, limits: how the work is done.
     fixed : mapping of name to array_like (3, 3), optional
         ``R_common_shape`` of shapes whose orientation a person has decided; they come out exactly so.
-    own : Own or mapping, optional
-        What you know beside: descriptors, samples, candidate poses and weights of pairs, all judged by the same
-        evidence as what a run finds.
     recursive : bool
         Whether folders in a folder count. Files of one name are called ``folder/name``.
     parts : bool
@@ -86,7 +82,8 @@ def align_collection(
     progress : bool or callable
         A bar per stage in terminals and notebooks; False is silent; a callable makes another display.
     **keywords
-        Fields of ``options``, ``run`` and ``own`` by themselves, which win: ``seed=1, jobs=2, candidates={...}``.
+        Fields of ``options`` and ``run`` by themselves, which win: ``seed=1, group="O", jobs=2``. And those of
+        :class:`collalign.products.own.Own`, what you know beside: ``candidates={("a", "b"): rotation}``.
 
     Returns
     -------
@@ -96,7 +93,7 @@ def align_collection(
     Raises
     ------
     InputError
-        If there are no shapes, or ``fixed``, ``own`` or ``options.reference`` names a shape that is not there.
+        If there are no shapes, or ``fixed``, ``candidates`` or ``options.reference`` names a shape that is not there.
     OptionsError
         If an option is unknown or impossible.
     CollectionError
@@ -123,7 +120,7 @@ def align_collection(
     how = as_options("run", run, RunOptions, of_run)
     listing = list_shapes(shapes, recursive=recursive, parts=parts)
     with Session.open(asked, how, progress_display(progress)) as session:
-        return align_listing(session, listing, fixed=fixed or {}, own=as_options("own", own, Own, of_own))
+        return align_listing(session, listing, fixed=fixed or {}, own=Own(**of_own))
 
 
 @one_blas_thread()

@@ -104,7 +104,7 @@ def align(
     run = replace(run, store=store)
     with resumable(store), OutputFolder.open(out, writer=WRITER, inputs=inputs) as output:
         output.refuse_foreign(output_names(listing.names))
-        collection = collalign.align_collection(listing, options=options, run=run, fixed=fixed, own=own)
+        collection = collalign.align_collection(listing, options=options, run=run, fixed=fixed, **vars(own))
         written = _save(collection, output, table, store, report=report, num_jobs=run.num_workers)
     return _finish(collection, written)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import collalign
-from collalign import Collection, Own, RunOptions, align_collection
+from collalign import Collection, align_collection
 from collalign.cli import main
 from data_tools.datasets.synthetic import PlantedCollection, write_collection
 from data_tools.errors import InputError, OptionsError
@@ -171,7 +171,7 @@ def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(
         ({"candidates": {(0, 1): np.eye(3)}}, r"candidates: expected pairs of two names, got \(0, 1\)"),
         ({"invariants": [np.eye(3)]}, "invariants: expected values by the names of shapes"),
         ({"n_jobs": 2}, "there is no option 'n_jobs'; did you mean 'jobs'"),
-        ({"own": {"candidate": {}}}, "own: there is no option 'candidate'; did you mean 'candidates'"),
+        ({"candidate": {}}, "there is no option 'candidate'; did you mean 'candidates'"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_by_its_name(given: dict[str, Any], words: str) -> None:
@@ -184,11 +184,8 @@ def test_the_order_in_which_things_are_given_changes_nothing(planted: PlantedCol
     given = {
         names(planted, i, j): random_rotation(np.random.default_rng(i + 9 * j)) for i, j in ((0, 1), (2, 1), (3, 4))
     }
-    own = Own(candidates=given, pair_weights=dict.fromkeys(given, 0.5))
-    turned = Own(
-        candidates={pair[::-1]: given[pair].T for pair in reversed(given)},
-        pair_weights=dict.fromkeys(reversed(given), 0.5),
-    )
-    found, again = (align(planted, own=one, run=RunOptions(jobs=1)) for one in (own, turned))
+    found = align(planted, candidates=given, pair_weights=dict.fromkeys(given, 0.5))
+    turned = {pair[::-1]: given[pair].T for pair in reversed(given)}
+    again = align(planted, candidates=turned, pair_weights=dict.fromkeys(turned, 0.5))
     np.testing.assert_array_equal(found.transforms, again.transforms)
     assert found.notes == again.notes
