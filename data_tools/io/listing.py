@@ -153,7 +153,10 @@ def _elsewhere(folder: Path) -> str:
     if not counts:
         return f"readable are {', '.join(sorted(READERS))}"
     some = ", ".join([f"{name} ({count})" for name, count in counts[:10]]) + (", ..." if counts[10:] else "")
-    return f"its folders do: {some}; take them with --recursive (in Python recursive=True), or name one of them"
+    return (
+        f"its folders do: {some}; take them with --recursive, or each as the parts of one specimen with --parts (in "
+        "Python recursive=True, parts=True), or name one of them"
+    )
 
 
 def distinct_names(files: Sequence[Path]) -> tuple[str, ...]:

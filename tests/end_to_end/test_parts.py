@@ -68,6 +68,9 @@ def test_one_pose_a_specimen_and_every_part_is_written_there(
             np.testing.assert_allclose(parts[part].area, expected.area, rtol=1e-4)
             np.testing.assert_allclose(parts[part].vertices.mean(0), expected.vertices.mean(0), atol=1e-4)
         assert whole.area < sum(part.area for part in parts.values())  # read as usual, its largest part alone
+    assert main(["export", str(out), "--format", "stl", "--to", str(out.with_name("stl"))]) == 0
+    exported = read_shape(out.with_name("stl") / "s2" / "mandible.stl")
+    np.testing.assert_allclose(exported.area, read_shape(out / "meshes" / "s2" / "mandible.ply").area, rtol=1e-4)
     record = json.loads((out / "alignment.json").read_text())
     assert [shape["file"] for shape in record["shapes"]] == ["s0.*", "s1.*", "s2.*", "s3.*"]
     assert record["shape_notes"]["s0"][0] == "made of cranium, mandible"

@@ -14,12 +14,12 @@ def writer(ending: str) -> Callable[[ExportRequest], tuple[Path, ...]]:
     """Return the writer of one mesh format: ``ply``, ``obj`` or ``stl``."""
 
     def write(request: ExportRequest) -> tuple[Path, ...]:
-        """Write ``NAME.<ending>`` per shape, one shape in memory at a time."""
-        transforms = request.transforms()
-        stems = file_stems(request.collection.names)
-        return tuple(
-            write_mesh(request.path(f"{stem}.{ending}"), request.source_shape(at).transformed(transforms[at]))
-            for at, stem in enumerate(stems)
-        )
+        """Write ``NAME.<ending>`` per shape, and ``NAME/PART.<ending>`` of its parts, one shape at a time."""
+        transforms, written = request.transforms(), list[Path]()
+        for at, stem in enumerate(file_stems(request.collection.names)):
+            shape = request.source_shape(at).transformed(transforms[at])
+            pieces = {stem: shape} | {f"{stem}/{part}": piece for part, piece in shape.split().items()}
+            written += [write_mesh(request.path(f"{name}.{ending}"), piece) for name, piece in pieces.items()]
+        return tuple(written)
 
     return write

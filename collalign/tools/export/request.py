@@ -17,7 +17,7 @@ from data_tools.arrays import BoolArray, FloatArray
 from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.coordinate_systems import CoordinateSystem, declared_system
-from data_tools.io.listing import READERS
+from data_tools.io.listing import READERS, parts_of
 from data_tools.io.output_folder import output_path
 from data_tools.io.shapes import read_shape
 from data_tools.landmarks.landmark_files import SemilandmarkRows
@@ -137,7 +137,7 @@ class ExportRequest:
         else:  # a shape that came from memory, saved under its name
             found = [file for file in self.sources.glob("*") if file.stem == name and file.suffix.lower() in READERS]
             path = found[0] if found else self.sources / f"{name}.ply"
-        if not path.is_file():
+        if not (path.is_file() or parts_of(path)):
             raise InputError(
                 f"{path}: this file was aligned but is no longer there. "
                 "Put it back, or name the folder that holds the original files now"
