@@ -292,32 +292,6 @@ def block_matrix(graph: PairGraph, blocks: FloatArray, index: IntArray) -> csr_m
     return (upper + upper.T).tocsr()
 
 
-def tree_rotations(graph: PairGraph, rotations: FloatArray, costs: FloatArray) -> FloatArray:
-    """Return frames composed along the spanning tree of least cost, shape (N, d, d); the root is the identity.
-
-    Parameters
-    ----------
-    graph : PairGraph
-        Connected.
-    rotations : ndarray, shape (E, d, d)
-        The rotation of each pair.
-    costs : ndarray, shape (E,)
-        Minimum spanning tree (Kruskal) over these.
-    """
-    tree = networkx.Graph()
-    tree.add_nodes_from(range(graph.num_shapes))
-    used = np.flatnonzero(graph.weights > 0)
-    tree.add_weighted_edges_from((*graph.edges[e].tolist(), costs[e]) for e in used)
-    index = {(int(i), int(j)): e for e, (i, j) in enumerate(graph.edges)}
-    frames = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
-    minimal = networkx.minimum_spanning_tree(tree)
-    for parent, child in networkx.bfs_edges(minimal, 0):
-        edge = index.get((parent, child))
-        relative = rotations[edge] if edge is not None else rotations[index[child, parent]].T
-        frames[child] = frames[parent] @ relative
-    return frames
-
-
 def degrees(graph: PairGraph, weights: FloatArray) -> FloatArray:
     """Return the sum of the weights at each shape, shape (N,)."""
     ends = graph.edges.ravel()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.synchronization.problem.graph import PairGraph, degrees, tree_rotations
+from collalign.synchronization.problem.graph import PairGraph, degrees
 from collalign.synchronization.problem.model import EdgeModel
 from collalign.synchronization.result import WeakCut
 from collalign.synchronization.solvers.belief_propagation import propagate_beliefs
@@ -35,7 +35,7 @@ OWN_POSE, OTHER_TURNS = 0.9, 0.1
 MAX_ROUNDS = 4
 
 #: Starts from random poses, tried where the pairs leave shapes in doubt.
-RANDOM_STARTS = 4
+RANDOM_STARTS = 6
 
 #: Most blocks of shapes turned at the end.
 MAX_BLOCK_MOVES = 5
@@ -154,7 +154,7 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: 
     costs = turn_costs(blurred, aligned, alternatives)
     start = np.full((graph.num_shapes, costs.shape[2]), OTHER_TURNS / (costs.shape[2] - 1))
     start[:, 0] = OWN_POSE
-    beliefs = propagate_beliefs(graph.edges, costs, graph.num_shapes, start=start, fixed=np.flatnonzero(~free))
+    beliefs = propagate_beliefs(graph.edges, costs, start=start, fixed=~free)
     beliefs[fixed] = np.arange(beliefs.shape[1]) == 0
     cost = float(costs[:, 0, 0].sum())
     return State(
@@ -168,13 +168,12 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: 
 
 
 def _starts(graph: PairGraph, free: BoolArray) -> Iterator[FloatArray]:
-    """Yield frames to start from: reweighted averaging, weighted eigenprojection, best tree, random poses."""
+    """Yield frames to start from: reweighted averaging, weighted eigenprojection, random poses."""
     model = EdgeModel(graph=graph)
     rotations = graph.chosen(graph.best_choice)
     spectral = weighted_start(model)
     yield reweighted_frames(graph, rotations, 1.0 / model.variances, spectral, free)
     yield spectral
-    yield tree_rotations(graph, rotations, _tree_costs(graph))
     generator = np.random.default_rng(0)
     for _ in range(RANDOM_STARTS if graph.present.sum() <= MAX_CANDIDATES else 0):
         random = generator.standard_normal((graph.num_shapes, graph.dim, graph.dim))
@@ -188,11 +187,3 @@ def _in_gauge(frames: FloatArray, gauge: Mapping[int, FloatArray], graph: PairGr
     for i, frame in gauge.items():
         turned[i] = frame
     return turned
-
-
-def _tree_costs(graph: PairGraph) -> FloatArray:
-    """Return the lowest energy of each pair over its weight; the fixed ones first."""
-    lowest = np.ones(graph.num_edges)
-    if graph.energies is not None:
-        lowest = np.where(graph.present, graph.energies, np.inf).min(axis=1)
-    return np.where(graph.fixed, -1.0, lowest / np.maximum(graph.weights, 1e-12))

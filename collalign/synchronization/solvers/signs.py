@@ -1,4 +1,4 @@
-"""Which shapes are mirrored: Z_2 synchronization of the signs of determinants, by beliefs and single moves."""
+"""Which shapes are mirrored: Z_2 synchronization of the signs of determinants, by an eigenvector and single moves."""
 
 from __future__ import annotations
 
@@ -6,22 +6,20 @@ import numpy as np
 from scipy.sparse import coo_matrix, diags, identity
 
 from collalign.synchronization.problem.graph import PairGraph
-from collalign.synchronization.solvers.belief_propagation import conditional_moves, propagate_beliefs
 from collalign.synchronization.solvers.spectral import leading_eigenvectors
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.threads import one_blas_thread
 
-#: Beliefs start from the signs of the eigenvector, right and wrong with these probabilities, and may take so many
-#: rounds (set on simulations: tests/benchmarks/bench_synchronization.py chirality).
-FIRST_BELIEFS, MAX_ROUNDS = (0.9, 0.1), 200
+#: A move that gains less than this part of a pair's evidence gains nothing.
+_ROUNDING = 1e-9
 
 
 @one_blas_thread()
 def synchronize_signs(edges: IntArray, signs: FloatArray, weights: FloatArray, num_shapes: int) -> BoolArray:
     """Return which shapes are mirrored, from signs of pairs that are partly wrong, shape (N,).
 
-    Maximises ``sum_e w_e s_e x_i x_j`` over signs x: eigenvector of the signed adjacency (Cucuringu 2015), beliefs,
-    single moves. The first shape of every component counts as not mirrored.
+    Maximises ``sum_e w_e s_e x_i x_j`` over signs x: eigenvector of the signed adjacency (Cucuringu 2015), then the
+    single moves that gain most. The first shape of every component counts as not mirrored.
 
     Parameters
     ----------
@@ -55,16 +53,10 @@ def _signs_of_component(graph: PairGraph, evidence: FloatArray) -> FloatArray:
     size = np.bincount(graph.edges.ravel(), weights=np.repeat(np.abs(evidence), 2), minlength=count)
     scale = diags(1.0 / np.sqrt(np.maximum(size, 1e-300)))
     _, vector = leading_eigenvectors((scale @ (matrix + matrix.T) @ scale + identity(count)).tocsr(), 1)
-    start = np.where(vector[:, 0] >= 0, 1.0, -1.0)
-    turned = evidence * start[left] * start[right]
-    costs = turned[:, None, None] * np.array([[-1.0, 1.0], [1.0, -1.0]])
-    hub = np.array([np.argmax(size)])
-    beliefs = propagate_beliefs(
-        graph.edges, costs, count, start=np.tile(FIRST_BELIEFS, (count, 1)), fixed=hub, max_rounds=MAX_ROUNDS
-    )
-    options = [np.argmax(beliefs, axis=1), np.zeros(count, dtype=np.int64)]
-    free = np.ones(count, dtype=bool)
-    settled = [conditional_moves(graph.edges, costs, labels, free=free) for labels in options]
-    signs = [1.0 - 2.0 * labels for labels in settled]
-    best = int(np.argmax([np.sum(turned * x[left] * x[right]) for x in signs]))
-    return start * signs[best]
+    signs = np.where(vector[:, 0] >= 0, 1.0, -1.0)
+    both = (matrix + matrix.T).tocsr()
+    agreed = signs * (both @ signs)
+    while agreed.min() < -_ROUNDING * np.abs(evidence).max():
+        signs[np.argmin(agreed)] *= -1.0
+        agreed = signs * (both @ signs)
+    return signs
