@@ -29,6 +29,7 @@ from collalign.products.trust import Witness as Witness
 from collalign.registration.registration_options import RegistrationOptions as RegistrationOptions
 from collalign.stages.poses.synchronize import pair_graph as pair_graph
 from collalign.synchronization import synchronize as synchronize
+from collalign.synchronization import synchronize_graph as synchronize_graph
 from collalign.synchronization.problem.graph import PairGraph as PairGraph
 from collalign.synchronization.result import SynchronizationResult as SynchronizationResult
 from collalign.synchronization.result import WeakCut as WeakCut

@@ -109,18 +109,15 @@ def align_collection(
     >>> bool(np.allclose(aligned.rotations[1], quarter, atol=1e-3))
     True
     """
-    of_run, of_own = (
-        {one.name: keywords.pop(one.name) for one in fields(kind) if one.name in keywords}
-        for kind in (RunOptions, Own)
-    )
-    known = [one.name for kind in (AlignOptions, RunOptions, Own) for one in fields(kind)]
-    for name in sorted(keywords.keys() - {*known}):
-        raise OptionsError(f"there is no option {name!r}{meant(name, known)}")
-    asked = as_options("options", options, AlignOptions, keywords)
-    how = as_options("run", run, RunOptions, of_run)
+    kinds = {one.name: kind for kind in (AlignOptions, RunOptions, Own) for one in fields(kind)}
+    for name in sorted(keywords.keys() - kinds.keys()):
+        raise OptionsError(f"there is no option {name!r}{meant(name, kinds)}")
+    of_kind = {kind: {name: keywords[name] for name in keywords if kinds[name] is kind} for kind in kinds.values()}
+    asked = as_options("options", options, AlignOptions, of_kind[AlignOptions])
+    how = as_options("run", run, RunOptions, of_kind[RunOptions])
     listing = list_shapes(shapes, recursive=recursive, parts=parts)
     with Session.open(asked, how, progress_display(progress)) as session:
-        return align_listing(session, listing, fixed=fixed or {}, own=Own(**of_own))
+        return align_listing(session, listing, fixed=fixed or {}, own=Own(**of_kind[Own]))
 
 
 @one_blas_thread()

@@ -33,8 +33,8 @@ BASELINE_INLIER_RAD = np.deg2rad(30.0)
 
 @one_blas_thread()
 def synchronize(
-    edges: ArrayLike | PairGraph,
-    rotations: ArrayLike | None = None,
+    edges: ArrayLike,
+    rotations: ArrayLike,
     *,
     energies: ArrayLike | None = None,
     weights: ArrayLike | None = None,
@@ -49,12 +49,10 @@ def synchronize(
 
     Parameters
     ----------
-    edges : array_like of int, shape (E, 2), or PairGraph
-        Shapes i, j of each pair; each unordered pair at most once. Or all that is known of the pairs, as
-        :func:`collalign.pair_graph` returns it of an alignment.
+    edges : array_like of int, shape (E, 2)
+        Shapes i, j of each pair; each unordered pair at most once.
     rotations : array_like, shape (E, d, d) or (E, m, d, d)
-        ``R_i_j``, taking j's coordinates to i's, or m candidates of it; not with a graph, nor is what follows up to
-        ``rotation_pattern`` but for the method.
+        ``R_i_j``, taking j's coordinates to i's, or m candidates of it.
     energies : array_like, shape (E,) or (E, m), optional
         Energy of each candidate; ``inf`` marks a candidate that is not there.
     weights : array_like, shape (E,), optional
@@ -94,20 +92,15 @@ def synchronize(
     True
     """
     check_choice("method", method, METHODS)
-    if isinstance(edges, PairGraph):
-        if any(given is not None for given in (rotations, energies, weights, num_shapes, rotation_pattern)):
-            raise InputError("edges: a graph holds rotations, energies and weights itself; give one or the other")
-        graph = edges
-    else:
-        graph = PairGraph.from_user(
-            edges,
-            () if rotations is None else rotations,
-            energies=energies,
-            weights=weights,
-            group=group,
-            num_shapes=num_shapes,
-            rotation_pattern=rotation_pattern,
-        )
+    graph = PairGraph.from_user(
+        edges,
+        rotations,
+        energies=energies,
+        weights=weights,
+        group=group,
+        num_shapes=num_shapes,
+        rotation_pattern=rotation_pattern,
+    )
     if not 0 <= reference < graph.num_shapes:
         raise InputError(f"reference: shape {reference} of {graph.num_shapes}")
     return synchronize_graph(graph, method=method, fixed=_checked_fixed(fixed, graph), reference=reference)
