@@ -10,13 +10,12 @@ from numpy.typing import ArrayLike
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import OptionsError
 from data_tools.threads import one_blas_thread
-from pairwise.pm_sdp.certify import certify_dual, optimal_assignment
+from pairwise.pm_sdp.certify import certify_dual
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import DualSolution, solve_dual
 from pairwise.problem.problem import Problem, ProblemArguments
 from pairwise.reference.cvxpy import check_limits
 from pairwise.results import RelaxationResult
-from pairwise.status import Status
 
 
 @one_blas_thread()
@@ -100,8 +99,6 @@ def solve_pm_sdp(
         See :func:`solve_relaxation`.
     """
     data = RelaxationData.from_problem(problem, cross_products=cross_products)
-    if data.lifted.num_variables == 0:
-        return _fixed_rotation(problem, data)
     solution = solve_dual(data, tol=tol, max_iterations=max_iterations, time_limit_s=time_limit_s)
     certificate = certify_dual(problem, data, solution)
     x, B, R, C = full_variables(data, solution)
@@ -129,26 +126,3 @@ def full_variables(data: RelaxationData, solution: DualSolution) -> tuple[FloatA
     x = data.scatter(primal.x)
     B = np.ascontiguousarray(data.scatter(lifted_B).transpose(1, 2, 0))
     return read_only(x), read_only(B), read_only(lifted.pattern.unpack(entries)), read_only(C)
-
-
-def _fixed_rotation(problem: Problem, data: RelaxationData) -> RelaxationResult:
-    """Answer for a pattern that leaves one rotation (d = 1): the relaxation is the assignment problem itself."""
-    certificate = certify_dual(problem, data, None)
-    costs = np.where(data.scatter(data.valid.astype(np.float64)) > 0.0, data.scatter(data.cost), np.inf)
-    rows, _ = optimal_assignment(costs)
-    columns = np.arange(problem.num_source)
-    x = np.zeros(costs.shape)
-    x[rows, columns] = 1.0
-    value = float(costs[rows, columns].sum()) + data.constant
-    entries = data.lifted.basis[:, 0]
-    B = np.ascontiguousarray(x.T[:, None, :] * entries[:, None])
-    return RelaxationResult(
-        value=value,
-        lower_bound=certificate.bound,
-        R=read_only(data.lifted.pattern.unpack(entries)),
-        X=read_only(x),
-        C=read_only(np.outer(entries, entries)),
-        B=read_only(B),
-        status=Status.CONVERGED,
-        certificate=certificate,
-    )

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from pairwise.local.local_search import LocalMinima
 from pairwise.local.rotation_search import explore, look_around
-from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 
 
@@ -100,11 +99,8 @@ def _degenerate(seed: int) -> list[KnownProblem]:
     cloud = rng.standard_normal((5, 3))
     coplanar, collinear = cloud * [1.0, 1.0, 0.0], cloud * [1.0, 0.0, 0.0]
     apart = Problem.from_user([[3.0, 0.0, 0.0], [0.0, 7.0, 0.0]], [[0.0, 0.0, 2.0]])
-    on_line = Problem.from_user([[1.0], [-2.0], [4.0]], [[-1.0], [3.0]], group="O")
     return [
         KnownProblem("one point", apart, 1.0, 0),
-        KnownProblem("line", on_line, 1.0, 0),
-        KnownProblem("line turned", Problem.from_user([[1.0], [-2.0]], [[1.0], [3.0]]), 13.0, 0),
         KnownProblem("coplanar", planted(rng, coplanar, group="O"), 0.0, 2),
         KnownProblem("collinear", planted(rng, collinear), 0.0, -1),
         KnownProblem("all equal", planted(rng, np.ones((4, 3))), 0.0, -1),
@@ -119,7 +115,6 @@ def _noisy(seed: int) -> list[KnownProblem]:
     mask = np.ones((5, 4), bool)
     mask[rng.permutation(5)[:2], [0, 2]] = False
     invariants = (rng.random((5, 2)), rng.random((5, 2)))
-    special_diagonal = RotationPattern(np.eye(3, dtype=bool), ((0, 1), (1, 2), (2, 3)))
     options: dict[str, dict[str, Any]] = {
         "noise": {},
         "noise O": {"group": "O"},
@@ -127,7 +122,6 @@ def _noisy(seed: int) -> list[KnownProblem]:
         "noise masked": {"num_source": 4, "allowed": mask},
         "noise weights": {"weights": rng.random(5)},
         "noise invariants": {"invariants": invariants},
-        "noise identity": {"rotation_pattern": special_diagonal},
     }
     noisy = [KnownProblem(name, planted(rng, cloud, noise=0.1, **kw), math.nan, 0) for name, kw in options.items()]
     noisy.append(KnownProblem("noise blocks", planted(rng, deep, noise=0.1, rotation_pattern=[3, 1]), math.nan, 0))

@@ -154,8 +154,6 @@ class _Draws:
     def next_pose(self) -> Candidate | None:
         """Minimise one random linear energy and return the pose it ends at, or None if that is no exact solution."""
         scale, lifted = self.data.constant or 1.0, self.data.lifted
-        if not lifted.num_variables:
-            return self.verified(self.problem.pattern.unpack(lifted.basis[:, 0]))
         direction = self.rng.standard_normal(lifted.num_variables)
         direction *= LINEAR_ENERGY * scale / np.linalg.norm(direction)
         solution = solve_dual(with_linear_energy(self.data, direction), tol=SOLVED_TOL)

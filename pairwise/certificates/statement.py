@@ -89,7 +89,7 @@ def _check_blocks(pattern: BoolArray, blocks: IntArray) -> None:
     for start, stop in blocks:
         inside = np.zeros(len(pattern), dtype=bool)
         inside[start:stop] = True
-        if start >= stop or (taken & inside).any() or (pattern & (inside[:, None] != inside)).any():
+        if stop - start < 2 or (taken & inside).any() or (pattern & (inside[:, None] != inside)).any():
             raise InputError(f"certificate: special_blocks has [{start}, {stop}], which is no block of the pattern")
         taken |= inside
     if _num_left_over(pattern):

@@ -67,22 +67,18 @@ def pm_sdp_bound(problem: Problem, given: CertificateArrays) -> float:
 def _rotation_basis(mask: BoolArray, special_blocks: tuple[tuple[int, int], ...]) -> FloatArray:
     """Return (r, s+1) with ``[R] = basis @ (1, rho)``: entries in column-major order, variables numbered in order.
 
-    Entries in no perfect matching of the mask vanish in every orthogonal matrix; SO(1) is 1, SO(2) is
-    [[c, -s], [s, c]].
+    Entries in no perfect matching of the mask vanish in every orthogonal matrix; SO(2) is [[c, -s], [s, c]].
     """
     d = len(mask)
     entries = [(s, t) for t in range(d) for s in range(d) if mask[s, t]]
     free = {e for e in entries if mask.all() or _in_perfect_matching(mask, *e)}
     images: dict[tuple[int, int], tuple[int, float]] = {}
     count = 0
-    single = {(a, a) for a, b in special_blocks if b - a == 1}
     partner: dict[tuple[int, int], tuple[tuple[int, int], float]] = {}
     for a in (a for a, b in special_blocks if b - a == 2):
         partner |= {(a + 1, a + 1): ((a, a), 1.0), (a, a + 1): ((a + 1, a), -1.0)}
     for entry in entries:
-        if entry in single:
-            images[entry] = (0, 1.0)
-        elif entry in free and partner.get(entry, (entry, 1.0))[0] not in images:
+        if entry in free and partner.get(entry, (entry, 1.0))[0] not in images:
             count += 1
             images[entry] = (count, 1.0)
         elif entry in free:
@@ -208,20 +204,18 @@ def _cost_lower_bounds(problem: Problem, basis: FloatArray, F: FloatArray, u: Fl
     q, p, weights, constant_cost = problem.target, problem.source, problem.weights, problem.constant_cost
     cols, rows = np.nonzero(problem.pattern.mask.T)
     squares = (q**2).sum(axis=1)
-    d, size = q.shape[1], basis.shape[1] - 1
+    d = q.shape[1]
     lows = np.empty((len(q), len(p)))
     for j in range(len(p)):
         v = (weights[j] * q[:, rows] * p[j, cols]) @ basis
         v_size = np.abs(weights[j] * q[:, rows] * p[j, cols]) @ np.abs(basis)
         linear = weights[j] * squares + constant_cost[:, j] - 2.0 * v[:, 0]
         error = (d + 8) * _EPS * (weights[j] * squares + np.abs(constant_cost[:, j]) + 2.0 * v_size[:, 0])
-        quad = np.zeros(len(q))
-        if size:
-            floor = _eigenvalue_floor(F[j])
-            if not floor >= _SMALLEST:
-                raise InputError(f"certificate: F of source point {j} is not positive definite")
-            w_error = 8.0 * _EPS * (v_size[:, 1:] + np.abs(u[j]))
-            quad = _quadratic_upper_bounds(F[j], v[:, 1:] - u[j], w_error, floor)
+        floor = _eigenvalue_floor(F[j])
+        if not floor >= _SMALLEST:
+            raise InputError(f"certificate: F of source point {j} is not positive definite")
+        w_error = 8.0 * _EPS * (v_size[:, 1:] + np.abs(u[j]))
+        quad = _quadratic_upper_bounds(F[j], v[:, 1:] - u[j], w_error, floor)
         lows[:, j] = linear - quad - error - 4.0 * _EPS * (np.abs(linear) + np.abs(quad))
     return lows
 

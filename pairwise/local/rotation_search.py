@@ -22,7 +22,7 @@ from pairwise.problem.problem import Problem
 #: Largest number of principal-axis starts; 4 in three dimensions.
 _MAX_SIGN_STARTS = 16
 #: Size of the set of rotations by dimension of the rotation block, and above.
-_NUM_ROTATIONS = {1: 1, 2: 96, 3: 500}
+_NUM_ROTATIONS = {2: 96, 3: 500}
 _NUM_ROTATIONS_ABOVE = 500
 #: Largest dimension whose rotations such a set covers; above, steps of nearest-neighbour ICP come first.
 _MAX_COVERED_DIM = 3

@@ -22,7 +22,7 @@ def rotation_set(dim: int, num: int, *, seed: int = 0) -> FloatArray:
         d. Equal angles for 2, the super-Fibonacci spiral for 3 (Alexa, "Super-Fibonacci spirals: fast,
         low-discrepancy sampling of SO(3)", CVPR 2022), uniform random rotations above.
     num : int
-        How many; one is enough for d = 1.
+        How many.
     seed : int
         Used for d > 3 only.
 
@@ -37,8 +37,6 @@ def rotation_set(dim: int, num: int, *, seed: int = 0) -> FloatArray:
     """
     if num < 1:
         raise OptionsError(f"number of rotations: expected at least 1, got {num}")
-    if dim == 1:
-        return np.ones((1, 1, 1))
     if dim == 2:
         angles = 2.0 * np.pi * np.arange(num) / num
         cos, sin = np.cos(angles), np.sin(angles)
@@ -110,8 +108,6 @@ def small_rotations(dim: int, num: int, angle_rad: float, *, seed: int = 0) -> F
     The axes are a Fibonacci sphere for d = 3 (d = 2 has two senses only); above, random generators of the same
     Frobenius norm. Cayley transform of skew-symmetric matrices.
     """
-    if dim == 1:
-        return np.ones((num, 1, 1))
     upper = np.triu_indices(dim, 1)
     if dim == 2:
         generators = np.array([[1.0], [-1.0]])[np.arange(num) % 2]

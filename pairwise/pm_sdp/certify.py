@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.errors import InputError
 from pairwise.certificates.certificate import Certificate, hash_problem, problem_arrays
 from pairwise.certificates.verify import proven_bound
@@ -21,11 +21,7 @@ from pairwise.problem.problem import Problem
 _MAX_SHIFTS = 18
 
 
-def certify_dual(
-    problem: Problem,
-    data: RelaxationData,
-    solution: DualSolution | None,
-) -> Certificate:
+def certify_dual(problem: Problem, data: RelaxationData, solution: DualSolution) -> Certificate:
     """Turn a dual point into a certificate whose bound the verifier confirms.
 
     The point's linear constraints are closed exactly, F is shifted until it is safely positive definite (a shift t
@@ -36,20 +32,12 @@ def certify_dual(
     problem : Problem
     data : RelaxationData
         Of this problem.
-    solution : DualSolution or None
-        None where R has no free variable.
+    solution : DualSolution
     """
-    lifted = data.lifted
-    k, size = problem.num_source, lifted.num_variables
-    if solution is None:
-        F, u, y = np.zeros((k, size, size)), np.zeros((k, size)), np.zeros(len(lifted.equations))
-        quaternions = np.zeros((len(lifted.quaternion_blocks), 4, 4))
-    else:
-        F, u, y = solution.dual.F, solution.dual.u, solution.equation_multipliers
-        quaternions = solution.dual.Y
-    F, u = _close_constraints(lifted, _symmetrised(F), u, y, _symmetrised(quaternions))
+    lifted, dual, y = data.lifted, solution.dual, solution.equation_multipliers
+    F, u = _close_constraints(lifted, _symmetrised(dual.F), dual.u, y, _symmetrised(dual.Y))
     arrays = problem_arrays(problem)
-    arrays |= _multiplier_arrays(lifted, y, _symmetrised(quaternions))
+    arrays |= _multiplier_arrays(lifted, y, _symmetrised(dual.Y))
     arrays["u"] = u
     arrays["impossible"] = np.argwhere(problem.allowed & ~_support(data))
     arrays, bound = _with_safe_bound(problem, data, arrays, F)
@@ -100,7 +88,7 @@ def _with_safe_bound(
     problem: Problem, data: RelaxationData, arrays: dict[str, NDArray[Any]], F: FloatArray
 ) -> tuple[dict[str, NDArray[Any]], float]:
     """Shift F by multiples of the identity until the verifier accepts it; return all arrays and the bound."""
-    k, size = F.shape[:2]
+    k = len(F)
     counts = np.diag((data.lifted.basis[:, 1:] ** 2).sum(axis=0))
     shift, columns = 0.0, arrays["column_multipliers"]
     scale = float(np.abs(F).max(initial=0.0)) or 1.0
@@ -108,41 +96,23 @@ def _with_safe_bound(
         arrays["F"] = F + shift * counts
         arrays["column_multipliers"] = columns + k * shift * np.eye(len(columns))
         try:
-            arrays["beta"] = _potentials(problem, data, arrays, size)
+            arrays["beta"] = _potentials(problem, data, arrays)
             return arrays, proven_bound(problem, "pm-sdp", arrays)
         except (InputError, np.linalg.LinAlgError):
             shift = scale * 10.0 ** (attempt - 14)
     raise ArithmeticError("the dual point cannot be made positive definite")
 
 
-def _potentials(problem: Problem, data: RelaxationData, arrays: dict[str, NDArray[Any]], size: int) -> FloatArray:
-    """Return the non-positive row potentials of the assignment problem at the costs c(F, u)."""
+def _potentials(problem: Problem, data: RelaxationData, arrays: dict[str, NDArray[Any]]) -> FloatArray:
+    """Return the non-positive row potentials of the assignment problem at the costs c(F, u), by shortest paths."""
     rows, cols = problem.pattern.entries
     weighted = problem.weights[:, None] * problem.source
     vectors = (weighted[:, None, cols] * problem.target[None, :, rows]) @ data.lifted.basis
     costs = problem.weights[:, None] * (problem.target**2).sum(axis=1) - 2.0 * vectors[..., 0]
-    if size:
-        inverse_factor = np.linalg.inv(np.linalg.cholesky(arrays["F"]))
-        w = vectors[..., 1:] - arrays["u"][:, None, :]
-        costs -= ((w @ np.swapaxes(inverse_factor, 1, 2)) ** 2).sum(axis=2)
+    inverse_factor = np.linalg.inv(np.linalg.cholesky(arrays["F"]))
+    w = vectors[..., 1:] - arrays["u"][:, None, :]
+    costs -= ((w @ np.swapaxes(inverse_factor, 1, 2)) ** 2).sum(axis=2)
     costs = np.where(_support(data), costs.T + problem.constant_cost, np.inf)
-    return optimal_assignment(costs)[1]
-
-
-def optimal_assignment(costs: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the cheapest assignment and optimal row potentials beta <= 0, by shortest paths from it.
-
-    Parameters
-    ----------
-    costs : ndarray, shape (n, k)
-        Infinite where forbidden; every column is assigned.
-
-    Returns
-    -------
-    rows : ndarray of int, shape (k,)
-        Row of each column.
-    beta : ndarray, shape (n,)
-    """
     n, k = costs.shape
     taken, columns = linear_sum_assignment(costs)
     rows = np.empty(k, dtype=np.int64)
@@ -154,4 +124,4 @@ def optimal_assignment(costs: FloatArray) -> tuple[IntArray, FloatArray]:
         if np.array_equal(shorter, beta):
             break
         beta = shorter
-    return rows, beta
+    return beta

@@ -1,6 +1,6 @@
 """The lifted rotation: variables for the entries of R, and the linear equations of their second moments.
 
-Every free entry of R is plus or minus one of the variables ``rho`` (or 1), so that patterns, SO(2) and SO(1) blocks
+Every free entry of R is plus or minus one of the variables ``rho`` (or 1), so that patterns and SO(2) blocks
 need no equations of their own. The *moment matrix* is ``M = E[(1, rho)(1, rho)^T]`` with M_00 = 1; its lower right
 part is the C of Maron et al. 2016. Orthogonality (R^T R = R R^T = I) and the cross-product identities (cof R = R) are
 quadratic in R, so they are linear in M: ``<A_m, M> = 0``.
@@ -124,21 +124,18 @@ class LiftedRotation:
 
 
 def _variables(pattern: RotationPattern) -> tuple[IntArray, FloatArray]:
-    """Number the variables: one for each entry that can be non-zero, two for an SO(2) block, none for SO(1)."""
+    """Number the variables: one for each entry that can be non-zero, two for an SO(2) block."""
     rows, cols = pattern.entries
     possible = assignment_support(pattern.mask).allowed[rows, cols]
     representative = np.arange(len(rows))
     sign = np.ones(len(rows))
     position = {(int(s), int(t)): e for e, (s, t) in enumerate(zip(rows, cols, strict=True))}
-    constant = np.zeros(len(rows), dtype=bool)
     for start, stop in pattern.special_blocks:
-        if stop - start == 1:
-            constant[position[start, start]] = True
         if stop - start == 2:
             _tie_planar_block(position, start, representative, sign, possible)
-    own = possible & ~constant & (representative == np.arange(len(rows)))
+    own = possible & (representative == np.arange(len(rows)))
     number = np.cumsum(own)
-    variable = np.where(possible, np.where(constant, 0, number[representative]), -1)
+    variable = np.where(possible, number[representative], -1)
     return variable.astype(np.int64), sign
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import compress
@@ -60,9 +60,11 @@ class RotationPattern:
         if isinstance(pattern, RotationPattern):
             if pattern.dim != dim:
                 raise OptionsError(f"rotation_pattern: is for dimension {pattern.dim}, the points have {dim}")
+            _check_sizes(pattern.special_blocks)
             return pattern
         mask, first = _mask_from_user(pattern, dim)
         special = ((0, first),) if group == "SO" else ()
+        _check_sizes(special)
         if not mask.all() and np.linalg.matrix_rank(_random_filling(mask)) < dim:
             raise InputError("rotation_pattern: every matrix with these non-zero entries is singular")
         return cls(read_only(mask), special)
@@ -201,6 +203,11 @@ def _mask_from_user(pattern: PatternLike, dim: int) -> tuple[BoolArray, int]:
         labels = np.repeat(np.arange(len(sizes)), sizes)
         return np.equal.outer(labels, labels), sizes[0]
     return as_mask(array, "rotation_pattern", shape=(dim, dim)), dim
+
+
+def _check_sizes(blocks: Iterable[tuple[int, int]]) -> None:
+    if any(stop - start < 2 for start, stop in blocks):
+        raise OptionsError("rotation_pattern: a rotation block has two coordinates or more, one cannot turn")
 
 
 def _random_filling(mask: BoolArray) -> FloatArray:

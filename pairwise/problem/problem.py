@@ -112,6 +112,8 @@ class Problem:
         q = as_points(target, "target")
         p = as_points(source, "source", dim=q.shape[1])
         n, k = len(q), len(p)
+        if q.shape[1] < 2:
+            raise InputError("target and source: points of one coordinate cannot turn; give two or more")
         if rotation_pattern is None and max(n, k) <= MOST_COLUMN_DIM < q.shape[1]:
             raise InputError(
                 f"target and source: {n} and {k} points of {q.shape[1]} coordinates; points are rows, give target.T "

@@ -84,8 +84,8 @@ def hull_constraints(pattern: RotationPattern, entries: Any) -> list[Any]:
     """Return the CVXPY constraints that put each rotation block of R in the convex hull of the rotations.
 
     Size 3 is the 4 x 4 linear matrix inequality of Saunderson, Parrilo and Willsky (2015) in the quaternion moment
-    matrix Y; size 2 is ``[[a, -b], [b, a]]`` (the disc follows from orthogonality of the lifted R); size 1 is
-    ``R = 1``. Larger blocks have no small description and get none, which keeps bounds valid.
+    matrix Y; size 2 is ``[[a, -b], [b, a]]`` (the disc follows from orthogonality of the lifted R). Larger blocks
+    have no small description and get none, which keeps bounds valid.
 
     Parameters
     ----------
@@ -102,9 +102,7 @@ def hull_constraints(pattern: RotationPattern, entries: Any) -> list[Any]:
     constraints: list[Any] = []
     for start, stop in pattern.special_blocks:
         block = [[entry(a, b) for b in range(start, stop)] for a in range(start, stop)]
-        if stop - start == 1:
-            constraints.append(block[0][0] == 1.0)
-        elif stop - start == 2:
+        if stop - start == 2:
             constraints += _equal(block[0][0], block[1][1]) + _equal(block[0][1], -block[1][0])
         elif stop - start == 3:
             rows = quaternion_moments(block)

@@ -77,7 +77,6 @@ def test_signs_are_all_rotations_of_the_axes() -> None:
     many = sign_rotations(12, 40, seed=1)
     assert_rotations(many)
     assert len(np.unique(many.reshape(len(many), -1), axis=0)) == len(many) <= 40
-    assert sign_rotations(1, 16).shape == (1, 1, 1)
 
 
 @pytest.mark.parametrize("dim", [2, 3, 6])
@@ -86,7 +85,6 @@ def test_small_turns_have_the_angle_asked_for(dim: int) -> None:
     assert_rotations(turns)
     if dim <= 3:
         np.testing.assert_allclose(rotation_angles(turns, np.eye(dim)), 0.3)
-    assert small_rotations(1, 4, 0.3).shape == (4, 1, 1)
 
 
 def test_the_spiral_runs_through_the_middles_of_its_steps() -> None:

@@ -87,6 +87,8 @@ def test_pack_is_column_major_and_unpack_its_inverse(rng: np.random.Generator) -
         (-1, OptionsError),
         ((2, 2), OptionsError),
         ((0, 3), OptionsError),
+        ((1, 2), OptionsError),
+        (RotationPattern(np.eye(3, dtype=bool), ((0, 1),)), OptionsError),
         (np.zeros((3, 3)), InputError),
         ([[1, 1, 1], [0, 0, 0], [1, 1, 1]], InputError),
         (np.ones((2, 2)), InputError),
@@ -103,6 +105,8 @@ def test_impossible_problems_are_refused(rng: np.random.Generator) -> None:
         Problem.from_user(p, q)
     with pytest.raises(InputError, match="shape"):
         Problem.from_user(q, p[:, :2])
+    with pytest.raises(InputError, match="two or more"):
+        Problem.from_user(q[:, :1], p[:, :1])
     with pytest.raises(OptionsError, match="group"):
         Problem.from_user(q, p, group="U")
     nothing = np.ones((4, 3), bool)
