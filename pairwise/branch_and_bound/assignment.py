@@ -18,7 +18,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray
 
 _EPS = float(np.finfo(np.float64).eps)
 
@@ -26,34 +26,25 @@ _EPS = float(np.finfo(np.float64).eps)
 @numba.njit(cache=True)
 def bound_assignments(
     fixed: FloatArray,
-    source: FloatArray,
-    target: FloatArray,
+    points: tuple[FloatArray, FloatArray],
     turns: FloatArray,
     potentials: FloatArray,
-    starts: IntArray,
     wanted: FloatArray,
     steps: FloatArray,
-    optimism: FloatArray,
-) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
-    """Bound the assignments of costs ``fixed[j, i] + <q_i, T p_j>`` for many 3 x 3 matrices T.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Bound the assignments of costs ``fixed[i, j] + <q_i, T p_j>`` for many 3 x 3 matrices T.
 
     Parameters
     ----------
-    fixed : ndarray, shape (k, N)
+    fixed : ndarray, shape (N, k)
         ``inf`` where j must not go to i.
-    source : ndarray, shape (k, 3)
-        p_j, with every factor that the costs have.
-    target : ndarray, shape (3, N)
-        Coordinates of q_i.
+    points : pair of ndarray, shapes (3, k) and (3, N)
+        Coordinates of p_j, with every factor that the costs have, and of q_i.
     turns : ndarray, shape (m, 3, 3)
-    potentials : ndarray, shape (t, N)
-    starts : ndarray of int, shape (m,)
-        Which of the potentials each problem starts from.
+    potentials : ndarray, shape (m, N)
+        What each problem starts from; what proves each bound is written there.
     wanted, steps : ndarray, shape (m,)
         Stop when the bound exceeds this, or is within N steps of the optimum.
-    optimism : ndarray, shape (m,)
-        Stop when not even this share of the way from the bound to the cost of some assignment exceeds what is wanted;
-        1 is sure not to stop too early.
 
     Returns
     -------
@@ -61,95 +52,122 @@ def bound_assignments(
         Lower bounds of the least costs, the rounding of their sums accounted for.
     energies : ndarray, shape (m,)
         Cost of some assignment where the bound is not what was wanted, else ``inf``.
-    is_improved : ndarray of bool, shape (m,)
-        Whether the given potentials were not enough.
-    improved : ndarray, shape (m, N)
-        The potentials that prove each bound.
+    moments : ndarray, shape (m, 3, 3)
+        ``sum_j q_map(j) p_j^T`` of that assignment.
     """
-    k, size = fixed.shape
-    num = len(turns)
-    bounds, energies = np.empty(num), np.full(num, np.inf)
-    improved, is_improved = np.empty((num, size)), np.zeros(num, dtype=np.bool_)
-    costs = np.zeros((k + 1, size))
+    (size, k), num, rows = fixed.shape, len(turns), np.ascontiguousarray(fixed.T)
+    bounds, energies, moments = np.empty(num), np.full(num, np.inf), np.zeros((num, 3, 3))
+    costs, before, minima = np.zeros((k + 1, size)), np.empty(size), np.empty(k)
+    row_of, places = np.empty(size, dtype=np.int64), np.empty(k, dtype=np.int64)
     for c in range(num):
-        _fill(costs, fixed, source, target, turns[c])
-        v = improved[c]
-        v[:] = potentials[starts[c]]
-        bounds[c] = _dual_value(costs, v)
-        if bounds[c] <= wanted[c]:
-            energies[c] = _solve(costs, v, wanted[c], steps[c], optimism[c])
-            after = _dual_value(costs, v)
-            is_improved[c] = after > bounds[c]
-            if is_improved[c]:
-                bounds[c] = after
-            else:
-                v[:] = potentials[starts[c]]
-    return bounds, energies, is_improved, improved
+        v = potentials[c]
+        start = _dual_value(fixed, points, turns[c], v, minima, places)
+        bounds[c] = start
+        if start > wanted[c]:
+            continue
+        before[:] = v
+        _fill(costs, rows, points, turns[c])
+        free = _bid(costs, v, row_of, _take_tight(v, places, row_of), steps[c])
+        value = _dual_value(fixed, points, turns[c], v, minima, places)
+        if value <= wanted[c]:
+            energies[c] = _finish(costs, v, row_of, free, value, wanted[c])
+            if energies[c] < np.inf:
+                _add_moment(moments[c], points, row_of)
+            value = _dual_value(fixed, points, turns[c], v, minima, places)
+        bounds[c] = max(value, start)
+        if value < start:
+            v[:] = before
+    return bounds, energies, moments
 
 
 @numba.njit(cache=True)
-def _fill(costs: FloatArray, fixed: FloatArray, source: FloatArray, target: FloatArray, turn: FloatArray) -> None:
+def _add_moment(moment: FloatArray, points: tuple[FloatArray, FloatArray], row_of: IntArray) -> None:
+    """Add the products of the points that are assigned to each other."""
+    source, target = points
+    for i, j in enumerate(row_of):
+        if 0 <= j < source.shape[1]:
+            for a in range(3):
+                for b in range(3):
+                    moment[a, b] += target[a, i] * source[b, j]
+
+
+@numba.njit(cache=True, fastmath={"contract"})
+def _fill(costs: FloatArray, rows: FloatArray, points: tuple[FloatArray, FloatArray], turn: FloatArray) -> None:
     """Write the costs of one problem into all but the last row."""
-    moved = np.empty(3)
-    for j in range(len(fixed)):
-        for a in range(3):
-            moved[a] = 0.0
-            for b in range(3):
-                moved[a] += turn[a, b] * source[j, b]
-        x, y, z = moved
-        for i in range(fixed.shape[1]):
-            along = x * target[0, i] + y * target[1, i] + z * target[2, i]
-            costs[j, i] = fixed[j, i] + along
-
-
-@numba.njit(cache=True, fastmath={"nnan", "nsz"})
-def _least(costs: FloatArray, v: FloatArray) -> float:
-    least = np.inf
-    for i in range(len(v)):
-        reduced = costs[i] - v[i]
-        least = reduced if reduced < least else least
-    return least
+    source, target = points
+    for j in range(len(rows)):
+        x, y, z = _turned(turn, source[:, j])
+        for i in range(rows.shape[1]):
+            costs[j, i] = rows[j, i] + x * target[0, i] + y * target[1, i] + z * target[2, i]
 
 
 @numba.njit(cache=True)
-def _dual_value(costs: FloatArray, v: FloatArray) -> float:
-    """Return ``sum_j min_i (c_ji - v_i) + sum_i v_i`` over all N rows, less what its additions may have lost."""
-    k, size = len(costs) - 1, len(v)
-    total, sizes = 0.0, 0.0
-    for j in range(k):
-        least = _least(costs[j], v)
-        total += least
-        sizes += abs(least)
-    if size > k:
-        least = _least(costs[k], v)
-        total += (size - k) * least
-        sizes += (size - k) * abs(least)
-    for i in range(size):
-        total += v[i]
-        sizes += abs(v[i])
+def _turned(turn: FloatArray, point: FloatArray) -> tuple[float, float, float]:
+    a, b, c = point
+    return (
+        turn[0, 0] * a + turn[0, 1] * b + turn[0, 2] * c,
+        turn[1, 0] * a + turn[1, 1] * b + turn[1, 2] * c,
+        turn[2, 0] * a + turn[2, 1] * b + turn[2, 2] * c,
+    )
+
+
+@numba.njit(cache=True)
+def _dual_value(
+    fixed: FloatArray,
+    points: tuple[FloatArray, FloatArray],
+    turn: FloatArray,
+    v: FloatArray,
+    minima: FloatArray,
+    places: IntArray,
+) -> float:
+    """Return ``sum_j min_i (c_ji - v_i) + sum_i v_i`` over all N rows, less what its additions may have lost.
+
+    The minima and their columns are written as well. All rows advance together, so that no row is reduced by itself.
+    """
+    _minima(fixed, points, turn, v, minima, places)
+    size, num_zero = len(v), len(v) - len(minima)
+    least = -v.max() if num_zero else 0.0
+    total, sizes = num_zero * least, num_zero * abs(least)
+    for part in (minima, v):
+        for term in part:
+            total += term
+            sizes += abs(term)
     return total - _EPS * (2 * size + 4) * sizes
 
 
+@numba.njit(cache=True, fastmath={"nnan", "nsz", "contract"})
+def _minima(
+    fixed: FloatArray,
+    points: tuple[FloatArray, FloatArray],
+    turn: FloatArray,
+    v: FloatArray,
+    minima: FloatArray,
+    places: IntArray,
+) -> None:
+    source, target = points
+    minima[:] = np.inf
+    for i in range(len(v)):
+        x, y, z = _turned(turn.T, target[:, i])
+        for j in range(len(minima)):
+            reduced = fixed[i, j] - v[i] + x * source[0, j] + y * source[1, j] + z * source[2, j]
+            is_less = reduced < minima[j]
+            places[j] = i if is_less else places[j]
+            minima[j] = reduced if is_less else minima[j]
+
+
 @numba.njit(cache=True)
-def _solve(costs: FloatArray, v: FloatArray, wanted: float, step: float, optimism: float) -> float:
-    """Improve potentials in place; return the cost of an assignment, ``inf`` where the bound exceeds ``wanted``."""
-    size = len(v)
-    row_of = np.full(size, -1)
-    free = _take_tight(costs, v, row_of)
-    free = _bid(costs, v, row_of, free, step)
-    value = _dual_value(costs, v)
-    if value > wanted:
-        return np.inf
-    energy = _greedy_value(costs, v, row_of, free)
-    if not len(free) or value + optimism * (energy - value) <= wanted:
+def _finish(costs: FloatArray, v: FloatArray, row_of: IntArray, free: IntArray, value: float, wanted: float) -> float:
+    """Assign the rows that are free, and return what it costs: ``inf`` once the bound exceeds what is wanted."""
+    taken = row_of.copy()
+    energy = _complete(costs, v, taken, free)
+    if not len(free) or energy <= wanted:
+        row_of[:] = taken
         return energy
-    distances, parents = np.empty(size), np.empty(size, dtype=np.int64)
-    masked, finals, done = np.empty(size), np.empty(size), np.empty(size, dtype=np.int64)
     for row in free:
-        value += _augment(costs, v, row_of, row, distances, parents, masked, finals, done)
+        value += _augment(costs, v, row_of, row)
         if value > wanted:
             return np.inf
-    return _greedy_value(costs, v, row_of, free[:0])
+    return _complete(costs, v, row_of, free[:0])
 
 
 @numba.njit(cache=True, fastmath={"nnan", "nsz"})
@@ -181,14 +199,14 @@ def _position(values: FloatArray, wanted: float) -> int:
 
 
 @numba.njit(cache=True)
-def _take_tight(costs: FloatArray, v: FloatArray, row_of: IntArray) -> IntArray:
+def _take_tight(v: FloatArray, places: IntArray, row_of: IntArray) -> IntArray:
     """Give every row its cheapest column while that is free, rows of zeros any of theirs; return the others."""
-    k, size = len(costs) - 1, len(v)
-    free, num, reduced = np.empty(size, dtype=np.int64), 0, np.empty(size)
+    k, size = len(places), len(v)
+    free, num = np.empty(size, dtype=np.int64), 0
+    row_of[:] = -1
     for j in range(k):
-        best = _position(reduced, _reduced(costs[j], v, reduced))
-        if row_of[best] < 0:
-            row_of[best] = j
+        if row_of[places[j]] < 0:
+            row_of[places[j]] = j
         else:
             free[num] = j
             num += 1
@@ -204,8 +222,8 @@ def _take_tight(costs: FloatArray, v: FloatArray, row_of: IntArray) -> IntArray:
 
 
 @numba.njit(cache=True)
-def _greedy_value(costs: FloatArray, v: FloatArray, row_of: IntArray, free: IntArray) -> float:
-    """Return what it costs if every free row takes the cheapest column that others leave it; ``inf`` if none is."""
+def _complete(costs: FloatArray, v: FloatArray, row_of: IntArray, free: IntArray) -> float:
+    """Give every free row the cheapest column that others leave it; return the cost, ``inf`` if there is none."""
     k, size = len(costs) - 1, len(v)
     total, reduced, left = 0.0, np.empty(size), v.copy()
     for i in range(size):
@@ -220,7 +238,7 @@ def _greedy_value(costs: FloatArray, v: FloatArray, row_of: IntArray, free: IntA
                 return np.inf
             best = _position(reduced, least)
             total += costs[row, best]
-            left[best] = -np.inf
+            left[best], row_of[best] = -np.inf, row
     return total
 
 
@@ -266,21 +284,11 @@ def _relax(
 
 
 @numba.njit(cache=True)
-def _augment(
-    costs: FloatArray,
-    v: FloatArray,
-    row_of: IntArray,
-    start: int,
-    distances: FloatArray,
-    parents: IntArray,
-    masked: FloatArray,
-    finals: FloatArray,
-    done: IntArray,
-) -> float:
+def _augment(costs: FloatArray, v: FloatArray, row_of: IntArray, start: int) -> float:
     """Assign one more row along a shortest augmenting path; return by how much the bound rises."""
-    k = len(costs) - 1
-    masked[:] = v
-    distances[:] = np.inf
+    k, size = len(costs) - 1, len(v)
+    distances, parents, masked = np.full(size, np.inf), np.empty(size, dtype=np.int64), v.copy()
+    finals, done = np.empty(size), np.empty(size, dtype=np.int64)
     row, offset, num, first = start, 0.0, 0, 0.0
     while True:
         length = _relax(costs[min(row, k)], masked, offset, row, distances, parents)

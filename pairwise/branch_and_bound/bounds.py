@@ -21,13 +21,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray
 from pairwise.problem.problem import Problem
 
 #: Assignments are solved to this share of what the radius loses anyway.
 _SLACK_SHARE = 0.05
-#: Cells of more than this radius are split rather than solved where this share of what is left to gain is not enough.
-_LARGE_RAD, _OPTIMISM = 0.35, 0.5
+#: Maps that are remembered.
+_NUM_KEPT = 256
+#: Added to sines of half angles: rounding of centres and corners.
+_REACH_MARGIN = 1e-7
 _EPS = float(np.finfo(np.float64).eps)
 
 
@@ -38,23 +40,26 @@ class CellBounds:
     Attributes
     ----------
     bounds : ndarray, shape (m,)
-        Poses of the cell that are best for their own map have at least that energy.
+        Poses of the cell that are best for their own map have at least that energy; where nothing is proven, what
+        could be at most.
+    losses : ndarray, shape (m,)
+        What of the energy at the cell's rotation it takes off.
+    is_proven : ndarray of bool, shape (m,)
     energies : ndarray, shape (m,)
-        Energy of some map at the cell's rotation where the bound is below the threshold, else ``inf``.
-    is_improved : ndarray of bool, shape (m,)
-        Whether the given potentials were not enough.
-    potentials : ndarray, shape (m, n)
-        What proves the bounds.
+        Energy of some map at the cell's rotation, ``inf`` where none was needed.
     """
 
     bounds: FloatArray
+    losses: FloatArray
+    is_proven: BoolArray
     energies: FloatArray
-    is_improved: BoolArray
-    potentials: FloatArray
 
 
 class QuasiBounds:
     """Quasi-bounds of one problem over SO(2) or SO(3).
+
+    Maps that were met are kept with their potentials: as a function of the rotation the energy of each is linear, so
+    that they say at once which cells cannot be settled yet, and the best of them has potentials to start from.
 
     Parameters
     ----------
@@ -66,69 +71,84 @@ class QuasiBounds:
         weights = problem.weights
         squares = weights * (problem.source**2).sum(axis=1)
         costs = weights * (problem.target**2).sum(axis=1)[:, None] + squares + problem.constant_cost
-        self._fixed = np.ascontiguousarray(np.where(problem.allowed, costs, np.inf).T)
-        self._source = _in_space(-2.0 * weights[:, None] * problem.source)
-        self._target = np.ascontiguousarray(_in_space(problem.target).T)
-        self._curvature = _curvature(problem)
-        largest = np.where(np.isfinite(self._fixed), np.abs(self._fixed), 0.0).max(axis=1)
+        self._fixed = np.ascontiguousarray(np.where(problem.allowed, costs, np.inf))
+        source, target = _in_space(weights[:, None] * problem.source), _in_space(problem.target)
+        self._points = np.ascontiguousarray(-2.0 * source.T), np.ascontiguousarray(target.T)
+        self._curvature = Curvature(source.T @ source, target.T @ target)
+        largest = np.where(np.isfinite(self._fixed), np.abs(self._fixed), 0.0).max(axis=0)
         self._allowance = 32.0 * _EPS * float(largest.sum() + 2.0 * squares.sum())
+        self._constants, self._moments = np.full(_NUM_KEPT, np.inf), np.zeros((_NUM_KEPT, 9))
+        self._potentials, self._num_met = np.zeros((_NUM_KEPT, problem.num_target)), 0
 
-    def __call__(
-        self,
-        rotations: FloatArray,
-        radii: FloatArray,
-        threshold: float,
-        potentials: FloatArray,
-        starts: IntArray,
-    ) -> CellBounds:
-        """Bound the energies of the poses in balls; stop improving a bound once it exceeds the threshold.
+    def __call__(self, rotations: FloatArray, reach: FloatArray, threshold: float) -> CellBounds:
+        """Bound the energies of the poses in cells, but of those whose bound could not exceed the threshold.
 
         Parameters
         ----------
         rotations : ndarray, shape (m, d, d)
-        radii : ndarray, shape (m,)
-            In radians.
+        reach : ndarray, shape (m, c, 3)
+            How far the corners are, see :meth:`pairwise.branch_and_bound.cells.Cells.reach`.
         threshold : float
-        potentials : ndarray, shape (t, n)
-        starts : ndarray of int, shape (m,)
-            Which potentials to start from.
+            A bound need not be larger.
         """
         from pairwise.branch_and_bound.assignment import bound_assignments
 
-        loss = self.loss(radii)
         turns = np.zeros((len(rotations), 3, 3))
         turns[:, : self.problem.dim, : self.problem.dim] = rotations
-        values, energies, is_improved, improved = bound_assignments(
+        losses = self._curvature.losses(turns, reach) + self._allowance
+        met = self._moments @ turns.reshape(-1, 9).T + self._constants[:, None]
+        best = met.argmin(axis=0)
+        energies = met[best, np.arange(len(turns))]
+        bounds = energies - losses
+        tried = np.flatnonzero(bounds > threshold)
+        values, found, moments = bound_assignments(
             self._fixed,
-            self._source,
-            self._target,
-            turns,
-            potentials,
-            starts,
-            threshold + loss + self._allowance,
-            _SLACK_SHARE * self._curvature * _chord(radii) / self.problem.num_target,
-            np.where(radii > _LARGE_RAD, _OPTIMISM, 1.0),
+            self._points,
+            turns[tried],
+            potentials := self._potentials[best[tried]],
+            threshold + losses[tried],
+            _SLACK_SHARE * losses[tried] / self.problem.num_target,
         )
-        return CellBounds(
-            bounds=values - self._allowance - loss, energies=energies, is_improved=is_improved, potentials=improved
-        )
+        bounds[tried] = values - losses[tried]
+        energies[tried] = np.minimum(energies[tried], found)
+        is_proven = np.zeros(len(turns), dtype=np.bool_)
+        is_proven[tried] = True
+        self._keep(turns[tried], found, moments, potentials)
+        return CellBounds(bounds=bounds, losses=losses, is_proven=is_proven, energies=energies)
 
-    def loss(self, radii: FloatArray) -> FloatArray:
-        """Return 2 (1 - cos r) K, by how much F may fall within each radius towards the pose that is sought."""
-        return _chord(radii) * self._curvature
+    def _keep(self, turns: FloatArray, energies: FloatArray, moments: FloatArray, potentials: FloatArray) -> None:
+        """Remember the maps of finite energy, the last ones if they are many."""
+        new = np.flatnonzero(np.isfinite(energies))[-_NUM_KEPT:]
+        at = (self._num_met + np.arange(len(new))) % _NUM_KEPT
+        self._constants[at] = energies[new] - (moments[new] * turns[new]).sum(axis=(1, 2))
+        self._moments[at], self._potentials[at] = moments[new].reshape(-1, 9), potentials[new]
+        self._num_met += len(new)
 
 
-def _chord(radii: FloatArray) -> FloatArray:
-    """Return 2 (1 - cos r)."""
-    return np.asarray(4.0 * np.sin(0.5 * np.minimum(radii, np.pi)) ** 2)
+class Curvature:
+    """By how much the energy of a map may fall within a cell, towards the rotation that is best for it.
 
+    Parameters
+    ----------
+    source, target : ndarray, shape (3, 3)
+        Sums of ``w_j^2 p_j p_j^T`` and of ``q_i q_i^T``.
+    """
 
-def _curvature(problem: Problem) -> float:
-    """Return K: half the largest curvature of the energy with a fixed map at the rotation best for that map."""
-    source = np.linalg.svd(problem.weights[:, None] * problem.source, compute_uv=False)
-    target = np.linalg.svd(problem.target, compute_uv=False)
-    num = min(len(source), len(target), 2)
-    return float(source[:num] @ target[:num] * (1.0 + 64.0 * _EPS))
+    def __init__(self, source: FloatArray, target: FloatArray) -> None:
+        traces = np.trace(source), np.trace(target)
+        balance = float(np.sqrt(traces[1] / traces[0])) if min(traces) > 0.0 else 1.0
+        self._source = 2.0 * balance * (traces[0] * np.eye(3) - source) + 2.0 / balance * traces[1] * np.eye(3)
+        self._target = 2.0 / balance * target
+        own, other = np.linalg.eigvalsh(self._source), np.linalg.eigvalsh(self._target)
+        self._least, self._most = own[0] - other[-1], own[-1] - other[0]
+
+    def losses(self, turns: FloatArray, reach: FloatArray) -> FloatArray:
+        """Return how much that is at most, for rotations (m, 3, 3) and corners (m, c, 3), shape (m,)."""
+        forms = self._source - np.swapaxes(turns, 1, 2) @ self._target @ turns
+        levels = ((reach @ forms) * reach).sum(axis=2).max(axis=1)
+        largest = self._most * (reach**2).sum(axis=2).max(axis=1)
+        level = np.where(levels <= self._least, levels, largest)
+        return np.asarray((np.sqrt(level) + _REACH_MARGIN * np.sqrt(self._most)) ** 2 * (1.0 + 64.0 * _EPS))
 
 
 def _in_space(points: FloatArray) -> FloatArray:

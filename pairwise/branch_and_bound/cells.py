@@ -82,16 +82,29 @@ class Cells(Rows):
 
     def balls(self) -> tuple[FloatArray, FloatArray]:
         """Return rotations (m, d, d) and angles in radians (m,): every rotation of a cell is that near to its own."""
+        rotations, reach = self.reach()
+        return rotations, radii_of(reach)
+
+    def reach(self) -> tuple[FloatArray, FloatArray]:
+        """Return rotations R (m, d, d), and by what the corners turn against them: v = sin(theta / 2) a, (m, c, 3).
+
+        A corner is R exp(theta [a]); one of d = 2 turns about the third axis.
+        """
         if self.centres.shape[1] == 1:
             angles = np.pi * self.centres[:, 0]
             cos, sin = np.cos(angles), np.sin(angles)
             rotations = np.stack([np.stack([cos, -sin], axis=1), np.stack([sin, cos], axis=1)], axis=1)
-            return rotations, np.minimum(np.pi * self.halves[:, 0] + _RADIUS_MARGIN, np.pi)
+            return rotations, np.sin(0.5 * np.pi * self.halves[:, :, None]) * np.array([0.0, 0.0, 1.0])
         middle = _quaternions(self.faces, self.centres)
         corners = (self.centres[:, None] + self.halves[:, None] * _SIGNS).reshape(-1, 3)
         far = _quaternions(np.repeat(self.faces, 8), corners).reshape(len(self), 8, 4)
-        chords = np.linalg.norm(far - middle[:, None], axis=2).max(axis=1)
-        return quaternions_to_rotations(middle), 4.0 * np.arcsin(0.5 * chords) + _RADIUS_MARGIN
+        return quaternions_to_rotations(middle), np.einsum("mab,mcb->mca", _vector_parts(middle), far)
+
+
+def radii_of(reach: FloatArray) -> FloatArray:
+    """Return the angles in radians (m,) of the farthest corners, see :meth:`Cells.reach`."""
+    sines = np.minimum(np.sqrt((reach**2).sum(axis=2).max(axis=1)), 1.0)
+    return np.asarray(np.minimum(2.0 * np.arcsin(sines) + _RADIUS_MARGIN, np.pi))
 
 
 #: The corners of a box around its centre.
@@ -105,3 +118,10 @@ def _quaternions(faces: IntArray, centres: FloatArray) -> FloatArray:
     quaternions = np.ones((len(faces), 4))
     np.put_along_axis(quaternions, _OTHERS[faces], np.tan(0.25 * np.pi * centres), axis=1)
     return quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+
+
+def _vector_parts(quaternions: FloatArray) -> FloatArray:
+    """Return the matrices (m, 3, 4) that take q to the vector part of p^-1 q, for unit quaternions p (m, 4)."""
+    w, x, y, z = quaternions.T
+    rows = [[-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]]
+    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)

@@ -28,7 +28,7 @@ from pairwise.results import Candidate
 from pairwise.status import Status
 
 #: Rotations that are screened before anything is bounded, and how many of them the best pose is sought from.
-_NUM_SCREENED, _NUM_STARTS = 256, 16
+_NUM_SCREENED, _NUM_STARTS = 256, 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,7 +144,7 @@ def searches_of(problem: Problem, known: FloatArray | None, tol: float) -> list[
     ----------
     problem : Problem
     known : ndarray, shape (m, d, d), optional
-        Poses to descend from, beside those of an even set that look best.
+        Poses to descend from; of a chirality that has none, those of an even set that look best.
     tol : float
 
     Raises
@@ -155,12 +155,12 @@ def searches_of(problem: Problem, known: FloatArray | None, tol: float) -> list[
     searches = []
     for reflected, part in chiralities(problem):
         search = RotationSearch(part, reflected=reflected, tol=tol)
-        starts, _ = screen(part, rotation_set(problem.dim, _NUM_SCREENED))
-        starts = starts[:_NUM_STARTS]
-        if known is not None:
-            own = known[(np.linalg.det(known) < 0) == reflected]
-            starts = np.concatenate([starts, own * search.signs])
-        search.descend(starts)
+        own = np.zeros((0, problem.dim, problem.dim)) if known is None else known
+        own = own[(np.linalg.det(own) < 0) == reflected]
+        if len(own):
+            search.descend(own * search.signs)
+        else:
+            search.descend(screen(part, rotation_set(problem.dim, _NUM_SCREENED))[0][:_NUM_STARTS])
         searches.append(search)
     return sorted(searches, key=lambda search: search.energy)
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray, Rows
-from pairwise.branch_and_bound.bounds import CellBounds, QuasiBounds
-from pairwise.branch_and_bound.cells import MAX_DEPTH, Cells
+from data_tools.arrays import BoolArray, FloatArray, Rows
+from pairwise.branch_and_bound.bounds import QuasiBounds
+from pairwise.branch_and_bound.cells import MAX_DEPTH, Cells, radii_of
 from pairwise.local.local_search import minimise
 from pairwise.problem.chirality import mirror
 from pairwise.problem.problem import Problem, energy_scale
 
 #: Entries of the cost matrices of the cells that are split at once, and cells at most.
 _BATCH_ENTRIES, _MOST_CELLS = 4_000_000, 512
+#: Halvings of a cell before its parts are bounded.
+_MOST_SPLITS = 3
 #: Poses at cell centres from which each batch looks for a better one, where their own energies are lower.
 _NUM_DESCENTS = 2
 #: Relative to the energy's scale: what counts as no gap where the energy is zero.
@@ -58,12 +60,12 @@ class RotationSearch:
         self._floor = 0.0 if (problem.constant_cost >= 0).all() else -np.inf
         self._evaluate = QuasiBounds(problem)
         whole = Cells.whole(problem.dim)
-        self._pool, self._num_pooled = np.zeros((1, problem.num_target)), 1
         self._open = OpenCells(
             cells=whole,
             radii=np.full(len(whole), np.pi),
             bounds=np.full(len(whole), -np.inf),
-            sources=np.zeros(len(whole), dtype=np.int64),
+            losses=np.ones(len(whole)),
+            is_proven=np.ones(len(whole), dtype=np.bool_),
         )
         self._collected = self._open.take(np.zeros(0, dtype=np.int64))
         self._settled: list[OpenCells] = []
@@ -77,7 +79,7 @@ class RotationSearch:
     @property
     def bound(self) -> float:
         """The lower bound of this chirality: the least of all cells, or 0 where no match costs less."""
-        waiting = np.append(self._open.bounds, self._collected.bounds)
+        waiting = np.append(self._open.proven_bounds, self._collected.proven_bounds)
         return max(self._floor, min(self._settled_bound, float(waiting.min(initial=np.inf))))
 
     def threshold(self, best: float) -> float:
@@ -130,40 +132,52 @@ class RotationSearch:
         while len(self._open.bounds) and time.monotonic() < deadline:
             self._split(batch, min(best, self.energy))
             self._settle(min(best, self.energy))
+        self._open, self._collected = self._proven(self._open), self._proven(self._collected)
 
     def _split(self, batch: int, best: float) -> None:
         """Replace the cells of least bound by their children."""
         num = len(self._open.bounds)
         order = np.argpartition(self._open.bounds, batch) if num > batch else np.arange(num)
         chosen, rest = self._open.take(order[:batch]), self._open.take(order[batch:])
-        cells, starts = chosen.cells.split(), np.repeat(chosen.sources, 2)
-        rotations, radii = cells.balls()
-        found = self._evaluate(rotations, radii, self.threshold(best), self._pool, starts)
+        cells = self._parts(chosen, self.threshold(best))
+        rotations, reach = cells.reach()
+        found = self._evaluate(rotations, reach, self.threshold(best))
         self.num_cells += len(cells)
         lowest = np.argsort(found.energies, kind="stable")[:_NUM_DESCENTS]
         lowest = lowest[found.energies[lowest] < self.energy]
         if len(lowest):
             self.descend(rotations[lowest])
-        children = OpenCells(cells=cells, radii=radii, bounds=found.bounds, sources=self._keep(found, starts))
-        self._open = rest.join(children)
+        self._open = rest.join(
+            OpenCells(
+                cells=cells,
+                radii=radii_of(reach),
+                bounds=found.bounds,
+                losses=found.losses,
+                is_proven=found.is_proven,
+            )
+        )
 
-    def _keep(self, found: CellBounds, starts: IntArray) -> IntArray:
-        """Add improved potentials to the pool and return the place of every cell's."""
-        is_new = found.is_improved
-        places = np.where(is_new, self._num_pooled + np.cumsum(is_new) - 1, starts)
-        end = self._num_pooled + int(is_new.sum())
-        if end > len(self._pool):
-            larger = np.empty((2 * end, self._pool.shape[1]))
-            larger[: self._num_pooled] = self._pool[: self._num_pooled]
-            self._pool = larger
-        self._pool[self._num_pooled : end] = found.potentials[is_new]
-        self._num_pooled = end
-        return places
+    def _parts(self, chosen: OpenCells, threshold: float) -> Cells:
+        """Split cells so often that a bound may exceed the threshold: three splits leave a fourth of the loss."""
+        left = np.maximum(chosen.bounds + chosen.losses - threshold, 1e-9 * chosen.losses)
+        times, cells = np.clip(1.5 * np.log2(chosen.losses / left), 1, _MOST_SPLITS).astype(np.int64), chosen.cells
+        for done in range(_MOST_SPLITS):
+            ready, again = np.flatnonzero(times <= done), np.flatnonzero(times > done)
+            cells = cells.take(ready).join(cells.take(again).split())
+            times = np.concatenate([times[ready], np.repeat(times[again], 2)])
+        return cells
+
+    def _proven(self, cells: OpenCells) -> OpenCells:
+        """Return cells with bounds for those that none was needed of."""
+        at = np.flatnonzero(~cells.is_proven)
+        bounds = cells.bounds.copy()
+        bounds[at] = self._evaluate(*cells.cells.take(at).reach(), -np.inf).bounds
+        return replace(cells, bounds=bounds, is_proven=np.ones_like(cells.is_proven))
 
     def _settle(self, best: float) -> None:
         """Set aside the cells that cannot hold a pose that is sought, or are too small to be split."""
         cells = self._open
-        is_settled = cells.bounds >= self.threshold(best)
+        is_settled = cells.proven_bounds >= self.threshold(best)
         self._settled_bound = min(self._settled_bound, float(cells.bounds[is_settled].min(initial=np.inf)))
         self._settled.append(cells.take(np.flatnonzero(is_settled)))
         is_smallest = cells.cells.depths >= MAX_DEPTH
@@ -184,12 +198,19 @@ class OpenCells(Rows):
         Of the balls around them, in radians.
     bounds : ndarray, shape (m,)
         Quasi-bounds, each of its cell alone: a larger one of the cell that it was split off would hold as well, but
-        does not show in the leaves, which is all that a certificate holds.
-    sources : ndarray of int, shape (m,)
-        Where in the pool their potentials are.
+        does not show in the leaves, which is all that a certificate holds. Where nothing is proven, what could be.
+    losses : ndarray, shape (m,)
+        What the bounds lose to the size of the cells.
+    is_proven : ndarray of bool, shape (m,)
     """
 
     cells: Cells
     radii: FloatArray
     bounds: FloatArray
-    sources: IntArray
+    losses: FloatArray
+    is_proven: BoolArray
+
+    @property
+    def proven_bounds(self) -> FloatArray:
+        """The bounds, ``-inf`` where nothing is proven."""
+        return np.where(self.is_proven, self.bounds, -np.inf)

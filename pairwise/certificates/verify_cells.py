@@ -3,14 +3,14 @@
 SO(3) is four gnomonic charts of the unit quaternions, each a cube in u with ``x = tan(pi u / 4)``, halved along one
 axis after the other; SO(2) is one interval of angles. The cells are known by their depths, in the order of their
 faces and paths, because they tile. For any matrix L (a *tilt*, zero in the proof of a pair alone) the least of
-F(R) - <L, R> is attained at a rotation R that is best for its own map under that energy. Where R lies within the
-angle r of a cell's rotation R0, it is at least
+F(R) - <L, R> is attained at a rotation R that is best for its own map under that energy. Where R lies in a cell,
+beyond its rotation R0 by the angle theta about the axis a of the source's frame, it is at least
 
-    F(R0) - <L, R0> - 2 (1 - cos r) K,      K = s1 s1' + s2 s2'
+    F(R0) - <L, R0> - 4 |v x P| |v x R0^T Q|,       v = sin(theta / 2) a,
 
-of the singular values of weighted source and target, to both of which L adds points. F is the least assignment, which
-is solved here again. The least of all cells is the bound, or what <L, R> is at most where no match has a negative
-cost; every sum is lowered by what rounding can have added.
+the norms being those of all points of weighted source and target, to both of which L adds some. F is the least
+assignment, which is solved here again. The least of all cells is the bound, or what <L, R> is at most where no match
+has a negative cost; every sum is lowered by what rounding can have added.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from pairwise.problem.problem import Problem
 _EPS = float(np.finfo(np.float64).eps)
 #: Rounding allowances are multiples of eps, the number of terms and their sizes.
 _SAFETY = 64.0
-#: Added to every radius, in radians: rounding of centres, corners and arc sines.
-_RADIUS_MARGIN = 1e-7
+#: Added to every |v|: rounding of centres and corners.
+_REACH_MARGIN = 1e-7
 #: Deepest cells: their paths are numbers of 63 bits.
 DEEPEST = 60
 #: Numbers held at once.
@@ -96,19 +96,18 @@ def tilted_bound(problem: Problem, tilt: FloatArray, depths: Sequence[IntArray])
 
 
 def _chirality_bound(problem: Problem, tilt: FloatArray, depths: IntArray, signs: FloatArray) -> float:
-    rotations, radii = cell_balls(*_tiling(depths, 4 if problem.dim == 3 else 1), problem.dim)
+    rotations, corners = cell_corners(*_tiling(depths, 4 if problem.dim == 3 else 1), problem.dim)
     w, p, q = problem.weights, problem.source, problem.target
     squares = w * ((q**2).sum(axis=1)[:, None] + (p**2).sum(axis=1))
     fixed = squares + problem.constant_cost
-    values, chunk = np.empty(len(radii)), max(1, _CHUNK_NUMBERS // fixed.size)
-    for first in range(0, len(radii), chunk):
+    values, chunk = np.empty(len(rotations)), max(1, _CHUNK_NUMBERS // fixed.size)
+    for first in range(0, len(rotations), chunk):
         turned = rotations[first : first + chunk] * signs
         costs = np.where(problem.allowed, fixed - 2.0 * (q @ turned @ (w[:, None] * p).T), np.inf)
         assigned = [cost[linear_sum_assignment(cost)].sum() for cost in costs]
         values[first : first + chunk] = np.array(assigned) - (turned * tilt).sum(axis=(1, 2))
     sizes = (squares + np.abs(problem.constant_cost)).sum(axis=0).max() * (len(p) + len(q)) + np.abs(tilt).sum()
-    drop = 4.0 * np.sin(0.5 * radii) ** 2 * _curvature(problem, tilt) * (1.0 + _SAFETY * _EPS)
-    return float((values - drop).min() - _SAFETY * _EPS * sizes)
+    return float((values - _drops(problem, tilt, rotations, corners, signs)).min() - _SAFETY * _EPS * sizes)
 
 
 def _tiling(depths: IntArray, num_faces: int) -> tuple[IntArray, IntArray, IntArray]:
@@ -128,19 +127,37 @@ def _tiling(depths: IntArray, num_faces: int) -> tuple[IntArray, IntArray, IntAr
     return faces, depths, paths
 
 
-def _curvature(problem: Problem, tilt: FloatArray) -> float:
-    """Return K; tilt / 2 = sum s u v^T adds g sqrt(s) v to the source and sqrt(s) u / g to the target, for any g."""
+def _drops(
+    problem: Problem, tilt: FloatArray, rotations: FloatArray, corners: FloatArray, signs: FloatArray
+) -> FloatArray:
+    """Return what 4 |v x P| |v x R0^T Q| is at most in each cell.
+
+    It is at most ``v^T B v`` with B = 2 g (tr A - A) + 2 (tr A' - R0^T A' R0) / g for any g, where A = P^T P and
+    A' = Q^T Q. Where that is at most the least eigenvalue of B at all corners, the unit quaternions (w, v) of that
+    value or less make a convex cone, so that it is no larger inside; else |v|^2 is at most that of a corner.
+    tilt / 2 = sum s u v^T adds f sqrt(s) v to the source and sqrt(s) u / f to the target, for any f.
+    """
     left, strengths, right = np.linalg.svd(0.5 * tilt)
-    roots, source = np.sqrt(strengths)[:, None], problem.weights[:, None] * problem.source
-    sizes = [float(np.linalg.norm(points)) for points in (source, problem.target)]
-    factor = float(np.sqrt(sizes[0] / sizes[1])) if min(sizes) > 0.0 else 1.0
-    first = np.linalg.svd(np.vstack([source, factor * roots * right]), compute_uv=False)[:2]
-    second = np.linalg.svd(np.vstack([problem.target, roots * left.T / factor]), compute_uv=False)[:2]
-    return float(first @ second) * (1.0 + _SAFETY * _EPS * (len(source) + len(problem.target)))
+    first, second = problem.weights[:, None] * problem.source, problem.target
+    sizes = [float((points**2).sum()) for points in (first, second)]
+    factor = np.sqrt(sizes[0] / sizes[1]) if min(sizes) > 0.0 else 1.0
+    of_source = (first.T @ first + factor * (right.T * strengths) @ right) * signs * signs[:, None]
+    of_target = second.T @ second + (left * strengths) @ left.T / factor
+    traces = np.array([np.trace(of_source), np.trace(of_target)])
+    balance = np.sqrt(traces[1] / traces[0]) if traces.min() > 0.0 else 1.0
+    shares, dim = 2.0 * np.array([balance, 1.0 / balance]), problem.dim
+    forms = np.tile((shares @ traces) * np.eye(3), (len(rotations), 1, 1))
+    turned = np.swapaxes(rotations, 1, 2) @ of_target @ rotations
+    forms[:, :dim, :dim] -= shares[0] * of_source + shares[1] * turned
+    values = np.einsum("mca,mab,mcb->mc", corners, forms, corners).max(axis=1)
+    spectrum = np.linalg.eigvalsh(forms)
+    largest = spectrum[:, -1] * (corners**2).sum(axis=2).max(axis=1)
+    drops = np.sqrt(np.where(values <= spectrum[:, 0], values, largest)) + _REACH_MARGIN * np.sqrt(spectrum[:, -1])
+    return np.asarray(drops**2 * (1.0 + _SAFETY * _EPS * (len(first) + len(second))))
 
 
-def cell_balls(faces: IntArray, depths: IntArray, paths: IntArray, dim: int) -> tuple[FloatArray, FloatArray]:
-    """Return the rotations at the centres of cells (m, d, d) and how far their farthest ones are, in radians (m,)."""
+def cell_corners(faces: IntArray, depths: IntArray, paths: IntArray, dim: int) -> tuple[FloatArray, FloatArray]:
+    """Return the rotations at the centres of cells (m, d, d), and v of all their corners (m, c, 3)."""
     axes = 3 if dim == 3 else 1
     low, side = -np.ones((len(faces), axes)), np.full((len(faces), axes), 2.0)
     for level in range(int(depths.max(initial=0))):
@@ -151,13 +168,13 @@ def cell_balls(faces: IntArray, depths: IntArray, paths: IntArray, dim: int) -> 
     if dim == 2:
         angles = np.pi * (low[:, 0] + 0.5 * side[:, 0])
         turns = np.array([[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]])
-        return turns.transpose(2, 0, 1), np.minimum(0.5 * np.pi * side[:, 0] + _RADIUS_MARGIN, np.pi)
+        return turns.transpose(2, 0, 1), np.sin(0.25 * np.pi * side[:, :, None]) * np.array([0.0, 0.0, 1.0])
     middle = _quaternions(faces, low + 0.5 * side)
-    radii = np.zeros(len(faces))
+    corners = []
     for corner in product((0.0, 1.0), repeat=3):
-        chord = np.sqrt(((_quaternions(faces, low + np.array(corner) * side) - middle) ** 2).sum(axis=1))
-        radii = np.maximum(radii, 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
-    return _rotations(middle), np.minimum(radii + _RADIUS_MARGIN, np.pi)
+        far = _quaternions(faces, low + np.array(corner) * side)
+        corners.append(middle[:, :1] * far[:, 1:] - far[:, :1] * middle[:, 1:] - np.cross(middle[:, 1:], far[:, 1:]))
+    return _rotations(middle), np.stack(corners, axis=1)
 
 
 def _quaternions(faces: IntArray, u: FloatArray) -> FloatArray:

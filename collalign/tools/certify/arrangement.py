@@ -19,7 +19,7 @@ from pairwise.problem.problem import Problem
 #: Most alternations of maps and poses, and most sweeps over the poses between two of them.
 _MOST_ROUNDS, _MOST_SWEEPS = 100, 50
 #: Poses and maps stay when the energy falls by less than this share of it; poses alone from this change on.
-_LEAST_GAIN, _LEAST_STEP = 1e-7, 1e-9
+_LEAST_GAIN, _LEAST_STEP = 1e-5, 1e-9
 #: Perturbations: turns of this many degrees (one drawn each time) of each shape with one of these probabilities. Of
 #: eight teeth (draws 0 to 4 of ``python -m experiments teeth_jobs``) one has an arrangement that is .9 % cheaper and
 #: was never reached by turns of at most 6 degrees.

@@ -85,7 +85,7 @@ def bound_pair(target: Points, source: Points, group: str, **settings: Any) -> T
 
 
 #: Bounds a pair. The version changes whenever the same pair and multipliers would give another bound.
-BOUNDING = Job(kind="proofs", version="joint-4", run=bound_pair, reader=TiltedProof)
+BOUNDING = Job(kind="proofs", version="joint-5", run=bound_pair, reader=TiltedProof)
 
 
 def problem_of(target: Points, source: Points, group: str) -> Problem:

@@ -1,3 +1,5 @@
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
@@ -5,18 +7,39 @@ from scipy.spatial.transform import Rotation
 
 from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.bounds import QuasiBounds
+from pairwise.branch_and_bound.cells import Cells
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.problem.chirality import chiralities
 from pairwise.problem.problem import Problem, energy_scale
 from tests.oracles import every_pose
 from tests.rigid_problems import planted_cube, rigid_problem
 
+#: More than any energy.
+MUCH = 1e9
 
-def evaluate(problem, rotations, radii, threshold=np.inf):
-    """Bounds from zero potentials."""
-    bounds = QuasiBounds(problem)
-    zeros = np.zeros(len(rotations), dtype=np.int64)
-    return bounds(rotations, radii, threshold, np.zeros((1, problem.num_target)), zeros)
+
+def evaluate(problem, rotations, reach, threshold=MUCH):
+    """Bounds of cells with corners at reach (m, c, 3), no map being known."""
+    return QuasiBounds(problem)(rotations, reach, threshold)
+
+
+def cubes(radius, num):
+    """The corners of cubes of rotation vectors of a half diagonal in radians."""
+    signs = np.array(list(product([-1.0, 1.0], repeat=3))) / np.sqrt(3.0)
+    return np.repeat(np.sin(0.5 * radius) * signs[None], num, axis=0)
+
+
+def is_inside(cells, rotations):
+    """Whether rotations lie in cells, shape (m, p)."""
+    if rotations.shape[1] == 2:
+        u, faces = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])[:, None] / np.pi, np.zeros(len(rotations))
+    else:
+        quaternions = Rotation.from_matrix(rotations).as_quat()[:, [3, 0, 1, 2]]
+        faces = np.abs(quaternions).argmax(axis=1)
+        u = [np.delete(q / q[face], face) for q, face in zip(quaternions, faces, strict=True)]
+        u = 4.0 / np.pi * np.arctan(np.array(u))
+    near = np.abs(u - cells.centres[:, None]) <= cells.halves[:, None] + 1e-12
+    return near.all(axis=2) & (cells.faces[:, None] == faces)
 
 
 def least_energy(problem, rotation):
@@ -26,24 +49,29 @@ def least_energy(problem, rotation):
 
 
 @pytest.mark.parametrize("seed", range(24))
-def test_quasi_bounds_are_below_every_procrustes_pose_in_the_ball(seed):
+def test_quasi_bounds_are_below_every_procrustes_pose_in_the_cell(seed):
     _, problem = chiralities(rigid_problem(seed))[-1]
-    rng = np.random.default_rng(seed)
-    energies, poses, _ = every_pose(problem)
-    rotations = np.concatenate([random_rotations(problem.dim, 12, rng), poses[rng.integers(len(poses), size=4)]])
-    radii = rng.choice([1e-4, 0.02, 0.2, 0.7, 2.0], len(rotations))
-    found = evaluate(problem, rotations, radii)
-    inside = rotation_angles(poses, rotations[:, None]) <= radii[:, None]
-    least = np.where(inside, energies, np.inf).min(axis=1)
-    assert (found.bounds <= least + 1e-12 * energy_scale(problem)).all()
+    rng, (energies, poses, _) = np.random.default_rng(seed), every_pose(problem)
+    cells = Cells.whole(problem.dim)
+    assert is_inside(cells, poses).any(axis=0).all()
+    for _ in range(14):
+        inside = is_inside(cells, poses)
+        found = evaluate(problem, *cells.reach())
+        assert found.is_proven.all()
+        least = np.where(inside, energies, np.inf).min(axis=1)
+        assert (found.bounds <= least + 1e-12 * energy_scale(problem)).all()
+        children = cells.take(np.flatnonzero(inside.any(axis=1))).split()
+        cells = children.take(rng.permutation(len(children))[:60])
 
 
-def test_the_loss_is_all_that_a_turn_about_the_shortest_axis_costs():
+@pytest.mark.parametrize("axis", "xyz")
+def test_the_loss_is_all_that_a_turn_about_an_axis_of_symmetry_costs(axis):
     points = np.array([[3.0, 0, 0], [-3.0, 0, 0], [0, 2.0, 0], [0, -2.0, 0], [0, 0, 1.0], [0, 0, -1.0]])
     for angle in (1e-3, 0.02, 0.2):
-        turn = Rotation.from_euler("z", angle).as_matrix()
-        found = evaluate(Problem.from_user(points, points), turn[None], np.array([angle]))
-        assert found.bounds[0] == pytest.approx(0.0, abs=1e-9)
+        turn = Rotation.from_euler(axis, angle)
+        reach = -turn.as_quat()[None, None, :3]
+        found = evaluate(Problem.from_user(points, points), turn.as_matrix()[None], reach)
+        assert found.bounds[0] == pytest.approx(0.0, abs=1e-4 * angle)
 
 
 def test_what_a_mask_forbids_is_not_what_is_bounded():
@@ -51,7 +79,7 @@ def test_what_a_mask_forbids_is_not_what_is_bounded():
     allowed = np.roll(np.eye(6, dtype=bool), 1, axis=0)
     problem = Problem.from_user(target, source, allowed=allowed)
     best = least_energy(problem, np.eye(3))
-    assert evaluate(problem, np.eye(3)[None], np.zeros(1)).bounds[0] == pytest.approx(best)
+    assert evaluate(problem, np.eye(3)[None], np.zeros((1, 1, 3))).bounds[0] == pytest.approx(best)
 
 
 def test_the_bound_is_no_bound_of_the_energy_in_the_ball():
@@ -59,8 +87,8 @@ def test_the_bound_is_no_bound_of_the_energy_in_the_ball():
     rng = np.random.default_rng(0)
     rotations = random_rotations(3, 1000, rng)
     costs = np.array([least_energy(problem, rotation) for rotation in rotations])
-    found = evaluate(problem, rotations, np.full(len(rotations), 0.3))
-    near = rotation_angles(rotations[:, None], rotations) <= 0.3
+    found = evaluate(problem, rotations, cubes(0.3, len(rotations)))
+    near = rotation_angles(rotations[:, None], rotations) <= 0.3 / np.sqrt(3.0)
     assert (found.bounds > np.where(near, costs, np.inf).min(axis=1)).any()
 
 
@@ -69,24 +97,32 @@ def test_the_bound_approaches_the_energy_with_the_square_of_the_radius():
     energies = []
     for radius in (1e-2, 1e-3):
         least = least_energy(problem, np.eye(3))
-        found = evaluate(problem, np.eye(3)[None], np.array([radius]), least)
+        found = evaluate(problem, np.eye(3)[None], cubes(radius, 1), least)
         energies.append(least - found.bounds[0])
     assert energies[0] == pytest.approx(100 * energies[1], rel=0.1)
 
 
-def test_improving_stops_at_the_threshold_and_the_potentials_prove_the_bound():
+def test_improving_stops_at_the_threshold():
     problem = Problem.from_user(*planted_cube(20, 0.2, 3))
-    rotations = random_rotations(3, 50, np.random.default_rng(1))
-    radii = np.full(50, 0.1)
-    full = evaluate(problem, rotations, radii)
+    rotations, reach = random_rotations(3, 50, np.random.default_rng(1)), cubes(0.1, 50)
+    full = evaluate(problem, rotations, reach)
     threshold = float(np.median(full.bounds))
-    short = evaluate(problem, rotations, radii, threshold)
+    short = evaluate(problem, rotations, reach, threshold)
     done = np.isinf(short.energies)
     assert 10 < done.sum() < 40
     assert (short.bounds[done] > threshold).all()
     assert (full.energies[~done] >= short.bounds[~done]).all()
-    costs = problem.assignment_costs(rotations)
-    v = short.potentials
-    proven = (costs - v[:, :, None]).min(axis=1).sum(axis=1) + v.sum(axis=1)
-    loss = QuasiBounds(problem).loss(radii)
-    np.testing.assert_allclose(short.bounds, proven - loss, atol=1e-9)
+
+
+def test_cells_that_known_maps_show_to_be_open_are_not_bounded():
+    problem = Problem.from_user(*planted_cube(20, 0.2, 3))
+    rotations, reach = random_rotations(3, 50, np.random.default_rng(1)), cubes(0.1, 50)
+    evaluating = QuasiBounds(problem)
+    first = evaluating(rotations, reach, MUCH)
+    again = evaluating(rotations, reach, MUCH)
+    assert not again.is_proven.any()
+    assert (again.energies <= first.energies + 1e-9).all()
+    assert (again.bounds >= first.bounds - 1e-9).all()
+    near = evaluating(rotations, reach, float(np.median(first.bounds)) - 1e-6)
+    assert 10 < near.is_proven.sum() < 50
+    assert (near.bounds <= first.energies).all()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from data_tools.rotations import rotation_angles
+from pairwise.branch_and_bound.cells import radii_of
 from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations
 from pairwise.problem.problem import Problem
@@ -22,9 +23,9 @@ def test_the_balls_that_are_bounded_cover_all_rotations_and_open_cells_go_on_to(
     search, balls = started(), []
     evaluate = search._evaluate
 
-    def noted(rotations, radii, *others):
-        balls.append((rotations, radii))
-        return evaluate(rotations, radii, *others)
+    def noted(rotations, reach, *others):
+        balls.append((rotations, radii_of(reach)))
+        return evaluate(rotations, reach, *others)
 
     search._evaluate = noted
     corners = np.array([(1.0, *signs) for signs in itertools.product([-1.0, 1.0], repeat=3)]) / 2.0

@@ -12,7 +12,7 @@ from pairwise.branch_and_bound.prove import prove, searches_of
 from pairwise.branch_and_bound.record import depths_of
 from pairwise.branch_and_bound.tilted import TiltedProof, prove_tilted
 from pairwise.certificates.verify import proven_bound
-from pairwise.certificates.verify_cells import cell_balls, tilted_bound
+from pairwise.certificates.verify_cells import cell_corners, tilted_bound
 from pairwise.problem.problem import energy_scale
 from pairwise.status import Status
 from tests.oracles import brute_force
@@ -49,7 +49,7 @@ def test_the_verifier_finds_the_same_cells(dim) -> None:
     cells = Cells.whole(dim)
     for _ in range(8):
         cells = cells.split()
-    for ours, theirs in zip(cell_balls(cells.faces, cells.depths, cells.paths, dim), cells.balls(), strict=True):
+    for ours, theirs in zip(cell_corners(cells.faces, cells.depths, cells.paths, dim), cells.reach(), strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-9)
 
 
@@ -115,5 +115,6 @@ def test_a_proof_that_is_stopped_at_any_time_claims_no_more_than_its_cells_prove
     for _ in range(40):
         for search in searches:
             search._split(1, np.inf)
+            search.run(0.0, np.inf)
         claim = min(search.bound for search in searches)
         assert tilted_bound(problem, zero, depths_of(searches)) >= claim - 1e-9 * scale
