@@ -103,7 +103,7 @@ def _check(
             pair_sum += tilted_bound(one, tilt, cells[sides * e : sides * (e + 1)])
             rotation = frames[i].T @ frames[j]
             energy += one.energy(rotation, MatchingCosts(one).assign(rotation[None])[0])
-        proven = pair_sum + gram_bound(edges, tilts, diagonal)
+        proven = max(0.0, pair_sum + gram_bound(edges, tilts, diagonal))  # no energy is negative
     claim = float(as_floats(arrays["bound"], "bound", shape=()))
     if not proven >= claim - _CLAIM_TOL * max(energy, abs(claim)):
         raise InputError(f"it claims the bound {claim:.12g} but proves {proven:.12g}")

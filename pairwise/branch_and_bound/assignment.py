@@ -26,21 +26,22 @@ _EPS = float(np.finfo(np.float64).eps)
 @numba.njit(cache=True)
 def bound_assignments(
     fixed: FloatArray,
-    points: tuple[FloatArray, FloatArray],
-    turns: FloatArray,
+    source: FloatArray,
+    targets: FloatArray,
     potentials: FloatArray,
     wanted: FloatArray,
     steps: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Bound the assignments of costs ``fixed[i, j] + <q_i, T p_j>`` for many 3 x 3 matrices T.
+    """Bound the assignments of costs ``fixed[i, j] + <q_i, p_j>`` for many sets of points q.
 
     Parameters
     ----------
     fixed : ndarray, shape (N, k)
         ``inf`` where j must not go to i.
-    points : pair of ndarray, shapes (3, k) and (3, N)
-        Coordinates of p_j, with every factor that the costs have, and of q_i.
-    turns : ndarray, shape (m, 3, 3)
+    source : ndarray, shape (3, k)
+        Coordinates of p_j, with every factor that the costs have.
+    targets : ndarray, shape (m, 3, N)
+        Coordinates of q_i.
     potentials : ndarray, shape (m, N)
         What each problem starts from; what proves each bound is written there.
     wanted, steps : ndarray, shape (m,)
@@ -55,25 +56,25 @@ def bound_assignments(
     moments : ndarray, shape (m, 3, 3)
         ``sum_j q_map(j) p_j^T`` of that assignment.
     """
-    (size, k), num, rows = fixed.shape, len(turns), np.ascontiguousarray(fixed.T)
+    (size, k), num, rows = fixed.shape, len(targets), np.ascontiguousarray(fixed.T)
     bounds, energies, moments = np.empty(num), np.full(num, np.inf), np.zeros((num, 3, 3))
     costs, before, minima = np.zeros((k + 1, size)), np.empty(size), np.empty(k)
     row_of, places = np.empty(size, dtype=np.int64), np.empty(k, dtype=np.int64)
     for c in range(num):
         v = potentials[c]
-        start = _dual_value(fixed, points, turns[c], v, minima, places)
+        start = _dual_value(fixed, source, targets[c], v, minima, places)
         bounds[c] = start
         if start > wanted[c]:
             continue
         before[:] = v
-        _fill(costs, rows, points, turns[c])
+        _fill(costs, rows, source, targets[c])
         free = _bid(costs, v, row_of, _take_tight(v, places, row_of), steps[c])
-        value = _dual_value(fixed, points, turns[c], v, minima, places)
+        value = _dual_value(fixed, source, targets[c], v, minima, places)
         if value <= wanted[c]:
             energies[c] = _finish(costs, v, row_of, free, value, wanted[c])
             if energies[c] < np.inf:
-                _add_moment(moments[c], points, row_of)
-            value = _dual_value(fixed, points, turns[c], v, minima, places)
+                _add_moment(moments[c], source, targets[c], row_of)
+            value = _dual_value(fixed, source, targets[c], v, minima, places)
         bounds[c] = max(value, start)
         if value < start:
             v[:] = before
@@ -81,9 +82,8 @@ def bound_assignments(
 
 
 @numba.njit(cache=True)
-def _add_moment(moment: FloatArray, points: tuple[FloatArray, FloatArray], row_of: IntArray) -> None:
+def _add_moment(moment: FloatArray, source: FloatArray, target: FloatArray, row_of: IntArray) -> None:
     """Add the products of the points that are assigned to each other."""
-    source, target = points
     for i, j in enumerate(row_of):
         if 0 <= j < source.shape[1]:
             for a in range(3):
@@ -92,30 +92,19 @@ def _add_moment(moment: FloatArray, points: tuple[FloatArray, FloatArray], row_o
 
 
 @numba.njit(cache=True, fastmath={"contract"})
-def _fill(costs: FloatArray, rows: FloatArray, points: tuple[FloatArray, FloatArray], turn: FloatArray) -> None:
+def _fill(costs: FloatArray, rows: FloatArray, source: FloatArray, target: FloatArray) -> None:
     """Write the costs of one problem into all but the last row."""
-    source, target = points
     for j in range(len(rows)):
-        x, y, z = _turned(turn, source[:, j])
+        x, y, z = source[0, j], source[1, j], source[2, j]
         for i in range(rows.shape[1]):
             costs[j, i] = rows[j, i] + x * target[0, i] + y * target[1, i] + z * target[2, i]
 
 
 @numba.njit(cache=True)
-def _turned(turn: FloatArray, point: FloatArray) -> tuple[float, float, float]:
-    a, b, c = point
-    return (
-        turn[0, 0] * a + turn[0, 1] * b + turn[0, 2] * c,
-        turn[1, 0] * a + turn[1, 1] * b + turn[1, 2] * c,
-        turn[2, 0] * a + turn[2, 1] * b + turn[2, 2] * c,
-    )
-
-
-@numba.njit(cache=True)
 def _dual_value(
     fixed: FloatArray,
-    points: tuple[FloatArray, FloatArray],
-    turn: FloatArray,
+    source: FloatArray,
+    target: FloatArray,
     v: FloatArray,
     minima: FloatArray,
     places: IntArray,
@@ -124,7 +113,7 @@ def _dual_value(
 
     The minima and their columns are written as well. All rows advance together, so that no row is reduced by itself.
     """
-    _minima(fixed, points, turn, v, minima, places)
+    _minima(fixed, source, target, v, minima, places)
     size, num_zero = len(v), len(v) - len(minima)
     least = -v.max() if num_zero else 0.0
     total, sizes = num_zero * least, num_zero * abs(least)
@@ -138,16 +127,15 @@ def _dual_value(
 @numba.njit(cache=True, fastmath={"nnan", "nsz", "contract"})
 def _minima(
     fixed: FloatArray,
-    points: tuple[FloatArray, FloatArray],
-    turn: FloatArray,
+    source: FloatArray,
+    target: FloatArray,
     v: FloatArray,
     minima: FloatArray,
     places: IntArray,
 ) -> None:
-    source, target = points
     minima[:] = np.inf
     for i in range(len(v)):
-        x, y, z = _turned(turn.T, target[:, i])
+        x, y, z = target[0, i], target[1, i], target[2, i]
         for j in range(len(minima)):
             reduced = fixed[i, j] - v[i] + x * source[0, j] + y * source[1, j] + z * source[2, j]
             is_less = reduced < minima[j]

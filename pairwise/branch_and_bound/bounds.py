@@ -73,7 +73,7 @@ class QuasiBounds:
         costs = weights * (problem.target**2).sum(axis=1)[:, None] + squares + problem.constant_cost
         self._fixed = np.ascontiguousarray(np.where(problem.allowed, costs, np.inf))
         source, target = _in_space(weights[:, None] * problem.source), _in_space(problem.target)
-        self._points = np.ascontiguousarray(-2.0 * source.T), np.ascontiguousarray(target.T)
+        self._source, self._target = np.ascontiguousarray(-2.0 * source.T), target.T
         self._curvature = Curvature(source.T @ source, target.T @ target)
         largest = np.where(np.isfinite(self._fixed), np.abs(self._fixed), 0.0).max(axis=0)
         self._allowance = 32.0 * _EPS * float(largest.sum() + 2.0 * squares.sum())
@@ -103,8 +103,8 @@ class QuasiBounds:
         tried = np.flatnonzero(bounds > threshold)
         values, found, moments = bound_assignments(
             self._fixed,
-            self._points,
-            turns[tried],
+            self._source,
+            np.swapaxes(turns[tried], 1, 2) @ self._target,
             potentials := self._potentials[best[tried]],
             threshold + losses[tried],
             _SLACK_SHARE * losses[tried] / self.problem.num_target,
@@ -113,7 +113,7 @@ class QuasiBounds:
         energies[tried] = np.minimum(energies[tried], found)
         is_proven = np.zeros(len(turns), dtype=np.bool_)
         is_proven[tried] = True
-        self._keep(turns[tried], found, moments, potentials)
+        self._keep(turns[tried], found, turns[tried] @ moments, potentials)
         return CellBounds(bounds=bounds, losses=losses, is_proven=is_proven, energies=energies)
 
     def _keep(self, turns: FloatArray, energies: FloatArray, moments: FloatArray, potentials: FloatArray) -> None:

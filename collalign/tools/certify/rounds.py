@@ -186,12 +186,6 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, options: CertifyOptio
             proven = master.tilts, master.diagonal, proofs
         ended = _ended(bounds, promised, best.energy, master.is_large, deadline, options)
     tilts, diagonal, proofs = proven
-    if max(bounds) < 0.0:
-        tilts, diagonal, proofs = (
-            0.0 * tilts,
-            0.0 * diagonal,
-            [unproven(0.0, len(proofs[0].num_cells)) for _ in edges],
-        )
     return JointBound(
         edges=read_only(edges),
         stated_energy=float(energies.at(frames).sum()),

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +74,7 @@ def certify_collection(
     listing = FolderListing(
         files=tuple(files[i] for i in members), names=tuple(collection.names[i] for i in members), skipped=()
     )
-    shown, frames = _numbered(progress_display(progress)), collection.rotations[members]
+    shown, frames = progress_display(progress), collection.rotations[members]
     decided = replace(collection.options, group="O" if collection.group == "O" else "SO")
     with Session.open(decided, as_options("run", run, RunOptions), shown) as session:
         prepared = matched_samples(session, listing)
@@ -130,15 +128,3 @@ def _pairs_among(collection: Collection, members: Sequence[int]) -> list[Pair]:
     if not pairs:
         raise InputError("shapes: the result holds no pair of these shapes; name others, or align with --pairs all")
     return pairs
-
-
-def _numbered(progress: ProgressFactory | None) -> ProgressFactory | None:
-    """Return a progress display that counts the rounds of proofs."""
-    if progress is None:
-        return None
-    rounds = count(1)
-
-    def numbered(description: str, total: int, **more: Any) -> AbstractContextManager[Any]:
-        return progress(f"round {next(rounds)}" if description == "proofs" else description, total, **more)
-
-    return numbered
