@@ -1,16 +1,17 @@
-"""Quasi-bounds: lower bounds of the matching energy over a ball of rotations *if the optimum lies in the ball*.
+"""Quasi-bounds: lower bounds of the matching energy over a cell of rotations *if the optimum lies in the cell*.
 
 Let F(R) = min over maps of E(R, map), and let (R*, m*) be a pose of energy E* with R* best for its own map m*. For
 that fixed map E(., m*) = const - 2 <., M>, M = sum_j w_j q_m*(j) p_j^T, and R* is its minimum over the rotations, so
 S = R*^T M is symmetric and for R0 = R* exp(theta [a])
 
-    E(R0, m*) - E* = 2 (1 - cos theta) (tr S - a^T S a)  <=  2 (1 - cos theta) K,    K = s1(P) s1(Q) + s2(P) s2(Q),
+    E(R0, m*) - E* = 4 sum_j w_j <v x p_j, v x R*^T q_m*(j)>  <=  4 |v x P| |v x R0^T Q|,    v = sin(theta / 2) a,
 
-by von Neumann's trace inequality (s1 >= s2 singular values of the weighted source and of the target as matrices). So
-if R* lies within the angle r of R0, then E* >= F(R0) - 2 (1 - cos r) K (Dym and Kovalsky, "Linearly converging quasi
-branch and bound algorithms for global rigid registration", ICCV 2019, with a smaller constant). This is no lower
-bound of F over the ball. It holds for the optimum and for every other pose that is best for its own map, which is all
-that pruning needs, and it loses r^2 where bounds over the ball lose r.
+by Cauchy and Schwarz, |v x P| being the norm of all w_j v x p_j, and because R* a = R0 a. So if R* lies in a cell
+around R0, then E* >= F(R0) less the largest right-hand side of the cell (Dym and Kovalsky, "Linearly converging quasi
+branch and bound algorithms for global rigid registration", ICCV 2019, with a constant instead, the same about every
+axis). It is a quadratic form of v at most, which is largest at a corner. This is no lower bound of F over the cell.
+It holds for the optimum and for every other pose that is best for its own map, which is all that pruning needs, and
+it loses r^2 where bounds over a ball of radius r lose r.
 
 Only "m* is fixed" is used: allowed matches, constant costs, weights and k < n change nothing.
 """
@@ -24,7 +25,7 @@ import numpy as np
 from data_tools.arrays import BoolArray, FloatArray
 from pairwise.problem.problem import Problem
 
-#: Assignments are solved to this share of what the radius loses anyway.
+#: Assignments are solved to this share of what the cell's size loses anyway.
 _SLACK_SHARE = 0.05
 #: Maps that are remembered.
 _NUM_KEPT = 256

@@ -3,8 +3,8 @@
 With ``L / 2 = sum_a s_a u_a v_a^T`` and ``p_a = g sqrt(s_a) v_a``, ``q_a = sqrt(s_a) u_a / g`` one has
 ``sum_a |R p_a - q_a|^2 = (g^2 + 1 / g^2) sum_a s_a - <L, R>``. So the linear term is d more points of the source,
 each of which may go to one more point of the target only, and all that is known about matching problems holds:
-search, quasi-bounds, certificates. The factor g makes both added sets as large as their shapes, which keeps the
-quasi-bound's constant K least.
+search, quasi-bounds, certificates. The factor g makes both added sets as large as their shapes, which keeps what the
+quasi-bound loses least.
 """
 
 from __future__ import annotations
