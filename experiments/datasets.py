@@ -128,18 +128,16 @@ def read_shrec07_class(folder: Path | str) -> Dataset:
     """Read one class of SHREC07 with the points of Kim et al. 2011: ``meshes/``, ``landmarks/``, ``*.sym.info``."""
     folder = Path(folder)
     listing = read_folder(folder / "meshes")
-    landmarks = [read_landmarks(folder / "landmarks" / f"{name}.vts") for name in listing.names]
-    if len({len(mark.labels) for mark in landmarks}) != 1:
+    landmarks = [np.loadtxt(folder / "landmarks" / f"{name}.vts", ndmin=2) for name in listing.names]
+    if len({mark.shape for mark in landmarks}) != 1:
         raise InputError(f"{folder}: its landmark files have different numbers of points")
     symmetries = sorted(folder.glob("*.sym.info"))
     return Dataset(
         names=listing.names,
         loaders=tuple(partial(read_shape, file) for file in listing.files),
-        landmarks=read_only(np.stack([mark.points for mark in landmarks])),
-        landmark_vertices=read_only(np.array([mark.vertices for mark in landmarks])),
-        mirror=read_only(read_symmetry(symmetries[0], num_landmarks=len(landmarks[0].labels)))
-        if symmetries
-        else None,
+        landmarks=read_only(np.stack(landmarks)[:, :, 1:]),  # behind the vertex of each
+        landmark_vertices=read_only(np.stack(landmarks)[:, :, 0].astype(np.int64)),
+        mirror=read_only(read_symmetry(symmetries[0], num_landmarks=len(landmarks[0]))) if symmetries else None,
         labels={"class": (folder.name,) * len(listing.names)},
     )
 

@@ -119,7 +119,7 @@ def best_rotations(targets: FloatArray, sources: FloatArray) -> FloatArray:
 
 
 @one_blas_thread()
-def principal_components(aligned: ArrayLike, *, num_components: int | None = None) -> PrincipalComponents:
+def principal_components(aligned: ArrayLike) -> PrincipalComponents:
     """Principal components of superimposed shapes, shape (N, k, 3), at least two of them.
 
     Raises
@@ -132,7 +132,7 @@ def principal_components(aligned: ArrayLike, *, num_components: int | None = Non
         raise InputError(f"aligned: principal components need at least two shapes, got {len(points)}")
     mean = points.mean(axis=0)
     left, singular, axes = np.linalg.svd((points - mean).reshape(len(points), -1), full_matrices=False)
-    count = min(len(points) - 1, axes.shape[0]) if num_components is None else num_components
+    count = min(len(points) - 1, axes.shape[0])
     rows = np.arange(len(axes))
     flip = np.sign(axes[rows, np.abs(axes).argmax(axis=1)])
     variances = singular**2 / (len(points) - 1)

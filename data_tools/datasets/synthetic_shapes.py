@@ -1,4 +1,4 @@
-"""Generated shapes: blobs, open tooth-like crowns, chairs, tables and limbed figures."""
+"""Generated shapes: blobs, open tooth-like crowns, chairs and limbed figures."""
 
 from __future__ import annotations
 
@@ -79,21 +79,6 @@ def chair(rng: np.random.Generator | None = None, *, resolution: int = 2, name: 
     z = vertices[:, 2]
     vertices[:, 2] = factors[0] * np.minimum(z, 4) + np.clip(z - 4, 0, 2) + factors[1] * np.maximum(z - 6, 0)
     vertices[:, :2] *= factors[2:]
-    return Shape.from_arrays(vertices, faces, name=name)
-
-
-def table(rng: np.random.Generator | None = None, *, resolution: int = 2, name: str = "table") -> Shape:
-    """Return a square table, with the eight symmetries of the square; ``rng`` varies its height and width."""
-    factors = np.ones(2) if rng is None else rng.uniform(0.75, 1.3, 2)
-    grid = np.zeros((8, 8, 7), dtype=bool)
-    grid[:, :, 5:] = True
-    for x in (slice(0, 2), slice(6, 8)):
-        for y in (slice(0, 2), slice(6, 8)):
-            grid[x, y, :5] = True
-    vertices, faces = voxel_surface(grid, resolution=resolution)
-    z = vertices[:, 2]
-    vertices[:, 2] = factors[0] * np.minimum(z, 5) + np.maximum(z - 5, 0)
-    vertices[:, :2] *= factors[1]
     return Shape.from_arrays(vertices, faces, name=name)
 
 

@@ -1,4 +1,4 @@
-"""Tables of numbers in text: which signs separate columns, which mark decimals, which columns are x, y and z.
+"""Tables of numbers in text: which signs separate columns, and which columns are x, y and z.
 
 What a table does not make clear is refused with the reason; a guess would be a wrong shape without a word.
 """
@@ -17,10 +17,7 @@ from data_tools.errors import InputError
 
 #: Rows from which the columns of a table without a heading are tried for being numbered.
 _MIN_NUMBERED_ROWS = 3
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
-#: A comma in this place may as well separate thousands.
 _WORD = re.compile(r"[^\d\s.,eE+-]")
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+")
 _COMMENT = re.compile(r"(?:#|//).*")
 _BETWEEN_WORDS = re.compile(r"[^\s,][ ]+[^\s,]")
 _UNIT = re.compile(r"[(\[{].*?[)\]}]|(?:(?<=[xyz])[ _]?(?:mm|cm|m|um|µm|nm|in|inch|px))$")
@@ -32,7 +29,7 @@ _AXES = {"x": 0, "y": 1, "z": 2, "0": 0, "1": 1, "2": 2}
 
 @dataclass(frozen=True, kw_only=True)
 class TextTable:
-    """The cells of a table, as text with decimal points.
+    """The cells of a table, as text.
 
     Attributes
     ----------
@@ -80,7 +77,7 @@ def read_points_table(text: str, name: str) -> FloatArray:
     """Return the points of a table of numbers, shape (n, 3); missing numbers are NaN.
 
     Columns are separated by semicolons, tabs, commas or blanks, in this order of preference; ``#`` and ``//`` start
-    comments. Beside semicolons, tabs and blanks a comma marks decimals.
+    comments. Numbers have decimal points.
 
     Parameters
     ----------
@@ -105,8 +102,7 @@ def read_points_table(text: str, name: str) -> FloatArray:
     width = len(first.heading or first.rows[0])
     values = _plain_numbers(body, delimiter)
     if values is None or values.shape[1] != width or width <= max(columns):
-        table = _with_decimal_points(_cells(lines, delimiter), delimiter, name)
-        values, columns = _row_by_row(table, width, columns, name), [0, 1, 2]
+        values, columns = _row_by_row(_cells(lines, delimiter), width, columns, name), [0, 1, 2]
     if first.heading is None:
         _refuse_numbered(values[:, 0], width, name)
         if delimiter == "," and width >= 6 and (values == np.floor(values)).all():
@@ -134,10 +130,6 @@ def _delimiter(lines: list[str], name: str) -> str | None:
     between_words = [line for line in body if _BETWEEN_WORDS.search(line) and not _has_words(line)]
     if not between_words:
         return ","
-    if all(re.fullmatch(r"\S+", cell) and cell.count(",") <= 1 for line in body for cell in line.split()) and not any(
-        re.search(r",(?= |$)", line) for line in body
-    ):
-        return None
     raise InputError(
         f"{name}: both commas and blanks stand between numbers, first in row {body.index(between_words[0]) + 1}; "
         "it is not clear what separates columns. Save it with one separator and with decimal points"
@@ -167,34 +159,6 @@ def _is_data(row: list[str]) -> bool:
     return any(_is_number(cell.replace(",", ".")) for cell in row)
 
 
-def _with_decimal_points(table: TextTable, delimiter: str | None, name: str) -> TextTable:
-    """Return the table with decimal points where it has decimal commas.
-
-    Raises
-    ------
-    InputError
-        If commas may be decimals or thousands, or points and commas both mark decimals.
-    """
-    if delimiter == ",":
-        return table
-    cells = [cell for row in table.rows for cell in row if "," in cell and not _WORD.search(cell)]
-    if not cells:
-        return table
-    wrong = next((cell for cell in cells if _DECIMAL_COMMA.fullmatch(cell) is None), None)
-    if wrong is None and all(_THOUSANDS.fullmatch(cell) for cell in cells):
-        wrong = cells[0]
-    if wrong is None and any("." in cell and _is_number(cell) for row in table.rows for cell in row):
-        wrong = cells[0]
-    if wrong is not None:
-        number = next(i for i, row in enumerate(table.rows, start=1) if wrong in row)
-        raise InputError(
-            f"{name}: row {number}: it is not clear what the comma in a number means, decimals or thousands; save it "
-            "with decimal points and without separators of thousands"
-        )
-    rows = [[cell.replace(",", ".") for cell in row] for row in table.rows]
-    return TextTable(heading=table.heading, rows=rows)
-
-
 def _plain_numbers(lines: list[str], delimiter: str | None) -> FloatArray | None:
     """Return a table of numbers with decimal points, without a Python object for each; None where it is none."""
     text = "\n".join(lines)
@@ -215,7 +179,8 @@ def _row_by_row(table: TextTable, width: int, columns: list[int], name: str) -> 
             raise InputError(f"{name}: row {number} has {len(row)} columns, expected {expected} ({why})")
         wanted = [row[c] or "nan" for c in columns]
         if not all(_is_number(word) for word in wanted):
-            raise InputError(f"{name}: row {number} is not numbers in the columns of x, y and z")
+            commas = "; decimals are marked by points" if any("," in word for word in wanted) else ""
+            raise InputError(f"{name}: row {number} is not numbers in the columns of x, y and z{commas}")
         points.append([float(word) for word in wanted])
     return np.array(points, dtype=np.float64).reshape(-1, 3)
 

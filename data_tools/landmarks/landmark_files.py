@@ -1,4 +1,4 @@
-"""Landmarks: 3D Slicer files, CSV, and the feature points of shape benchmarks."""
+"""Landmarks: 3D Slicer files and CSV."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import CollalignError, InputError
 from data_tools.io.coordinate_systems import CoordinateSystem
 from data_tools.io.files import existing_file
@@ -60,8 +60,6 @@ class Landmarks:
         One per landmark; "0", "1", ... where the file has none.
     points : ndarray, shape (l, 3)
         In the coordinates of the file; rows of NaN are missing landmarks. Read-only.
-    vertices : ndarray of int, shape (l,), or None
-        The mesh's vertex of each landmark, where the file names it. Read-only.
     semilandmarks : tuple of Semilandmarks
         Curves and patches beside the landmarks.
     system : {"LPS", "RAS"} or None
@@ -70,7 +68,6 @@ class Landmarks:
 
     labels: tuple[str, ...]
     points: FloatArray
-    vertices: IntArray | None = None
     semilandmarks: tuple[Semilandmarks, ...] = ()
     system: CoordinateSystem | None = None
 
@@ -80,8 +77,7 @@ def read_landmarks(path: Path | str) -> Landmarks:
 
     ``.mrk.json`` and ``.fcsv`` (3D Slicer; coordinates as they stand, with the system that the file declares; markups
     of the type Curve or ClosedCurve become curves, which are called as their points are, without the number),
-    ``.csv`` (label, x, y, z or x, y, z; a header is allowed), ``.vts`` (vertex index, x, y, z: the SHREC07 points of
-    Kim, Lipman and Funkhouser 2011).
+    ``.csv`` (label, x, y, z or x, y, z; a header is allowed).
 
     Raises
     ------
@@ -210,15 +206,6 @@ def _read_csv(path: Path) -> Landmarks:
     return _landmarks(path, labels, points)
 
 
-def _read_vts(path: Path) -> Landmarks:
-    rows = [line.split() for line in _text(path).splitlines() if line.strip()]
-    landmarks = _landmarks(path, [str(i) for i in range(len(rows))], [[float(w) for w in row[1:]] for row in rows])
-    vertices = np.array([int(row[0]) for row in rows], dtype=np.int64)
-    if (vertices < 0).any():
-        raise InputError(f"{path}: negative vertex index {vertices.min()}")
-    return Landmarks(labels=landmarks.labels, points=landmarks.points, vertices=read_only(vertices))
-
-
 def _landmarks(path: Path, labels: list[str], points: list[list[float]]) -> Landmarks:
     wrong = next((i for i, point in enumerate(points) if len(point) != 3), None)
     if wrong is not None:
@@ -244,5 +231,4 @@ _READERS: dict[str, Callable[[Path], Landmarks]] = {
     ".mrk.json": _read_slicer_json,
     ".fcsv": _read_fcsv,
     ".csv": _read_csv,
-    ".vts": _read_vts,
 }

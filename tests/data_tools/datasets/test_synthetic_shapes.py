@@ -8,7 +8,6 @@ from data_tools.datasets.synthetic_shapes import (
     figure,
     smooth_field,
     sphere_mesh,
-    table,
     voxel_surface,
 )
 from data_tools.surface.shape import Shape
@@ -33,7 +32,7 @@ def distance_to_itself(shape: Shape, matrix: np.ndarray) -> float:
     return float(np.linalg.norm(moved[:, None] - points, axis=2).min(axis=1).max())
 
 
-@pytest.mark.parametrize("make", [blob, chair, table])
+@pytest.mark.parametrize("make", [blob, chair])
 def test_solid_shapes_are_closed_oriented_and_in_one_piece(make: object, rng: np.random.Generator) -> None:
     shape = make(rng)  # type: ignore[operator]
     assert is_closed_manifold(shape.faces)
@@ -68,13 +67,9 @@ def test_crown_is_open_with_one_rim() -> None:
     assert np.abs(varied.vertices - shape.vertices).max() > 0.02
 
 
-def test_chair_has_one_mirror_and_table_the_symmetries_of_the_square() -> None:
-    mirror, quarter = np.diag([-1, 1, 1]), [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    assert distance_to_itself(chair(), mirror) < 1e-9
+def test_chair_has_one_mirror() -> None:
+    assert distance_to_itself(chair(), np.diag([-1, 1, 1])) < 1e-9
     assert distance_to_itself(chair(), np.diag([-1, -1, 1])) > 0.5
-    assert distance_to_itself(table(), mirror) < 1e-9
-    assert distance_to_itself(table(), np.array(quarter)) < 1e-9
-    assert distance_to_itself(table(), np.diag([1, -1, -1])) > 0.5
 
 
 def test_voxel_surface_without_smoothing_is_the_box() -> None:

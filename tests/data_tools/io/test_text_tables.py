@@ -40,10 +40,8 @@ def test_blank_lines_hold_no_words() -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "-1,00;2,42;0,5\n3,25;0,00;-7,75\n",
-        "-1,00\t2,42\t0,5\n3,25\t0\t-7,75\n",
-        "-1,00 2,42 0,5\n3,25 0,00 -7,75\n",
-        "x;y;z\n-1,00;2,42;0,5\n3,25;0,00;-7,75\n",
+        "x;y;z\n-1;2.42;.5\n3.25;0;-7.75\n",
+        "-1\t2.42\t.5\n3.25\t0\t-7.75\n",
         "X (mm),Y (mm),Z (mm),nx,ny,nz\n-1,2.42,.5,9,9,9\n3.25,0,-7.75,9,9,9\n",
         "nx,ny,nz,X [mm],Y [mm],Z [mm]\n9,9,9,-1,2.42,.5\n9,9,9,3.25,0,-7.75\n",
         "X (mm) Y (mm) Z (mm) nx ny nz\n-1 2.42 .5 9 9 9\n3.25 0 -7.75 9 9 9\n",
@@ -63,9 +61,10 @@ def test_tables_of_all_habits_are_read_alike(text: str) -> None:
 
 #: Content, and what the error must say.
 AMBIGUOUS = [
-    ("1,234;5,678;2,100\n3,456;7,890;1,234\n", "decimals or thousands"),
-    ("1,5;2.5;3,5\n4,5;5,5;6,5\n", "decimals or thousands"),
-    ("1.234,5;2,5;3,5\n4,5;5,5;6,5\n", "decimals or thousands"),
+    ("1,234;5,678;2,100\n3,456;7,890;1,234\n", "decimals are marked by points"),
+    ("1.5;2.5;3,5\n4,5;5,5;6,5\n", "row 1 .* decimals are marked by points"),
+    ("-1,00\t2,42\t0,5\n3,25\t0\t-7,75\n", "decimals are marked by points"),
+    ("-1,00 2,42 0,5\n3,25 0,00 -7,75\n", "both commas and blanks"),
     ("1,2,3 4\n5,6,7 8\n", "both commas and blanks"),
     ("-1,00,2,42,3,10\n4,05,5,17,6,00\n", "both columns and decimals"),
     ("x,y,z\n-1,00,2,42,3,10\n4,05,5,17,6,00\n", "decimal commas"),

@@ -29,7 +29,6 @@ BASE = {"label": "base", "position": [1, 2, 3]}
         ("a.fcsv", FCSV, ("tip", "base")),
         ("a.csv", "label,x,y,z\ntip,0,0,0\nbase,1,2,3\n", ("tip", "base")),
         ("b.csv", "0,0,0\n1,2,3\n", ("0", "1")),
-        ("A.VTS", "5 0 0 0\n 9 1 2 3\n", ("0", "1")),
     ],
 )
 def test_formats(tmp_path: Path, name: str, content: str, labels: tuple[str, ...]) -> None:
@@ -38,9 +37,6 @@ def test_formats(tmp_path: Path, name: str, content: str, labels: tuple[str, ...
     assert landmarks.labels == labels
     np.testing.assert_array_equal(landmarks.points, [[0, 0, 0], [1, 2, 3]])
     assert not landmarks.points.flags.writeable
-    if name.endswith("VTS"):
-        assert landmarks.vertices is not None
-        assert landmarks.vertices.tolist() == [5, 9]
 
 
 @pytest.mark.parametrize("declared", ["LPS", "RAS", "0", "1", "", "IJK"])
@@ -90,9 +86,6 @@ def test_missing_landmarks_are_nan(tmp_path: Path) -> None:
         ("a.fcsv", "# nothing\n", "no landmarks"),
         ("a.csv", "tip,0,0,inf\n", "infinite"),
         ("a.csv", "0,0\n", "2 coordinates"),
-        ("a.vts", "5 0 0\n", "2 coordinates"),
-        ("a.vts", "-5 0 0 0\n", "negative vertex"),
-        ("a.vts", "tip 0 0 0\n", "not a readable landmark file"),
         ("a.tps", "LM3=1\n", "unknown landmark format"),
         ("a.csv", "", "empty"),
     ],
