@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.output.collection import Collection
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
@@ -46,7 +45,7 @@ CONTENTS: dict[str, list[str]] = {
 }
 
 
-def write_bad_inputs(folder: Path, *, every: int = 1) -> int:
+def write_bad_inputs(folder, *, every=1):
     """Write all bad inputs (or each so many-th) and some good ones into a folder; returns how many are bad."""
     folder.mkdir(parents=True)
     for i in range(NUM_GOOD):
@@ -71,14 +70,14 @@ def write_bad_inputs(folder: Path, *, every: int = 1) -> int:
     return len(chosen) + _special(folder)
 
 
-def unaccounted(folder: Path, collection: Collection) -> set[str]:
+def unaccounted(folder, collection):
     """Return the entries of a folder that a result says nothing about."""
     told = {Path(file).name for file in collection.files} | {item.file for item in collection.excluded}
     readable = {os.fsencode(entry).decode("utf-8", "backslashreplace"): entry for entry in os.listdir(folder)}
     return {name for name, entry in readable.items() if not {name, entry} & (told | set(collection.run.skipped))}
 
 
-def _names() -> dict[str, bytes]:
+def _names():
     """Names that are no text, long, empty stems, commands and markup; the contents are bad as well."""
     names = [
         "x" * 250 + ".ply",
@@ -95,7 +94,7 @@ def _names() -> dict[str, bytes]:
     return dict.fromkeys(names, b"ply\nnonsense")
 
 
-def _special(folder: Path) -> int:
+def _special(folder):
     """Entries that are no plain files, and a file whose size is a trap; returns their number."""
     num_before = len(list(folder.iterdir()))
     os.mkfifo(folder / "pipe.ply")
@@ -108,7 +107,7 @@ def _special(folder: Path) -> int:
     return len(list(folder.iterdir())) - num_before
 
 
-def main() -> int:
+def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args()

@@ -1,8 +1,6 @@
 """A page that is open in a real headless Chromium."""
 
 import shutil
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -21,7 +19,7 @@ PIXELS = """canvas => {
 }"""
 
 
-def launched(driver: Any, *flags: str) -> Any:
+def launched(driver, *flags):
     """Start a browser; the test skips where none is installed."""
     if CHROMIUM is None:
         pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
@@ -31,7 +29,7 @@ def launched(driver: Any, *flags: str) -> Any:
 class Page:
     """A page that is open, with everything that went wrong since; leaving it fails if anything did."""
 
-    def __init__(self, browser: Any, path: Path, **context: Any) -> None:
+    def __init__(self, browser, path, **context):
         context = {"offline": True, "accept_downloads": True, "viewport": {"width": 900, "height": 700}} | context
         self.context = browser.new_context(**context)
         self.page = self.context.new_page()
@@ -44,31 +42,31 @@ class Page:
         self.page.goto(path.as_uri())
         self.page.wait_for_selector("html[data-ready]", state="attached")
 
-    def __enter__(self) -> "Page":
+    def __enter__(self):
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+    def __exit__(self, kind, *_):
         self.context.close()
         assert kind is not None or self.problems == []
 
-    def note(self, message: Any) -> None:
+    def note(self, message):
         """Keep errors, and what three.js warns of: a colour that it cannot read is drawn white."""
         if message.type == "error" or "THREE." in message.text:
             self.problems.append(message.text)
 
-    def canvas(self, selector: str, at: int = 0) -> Any:
+    def canvas(self, selector, at=0):
         canvas = self.page.locator(selector).nth(at)
         canvas.scroll_into_view_if_needed()
         canvas.and_(self.page.locator("[data-drawn]")).wait_for()
         return canvas
 
-    def pixels(self, selector: str, at: int = 0) -> dict[str, Any]:
+    def pixels(self, selector, at=0):
         return self.canvas(selector, at).evaluate(PIXELS)
 
-    def image(self, selector: str, at: int = 0) -> str:
+    def image(self, selector, at=0):
         return self.canvas(selector, at).evaluate("canvas => canvas.toDataURL()")
 
-    def wait_until_changed(self, selector: str, before: str, at: int = 0) -> None:
+    def wait_until_changed(self, selector, before, at=0):
         self.page.wait_for_function(
             "([selector, at, before]) => document.querySelectorAll(selector)[at].toDataURL() !== before",
             arg=[selector, at, before],

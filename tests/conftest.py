@@ -1,10 +1,8 @@
 """Fixtures that every test file may use."""
 
 import os
-from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,12 +19,12 @@ SHARED_DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 
 
 @pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+def pytest_xdist_make_scheduler(config, log):
     """Keep the tests of a file in one worker, which makes what they share once; those of ``KILLING`` go together."""
     from xdist.scheduler import LoadFileScheduling
 
     class ByFile(LoadFileScheduling):
-        def _split_scope(self, nodeid: str) -> str:
+        def _split_scope(self, nodeid):
             file = super()._split_scope(nodeid)
             return "killing" if file.endswith(KILLING) else file
 
@@ -34,7 +32,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 @pytest.fixture(scope="session")
-def shared_data() -> Path:
+def shared_data():
     """The folder of public collections beside the checkout; the test skips where it is missing."""
     if not SHARED_DATA.is_dir():
         pytest.skip("the public collections of ../shared/data are not here")
@@ -42,12 +40,12 @@ def shared_data() -> Path:
 
 
 @pytest.fixture
-def rng() -> np.random.Generator:
+def rng():
     return np.random.default_rng(20161)
 
 
 @pytest.fixture
-def open3d() -> Any:
+def open3d():
     """Open3D; the test skips where it is missing, or the system lacks a library that it loads."""
     try:
         return import_module("open3d")
@@ -56,7 +54,7 @@ def open3d() -> Any:
 
 
 @pytest.fixture(scope="module")
-def driver() -> Iterator[Any]:
+def driver():
     """Playwright, which drives browsers; the test skips where it is missing."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with playwright.sync_playwright() as started:
@@ -64,7 +62,7 @@ def driver() -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def browser(driver: Any) -> Iterator[Any]:
+def browser(driver):
     """A headless Chromium; the test skips where none is installed."""
     from tests.browser import launched
 

@@ -1,7 +1,6 @@
 """Readers by the rules of the programs that have none packaged for Python: geomorph's morphologika, plain tables."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -20,11 +19,11 @@ class Morphologika:
     label_values: tuple[tuple[str, ...], ...]
 
 
-def read_morphologika(path: Path) -> Morphologika:
+def read_morphologika(path):
     """Read as geomorph does: a section begins at any line that *contains* its word, with or without brackets."""
     lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
 
-    def start(section: str) -> int:
+    def start(section):
         found = [
             at
             for at, line in enumerate(lines)

@@ -3,7 +3,6 @@
 import os
 import signal
 import subprocess
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,26 +22,26 @@ class FaultLog:
     endings: list[int] = field(default_factory=list)
 
     @property
-    def kills(self) -> int:
+    def kills(self):
         return self.parents + self.workers
 
     @property
-    def disturbances(self) -> int:
+    def disturbances(self):
         return self.kills + self.signals
 
 
 def run_with_kills(
-    command: Sequence[str],
-    num_kills: int,
-    rng: np.random.Generator,
+    command,
+    num_kills,
+    rng,
     *,
-    delay_s: tuple[float, float],
-    parent_share: float = 0.3,
-    resume_codes: Sequence[int] = (),
-    cwd: Path | None = None,
-    num_signals: int = 0,
-    check: Callable[[], None] | None = None,
-) -> FaultLog:
+    delay_s,
+    parent_share=0.3,
+    resume_codes=(),
+    cwd=None,
+    num_signals=0,
+    check=None,
+):
     """Run a command until it ends by itself with code 0, with SIGKILLs, and signals that ask it to end, on the way.
 
     At most ``num_kills`` of the command and its workers, the command itself with probability ``parent_share``, and
@@ -69,13 +68,13 @@ def run_with_kills(
 
 
 def _disturb(
-    process: subprocess.Popen[bytes],
-    limits: tuple[int, int],
-    rng: np.random.Generator,
-    log: FaultLog,
-    delay_s: tuple[float, float],
-    parent_share: float,
-) -> bool:
+    process,
+    limits,
+    rng,
+    log,
+    delay_s,
+    parent_share,
+):
     """Kill or signal until the command is gone or has had enough; returns whether it was asked to end."""
     num_kills, num_signals = limits
     while log.kills < num_kills or log.signals < num_signals:
@@ -99,7 +98,7 @@ def _disturb(
     return False
 
 
-def kill(pid: int) -> bool:
+def kill(pid):
     """Kill a process with SIGKILL; returns whether it was there."""
     try:
         os.kill(pid, signal.SIGKILL)
@@ -108,7 +107,7 @@ def kill(pid: int) -> bool:
     return True
 
 
-def worker_processes(parent: int) -> list[int]:
+def worker_processes(parent):
     """Return the process ids of joblib's workers of a process."""
     found = []
     for entry in Path("/proc").iterdir():
@@ -124,7 +123,7 @@ def worker_processes(parent: int) -> list[int]:
     return sorted(found)
 
 
-def is_running(pid: int) -> bool:
+def is_running(pid):
     """Whether a process is there, and no zombie."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"

@@ -1,22 +1,20 @@
 """The collection of most whole runs, and a finished run of any."""
 
-from pathlib import Path
-
 import numpy as np
 
-from collalign import AlignOptions, RunOptions, align_collection
-from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
+from collalign import RunOptions, align_collection
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair
 
 
-def chairs(num: int, *, scale_range: tuple[float, float] = (1.0, 1.0)) -> PlantedCollection:
+def chairs(num, *, scale_range=(1.0, 1.0)):
     """Return a family of chairs in random poses."""
     rng = np.random.default_rng(5)
     family = deformed_family(chair(rng, resolution=1), num, rng, rms=0.02)
     return planted_collection(family, rng, scale_range=scale_range)
 
 
-def finished_run(folder: Path, planted: PlantedCollection, options: AlignOptions, *, report: bool = False) -> Path:
+def finished_run(folder, planted, options, *, report=False):
     """Write a collection to ``folder/shapes``, align it, and return ``folder/out`` with the result and its store."""
     write_collection(folder / "shapes", planted)
     out = folder / "out"

@@ -4,38 +4,34 @@ import ctypes
 import os
 import signal
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from collalign.engine.store.records import Record
 from data_tools.errors import InputError
 
 
-def spectrum(payload: Any) -> NDArray[np.float64]:
+def spectrum(payload):
     """Matrix products, decompositions and random numbers: bytes that depend on the number of BLAS threads."""
     rng = np.random.default_rng(payload)
     matrix = rng.standard_normal((120, 120))
     return np.linalg.eigh(matrix @ matrix.T)[1][:, :3].copy()
 
 
-def look_up(payload: str, shared: Mapping[str, Record]) -> float:
+def look_up(payload, shared):
     return float(shared[payload]["positions"].sum())
 
 
-def nothing(payload: Any, shared: Mapping[str, Record] | None = None) -> Any:
+def nothing(payload, shared=None):
     return payload
 
 
-def process_id(payload: Any) -> int:
+def process_id(payload):
     time.sleep(0.02)
     return os.getpid()
 
 
-def misbehave(payload: tuple[str, Any]) -> Any:
+def misbehave(payload):
     """Do what the payload says: return, raise, crash, hang, fill the memory, or be killed the first time only."""
     action, value = payload
     if action == "return":
@@ -54,7 +50,7 @@ def misbehave(payload: tuple[str, Any]) -> Any:
     return value
 
 
-def end_as_told(payload: tuple[str, bytes]) -> int:
+def end_as_told(payload):
     """Raise, crash or hang, as the first byte of a file says."""
     kind = payload[1][:1]
     if kind == b"r":

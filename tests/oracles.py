@@ -10,9 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pairwise.problem.problem import Problem
-from pairwise.results import RelaxationResult
-
 
 @dataclass(frozen=True)
 class Optimum:
@@ -23,21 +20,21 @@ class Optimum:
     point_map: NDArray[np.int64]
 
 
-def injective_maps(allowed: NDArray[np.bool_]) -> NDArray[np.int64]:
+def injective_maps(allowed):
     """Every injective map inside the allowed matches (n, k), shape (num, k)."""
     n, k = allowed.shape
     maps = np.array(list(itertools.permutations(range(n), k)), dtype=np.int64)
     return maps[allowed[maps, np.arange(k)].all(axis=1)]
 
 
-def brute_force(problem: Problem) -> Optimum:
+def brute_force(problem):
     """The global optimum over all maps; R in closed form for each. For patterns made of blocks, n <= 7."""
     energies, rotations, maps = every_pose(problem)
     best = int(np.argmin(energies))
     return Optimum(float(energies[best]), rotations[best], maps[best])
 
 
-def every_pose(problem: Problem) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+def every_pose(problem):
     """The best pose of every map: energies, rotations and maps."""
     source, weights = problem.source, problem.weights
     maps = injective_maps(problem.allowed)
@@ -52,9 +49,7 @@ def every_pose(problem: Problem) -> tuple[NDArray[np.float64], NDArray[np.float6
     return (weights * (residuals**2).sum(axis=2)).sum(axis=1) + constants, rotations, maps
 
 
-def check_pose(
-    problem: Problem, rotation: NDArray[np.float64], point_map: NDArray[np.int64], energy: float, tol: float = 1e-9
-) -> list[str]:
+def check_pose(problem, rotation, point_map, energy, tol=1e-9):
     """What is wrong with a claimed pose; empty if nothing is."""
     wrong = []
     if np.abs(rotation @ rotation.T - np.eye(problem.dim)).max() > tol:
@@ -77,7 +72,7 @@ def check_pose(
     return wrong
 
 
-def check_relaxation(problem: Problem, result: RelaxationResult, tol: float) -> list[str]:
+def check_relaxation(problem, result, tol):
     """Which constraints of PM-SDP, with the leading row kept, a claimed solution violates; empty if none."""
     wrong = []
     x, b, c = result.X, result.B, result.C
@@ -101,7 +96,7 @@ def check_relaxation(problem: Problem, result: RelaxationResult, tol: float) -> 
     return wrong
 
 
-def relaxed_energy(problem: Problem, x: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+def relaxed_energy(problem, x, b):
     """The energy as a linear function of X (n, k) and B (k, r, n), by loops over the matches."""
     total = 0.0
     for j, p in enumerate(problem.source):
@@ -113,7 +108,7 @@ def relaxed_energy(problem: Problem, x: NDArray[np.float64], b: NDArray[np.float
     return total
 
 
-def in_rotation_hull(matrix: NDArray[np.float64], tol: float) -> bool:
+def in_rotation_hull(matrix, tol):
     """Whether a 2 x 2 or 3 x 3 matrix is in conv SO, by its singular values.
 
     With the last singular value signed by the determinant, conv SO(3) is where ``1 + s1 + s2 + s3``,
@@ -128,15 +123,13 @@ def in_rotation_hull(matrix: NDArray[np.float64], tol: float) -> bool:
     return bool((1.0 + signs @ s).min() >= -4 * tol)
 
 
-def isometries(
-    target: NDArray[np.float64], source: NDArray[np.float64], tol: float = 1e-6
-) -> list[NDArray[np.int64]]:
+def isometries(target, source, tol=1e-6):
     """Every map under which distances among the points and to the origin agree, by backtracking."""
     q, p = (np.vstack([np.zeros(points.shape[1]), points]) for points in (target, source))
     of_target, of_source = (np.linalg.norm(x[:, None] - x[None], axis=2) for x in (q, p))
     found: list[NDArray[np.int64]] = []
 
-    def extend(images: list[int]) -> None:
+    def extend(images):
         point = len(images)
         if point == len(p):
             found.append(np.array(images[1:]) - 1)
@@ -149,7 +142,7 @@ def isometries(
     return found
 
 
-def _blocks(problem: Problem) -> list[tuple[int, int, bool]]:
+def _blocks(problem):
     """Contiguous diagonal blocks that fill the pattern, with whether each is a rotation block."""
     mask, blocks, start = problem.pattern.mask, [], 0
     while start < problem.dim:
@@ -165,7 +158,7 @@ def _blocks(problem: Problem) -> list[tuple[int, int, bool]]:
     return blocks
 
 
-def _best_rotations(correlations: NDArray[np.float64], special: bool) -> NDArray[np.float64]:
+def _best_rotations(correlations, special):
     u, _, vt = np.linalg.svd(correlations)
     signs = np.ones(correlations.shape[:2])
     if special:
@@ -173,7 +166,7 @@ def _best_rotations(correlations: NDArray[np.float64], special: bool) -> NDArray
     return (u * signs[:, None, :]) @ vt
 
 
-def _orthogonality_gap(problem: Problem, c: NDArray[np.float64]) -> float:
+def _orthogonality_gap(problem, c):
     """The largest violation of ``E[R R^T] = E[R^T R] = I`` at C, from its definition."""
     d = problem.dim
     rows, cols = problem.pattern.entries

@@ -11,7 +11,7 @@ README = Path(__file__).resolve().parents[1] / "README.md"
 HEADINGS = {"demo": "## Try it", "test": "## Run the tests"}
 
 
-def command(name: str, text: str) -> str:
+def command(name, text):
     """Return the first bash block below the heading of the command."""
     section = text.split(HEADINGS[name] + "\n", 1)[1]
     block = re.search(r"```bash\n(.*?)\n```", section, re.DOTALL)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pairwise.problem.problem import Problem
 
@@ -11,7 +10,7 @@ from pairwise.problem.problem import Problem
 SHAPES = ("general", "coplanar", "collinear", "symmetric", "repeated", "one place", "noise-free")
 
 
-def small_problem(seed: int, *, max_target: int = 6) -> Problem:
+def small_problem(seed, *, max_target=6):
     """A problem that depends on the seed alone: kind of points, group, sizes, allowed, weights, invariants."""
     rng = np.random.default_rng([seed, 1207])
     shape = SHAPES[seed % len(SHAPES)]
@@ -31,10 +30,10 @@ def small_problem(seed: int, *, max_target: int = 6) -> Problem:
         optional["weights"] = rng.choice([0.0, 0.5, 1.0, 2.0], size=k) + 0.1
     if rng.random() < 0.3:
         optional["invariants"] = (rng.standard_normal((n, 1)), rng.standard_normal((k, 1)))
-    return Problem.from_user(target, source, **optional)  # type: ignore[arg-type]
+    return Problem.from_user(target, source, **optional)
 
 
-def rigid_problem(seed: int, *, max_target: int = 6) -> Problem:
+def rigid_problem(seed, *, max_target=6):
     """A small problem, at a scale of 1e-6 to 1e6."""
     problem = small_problem(seed, max_target=max_target)
     rng = np.random.default_rng([seed, 33])
@@ -47,15 +46,13 @@ def rigid_problem(seed: int, *, max_target: int = 6) -> Problem:
     )
 
 
-def is_pointed(problem: Problem) -> bool:
+def is_pointed(problem):
     """Whether a map decides its rotation: not where in space all points of a shape are on one line."""
     ranks = [np.linalg.matrix_rank(points) for points in (problem.target, problem.source)]
     return problem.dim == 2 or min(*ranks, problem.num_source) > 1
 
 
-def planted_cube(
-    num: int, noise: float, seed: int, *, num_source: int | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def planted_cube(num, noise, seed, *, num_source=None):
     """Uniform points in the unit cube and (part of) their noisy, rotated, shuffled copy, both centred when whole."""
     rng = np.random.default_rng([seed, num, 55])
     target = rng.uniform(size=(num, 3))
@@ -66,7 +63,7 @@ def planted_cube(
     return target - target.mean(axis=0), source[rng.permutation(num)[:num_source]]
 
 
-def _points(shape: str, n: int, dim: int, rng: np.random.Generator) -> NDArray[np.float64]:
+def _points(shape, n, dim, rng):
     points = rng.uniform(-0.5, 0.5, size=(n, dim))
     if shape == "coplanar":
         points[:, -1] = 0.0

@@ -14,7 +14,7 @@ import collalign
 import pairwise
 
 
-def try_library(folder: Path) -> None:
+def try_library(folder):
     """Align arrays, write the result, read it back, match two point sets."""
     points = np.random.default_rng(0).random((40, 3))
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -27,7 +27,7 @@ def try_library(folder: Path) -> None:
         raise SystemExit("a point set does not match its own copy")
 
 
-def try_command(folder: Path) -> None:
+def try_command(folder):
     """Run the README's demonstration, with three shapes, and look for its report."""
     command = Path(sysconfig.get_path("scripts")) / "collalign"
     words = ["demo", "--num-shapes", "3", "--sampling.num-points", "16", "--out", "demo"]

@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -19,28 +18,28 @@ BASES = (
 )
 
 
-def section(title: str) -> str:
+def section(title):
     """The text below a heading, up to the next one."""
     found = re.search(rf"^#+ {title}$(.*?)(?=^#+ )", TEXT, re.MULTILINE | re.DOTALL)
     assert found is not None
     return found.group(1)
 
 
-def named(text: str) -> list[str]:
+def named(text):
     return re.findall(r"`([^`]+)`", text)
 
 
-def exists(path: str) -> bool:
+def exists(path):
     return any((base / path).exists() for base in BASES)
 
 
-def defined(name: str) -> bool:
+def defined(name):
     """Whether a module of the project defines the name, or the attribute of a class: ``Class.attribute``."""
     pattern = re.compile(rf"^\s*(def|class) {name.split('.')[-1]}\b|^\s*{name.split('.')[-1]}\b.*[:=]", re.MULTILINE)
     return any(pattern.search(file.read_text("utf-8")) for file in (ROOT / "collalign").rglob("*.py"))
 
 
-def test_every_room_is_in_the_table_in_the_order_of_its_imports() -> None:
+def test_every_room_is_in_the_table_in_the_order_of_its_imports():
     rows = [line.split("|")[1] for line in section("The rooms of collalign").splitlines() if line.startswith("| `")]
     rooms = [re.sub(r"/$|\.py$", "", name) for row in rows for name in named(row)]
     assert set(rooms) == {*ROOMS, "cli"}
@@ -51,11 +50,11 @@ def test_every_room_is_in_the_table_in_the_order_of_its_imports() -> None:
 
 
 @pytest.mark.parametrize("path", sorted({name for name in named(TEXT) if re.fullmatch(r"[\w/]+(\.py|/)", name)}))
-def test_every_file_and_folder_that_is_named_exists(path: str) -> None:
+def test_every_file_and_folder_that_is_named_exists(path):
     assert exists(path) or list((ROOT / "collalign").rglob(path.rstrip("/"))), path
 
 
-def test_the_way_of_a_pair_goes_through_steps_that_align_takes() -> None:
+def test_the_way_of_a_pair_goes_through_steps_that_align_takes():
     driver = "".join((ROOT / "collalign" / file).read_text("utf-8") for file in ("align.py", "stages/steps.py"))
     steps = [name for name in named(section("The way of a pair")) if re.fullmatch(r"[a-z]+(_[a-z]+)+", name)]
     assert len(steps) > 15
@@ -67,7 +66,7 @@ def test_the_way_of_a_pair_goes_through_steps_that_align_takes() -> None:
     assert places == sorted(places)
 
 
-def test_the_checks_can_fail() -> None:
+def test_the_checks_can_fail():
     assert not exists("collalign/nowhere.py")
     assert exists("tools/export/")
     assert not defined("no_such_function")
@@ -76,7 +75,7 @@ def test_the_checks_can_fail() -> None:
         section("No such heading")
 
 
-def test_two_workers_share_the_files(tmp_path: Path) -> None:
+def test_two_workers_share_the_files(tmp_path):
     shutil.copy(ROOT / "tests" / "conftest.py", tmp_path)
     killing = "collalign/engine/test_jobs.py", "collalign/cli/test_main.py"
     for name in ("test_a.py", "test_b.py", *killing):

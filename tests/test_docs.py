@@ -22,7 +22,7 @@ BLOCK = re.compile(r"^```(bash|python)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 SHELL_SYNTAX = re.compile(r"""[|&;<>$`*?\\#'"]""")
 
 
-def run_page(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch, *, in_shell: bool = False) -> int:
+def run_page(text, folder, monkeypatch, *, in_shell=False):
     """Run the bash and python blocks of a page in order and return how many there were."""
     monkeypatch.chdir(folder)
     names: dict[str, object] = {"__name__": "page"}
@@ -42,7 +42,7 @@ def run_page(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch, *, in_she
     return len(blocks)
 
 
-def plain_commands(code: str) -> list[list[str]] | None:
+def plain_commands(code):
     """Return the arguments of each line where all are calls of collalign that need no shell; None otherwise.
 
     They run in this process: most of a small command's time is the start of Python and of its workers.
@@ -54,12 +54,12 @@ def plain_commands(code: str) -> list[list[str]] | None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_every_block_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_block_runs(page, tmp_path, monkeypatch):
     run_page(page.read_text("utf-8"), tmp_path, monkeypatch, in_shell=page.stem == "index")
 
 
 @pytest.mark.parametrize("notebook", sorted((ROOT / "docs").rglob("*.ipynb")), ids=lambda page: page.stem)
-def test_every_notebook_runs(notebook: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_notebook_runs(notebook, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {"__name__": "notebook"}
     cells = json.loads(notebook.read_text("utf-8"))["cells"]
@@ -69,7 +69,7 @@ def test_every_notebook_runs(notebook: Path, tmp_path: Path, monkeypatch: pytest
         exec(compile(source, notebook.name, "exec"), names)
 
 
-def test_a_wrong_block_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_block_is_noticed(tmp_path, monkeypatch):
     with pytest.raises(AssertionError):
         run_page("```python\nassert 1 == 2\n```\n", tmp_path, monkeypatch)
     for in_shell in (False, True):
@@ -80,7 +80,7 @@ def test_a_wrong_block_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert run_page("```text\nanything\n```\n", tmp_path, monkeypatch) == 0
 
 
-def test_only_plain_calls_run_without_a_shell() -> None:
+def test_only_plain_calls_run_without_a_shell():
     assert plain_commands("collalign a b\n\ncollalign d\n") == [["a", "b"], ["d"]]
     for code in (
         "ls\n",
@@ -93,18 +93,18 @@ def test_only_plain_calls_run_without_a_shell() -> None:
         assert plain_commands(code) is None
 
 
-def test_navigation_has_every_page() -> None:
+def test_navigation_has_every_page():
     navigation = (ROOT / "mkdocs.yml").read_text("utf-8")
     for page in PAGES:
         assert str(page.relative_to(ROOT / "docs")) in navigation
 
 
-def home(one: object) -> str:
+def home(one):
     """Return the module that something public is from; of a module, itself."""
     return str(getattr(one, "__module__", getattr(one, "__name__", "")))
 
 
-def test_the_reference_has_every_public_name() -> None:
+def test_the_reference_has_every_public_name():
     shown = re.findall(r"^::: (.+)$", (ROOT / "docs" / "api.md").read_text("utf-8"), re.MULTILINE)
     objects = [pkgutil.resolve_name(name) for name in shown]
     modules = {one.__name__ for one in objects if isinstance(one, ModuleType)}
@@ -115,6 +115,6 @@ def test_the_reference_has_every_public_name() -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_links_lead_somewhere(page: Path) -> None:
+def test_links_lead_somewhere(page):
     for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text("utf-8")):
         assert (page.parent / link).exists(), link

@@ -13,7 +13,7 @@ PAGE = (
 )
 
 
-def test_equations_become_mathml_and_roles_plain_code() -> None:
+def test_equations_become_mathml_and_roles_plain_code():
     spec = importlib.util.spec_from_file_location("hooks", FOLDER / "docs" / "hooks.py")
     assert spec is not None
     assert spec.loader is not None
@@ -26,7 +26,7 @@ def test_equations_become_mathml_and_roles_plain_code() -> None:
     assert "arithmatex" not in found
 
 
-def test_nothing_of_the_site_comes_from_elsewhere() -> None:
+def test_nothing_of_the_site_comes_from_elsewhere():
     settings = (FOLDER / "mkdocs.yml").read_text(encoding="utf-8")
     assert "http" not in settings
     assert "font: false" in settings

@@ -4,7 +4,7 @@ import doctest
 import pydoc
 from importlib import import_module
 from pkgutil import walk_packages
-from types import FunctionType, ModuleType
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ FUNCTIONS = {
 }
 
 
-def examples_of(package: ModuleType) -> list[doctest.DocTest]:
+def examples_of(package):
     """Return the examples of all modules of a package; they may use what their module has imported."""
     names = [package.__name__]
     names += [found.name for found in walk_packages(package.__path__, f"{package.__name__}.")]
@@ -35,7 +35,7 @@ def examples_of(package: ModuleType) -> list[doctest.DocTest]:
     return [test for module in modules for test in finder.find(module, globs=vars(module) | KNOWN) if test.examples]
 
 
-def complaints(test: doctest.DocTest) -> str:
+def complaints(test):
     """Return what is wrong with an example; nothing where it runs as it says."""
     said: list[str] = []
     doctest.DocTestRunner(verbose=False).run(test, out=said.append)
@@ -46,17 +46,17 @@ EXAMPLES = [test for package in (data_tools, pairwise, collalign) for test in ex
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name)
-def test_the_example_runs(example: doctest.DocTest) -> None:
+def test_the_example_runs(example):
     assert not complaints(example)
 
 
-def test_a_wrong_example_is_noticed() -> None:
+def test_a_wrong_example_is_noticed():
     wrong = doctest.DocTestParser().get_doctest(">>> int(np.sum([1, 1]))\n3\n", dict(KNOWN), "wrong", None, None)
     assert "Expected:\n    3\nGot:\n    2" in complaints(wrong)
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_a_public_function_explains_itself(name: str) -> None:
+def test_a_public_function_explains_itself(name):
     function: Any = FUNCTIONS[name]
     text = pydoc.plain(pydoc.render_doc(function))
     assert ">>> " in text

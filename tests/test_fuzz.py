@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -20,11 +18,11 @@ GOOD_ENDINGS = {"valid", "clear errors"}
 
 
 @pytest.fixture(scope="module")
-def shape_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+def shape_files(tmp_path_factory):
     return seeds.shape_files(tmp_path_factory.mktemp("shapes"))
 
 
-def test_the_undamaged_files_are_good(shape_files: dict[str, bytes], tmp_path: Path) -> None:
+def test_the_undamaged_files_are_good(shape_files, tmp_path):
     for name, data in shape_files.items():
         assert targets.read_and_sample((name, data)) > 20
     assert targets.read_store(("a.store", seeds.store_file(tmp_path))) == 2
@@ -34,17 +32,15 @@ def test_the_undamaged_files_are_good(shape_files: dict[str, bytes], tmp_path: P
         targets.read_config(("a.toml", seeds.CONFIG.encode()))
 
 
-def test_damaged_shapes_end_in_a_clear_error_or_a_shape(shape_files: dict[str, bytes]) -> None:
+def test_damaged_shapes_end_in_a_clear_error_or_a_shape(shape_files):
     report = fuzz(targets.read_and_sample, shape_files, 150, seed=7)
     assert report.bad == {}
     assert report.counts.keys() == GOOD_ENDINGS
 
 
 @pytest.mark.parametrize("message", [f"not a number: {MARK}", "UnboundLocalError"])
-def test_reasons_that_quote_the_file_or_name_internals_are_noticed(
-    monkeypatch: pytest.MonkeyPatch, message: str
-) -> None:
-    def refuse(path: Path) -> None:
+def test_reasons_that_quote_the_file_or_name_internals_are_noticed(monkeypatch, message):
+    def refuse(path):
         raise InputError(message)
 
     monkeypatch.setattr(targets, "read_shape", refuse)
@@ -53,36 +49,36 @@ def test_reasons_that_quote_the_file_or_name_internals_are_noticed(
 
 
 def test_damaged_stores_records_certificates_and_configurations_end_in_a_clear_error_or_a_value(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     for target, files, num in (
         (targets.read_store, {"a.store": seeds.store_file(tmp_path)}, 60),
         (targets.read_record, seeds.records(), 200),
         (targets.read_certificate, {"a.npz": seeds.certificate_file(tmp_path)}, 60),
         (targets.read_config, {"a.toml": seeds.CONFIG.encode()}, 20),
     ):
-        report = fuzz(target, files, num, seed=7)  # type: ignore[arg-type]
+        report = fuzz(target, files, num, seed=7)
         assert report.bad == {}
         assert report.counts.keys() <= GOOD_ENDINGS
 
 
-def test_forged_certificates_prove_nothing_false() -> None:
+def test_forged_certificates_prove_nothing_false():
     report = attack(600, seed=7)
     assert report.bad == {}
     assert min(report.counts["true"], report.counts["refused"]) > 50
     assert {kind for _, certificate in honest() for kind in [certificate.kind]} == VERIFIERS.keys()
 
 
-def test_the_honest_certificates_are_true() -> None:
+def test_the_honest_certificates_are_true():
     assert {judge(problem, certificate, True) for problem, certificate in honest()} == {"true"}
 
 
 @pytest.fixture(scope="module")
-def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def project(tmp_path_factory):
     return honest_result(tmp_path_factory.mktemp("project")).parent
 
 
-def test_forged_folders_prove_nothing_false(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_forged_folders_prove_nothing_false(project, monkeypatch):
     assert judge_folder(project / "out") == "true"
     report = attack_folders(project / "out", 40, seed=7)
     assert report.bad == {}
@@ -92,9 +88,7 @@ def test_forged_folders_prove_nothing_false(project: Path, monkeypatch: pytest.M
     assert any(ending.startswith("false") for ending in attack_folders(project / "out", 60, seed=7).bad.values())
 
 
-def test_no_overlap_of_output_and_input_loses_or_mixes_in_anything(
-    project: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_overlap_of_output_and_input_loses_or_mixes_in_anything(project, monkeypatch):
     report = attack_overlaps(project, 24, seed=7)
     assert report.bad == {}
     assert min(report.counts["done"], report.counts["refused"]) > 1
@@ -104,7 +98,7 @@ def test_no_overlap_of_output_and_input_loses_or_mixes_in_anything(
     assert run_case(project, "export csv", "meshes/../meshes").startswith("mixed into")
 
 
-def test_the_attack_finds_verifiers_that_trust_types_or_eigenvalues(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_attack_finds_verifiers_that_trust_types_or_eigenvalues(monkeypatch):
     def as_given(self, name, shape):
         values = np.array(self._take(name, shape, "f"))
         return values if self._exponent is None else np.ldexp(values, -self._exponent).astype(values.dtype)
@@ -117,7 +111,7 @@ def test_the_attack_finds_verifiers_that_trust_types_or_eigenvalues(monkeypatch:
     assert any(ending.startswith("false") for ending in attack(600).bad.values())
 
 
-def test_damage_is_damage_and_repeats_with_its_seed(shape_files: dict[str, bytes]) -> None:
+def test_damage_is_damage_and_repeats_with_its_seed(shape_files):
     one = [damaged(shape_files, 0, i) for i in range(50)]
     assert one == [damaged(shape_files, 0, i) for i in range(50)]
     assert one != [damaged(shape_files, 1, i) for i in range(50)]
@@ -125,7 +119,7 @@ def test_damage_is_damage_and_repeats_with_its_seed(shape_files: dict[str, bytes
     assert len(CHANGES) == 10
 
 
-def test_the_harness_notices_every_bad_ending(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_harness_notices_every_bad_ending(monkeypatch, tmp_path):
     monkeypatch.setattr("tests.fuzz.harness.TIME_LIMIT_S", 5.0)
     monkeypatch.setattr("tests.fuzz.harness.damaged", lambda files, seed, i: ("a.x", b"richv"[i : i + 1]))
     report = fuzz(end_as_told, {"a.x": b""}, 5, keep=tmp_path / "bad")

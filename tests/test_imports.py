@@ -3,9 +3,7 @@
 import inspect
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
 from importlib import import_module
-from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import numpy as np
@@ -14,7 +12,6 @@ import pytest
 import collalign
 import pairwise
 from collalign.engine.run_options import RunOptions
-from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollalignError
 
 #: Nothing of these is needed to align shapes and to match pairs.
@@ -58,7 +55,7 @@ except ModuleNotFoundError as error:
 """
 
 
-def test_the_packages_beside_collalign_are_the_same_below_its_name() -> None:
+def test_the_packages_beside_collalign_are_the_same_below_its_name():
     subprocess.run([sys.executable, "-c", BESIDE], check=True, timeout=600)
     assert {"pairwise", "data_tools", "errors"} < set(dir(collalign))
     assert not {"Any", "TYPE_CHECKING", "sys"} & set(dir(collalign))
@@ -67,7 +64,7 @@ def test_the_packages_beside_collalign_are_the_same_below_its_name() -> None:
 class Top(dict[str, Any]):
     """The names that can be imported from collalign, and those of libraries that are imported when needed."""
 
-    def __missing__(self, name: str) -> Any:
+    def __missing__(self, name):
         if name == "Figure":
             return object
         try:
@@ -76,7 +73,7 @@ class Top(dict[str, Any]):
             raise KeyError(name) from None
 
 
-def named_types(hint: Any) -> Iterator[type]:
+def named_types(hint):
     """Yield the classes of this project that a type hint names."""
     if isinstance(hint, type) and hint.__module__.partition(".")[0] in ("collalign", "data_tools", "pairwise"):
         yield hint
@@ -84,7 +81,7 @@ def named_types(hint: Any) -> Iterator[type]:
         yield from named_types(part)
 
 
-def signature_types(thing: Any) -> set[type]:
+def signature_types(thing):
     """Return the classes that the signature of a function names, or the public attributes and methods of a class."""
     members = [thing]
     if isinstance(thing, type):
@@ -94,53 +91,53 @@ def signature_types(thing: Any) -> set[type]:
     return {found for one in hints for hint in one.values() for found in named_types(hint)}
 
 
-def not_at_the_top(names: Iterable[str]) -> set[str]:
+def not_at_the_top(names):
     """Return the classes that signatures of these names of collalign name, and that are not to be had there."""
     found = {one for name in names for one in signature_types(getattr(collalign, name))}
     return {one.__qualname__ for one in found if getattr(collalign, one.__name__, None) is not one}
 
 
-def test_every_type_that_a_signature_names_is_imported_from_the_top() -> None:
+def test_every_type_that_a_signature_names_is_imported_from_the_top():
     functions_and_types = [name for name in collalign.__all__ if callable(getattr(collalign, name))]
     assert len(functions_and_types) > 60
     assert not_at_the_top(functions_and_types) == set()
 
 
-def test_a_type_that_is_missing_at_the_top_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def stray(shape: list[WorkingSurface] | None) -> None: ...
+def test_a_type_that_is_missing_at_the_top_is_noticed(monkeypatch):
+    def stray(shape): ...
 
     monkeypatch.setattr(collalign, "stray", stray, raising=False)
     assert not_at_the_top(["stray"]) == {"WorkingSurface"}
     assert not_at_the_top(["align_collection"]) == set()
 
 
-def run_without(blocked: tuple[str, ...]) -> subprocess.CompletedProcess[str]:
+def run_without(blocked):
     code = ALIGN_WITHOUT.format(blocked=blocked)
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=600)
 
 
-def test_alignment_needs_no_optional_package() -> None:
+def test_alignment_needs_no_optional_package():
     done = run_without(OPTIONAL)
     assert done.returncode == 0, done.stderr
 
 
-def test_a_package_that_is_needed_is_noticed() -> None:
+def test_a_package_that_is_needed_is_noticed():
     assert "No module named 'scipy" in run_without(("scipy",)).stderr
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def result(tmp_path_factory):
     folder = tmp_path_factory.mktemp("result")
     points = np.random.default_rng(0).random((30, 3))
     collalign.align_collection([points, points[::-1]], progress=False, run=RunOptions(jobs=1)).save(folder)
     return folder
 
 
-def relax(result: Path) -> Any:
+def relax(result):
     return pairwise.solve_relaxation(np.eye(4, 3), np.eye(4, 3), solver="scs")
 
 
-def use_scheduler(result: Path) -> Any:
+def use_scheduler(result):
     run = RunOptions(scheduler="tcp://127.0.0.1:9")
     return collalign.align_collection([np.eye(8, 3)] * 2, run=run, progress=False)
 
@@ -152,9 +149,7 @@ def use_scheduler(result: Path) -> Any:
         ("distributed", use_scheduler, "pip install 'collalign[dask]'"),
     ],
 )
-def test_a_missing_package_is_named(
-    package: str, call: Any, advice: str, result: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_package_is_named(package, call, advice, result, monkeypatch):
     monkeypatch.setitem(sys.modules, package, None)
     for module in [name for name in sys.modules if name.startswith("collalign.engine.jobs.")]:
         monkeypatch.delitem(sys.modules, module)
@@ -165,7 +160,7 @@ def test_a_missing_package_is_named(
 
 
 @pytest.mark.parametrize("module", [collalign, pairwise], ids=["collalign", "pairwise"])
-def test_every_public_name_has_a_home(module: Any) -> None:
+def test_every_public_name_has_a_home(module):
     for name in module.__all__:
         assert getattr(import_module(module._HOMES[name]), name) is getattr(module, name)
         assert name in dir(module)

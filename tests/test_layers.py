@@ -27,7 +27,7 @@ COMPILED = {
 }
 
 
-def imported_modules(tree: ast.AST, *, top_level_only: bool = False) -> set[str]:
+def imported_modules(tree, *, top_level_only=False):
     """Return the dotted names that a module imports."""
     found = set()
     nodes = ast.iter_child_nodes(tree) if top_level_only else ast.walk(tree)
@@ -39,31 +39,31 @@ def imported_modules(tree: ast.AST, *, top_level_only: bool = False) -> set[str]
     return found
 
 
-def upward_imports(package: str, modules: set[str]) -> set[str]:
+def upward_imports(package, modules):
     """Return the imports of our own packages that ``package`` must not make."""
     ours = {m for m in modules if m.split(".")[0] in ALLOWED}
     allowed = ALLOWED[package]
     return {m for m in ours if m not in allowed and not any(m.startswith(a + ".") for a in allowed if "." not in a)}
 
 
-def sources() -> list[tuple[str, Path]]:
+def sources():
     return [(p, f) for p in ALLOWED for f in sorted((ROOT / p).rglob("*.py"))]
 
 
 @pytest.mark.parametrize(("package", "file"), sources(), ids=lambda v: getattr(v, "stem", v))
-def test_imports_point_downwards(package: str, file: Path) -> None:
+def test_imports_point_downwards(package, file):
     assert not upward_imports(package, imported_modules(ast.parse(file.read_text("utf-8"))))
 
 
 @pytest.mark.parametrize(("package", "file"), sources(), ids=lambda v: getattr(v, "stem", v))
-def test_heavy_libraries_are_imported_where_they_are_used(package: str, file: Path) -> None:
+def test_heavy_libraries_are_imported_where_they_are_used(package, file):
     top = imported_modules(ast.parse(file.read_text("utf-8")), top_level_only=True)
     if ".".join(file.relative_to(ROOT).with_suffix("").parts) in COMPILED:
         top -= {"numba"} | COMPILED
     assert not {m for m in top if m.split(".")[0] in HEAVY or m in COMPILED}
 
 
-def test_the_check_itself_sees_an_upward_import() -> None:
+def test_the_check_itself_sees_an_upward_import():
     modules = imported_modules(ast.parse("from collalign.align import align_collection\nimport numpy"))
     assert upward_imports("pairwise", modules) == {"collalign.align"}
     assert upward_imports("pairwise", {"data_tools.io.shapes"}) == {"data_tools.io.shapes"}
@@ -107,23 +107,23 @@ MOST_MODULES = 16
 DATA_FOLDERS = ("surface", "embedding")
 
 
-def room_of(module: str) -> str:
+def room_of(module):
     """Return the room of a module of collalign: its folder, or the module itself where it lies in none."""
     return [*module.split("."), "__init__"][1]
 
 
-def tool_of(module: str) -> str:
+def tool_of(module):
     """Return the tool that a module of :mod:`collalign.tools` belongs to."""
     return [*module.split("."), ""][2]
 
 
-def wrong_tools(tool: str, modules: set[str]) -> set[str]:
+def wrong_tools(tool, modules):
     """Return the modules of other tools that a tool must not import: all but those that several build on."""
     others = {m for m in modules if m.startswith("collalign.tools.") and tool_of(m) != tool}
     return {m for m in others if tool_of(m) not in SHARED}
 
 
-def wrong_rooms(room: str, modules: set[str]) -> set[str]:
+def wrong_rooms(room, modules):
     """Return the modules of other rooms that a room must not import."""
     free = {room, "__init__", *BESIDE.get(room, ())}
     siblings = {m for m in modules if m.startswith("collalign.") and room_of(m) not in free}
@@ -131,21 +131,21 @@ def wrong_rooms(room: str, modules: set[str]) -> set[str]:
     return wrong | {m for m in siblings if room in ALONE and m not in ALONE[room]}
 
 
-def overfull(modules: list[str]) -> dict[str, int]:
+def overfull(modules):
     """Return the folders that hold too many of the modules, given as paths."""
     counts = Counter(path.rpartition("/")[0] for path in modules if not path.endswith("__init__.py"))
     return {folder: num for folder, num in counts.items() if num > MOST_MODULES}
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "collalign").rglob("*.py")), ids=lambda file: file.stem)
-def test_rooms_import_only_downwards(file: Path) -> None:
+def test_rooms_import_only_downwards(file):
     room = room_of(".".join(file.relative_to(ROOT).with_suffix("").parts))
     assert room in {*ROOMS, "cli", "__init__", "__main__"}, "a new room needs its place in the list"
     assert not wrong_rooms(room, imported_modules(ast.parse(file.read_text("utf-8"))))
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "collalign" / "tools").rglob("*.py")), ids=lambda file: file.stem)
-def test_tools_import_no_tool_but_the_shared_ones_and_only_commands_the_command_line(file: Path) -> None:
+def test_tools_import_no_tool_but_the_shared_ones_and_only_commands_the_command_line(file):
     module, imported = (
         ".".join(file.relative_to(ROOT).with_suffix("").parts),
         imported_modules(ast.parse(file.read_text("utf-8"))),
@@ -154,14 +154,14 @@ def test_tools_import_no_tool_but_the_shared_ones_and_only_commands_the_command_
     assert file.stem.endswith("command") or not any(m.startswith("collalign.cli") for m in imported)
 
 
-def test_the_check_sees_a_tool_that_imports_another() -> None:
+def test_the_check_sees_a_tool_that_imports_another():
     assert wrong_tools("match", {"collalign.tools.transfer.run", "collalign.tools.match.rigid"}) == {
         "collalign.tools.transfer.run"
     }
     assert not wrong_tools("transfer", {"collalign.tools.export.run", "collalign.output.write", "numpy"})
 
 
-def test_the_check_sees_a_step_up_and_a_sibling() -> None:
+def test_the_check_sees_a_step_up_and_a_sibling():
     assert wrong_rooms("products", {"collalign.stages.shape_stage"}) == {"collalign.stages.shape_stage"}
     assert wrong_rooms("output", {"collalign.align"}) == {"collalign.align"}
     assert wrong_rooms("synchronization", {"collalign.products.consistent_maps"}) == {
@@ -171,12 +171,12 @@ def test_the_check_sees_a_step_up_and_a_sibling() -> None:
     assert not wrong_rooms("cli", {"collalign.stages.shape_stage"})
 
 
-def test_the_list_of_rooms_has_no_circle() -> None:
+def test_the_list_of_rooms_has_no_circle():
     names = list(ROOMS)
     assert all(names.index(below) < names.index(room) for room, belows in ROOMS.items() for below in belows)
 
 
-def test_no_folder_is_a_warehouse() -> None:
+def test_no_folder_is_a_warehouse():
     paths = [str(file.relative_to(ROOT)) for _, file in sources()]
     paths += [str(file.relative_to(ROOT)) for file in (ROOT / "experiments").rglob("*.py")]
     assert not overfull(paths)
@@ -188,19 +188,19 @@ def test_no_folder_is_a_warehouse() -> None:
 TOOL_STEMS = ("run", "files", "command", "result")
 
 
-def repeated_stems(paths: list[str]) -> list[str]:
+def repeated_stems(paths):
     """Return the stems of modules that a package has more than once, those that tools share set aside."""
     own = [p for p in paths if not p.endswith("__init__.py") and not ("/tools/" in p and Path(p).stem in TOOL_STEMS)]
     return sorted(stem for stem, count in Counter(Path(p).stem for p in own).items() if count > 1)
 
 
 @pytest.mark.parametrize("package", ALLOWED)
-def test_a_file_name_says_where_it_is(package: str) -> None:
+def test_a_file_name_says_where_it_is(package):
     assert repeated_stems([f.relative_to(ROOT).as_posix() for p, f in sources() if p == package]) == []
     assert repeated_stems(["a/poses.py", "a/b/poses.py", "a/tools/x/run.py", "a/tools/y/run.py"]) == ["poses"]
 
 
-def test_surfaces_know_nothing_of_embeddings() -> None:
+def test_surfaces_know_nothing_of_embeddings():
     below, above = DATA_FOLDERS
     imported = [imported_modules(ast.parse(f.read_text("utf-8"))) for f in (ROOT / "data_tools" / below).glob("*.py")]
     assert not any(module.startswith(f"data_tools.{above}") for modules in imported for module in modules)
@@ -212,7 +212,7 @@ HALF_TURN_DEG = 180.0
 PUBLISHED = ROOT / "collalign" / "stages" / "pairs" / "sparse_pairs.py"
 
 
-def unnamed_numbers(source: str) -> list[float]:
+def unnamed_numbers(source):
     """Numbers inside functions that are neither small integers, nor halves of them, nor guards against rounding."""
     functions = [n for n in ast.walk(ast.parse(source)) if isinstance(n, ast.FunctionDef)]
     numbers = {n for f in functions for n in ast.walk(f) if isinstance(n, ast.Constant)}
@@ -221,7 +221,7 @@ def unnamed_numbers(source: str) -> list[float]:
 
 
 @pytest.mark.parametrize("room", ["synchronization", "stages", "registration", "landmarks"])
-def test_the_numbers_of_estimators_have_names(room: str) -> None:
+def test_the_numbers_of_estimators_have_names(room):
     for path in {*(ROOT / "collalign" / room).rglob("*.py")} - {PUBLISHED}:
         assert unnamed_numbers(path.read_text("utf-8")) == [], path
     assert unnamed_numbers("LIMIT = 60\ndef f(x, tol=0.3):\n    return 1.5 * x + 1e-12 if x < 12 else 2") in (

@@ -26,7 +26,7 @@ def twice(n):
 """
 
 
-def is_there(mutant: Mutant) -> bool:
+def is_there(mutant):
     try:
         applied(mutant, ROOT)
     except ValueError:
@@ -34,11 +34,11 @@ def is_there(mutant: Mutant) -> bool:
     return bool(mutant.tests) and all((ROOT / test).is_file() for test in mutant.tests)
 
 
-def fault(function: str, old: str, new: str, tests: tuple[str, ...] = ()) -> Mutant:
+def fault(function, old, new, tests=()):
     return Mutant("box.py", function, old, new, tests)
 
 
-def test_faults_are_put_into_one_function_only() -> None:
+def test_faults_are_put_into_one_function_only():
     assert "return n < LIMIT" in mutated(SOURCE, fault("Box.holds", "<=", "<"))
     assert mutated(SOURCE, fault(MODULE, "3", "4")).startswith("LIMIT = 4")
     assert mutated(SOURCE, fault("twice", "n + n", "n")).endswith("return n\n")
@@ -53,12 +53,12 @@ def test_faults_are_put_into_one_function_only() -> None:
         (MODULE, "LIMIT)", "", "occurs 0 times"),
     ],
 )
-def test_faults_that_are_none_are_refused(function: str, old: str, new: str, message: str) -> None:
+def test_faults_that_are_none_are_refused(function, old, new, message):
     with pytest.raises(ValueError, match=message):
         mutated(SOURCE, fault(function, old, new))
 
 
-def test_drawn_faults_depend_on_the_seed_alone_and_can_be_put_into_the_code() -> None:
+def test_drawn_faults_depend_on_the_seed_alone_and_can_be_put_into_the_code():
     drawn = draw(ROOT, 40, 7)
     assert drawn == draw(ROOT, 40, 7)
     assert not set(map(str, drawn)) & set(map(str, draw(ROOT, 40, 8)))
@@ -67,7 +67,7 @@ def test_drawn_faults_depend_on_the_seed_alone_and_can_be_put_into_the_code() ->
     assert all(EQUIVALENT.values())
 
 
-def test_every_operator_number_and_condition_is_a_place() -> None:
+def test_every_operator_number_and_condition_is_a_place():
     source = """def grow(items: list[int] | None, most=3):
     if not items:
         return -1.5
@@ -93,7 +93,7 @@ def test_every_operator_number_and_condition_is_a_place() -> None:
     assert sum(new == "-" for _, new in found) == 1, "texts and annotations have none"
 
 
-def test_a_drawn_fault_names_lines_that_are_found_again() -> None:
+def test_a_drawn_fault_names_lines_that_are_found_again():
     source = "def f(a):\n    a += 1\n    a += 1\n    return a\n"
     seen = set()
     for change in changes(source):
@@ -105,14 +105,14 @@ def test_a_drawn_fault_names_lines_that_are_found_again() -> None:
     assert len(seen) == 4
 
 
-def test_the_tests_of_a_module_come_before_those_of_its_users() -> None:
+def test_the_tests_of_a_module_come_before_those_of_its_users():
     tests = Imports(ROOT).tests_of("data_tools/rotations.py")
     assert "tests/data_tools/test_rotations.py" in tests
     assert "tests/pairwise/test_matching.py" in tests
     assert Imports(ROOT).tests_of("collalign/cli/certify.py")
 
 
-def test_a_fault_is_shown_to_the_tests_that_call_what_it_changes(tmp_path: Path) -> None:
+def test_a_fault_is_shown_to_the_tests_that_call_what_it_changes(tmp_path):
     (tmp_path / "collalign").mkdir()
     (tmp_path / "collalign" / "__init__.py").write_text("")
     (tmp_path / "collalign" / "box.py").write_text(
@@ -144,13 +144,13 @@ def test_failing(): assert small(3)
     assert not calls.tests_of(Mutant("collalign/box.py", "unheard", "1", "2", ()), ())
 
 
-def test_killed_ones_are_counted_by_package() -> None:
+def test_killed_ones_are_counted_by_package():
     a, b = Mutant("pairwise/a.py", "f", "1", "2", ()), Mutant("collalign/b.py", "f", "1", "2", ())
     counts = by_package([(a, "killed"), (a, "survived"), (b, "no verdict")])
     assert counts == {"collalign": (0, 0), "data_tools": (0, 0), "pairwise": (1, 2)}
 
 
-def test_the_runner_tells_killed_from_survived_and_from_tests_that_fail_anyway(tmp_path: Path) -> None:
+def test_the_runner_tells_killed_from_survived_and_from_tests_that_fail_anyway(tmp_path):
     (tmp_path / "pyproject.toml").write_text("[tool.pytest.ini_options]\nmarkers = ['data: needs data']\n")
     folder = tmp_path / "tests"
     folder.mkdir()

@@ -15,13 +15,13 @@ from tests.oracles import (
     injective_maps,
     isometries,
 )
-from tests.problems import KnownProblem, catalogue, chair, planted, random_rotation
+from tests.problems import catalogue, chair, planted, random_rotation
 
 CATALOGUE = catalogue()
 
 
 @pytest.mark.parametrize("known", CATALOGUE, ids=lambda known: known.name)
-def test_catalogue_agrees_with_brute_force(known: KnownProblem) -> None:
+def test_catalogue_agrees_with_brute_force(known):
     optimum = (
         brute_force(known.problem).energy
         if known.problem.num_target <= 7
@@ -33,7 +33,7 @@ def test_catalogue_agrees_with_brute_force(known: KnownProblem) -> None:
         assert optimum == pytest.approx(known.optimum, abs=1e-9)
 
 
-def _isometric_pose(known: KnownProblem) -> tuple[np.ndarray, np.ndarray]:
+def _isometric_pose(known):
     maps = isometries(known.problem.target, known.problem.source)
     rotations = [known.problem.procrustes(point_map) for point_map in maps]
     energies = [known.problem.energy(r, m) for r, m in zip(rotations, maps, strict=True)]
@@ -41,7 +41,7 @@ def _isometric_pose(known: KnownProblem) -> tuple[np.ndarray, np.ndarray]:
     return rotations[best], maps[best]
 
 
-def test_injective_maps_are_counted_by_hand() -> None:
+def test_injective_maps_are_counted_by_hand():
     assert len(injective_maps(np.ones((5, 3), bool))) == 60
     assert len(injective_maps(np.eye(4, dtype=bool))) == 1
     mask = np.ones((3, 3), bool)
@@ -49,7 +49,7 @@ def test_injective_maps_are_counted_by_hand() -> None:
     assert len(injective_maps(mask)) == 4
 
 
-def test_brute_force_beats_random_poses(rng: np.random.Generator) -> None:
+def test_brute_force_beats_random_poses(rng):
     problem = Problem.from_user(rng.random((5, 3)), rng.random((4, 3)), weights=rng.random(4))
     best = brute_force(problem)
     assert check_pose(problem, best.rotation, best.point_map, best.energy) == []
@@ -59,13 +59,13 @@ def test_brute_force_beats_random_poses(rng: np.random.Generator) -> None:
         assert problem.energy(problem.procrustes(point_map), point_map) >= best.energy - 1e-12
 
 
-def test_brute_force_refuses_bands(rng: np.random.Generator) -> None:
+def test_brute_force_refuses_bands(rng):
     problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)), rotation_pattern=1)
     with pytest.raises(ValueError, match="blocks"):
         brute_force(problem)
 
 
-def test_check_pose_rejects_wrong_poses(rng: np.random.Generator) -> None:
+def test_check_pose_rejects_wrong_poses(rng):
     problem = Problem.from_user(rng.random((5, 3)), rng.random((4, 3)), allowed=np.arange(5)[:, None] != np.arange(4))
     best = brute_force(problem)
     pose = (best.rotation, best.point_map, best.energy)
@@ -79,7 +79,7 @@ def test_check_pose_rejects_wrong_poses(rng: np.random.Generator) -> None:
     assert "pattern" in str(check_pose(diagonal, *pose))
 
 
-def test_check_relaxation_rejects_wrong_solutions(rng: np.random.Generator) -> None:
+def test_check_relaxation_rejects_wrong_solutions(rng):
     problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)))
     result = solve_reference(problem)
     assert check_relaxation(problem, result, 1e-5) == []
@@ -92,7 +92,7 @@ def test_check_relaxation_rejects_wrong_solutions(rng: np.random.Generator) -> N
     assert "allowed" in str(check_relaxation(masked, result, 1e-5))
 
 
-def test_rotation_hull_by_definition(rng: np.random.Generator) -> None:
+def test_rotation_hull_by_definition(rng):
     for dim in (2, 3):
         weights = rng.dirichlet(np.ones(4))
         inside = sum(w * random_rotation(rng, dim) for w in weights)
@@ -104,7 +104,7 @@ def test_rotation_hull_by_definition(rng: np.random.Generator) -> None:
     assert not in_rotation_hull(-np.eye(3) / 2.9, 1e-9)
 
 
-def test_isometries_are_the_symmetries(rng: np.random.Generator) -> None:
+def test_isometries_are_the_symmetries(rng):
     points = chair(rng)
     problem = planted(rng, points)
     assert len(isometries(points, problem.source)) == 2

@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("collalign", "pairwise", "data_tools")
 
 
-def run(*words: str | Path, folder: Path = ROOT) -> str:
+def run(*words, folder=ROOT):
     """Run a command apart from this checkout's import paths and return what it prints."""
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
     done = subprocess.run(
@@ -26,7 +26,7 @@ def run(*words: str | Path, folder: Path = ROOT) -> str:
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def built(tmp_path_factory):
     """A folder with the source archive, and the wheel that is built from the unpacked source archive."""
     folder = tmp_path_factory.mktemp("dist")
     run(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", folder)
@@ -38,7 +38,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def checked_in() -> set[str]:
+def checked_in():
     """Return the files under version control; skip where there is none, as in an unpacked archive."""
     if not (ROOT / ".git").exists():
         pytest.skip("no checkout")
@@ -49,7 +49,7 @@ def checked_in() -> set[str]:
     ) - {""}
 
 
-def test_the_source_archive_holds_the_checkout(built: Path) -> None:
+def test_the_source_archive_holds_the_checkout(built):
     (archive,) = built.glob("*.tar.gz")
     with tarfile.open(archive) as packed:
         names = {name.split("/", 1)[1] for name in packed.getnames()}
@@ -57,7 +57,7 @@ def test_the_source_archive_holds_the_checkout(built: Path) -> None:
     assert names - {"PKG-INFO"} == files
 
 
-def test_the_wheel_holds_the_packages(built: Path) -> None:
+def test_the_wheel_holds_the_packages(built):
     (wheel,) = built.glob("*.whl")
     with zipfile.ZipFile(wheel) as packed:
         names = {name for name in packed.namelist() if ".dist-info/" not in name}
@@ -66,7 +66,7 @@ def test_the_wheel_holds_the_packages(built: Path) -> None:
     }
 
 
-def test_the_wheel_alone_works(built: Path, tmp_path: Path) -> None:
+def test_the_wheel_alone_works(built, tmp_path):
     """Its dependencies are borrowed from here; a path in a .pth file does not bring this checkout along."""
     (wheel,) = built.glob("*.whl")
     fresh = tmp_path / "fresh"
@@ -80,7 +80,7 @@ def test_the_wheel_alone_works(built: Path, tmp_path: Path) -> None:
     assert "works on Python" in run(python, smoke, tmp_path, folder=tmp_path)
 
 
-def test_a_checkout_is_no_installation(tmp_path: Path) -> None:
+def test_a_checkout_is_no_installation(tmp_path):
     script = f"import runpy, sys; sys.path.insert(0, {str(ROOT)!r}); sys.argv = ['smoke', {str(tmp_path)!r}]; "
     script += f"runpy.run_path({str(ROOT / 'tests' / 'smoke.py')!r}, run_name='__main__')"
     with pytest.raises(AssertionError, match="not from this environment"):

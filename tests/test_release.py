@@ -3,7 +3,6 @@
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -16,7 +15,7 @@ WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 CONDA_NAMES = {"cvxpy": "cvxpy-base", "matplotlib": "matplotlib-base", "msgpack": "msgpack-python"}
 
 
-def faults(workflow: dict[Any, Any]) -> list[str]:
+def faults(workflow):
     """What a forge would refuse: no trigger (YAML reads ``on`` as true), no machine or steps, unknown needs."""
     said = [] if workflow.get(True) else ["no trigger"]
     for name, job in workflow["jobs"].items():
@@ -38,11 +37,11 @@ def faults(workflow: dict[Any, Any]) -> list[str]:
 
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
-def test_workflows_are_whole(path: Path) -> None:
+def test_workflows_are_whole(path):
     assert not faults(yaml.safe_load(path.read_text("utf-8")))
 
 
-def test_a_broken_workflow_is_noticed() -> None:
+def test_a_broken_workflow_is_noticed():
     broken = {
         "jobs": {
             "a": {"needs": "b", "runs-on": "x", "steps": [{"name": "nothing"}]},
@@ -53,7 +52,7 @@ def test_a_broken_workflow_is_noticed() -> None:
     assert len(faults(broken)) == 5
 
 
-def test_every_python_that_is_declared_is_tried() -> None:
+def test_every_python_that_is_declared_is_tried():
     declared = {word.rpartition(" ")[2] for word in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", word)}
     for name in ("tests", "wheels"):
         jobs = yaml.safe_load((ROOT / ".github" / "workflows" / f"{name}.yml").read_text("utf-8"))["jobs"]
@@ -61,31 +60,31 @@ def test_every_python_that_is_declared_is_tried() -> None:
         assert set(tried) == declared
 
 
-def test_other_files_are_yaml() -> None:
+def test_other_files_are_yaml():
     for path in (*(ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"), ROOT / ".pre-commit-config.yaml"):
         assert yaml.safe_load(path.read_text("utf-8")), path
 
 
-def test_the_recipe_asks_for_what_the_wheel_asks_for() -> None:
+def test_the_recipe_asks_for_what_the_wheel_asks_for():
     wanted = [re.fullmatch(r"([\w-]+)(>=.*)", text) for text in PROJECT["dependencies"]]
     expected = {f"{CONDA_NAMES.get(found[1], found[1])} {found[2]}" for found in wanted if found is not None}
     assert set(RECIPE["requirements"]["run"]) == expected | {f"python {PROJECT['requires-python']}"}
     assert len(expected) == len(PROJECT["dependencies"])
 
 
-def test_one_version_everywhere() -> None:
+def test_one_version_everywhere():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
     package = yaml.safe_load((ROOT / "integrations" / "r" / "DESCRIPTION").read_text("utf-8"))
     assert {RECIPE["context"]["version"], citation["version"], package["Version"]} == {PROJECT["version"]}
 
 
-def test_the_extension_carries_the_licence_of_the_project() -> None:
+def test_the_extension_carries_the_licence_of_the_project():
     extension = ROOT / "integrations" / "slicer"
     assert (extension / "LICENSE.txt").read_bytes() == (ROOT / "LICENSE").read_bytes()
     assert not re.search(r"project\(Slicer", (extension / "CMakeLists.txt").read_text("utf-8"))
 
 
-def test_the_image_copies_what_there_is_and_what_is_not_ignored() -> None:
+def test_the_image_copies_what_there_is_and_what_is_not_ignored():
     kept = {line[1:] for line in (ROOT / ".dockerignore").read_text("utf-8").splitlines() if line.startswith("!")}
     copied = re.findall(
         r"^COPY (?!--from)(.+) \S+$", (ROOT / "packaging" / "Dockerfile").read_text("utf-8"), re.MULTILINE
@@ -95,7 +94,7 @@ def test_the_image_copies_what_there_is_and_what_is_not_ignored() -> None:
     assert all((ROOT / name).exists() for name in names)
 
 
-def test_the_paper_cites_what_is_listed_and_lists_what_it_cites() -> None:
+def test_the_paper_cites_what_is_listed_and_lists_what_it_cites():
     text = (ROOT / "paper" / "paper.md").read_text("utf-8")
     listed = re.findall(r"^@\w+\{(\w+),", (ROOT / "paper" / "paper.bib").read_text("utf-8"), re.MULTILINE)
     assert sorted(set(re.findall(r"@([a-z]+\d{4})", text))) == sorted(listed)
@@ -103,7 +102,7 @@ def test_the_paper_cites_what_is_listed_and_lists_what_it_cites() -> None:
         assert (ROOT / "paper" / picture).exists()
 
 
-def test_claims_of_the_paper_name_experiments_that_were_measured() -> None:
+def test_claims_of_the_paper_name_experiments_that_were_measured():
     text, results = ((ROOT / name).read_text("utf-8") for name in ("paper/paper.md", "RESULTS.md"))
     named = set(re.findall(r"`(?:python -m experiments )?([a-z_]+)`", text.partition("# Reproducible claims")[2]))
     assert len(named) > 6

@@ -1,7 +1,5 @@
 """Generated collections as the report and the exports receive them, with everything known."""
 
-from pathlib import Path
-
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
@@ -13,13 +11,12 @@ from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.pair import Alternative, Pair
 from collalign.products.run_record import RunRecord
 from collalign.products.shapes import Excluded
-from data_tools.arrays import FloatArray
 from data_tools.poses import each_moved_by
 
 NUM_SAMPLES = 24
 
 
-def bumpy_shapes(num_shapes: int, *, seed: int = 0, subdivisions: int = 2) -> tuple[FloatArray, FloatArray]:
+def bumpy_shapes(num_shapes, *, seed=0, subdivisions=2):
     """Bodies with three unequal axes and a few bumps that vary from shape to shape.
 
     Returns
@@ -39,7 +36,7 @@ def bumpy_shapes(num_shapes: int, *, seed: int = 0, subdivisions: int = 2) -> tu
     return radii[..., None] * base * axes, np.asarray(sphere.faces)
 
 
-def view_of(num_shapes: int = 10, *, seed: int = 0, num_missing: int = 0, subdivisions: int = 2) -> Collection:
+def view_of(num_shapes=10, *, seed=0, num_missing=0, subdivisions=2):
     """A collection with a doubtful shape, a mirrored one, failed and wrong pairs, labels and exclusions."""
     rng = np.random.default_rng(seed)
     common, faces = bumpy_shapes(num_shapes, seed=seed, subdivisions=subdivisions)
@@ -95,14 +92,14 @@ def view_of(num_shapes: int = 10, *, seed: int = 0, num_missing: int = 0, subdiv
     )
 
 
-def write_result(collection: Collection, folder: Path) -> Path:
+def write_result(collection, folder):
     """Write what :func:`collalign.load` reads of a result, and return the path of the evidence."""
     folder.mkdir(parents=True, exist_ok=True)
     save_correspondences(collection, folder)
     return save_evidence(collection, folder)
 
 
-def _pairs(R: FloatArray, rng: np.random.Generator) -> tuple[Pair, ...]:
+def _pairs(R, rng):
     """All pairs; every seventh is wrong by a half turn, the very last one failed."""
     num = len(R)
     half_turn = np.diag([-1.0, -1.0, 1.0])

@@ -9,7 +9,6 @@ import argparse
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -33,7 +32,7 @@ FOLDERS = {
 
 
 @contextmanager
-def shapes_of(name: str, num: int) -> Iterator[Path]:
+def shapes_of(name, num):
     """Give a folder with the first shapes of a collection."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "shapes"
@@ -46,7 +45,7 @@ def shapes_of(name: str, num: int) -> Iterator[Path]:
         yield folder
 
 
-def measure(name: str, num: int) -> None:
+def measure(name, num):
     """Print the estimated and the actual seconds of one folder."""
     with shapes_of(name, num) as folder:
         run = RunOptions(jobs=1, store=folder.parent / "store.sqlite")
@@ -67,11 +66,11 @@ def measure(name: str, num: int) -> None:
     print("  actual   ", {stage: round(seconds, 1) for stage, seconds in stages.items()}, flush=True)
 
 
-def main() -> None:
+def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", default=NAMES, metavar="NAME-NUM")
     arguments = parser.parse_args()
-    jobs_run.Limits = lambda **ignored: Limits()  # type: ignore[assignment,misc]  # no limits: no worker processes
+    jobs_run.Limits = lambda **ignored: Limits()  # no limits: no worker processes
     for name, _, num in (folder.partition("-") for folder in arguments.names):
         measure(name, int(num))
 

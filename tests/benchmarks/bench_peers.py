@@ -9,15 +9,14 @@ import itertools
 import multiprocessing
 import os
 import tempfile
-from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray
-from data_tools.datasets.synthetic import PlantedCollection, planted_collection, write_collection
+from data_tools.arrays import FloatArray
+from data_tools.datasets.synthetic import planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import smooth_field, sphere_mesh
 from data_tools.rotations import rotation_angle_deg
 from data_tools.surface.shape import Shape
@@ -36,7 +35,7 @@ _JOINTS = (
 )
 
 
-def bone(directions: FloatArray, faces: IntArray, rng: np.random.Generator, name: str) -> Shape:
+def bone(directions, faces, rng, name):
     """Return a long bone: a bent shaft with a head, a trochanter and two condyles, no two specimens alike.
 
     Parameters
@@ -58,7 +57,7 @@ def bone(directions: FloatArray, faces: IntArray, rng: np.random.Generator, name
     return Shape.from_arrays(points, faces, name=name)
 
 
-def bones(num_vertices: int, num: int) -> PlantedCollection:
+def bones(num_vertices, num):
     """Return bones in random poses, always the same."""
     rng = np.random.default_rng(SEED)
     directions, faces = sphere_mesh(num_vertices)
@@ -75,7 +74,7 @@ class Measured:
     errors_deg: FloatArray
 
 
-def measure(tool: str, folder: Path, truth: FloatArray) -> list[Measured]:
+def measure(tool, folder, truth):
     """Run a tool; in a process of its own, so that its memory and its imports count."""
     from experiments.peers.peer_tools import TOOLS as KNOWN
 
@@ -92,7 +91,7 @@ def measure(tool: str, folder: Path, truth: FloatArray) -> list[Measured]:
     ]
 
 
-def peak_gib(process: int) -> float:
+def peak_gib(process):
     """Return the largest memory of a process so far, and of its living children, added up."""
     folder = Path("/proc") / str(process)
     peak = next(line for line in (folder / "status").read_text().splitlines() if line.startswith("VmHWM"))
@@ -100,13 +99,13 @@ def peak_gib(process: int) -> float:
     return int(peak.split()[1]) / 2**20 + sum(peak_gib(child) for child in children)
 
 
-def pair_errors_deg(truth: FloatArray, found: FloatArray) -> FloatArray:
+def pair_errors_deg(truth, found):
     """Return the errors of all relative rotations, degrees; both are ``R_common_shape``, shape (N, 3, 3)."""
     pairs = itertools.combinations(range(len(truth)), 2)
     return np.array([rotation_angle_deg(truth[a].T @ truth[b], found[a].T @ found[b]) for a, b in pairs])
 
 
-def compare(sizes: list[int], numbers: list[int], tools: list[str]) -> Iterator[str]:
+def compare(sizes, numbers, tools):
     """Yield the rows of the table."""
     yield "| vertices | bones | tool | processor s | GiB | median error | 95 % below | beyond 30 deg |"
     yield "| ---: | ---: | --- | ---: | ---: | ---: | ---: | ---: |"
@@ -128,7 +127,7 @@ def compare(sizes: list[int], numbers: list[int], tools: list[str]) -> Iterator[
                     )
 
 
-def main() -> None:
+def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--vertices", nargs="*", type=int, default=list(SIZES))
     parser.add_argument("--shapes", nargs="*", type=int, default=list(NUMBERS))

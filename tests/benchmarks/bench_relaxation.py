@@ -7,7 +7,6 @@ this process (so that other users of the machine count less). The dual's is the 
 
 import os
 import time
-from collections.abc import Callable
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -23,13 +22,13 @@ TOL = 4e-6
 NUM_POINTS, NUM_SEEDS = (20, 30), 5
 
 
-def seconds(solve: Callable[[], object]) -> float:
+def seconds(solve):
     started = time.process_time()
     solve()
     return time.process_time() - started
 
 
-def main() -> None:
+def main():
     solve_pm_sdp(planted_problem(np.random.default_rng(0), 5, 5, 3))  # imports and the look-up of thread pools
     for num in NUM_POINTS:
         ratios, times = [], []

@@ -22,7 +22,7 @@ from data_tools.datasets.synthetic_shapes import chair
 from data_tools.rotations import rotation_angle_deg
 
 
-def generate(num: int, folder: Path, seed: int) -> np.ndarray:
+def generate(num, folder, seed):
     """Write chairs of varied proportions in random poses and return ``R_common_shape`` of each, in natural order."""
     rng = np.random.default_rng(seed)
     width = len(str(num))
@@ -32,17 +32,17 @@ def generate(num: int, folder: Path, seed: int) -> np.ndarray:
     return planted.rotations
 
 
-def gibibytes(who: int) -> float:
+def gibibytes(who):
     return resource.getrusage(who).ru_maxrss / 2**20
 
 
-def processor_s() -> float:
+def processor_s():
     """Processor seconds of this process and of the workers that have ended."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(one.ru_utime + one.ru_stime for one in used)
 
 
-def measure(num: int, jobs: int, seed: int) -> float:
+def measure(num, jobs, seed):
     """Align and save a generated collection, print what it took, and return the processor seconds."""
     with tempfile.TemporaryDirectory() as folder:
         truth = generate(num, Path(folder) / "shapes", seed)
@@ -69,7 +69,7 @@ def measure(num: int, jobs: int, seed: int) -> float:
     return used_s
 
 
-def plot(sizes: list[int], seconds: list[float], exponent: float, path: Path) -> None:
+def plot(sizes, seconds, exponent, path):
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(4.5, 3.2), layout="constrained")
@@ -81,7 +81,7 @@ def plot(sizes: list[int], seconds: list[float], exponent: float, path: Path) ->
     figure.savefig(path, dpi=150)
 
 
-def main() -> None:
+def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", type=int, nargs="+", default=[100, 300, 1000])
     parser.add_argument("--jobs", type=int, default=2)

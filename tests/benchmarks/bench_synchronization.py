@@ -7,14 +7,13 @@ the worst error, for both methods on the same data; then flipped blocks and chir
 """
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from collalign.synchronization import synchronize
 from tests.synchronization_problems import (
-    Planted,
     complete_edges,
     exact_pairs,
     flipped_pairs,
@@ -38,12 +37,12 @@ class Cell:
     informative: bool = True
 
     @property
-    def name(self) -> str:
+    def name(self):
         graph = f"degree {self.degree}" if self.degree else "complete"
         margins = "" if self.informative else ", no margins"
         return f"N {self.num_shapes}, {graph}, {self.kind} q {self.wrong}, {self.candidates} cand.{margins}"
 
-    def problem(self, seed: int) -> Planted:
+    def problem(self, seed):
         edges = regular_edges(self.num_shapes, self.degree, seed) if self.degree else complete_edges(self.num_shapes)
         return flipped_pairs(
             np.random.default_rng(seed),
@@ -73,7 +72,7 @@ CELLS = [
 ]
 
 
-def poses(seeds: int) -> None:
+def poses(seeds):
     """Errors of both methods, and how far the confidence can be believed."""
     for cell in CELLS:
         rows: dict[str, list[np.ndarray]] = {"robust": [], "spectral": []}
@@ -95,7 +94,7 @@ def poses(seeds: int) -> None:
         print("  ", calibration(np.concatenate(confidence), np.concatenate(rows["robust"]) < 20), flush=True)
 
 
-def calibration(confidence: np.ndarray, right: np.ndarray) -> str:
+def calibration(confidence, right):
     """How many of the shapes at .95 are right, and the area under the curve of wrong against right shapes."""
     sure = confidence >= 0.95
     stated = f"confident {sure.mean():.2f} of them right {right[sure].mean():.3f}" if sure.any() else "none confident"
@@ -105,7 +104,7 @@ def calibration(confidence: np.ndarray, right: np.ndarray) -> str:
     return f"{stated}  AUC {np.mean((good > bad) + 0.5 * (good == bad)):.3f}"
 
 
-def blocks(seeds: int) -> None:
+def blocks(seeds):
     """Whole groups flipped: flagged, or right."""
     for chance in (0.6, 0.45):
         flagged, within, sure = [], [], []
@@ -125,7 +124,7 @@ def blocks(seeds: int) -> None:
         )
 
 
-def chirality(seeds: int) -> None:
+def chirality(seeds):
     rows: dict[str, list[bool]] = {"robust": [], "spectral": []}
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
@@ -154,7 +153,7 @@ PARTS: dict[str, Callable[[int], None]] = {
 }
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--only", nargs="*", choices=list(PARTS), default=list(PARTS))

@@ -27,7 +27,7 @@ KINDS = ("shapes", "pairs")
 class Watch:
     """What must never get lost: the originals, files of others, finished results, complete outputs."""
 
-    def __init__(self, shapes: Path, out: Path) -> None:
+    def __init__(self, shapes, out):
         self._shapes, self._out = shapes, out
         self._originals = snapshot(shapes)
         self._done: dict[str, frozenset[str]] = dict.fromkeys(KINDS, frozenset())
@@ -37,7 +37,7 @@ class Watch:
         for note in self._notes:
             note.write_text("mine")
 
-    def check(self) -> None:
+    def check(self):
         """Raise where anything is lost.
 
         Raises
@@ -64,7 +64,7 @@ class Watch:
             if missing:
                 raise RuntimeError(f"there is a summary, but no mesh of {missing}")
 
-    def check_end(self) -> None:
+    def check_end(self):
         """Raise where something temporary is left in the output folder."""
         self.check()
         left = sorted(path.name for path in (self._out / BOOKS).iterdir())
@@ -72,18 +72,18 @@ class Watch:
             raise RuntimeError(f"left behind: {left}")
 
 
-def snapshot(folder: Path) -> dict[str, bytes]:
+def snapshot(folder):
     """Return the content of every file of a folder."""
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def outputs(out: Path) -> dict[str, bytes]:
+def outputs(out):
     """Return the outputs that may not differ between runs."""
     paths = [out / "alignment.json", out / "pairs.csv", *sorted((out / "meshes").glob("chair*.ply"))]
     return {path.name: path.read_bytes() for path in paths}
 
 
-def main() -> None:
+def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=40)
     parser.add_argument("--signals", type=int, default=20)
@@ -96,7 +96,7 @@ def main() -> None:
         compare(Path(folder), options)
 
 
-def compare(folder: Path, options: argparse.Namespace) -> FaultLog:
+def compare(folder, options):
     """Run undisturbed once, then disturbed until there were enough kills and signals, and compare.
 
     Raises
@@ -141,7 +141,7 @@ def compare(folder: Path, options: argparse.Namespace) -> FaultLog:
     return total
 
 
-def command(shapes: Path, out: Path, options: argparse.Namespace) -> list[str]:
+def command(shapes, out, options):
     """Return the command that aligns the shapes, with its store in the output folder."""
     words = [
         sys.executable,

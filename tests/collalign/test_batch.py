@@ -3,7 +3,6 @@
 import errno
 import math
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -20,12 +19,12 @@ from tests.finished_runs import chairs
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     write_collection(tmp_path / "chairs", chairs(3))
     return tmp_path
 
 
-def batch_file(folder: Path, text: str) -> Path:
+def batch_file(folder, text):
     path = folder / "batch.toml"
     path.write_text(text)
     return path
@@ -50,7 +49,7 @@ num_points = 16
 """
 
 
-def test_jobs_share_options_and_override_them(folder: Path) -> None:
+def test_jobs_share_options_and_override_them(folder):
     first, second = read_batch(batch_file(folder, GOOD))
     assert (first.options.seed, first.options.sampling.num_points, first.options.group) == (3, 20, "auto")
     assert (second.options.seed, second.options.sampling.num_points, second.options.group) == (3, 16, "O")
@@ -84,14 +83,14 @@ def test_jobs_share_options_and_override_them(folder: Path) -> None:
         ("[options]\nsampling = 5\n[[jobs]]\nfolder = 'x'\nout = 'y'", OptionsError, "sampling: expected a table"),
     ],
 )
-def test_bad_files_are_refused_by_name(text: str, error: type[Exception], word: str, tmp_path: Path) -> None:
+def test_bad_files_are_refused_by_name(text, error, word, tmp_path):
     path = batch_file(tmp_path, text)
     with pytest.raises(error, match=word) as raised:
         read_batch(path)
     assert "batch.toml" in str(raised.value)
 
 
-def test_dry_run_estimates_and_writes_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_dry_run_estimates_and_writes_nothing(folder, capsys):
     path = batch_file(folder, GOOD)
     estimate = estimate_job(read_batch(path)[0], RunOptions(jobs=1))
     assert (estimate.num_shapes, estimate.num_pairs) == (3, 3)
@@ -104,7 +103,7 @@ def test_dry_run_estimates_and_writes_nothing(folder: Path, capsys: pytest.Captu
     assert not (folder / "a").exists()
 
 
-def test_one_bad_folder_does_not_stop_the_others(folder: Path) -> None:
+def test_one_bad_folder_does_not_stop_the_others(folder):
     text = GOOD.replace('folder = "chairs"\nout = "a"', 'folder = "nowhere"\nout = "a"')
     assert main(["batch", str(batch_file(folder, text)), "--jobs", "1"]) == 3
     assert (folder / "b" / "alignment.json").exists()
@@ -117,7 +116,7 @@ def test_one_bad_folder_does_not_stop_the_others(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("incomplete", "num_shapes", "looked_for"), [("auto", 40, True), ("auto", 2, False), ("none", 40, False)]
 )
-def test_incomplete_shapes_cost_where_they_are_looked_for(incomplete: str, num_shapes: int, looked_for: bool) -> None:
+def test_incomplete_shapes_cost_where_they_are_looked_for(incomplete, num_shapes, looked_for):
     costs = Costs(num_records=3, mean_seconds=1.0, mean_bytes=1.0)
     kinds = dict.fromkeys(("shapes", "pairs", "surfaces", "evidence"), costs)
     work = Workload(num_shapes=num_shapes, num_pairs=10, missing_pairs=10)
@@ -127,9 +126,7 @@ def test_incomplete_shapes_cost_where_they_are_looked_for(incomplete: str, num_s
 
 
 @pytest.mark.parametrize("flags", [[], ["--dry-run"]])
-def test_an_unreadable_folder_does_not_stop_the_others(
-    flags: list[str], folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unreadable_folder_does_not_stop_the_others(flags, folder, monkeypatch, capsys):
     refuse_to_list(folder / "secret", monkeypatch)
     text = GOOD.replace('folder = "chairs"\nout = "a"', 'folder = "secret"\nout = "a"')
     assert main(["batch", str(batch_file(folder, text)), "--jobs", "1", *flags]) == 3
@@ -138,12 +135,12 @@ def test_an_unreadable_folder_does_not_stop_the_others(
     assert "3 shapes" in said.out
 
 
-def refuse_to_list(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def refuse_to_list(folder, monkeypatch):
     """Make a folder whose entries the system hides, as it does from anybody but root."""
     folder.mkdir()
     listing = Path.iterdir
 
-    def iterdir(path: Path) -> Iterator[Path]:
+    def iterdir(path):
         if path == folder:
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
         return listing(path)

@@ -2,7 +2,6 @@
 
 import pickle
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas
@@ -15,12 +14,12 @@ from tests.finished_runs import chairs
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("result") / "out"
 
 
 @pytest.fixture(scope="module")
-def made(folder: Path) -> collalign.Collection:
+def made(folder):
     shapes = chairs(3).shapes
     named = {"<one>": shapes[0], "two": shapes[1], "points": shapes[2].vertices}
     options = collalign.AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=0))
@@ -30,11 +29,11 @@ def made(folder: Path) -> collalign.Collection:
 
 
 @pytest.fixture(params=["made", "loaded"])
-def result(request: pytest.FixtureRequest, made: collalign.Collection, folder: Path) -> collalign.Collection:
+def result(request, made, folder):
     return made if request.param == "made" else collalign.load(folder)
 
 
-def test_shapes_are_found_by_name_and_position(result: collalign.Collection, made: collalign.Collection) -> None:
+def test_shapes_are_found_by_name_and_position(result, made):
     assert len(result) == 3
     assert [shape.name for shape in result] == list(made.names) == ["<one>", "points", "two"]
     np.testing.assert_array_equal(result["two"].transform, made.transforms[2])
@@ -50,7 +49,7 @@ def test_shapes_are_found_by_name_and_position(result: collalign.Collection, mad
         result[3]
 
 
-def test_maps_poses_and_pairs_are_asked_by_name(result: collalign.Collection, made: collalign.Collection) -> None:
+def test_maps_poses_and_pairs_are_asked_by_name(result, made):
     assert np.array_equal(result.maps["two", "<one>"], made.maps["two", "<one>"])
     assert np.array_equal(result.maps.labels, made.maps.labels)
     np.testing.assert_allclose(result.rotations, made.rotations, atol=1e-12)
@@ -72,7 +71,7 @@ def test_maps_poses_and_pairs_are_asked_by_name(result: collalign.Collection, ma
         assert len(repr(one)) < 500
 
 
-def test_damaged_maps_of_a_folder_are_refused(made: collalign.Collection, tmp_path: Path) -> None:
+def test_damaged_maps_of_a_folder_are_refused(made, tmp_path):
     made.save(tmp_path / "out", report=False)
     file = tmp_path / "out" / "correspondences.npz"
     with np.load(file) as found:
@@ -91,12 +90,12 @@ def test_damaged_maps_of_a_folder_are_refused(made: collalign.Collection, tmp_pa
         collalign.load(tmp_path / "out")
 
 
-def test_a_loaded_result_says_that_it_is_saved(folder: Path, made: collalign.Collection, tmp_path: Path) -> None:
+def test_a_loaded_result_says_that_it_is_saved(folder, made, tmp_path):
     with pytest.raises(InputError, match="copy this folder"):
         collalign.load(folder).save(tmp_path / "again")
 
 
-def test_a_loaded_result_is_the_one_that_was_made(folder: Path, made: collalign.Collection) -> None:
+def test_a_loaded_result_is_the_one_that_was_made(folder, made):
     loaded = collalign.load(folder)
     for name in ("samples", "positions", "landmarks", "consensus", "part_numbers", "cycle_errors_deg"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(made, name))
@@ -105,7 +104,7 @@ def test_a_loaded_result_is_the_one_that_was_made(folder: Path, made: collalign.
         np.testing.assert_array_equal(one.map_target_source, two.map_target_source)
 
 
-def test_it_introduces_itself_in_a_line_and_in_a_picture(result: collalign.Collection) -> None:
+def test_it_introduces_itself_in_a_line_and_in_a_picture(result):
     assert repr(result).startswith(f"<{type(result).__name__}: 3 shapes, 3 pairs, ")
     assert len(repr(result)) < 100
     picture = result._repr_png_()
@@ -114,14 +113,14 @@ def test_it_introduces_itself_in_a_line_and_in_a_picture(result: collalign.Colle
     assert replace(result, fresh=None, folder=None)._repr_png_() is None
 
 
-def test_lists_of_shapes_and_pairs_are_tables(result: collalign.Collection) -> None:
+def test_lists_of_shapes_and_pairs_are_tables(result):
     shapes, pairs = pandas.DataFrame(list(result)), pandas.DataFrame(list(result.pairs))
     assert shapes["name"].tolist() == list(result.names)
     assert shapes["confidence"][result.index("two")] == result["two"].confidence
     assert pairs["energy"].tolist() == [pair.energy for pair in result.pairs]
 
 
-def test_meshes_lie_in_the_common_frame(result: collalign.Collection, made: collalign.Collection) -> None:
+def test_meshes_lie_in_the_common_frame(result, made):
     meshes = result.aligned_meshes()
     assert [type(mesh).__name__ for mesh in meshes.values()] == ["Trimesh", "PointCloud", "Trimesh"]
     for at, mesh in enumerate(meshes.values()):
@@ -131,12 +130,12 @@ def test_meshes_lie_in_the_common_frame(result: collalign.Collection, made: coll
     assert list(result.aligned_meshes(["two"])) == ["two"]
 
 
-def test_the_plot_has_two_pictures_of_each_shape(result: collalign.Collection) -> None:
+def test_the_plot_has_two_pictures_of_each_shape(result):
     figure = result.plot(["two", 0])
     words = [text.get_text() for text in figure.axes[0].texts]
     assert words[::2] == ["two", "<one>"]
 
 
-def test_a_folder_without_a_result_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_a_result_is_refused(tmp_path):
     with pytest.raises(InputError, match="there is no such file"):
         collalign.load(tmp_path)

@@ -1,5 +1,4 @@
 import dataclasses
-from typing import Any
 
 import joblib
 import numpy as np
@@ -28,7 +27,7 @@ ALLOWED = (("jobs", -(10**9)), ("candidate_factor", float("inf")), ("time_limit_
 
 
 @pytest.mark.parametrize("kind", OPTIONS, ids=lambda kind: kind.__name__)
-def test_options_are_frozen_keyword_only_and_check_every_field(kind: type) -> None:
+def test_options_are_frozen_keyword_only_and_check_every_field(kind):
     options = kind()
     with pytest.raises(TypeError):
         kind(True)
@@ -51,9 +50,9 @@ def test_options_are_frozen_keyword_only_and_check_every_field(kind: type) -> No
         ("metric", "taxicab"), ("normalisation", "volume"),
     ],
 )  # fmt: skip
-def test_impossible_sampling_is_refused_by_name(field: str, value: object) -> None:
+def test_impossible_sampling_is_refused_by_name(field, value):
     with pytest.raises(OptionsError, match=field):
-        SamplingOptions(**{field: value})  # type: ignore[arg-type]
+        SamplingOptions(**{field: value})
 
 
 @pytest.mark.parametrize(
@@ -61,33 +60,33 @@ def test_impossible_sampling_is_refused_by_name(field: str, value: object) -> No
     [("kind", "xyz+normals"), ("num_eigenfunctions", 0), ("hks_weight", float("nan")), ("hks_weight", "a"),
      ("agd_weight", float("inf")), ("agd_weight", -0.1), ("agd_weight", None)],
 )  # fmt: skip
-def test_impossible_embeddings_are_refused_by_name(field: str, value: object) -> None:
+def test_impossible_embeddings_are_refused_by_name(field, value):
     with pytest.raises(OptionsError, match=field):
-        EmbeddingOptions(**{field: value})  # type: ignore[arg-type]
+        EmbeddingOptions(**{field: value})
 
 
-def test_kinds_say_what_they_need() -> None:
-    needs = {kind: EmbeddingOptions(kind=kind) for kind in ("xyz", "xyz+lb", "xyz+invariants", "all")}  # type: ignore[arg-type]
+def test_kinds_say_what_they_need():
+    needs = {kind: EmbeddingOptions(kind=kind) for kind in ("xyz", "xyz+lb", "xyz+invariants", "all")}
     assert [o.has_eigenfunctions for o in needs.values()] == [False, True, False, True]
     assert [o.has_invariants for o in needs.values()] == [False, False, True, True]
 
 
-def test_there_are_as_many_workers_as_asked_for_but_no_more_than_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_there_are_as_many_workers_as_asked_for_but_no_more_than_cores(monkeypatch):
     monkeypatch.setattr(joblib, "cpu_count", lambda: 4)
     assert [RunOptions(jobs=jobs).num_workers for jobs in (-1, 1, 3, 16)] == [4, 1, 3, 4]
 
 
-def test_there_are_no_more_options_than_anybody_reads() -> None:
+def test_there_are_no_more_options_than_anybody_reads():
     flat = [value if isinstance(value, dict) else [value] for value in dataclasses.asdict(AlignOptions()).values()]
     assert sum(map(len, flat)) <= 35
 
 
-def two_clouds() -> list[np.ndarray]:
+def two_clouds():
     points = np.random.default_rng(0).random((20, 3))
     return [points, points[::-1]]
 
 
-def test_options_may_be_keywords_and_tables() -> None:
+def test_options_may_be_keywords_and_tables():
     table = {"seed": 3, "sampling": {"num_points": 16}}
     found = collalign.align_collection(two_clouds(), options=table, seed=1, maps="never", jobs=1, progress=False)
     assert found.options == AlignOptions(seed=1, maps="never", sampling=SamplingOptions(num_points=16))
@@ -106,6 +105,6 @@ def test_options_may_be_keywords_and_tables() -> None:
         ({"run": {"job": 1}}, "run: there is no option 'job'; did you mean 'jobs'"),
     ],
 )
-def test_what_is_no_option_is_refused_before_any_work(given: dict[str, Any], message: str) -> None:
+def test_what_is_no_option_is_refused_before_any_work(given, message):
     with pytest.raises(OptionsError, match=message):
         collalign.align_collection("no such folder", **given)

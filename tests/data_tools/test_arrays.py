@@ -7,7 +7,7 @@ from data_tools import arrays
 from data_tools.errors import InputError
 
 
-def test_points_become_fresh_contiguous_float64() -> None:
+def test_points_become_fresh_contiguous_float64():
     given = np.arange(12, dtype=np.int32).reshape(4, 3)[::2]
     points = arrays.as_points(given, "points")
     assert points.dtype == np.float64
@@ -28,20 +28,20 @@ def test_points_become_fresh_contiguous_float64() -> None:
         (np.zeros((1, 3), complex), "real numbers"),
     ],
 )
-def test_bad_points_are_refused_by_name(values: object, word: str) -> None:
+def test_bad_points_are_refused_by_name(values, word):
     with pytest.raises(InputError, match=word) as error:
         arrays.as_points(values, "molar.ply", dim=3)
     assert "molar.ply" in str(error.value)
 
 
-def test_weights() -> None:
+def test_weights():
     assert arrays.as_weights(None, "w", num=3).tolist() == [1, 1, 1]
     for wrong in ([1, -1, 1], [0, 0, 0], [1, 1], [1, np.nan, 1]):
         with pytest.raises(InputError, match="w:"):
             arrays.as_weights(wrong, "w", num=3)
 
 
-def test_masks_and_indices() -> None:
+def test_masks_and_indices():
     assert arrays.as_mask([[1, 0]], "m", shape=(1, 2)).tolist() == [[True, False]]
     with pytest.raises(InputError, match="booleans"):
         arrays.as_mask([[2, 0]], "m", shape=(1, 2))
@@ -50,12 +50,12 @@ def test_masks_and_indices() -> None:
     assert arrays.as_indices([-1, 2], "i", lower=-1, upper=3).tolist() == [-1, 2]
 
 
-def test_rotations_whose_squares_overflow_are_refused() -> None:
+def test_rotations_whose_squares_overflow_are_refused():
     with pytest.raises(InputError, match="not orthogonal"):
         arrays.as_rotations(np.array([[1e200, 1e200], [1e200, -1e200]]), "R")
 
 
-def test_limits_belong_to_the_right_side() -> None:
+def test_limits_belong_to_the_right_side():
     assert arrays.as_indices([2], "i", upper=3).tolist() == [2]
     with pytest.raises(InputError, match="expected them in"):
         arrays.as_indices([3], "i", upper=3)
@@ -64,7 +64,7 @@ def test_limits_belong_to_the_right_side() -> None:
         arrays.as_points(np.zeros((1, 3)), "p", min_points=2)
 
 
-def test_one_reflection_among_rotations_is_refused_and_so_is_a_matrix_that_is_slightly_off() -> None:
+def test_one_reflection_among_rotations_is_refused_and_so_is_a_matrix_that_is_slightly_off():
     both = np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])])
     assert len(arrays.as_rotations(both, "R", group="O")) == 2
     with pytest.raises(InputError, match="square"):

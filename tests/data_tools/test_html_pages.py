@@ -1,11 +1,9 @@
 """Plain pages: texts of users stay texts, and nothing is loaded."""
 
-from pathlib import Path
-
 from data_tools.html_pages import html_figure, html_table, write_html_page
 
 
-def test_texts_are_escaped_and_a_page_loads_nothing(tmp_path: Path) -> None:
+def test_texts_are_escaped_and_a_page_loads_nothing(tmp_path):
     evil = "<script>alert('x')</script>"
     body = html_table(evil, ["a", evil], [["1", evil]]) + html_figure(b"png", evil)
     page = write_html_page(tmp_path / "page.html", evil, body).read_text()

@@ -7,7 +7,7 @@ from data_tools.poses import Similarity, keep_apart, moved_by, scales_of, turn_d
 from data_tools.rotations import random_rotation
 
 
-def some_poses(rng: np.random.Generator, num: int = 5) -> Similarity:
+def some_poses(rng, num=5):
     return Similarity(
         rotation=np.stack([random_rotation(rng, group="O") for _ in range(num)]),
         scale=rng.uniform(0.5, 2.0, num),
@@ -15,12 +15,12 @@ def some_poses(rng: np.random.Generator, num: int = 5) -> Similarity:
     )
 
 
-def about_z(degrees: float) -> np.ndarray:
+def about_z(degrees):
     angle = np.deg2rad(degrees)
     return np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
 
 
-def test_several_poses_move_points_as_each_alone_and_as_their_matrices() -> None:
+def test_several_poses_move_points_as_each_alone_and_as_their_matrices():
     rng = np.random.default_rng(0)
     poses, points = some_poses(rng), rng.standard_normal((7, 3))
     for at, moved in enumerate(poses.apply(points)):
@@ -33,7 +33,7 @@ def test_several_poses_move_points_as_each_alone_and_as_their_matrices() -> None
     np.testing.assert_array_equal(poses.transform[:, 3], np.tile([0.0, 0.0, 0.0, 1.0], (5, 1)))
 
 
-def test_a_pose_comes_back_from_its_matrix_mirrored_or_not() -> None:
+def test_a_pose_comes_back_from_its_matrix_mirrored_or_not():
     poses = some_poses(np.random.default_rng(1), 8)
     assert {-1.0, 1.0} == set(np.sign(np.linalg.det(poses.rotation)).tolist())
     again = Similarity.of_transforms(poses.transform)
@@ -42,12 +42,12 @@ def test_a_pose_comes_back_from_its_matrix_mirrored_or_not() -> None:
     np.testing.assert_allclose(scales_of(poses.transform[:, :3, :3]), poses.scale)
 
 
-def test_a_mirror_image_is_half_a_turn_away() -> None:
+def test_a_mirror_image_is_half_a_turn_away():
     assert turn_deg(about_z(10), about_z(40)) == pytest.approx(30.0)
     assert turn_deg(about_z(10), -about_z(10)) == 180.0
 
 
-def test_rotations_are_kept_that_lie_apart_in_their_order() -> None:
+def test_rotations_are_kept_that_lie_apart_in_their_order():
     rotations = np.stack([about_z(angle) for angle in (0, 4, 9, 20, 22)] + [-about_z(0)])
     assert keep_apart(rotations, 5.0) == [0, 2, 3, 5]
     assert keep_apart(rotations[::-1], 5.0) == [0, 1, 3, 5]

@@ -11,7 +11,7 @@ from data_tools.rotations import (
 from tests.data_tools.test_poses import about_z
 
 
-def test_random_rotations_are_orthogonal_and_of_the_group(rng: np.random.Generator) -> None:
+def test_random_rotations_are_orthogonal_and_of_the_group(rng):
     for dim in (2, 3, 5):
         drawn = np.stack([random_rotation(rng, dim, group="O") for _ in range(40)])
         np.testing.assert_allclose(
@@ -23,31 +23,31 @@ def test_random_rotations_are_orthogonal_and_of_the_group(rng: np.random.Generat
         random_rotation(rng, group="U")
 
 
-def test_random_rotations_are_uniform(rng: np.random.Generator) -> None:
+def test_random_rotations_are_uniform(rng):
     drawn = np.stack([random_rotation(rng) for _ in range(3000)])
     assert np.abs(drawn.mean(axis=0)).max() < 0.05
     np.testing.assert_allclose((drawn**2).mean(axis=0), 1 / 3, atol=0.03)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-6, 1.0, 90.0, 179.9999, 180.0])
-def test_angles_of_known_turns(angle: float) -> None:
+def test_angles_of_known_turns(angle):
     assert rotation_angle_deg(about_z(angle)) == pytest.approx(angle, rel=1e-6, abs=1e-9)
     assert rotation_angle_deg(about_z(20), about_z(20 + angle)) == pytest.approx(angle, rel=1e-6, abs=1e-6)
 
 
-def test_no_angle_between_hands() -> None:
+def test_no_angle_between_hands():
     assert np.isnan(rotation_angle_deg(-np.eye(3)))
     assert rotation_angle_deg(-np.eye(3), -np.eye(3)) == 0
 
 
-def test_angles_between_chiralities_are_half_a_turn() -> None:
+def test_angles_between_chiralities_are_half_a_turn():
     assert rotation_angles(np.eye(3), np.diag([1.0, 1.0, -1.0])) == np.pi
     assert rotation_angles(np.eye(3), np.diag([1.0, -1.0, -1.0])) == pytest.approx(np.pi)
     assert rotation_angles(np.eye(3), about_z(1e-6)) == pytest.approx(np.radians(1e-6), rel=1e-6)
 
 
 @pytest.mark.parametrize("dim", [2, 3, 5])
-def test_no_orthogonal_matrix_is_nearer_than_the_nearest(rng: np.random.Generator, dim: int) -> None:
+def test_no_orthogonal_matrix_is_nearer_than_the_nearest(rng, dim):
     matrices = rng.standard_normal((6, dim, dim))
     others = np.stack([random_rotation(rng, dim, group="O") for _ in range(200)])
     for determinant in (None, 1.0, -1.0):

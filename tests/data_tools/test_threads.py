@@ -2,14 +2,12 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FunctionType
-from typing import Any
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_info, threadpool_limits  # type: ignore[import-untyped]
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import collalign
 import collalign.output.report.page
@@ -36,12 +34,12 @@ DOORS = {
 PACKAGES = (collalign, collalign.synchronization, pairwise)
 
 
-def num_threads(*ignored: object) -> set[int]:
+def num_threads(*ignored):
     return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
 
 @pytest.fixture
-def three_threads() -> Iterator[None]:
+def three_threads():
     """Let the caller have three threads, whatever the machine and its environment say."""
     with threadpool_limits(3, user_api="blas"):
         assert 3 in num_threads()
@@ -49,7 +47,7 @@ def three_threads() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("three_threads")
-def test_inside_there_is_one_thread_and_the_caller_gets_his_back() -> None:
+def test_inside_there_is_one_thread_and_the_caller_gets_his_back():
     before = num_threads()
     with one_blas_thread():
         assert num_threads() == {1}
@@ -64,10 +62,10 @@ def test_inside_there_is_one_thread_and_the_caller_gets_his_back() -> None:
 
 
 @pytest.mark.usefixtures("three_threads")
-def test_a_thread_that_leaves_takes_nothing_from_one_that_is_still_inside() -> None:
+def test_a_thread_that_leaves_takes_nothing_from_one_that_is_still_inside():
     before, inside, may_leave = num_threads(), threading.Event(), threading.Event()
 
-    def stay() -> None:
+    def stay():
         with one_blas_thread():
             inside.set()
             may_leave.wait(600)
@@ -83,7 +81,7 @@ def test_a_thread_that_leaves_takes_nothing_from_one_that_is_still_inside() -> N
 
 
 @pytest.mark.usefixtures("three_threads")
-def test_a_library_that_comes_later_is_limited_by_the_next_door(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_library_that_comes_later_is_limited_by_the_next_door(monkeypatch):
     with one_blas_thread():
         threadpool_limits(2, user_api="blas")  # as a freshly loaded library would
         monkeypatch.setitem(sys.modules, "a_new_module", threads)
@@ -91,13 +89,13 @@ def test_a_library_that_comes_later_is_limited_by_the_next_door(monkeypatch: pyt
             assert num_threads() == {1}
 
 
-def is_door(function: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> bool:
+def is_door(function, monkeypatch):
     """Whether calling a function goes through the door before anything else."""
 
     class Entered(Exception):
         pass
 
-    def entered() -> None:
+    def entered():
         raise Entered
 
     with monkeypatch.context() as patched:
@@ -111,29 +109,29 @@ def is_door(function: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> bo
     return False
 
 
-def public_functions() -> dict[str, Callable[..., Any]]:
+def public_functions():
     exported = {f"{p.__name__}.{name}": getattr(p, name) for p in PACKAGES for name in p.__all__}
     return DOORS | {name: value for name, value in exported.items() if isinstance(value, FunctionType)}
 
 
 @pytest.mark.parametrize("name", public_functions())
-def test_every_public_function_is_a_door(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_public_function_is_a_door(name, monkeypatch):
     assert is_door(public_functions()[name], monkeypatch)
 
 
-def test_the_check_sees_a_function_without_a_door(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_check_sees_a_function_without_a_door(monkeypatch):
     assert not is_door(as_points, monkeypatch)
     assert len(public_functions()) > 15
 
 
 @pytest.mark.usefixtures("three_threads")
 @pytest.mark.parametrize("num_jobs", [1, 2])
-def test_tasks_have_one_thread(num_jobs: int) -> None:
+def test_tasks_have_one_thread(num_jobs):
     results = [result.value for result in run_jobs(num_threads, [("a", 0), ("b", 1)], num_jobs=num_jobs)]
     assert results == [{1}, {1}]
 
 
-def outputs(folder: Path) -> dict[str, bytes]:
+def outputs(folder):
     """Return what a run wrote, without its timings, which the evidence and the report repeat."""
     meshes = {path.name: path.read_bytes() for path in (folder / "meshes").iterdir()}
     files = ("alignment.json", "contact_sheet.png", "correspondences.npz", "pairs.csv")
@@ -142,7 +140,7 @@ def outputs(folder: Path) -> dict[str, bytes]:
         return found | {name: arrays[name].tobytes() for name in arrays.files if name != "text"}
 
 
-def test_the_environment_changes_no_byte(tmp_path: Path) -> None:
+def test_the_environment_changes_no_byte(tmp_path):
     write_collection(tmp_path / "shapes", chairs(3))
     written = []
     for threads_asked, jobs in (("1", "1"), ("8", "2")):

@@ -17,8 +17,7 @@ import trimesh
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.cli import main
 from collalign.engine.store.store import Store
-from collalign.output.collection import Collection
-from data_tools.datasets.synthetic import PlantedCollection, write_collection
+from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
@@ -30,19 +29,19 @@ FLAGS = ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--j
 
 
 @pytest.fixture(scope="module")
-def planted() -> PlantedCollection:
+def planted():
     return chairs(5, scale_range=(0.5, 2.0))
 
 
 @pytest.fixture(scope="module")
-def folder(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(planted, tmp_path_factory):
     path = tmp_path_factory.mktemp("shapes")
     write_collection(path, planted)
     return path
 
 
 @pytest.fixture(scope="module")
-def finished(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+def finished(folder, tmp_path_factory):
     """The folder of a finished run of the command, and what it printed."""
     out, printed = tmp_path_factory.mktemp("finished") / "out", io.StringIO()
     with contextlib.redirect_stdout(printed):
@@ -51,41 +50,41 @@ def finished(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
 
 
 @pytest.fixture
-def out(finished: tuple[Path, str], tmp_path: Path) -> Path:
+def out(finished, tmp_path):
     """A copy of the finished run, its store included."""
     return Path(shutil.copytree(finished[0], tmp_path / "out"))
 
 
 @pytest.fixture(scope="module")
-def run(finished: tuple[Path, str], tmp_path_factory: pytest.TempPathFactory) -> RunOptions:
+def run(finished, tmp_path_factory):
     """Runs that find all shapes and pairs in a store."""
     return RunOptions(jobs=1, store=Path(shutil.copy(finished[0] / "store.sqlite", tmp_path_factory.mktemp("store"))))
 
 
 @pytest.fixture(scope="module")
-def aligned(folder: Path, run: RunOptions) -> Collection:
+def aligned(folder, run):
     return align_collection(folder, options=OPTIONS, run=run)
 
 
-def worst_error_deg(rotations: np.ndarray, planted: PlantedCollection) -> float:
+def worst_error_deg(rotations, planted):
     pairs = itertools.combinations(range(len(rotations)), 2)
     errors = [rotation_angle_deg(rotations[i].T @ rotations[j], planted.relative_rotation(i, j)) for i, j in pairs]
     return float(np.max(errors))
 
 
-def test_rotations_are_recovered_up_to_one_common_rotation(aligned: Collection, planted: PlantedCollection) -> None:
+def test_rotations_are_recovered_up_to_one_common_rotation(aligned, planted):
     assert worst_error_deg(aligned.rotations, planted) < 15
     assert not aligned.excluded
     assert np.allclose(aligned.rotations[0], np.eye(3))
 
 
-def test_the_error_measure_sees_a_wrong_rotation(aligned: Collection, planted: PlantedCollection) -> None:
+def test_the_error_measure_sees_a_wrong_rotation(aligned, planted):
     turned = aligned.rotations.copy()
     turned[2] = np.diag([1.0, -1.0, -1.0]) @ turned[2]
     assert worst_error_deg(turned, planted) > 150
 
 
-def test_transforms_bring_the_shapes_onto_each_other(aligned: Collection, planted: PlantedCollection) -> None:
+def test_transforms_bring_the_shapes_onto_each_other(aligned, planted):
     placed = []
     for transform, shape, origin in zip(aligned.transforms, planted.shapes, planted.origins, strict=True):
         moved = shape.vertices @ transform[:3, :3].T + transform[:3, 3]
@@ -96,7 +95,7 @@ def test_transforms_bring_the_shapes_onto_each_other(aligned: Collection, plante
     assert spread < 0.25 * size
 
 
-def test_maps_are_consistent_and_samples_lie_on_the_shapes(aligned: Collection, planted: PlantedCollection) -> None:
+def test_maps_are_consistent_and_samples_lie_on_the_shapes(aligned, planted):
     a, b, c = aligned.names[:3]
     assert np.array_equal(aligned.maps[a, b][aligned.maps[b, c]], aligned.maps[a, c])
     assert np.array_equal(aligned.maps[a, a], np.arange(24))
@@ -107,12 +106,12 @@ def test_maps_are_consistent_and_samples_lie_on_the_shapes(aligned: Collection, 
         aligned.maps["nobody", a]
 
 
-def test_rigid_keeps_sizes(folder: Path, run: RunOptions) -> None:
+def test_rigid_keeps_sizes(folder, run):
     rigid = align_collection(folder, options=replace(OPTIONS, scaling="rigid"), run=run)
     assert np.allclose(np.linalg.det(rigid.transforms[:, :3, :3]), 1)
 
 
-def test_a_reference_and_fixed_poses_are_respected(folder: Path, aligned: Collection, run: RunOptions) -> None:
+def test_a_reference_and_fixed_poses_are_respected(folder, aligned, run):
     name = aligned.names[3]
     other = align_collection(folder, options=replace(OPTIONS, reference=name), run=run)
     assert np.allclose(other.rotations[3], np.eye(3))
@@ -123,7 +122,7 @@ def test_a_reference_and_fixed_poses_are_respected(folder: Path, aligned: Collec
         align_collection(folder, options=OPTIONS, run=run, fixed={"nobody": pose})
 
 
-def test_the_common_frame_can_be_the_principal_axes(folder: Path, aligned: Collection, run: RunOptions) -> None:
+def test_the_common_frame_can_be_the_principal_axes(folder, aligned, run):
     posed = align_collection(folder, options=replace(OPTIONS, gauge="axes"), run=run)
     turn = posed.rotations[0] @ aligned.rotations[0].T
     assert np.allclose(posed.rotations, turn @ aligned.rotations)
@@ -134,9 +133,7 @@ def test_the_common_frame_can_be_the_principal_axes(folder: Path, aligned: Colle
     assert variances[0, 0] > variances[1, 1] > variances[2, 2]
 
 
-def test_command_line_writes_everything_and_reads_like_the_library(
-    folder: Path, aligned: Collection, finished: tuple[Path, str]
-) -> None:
+def test_command_line_writes_everything_and_reads_like_the_library(folder, aligned, finished):
     out, printed = finished
     record = json.loads((out / "alignment.json").read_text())
     assert [s["name"] for s in record["shapes"]] == list(aligned.names)
@@ -157,14 +154,14 @@ def test_command_line_writes_everything_and_reads_like_the_library(
     assert not list(out.glob(".collalign-*"))
 
 
-def test_second_run_reuses_everything_and_gives_the_same_bytes(folder: Path, out: Path) -> None:
+def test_second_run_reuses_everything_and_gives_the_same_bytes(folder, out):
     first = (out / "alignment.json").read_bytes(), (out / "correspondences.npz").read_bytes()
     assert main(["align", str(folder), "--out", str(out), *FLAGS]) == 0
     assert ((out / "alignment.json").read_bytes(), (out / "correspondences.npz").read_bytes()) == first
     assert json.loads((out / "run.json").read_text())["num_reused"] == 15
 
 
-def test_two_workers_give_and_write_the_bytes_of_one(folder: Path, aligned: Collection, tmp_path: Path) -> None:
+def test_two_workers_give_and_write_the_bytes_of_one(folder, aligned, tmp_path):
     shapes = tmp_path / "shapes"
     shutil.copytree(folder, shapes)
     found = align_collection(shapes, options=OPTIONS, run=RunOptions(jobs=2))
@@ -183,9 +180,7 @@ def test_two_workers_give_and_write_the_bytes_of_one(folder: Path, aligned: Coll
         assert not (tmp_path / "again" / "alignment.json").exists()
 
 
-def test_one_bad_file_is_left_out_and_named(
-    folder: Path, planted: PlantedCollection, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_bad_file_is_left_out_and_named(folder, planted, tmp_path, capsys):
     mixed = tmp_path / "mixed"
     write_collection(mixed, planted)
     (mixed / "broken.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 3\n")
@@ -225,12 +220,12 @@ def test_one_bad_file_is_left_out_and_named(
     ],
 )
 def test_bad_arguments_exit_with_2_and_name_the_cause(
-    arguments: list[str],
-    word: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+    arguments,
+    word,
+    tmp_path,
+    monkeypatch,
+    capfd,
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.xyz").write_text("0 0 0\n")
     assert main(arguments) == 2
@@ -238,13 +233,13 @@ def test_bad_arguments_exit_with_2_and_name_the_cause(
     assert word in (captured.err + captured.out).lower()
 
 
-def test_fewer_than_two_shapes_is_an_error_that_lists_the_reasons(tmp_path: Path) -> None:
+def test_fewer_than_two_shapes_is_an_error_that_lists_the_reasons(tmp_path):
     (tmp_path / "a.ply").write_bytes(b"rubbish")
     with pytest.raises(CollectionError, match=r"a\.ply"):
         align_collection(tmp_path, options=OPTIONS, run=RunOptions(jobs=1))
 
 
-def test_status_counts(finished: tuple[Path, str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_status_counts(finished, capsys):
     out, _ = finished
     assert main(["status", str(out / "store.sqlite"), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
@@ -255,9 +250,7 @@ def test_status_counts(finished: tuple[Path, str], capsys: pytest.CaptureFixture
     assert json.loads(capsys.readouterr().out) == report
 
 
-def test_status_of_an_unfinished_run_says_the_stage_and_how_to_go_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_status_of_an_unfinished_run_says_the_stage_and_how_to_go_on(tmp_path, capsys):
     with Store.open(tmp_path / "store.sqlite") as store:
         store.plan("shapes", {"a" * 40: "one.ply"})
         store.set_note("files", "3")
@@ -270,7 +263,7 @@ def test_status_of_an_unfinished_run_says_the_stage_and_how_to_go_on(
     assert said.endswith("run the same command to go on.\n")
 
 
-def test_adding_shapes_moves_nothing(planted: PlantedCollection, tmp_path: Path) -> None:
+def test_adding_shapes_moves_nothing(planted, tmp_path):
     old, new, out = tmp_path / "old", tmp_path / "new", tmp_path / "out"
     write_collection(old, replace(planted, shapes=planted.shapes[:4]))
     write_mesh(new / "late.ply", planted.shapes[4])
@@ -289,7 +282,7 @@ def test_adding_shapes_moves_nothing(planted: PlantedCollection, tmp_path: Path)
     assert main(["add", str(out), str(new), "--jobs", "1"]) == 2
 
 
-def test_corrections_are_kept_without_matching_again(folder: Path, out: Path, tmp_path: Path) -> None:
+def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
     command = ["align", str(folder), "--out", str(out), *FLAGS]
     shapes = json.loads((out / "alignment.json").read_text())["shapes"]
     linear = np.array(shapes[2]["transform"])[:3, :3]
@@ -314,7 +307,7 @@ def test_corrections_are_kept_without_matching_again(folder: Path, out: Path, tm
     assert json.loads((out / "run.json").read_text())["num_reused"] == 15
 
 
-def check_certificates(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def check_certificates(out, capsys):
     """The certificates of a result hold, and prove no more than the energies."""
     capsys.readouterr()
     assert main(["verify", str(out), "--json"]) == 0
@@ -329,9 +322,7 @@ def check_certificates(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert max(pair["proven"] for pair in found["pairs"]) > 0.0
 
 
-def test_certification_proves_pairs_and_says_so(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_certification_proves_pairs_and_says_so(folder, tmp_path, capsys):
     out = tmp_path / "out"
     flags = ["--sampling.num-points", "8", "--sampling.num-dense-points", "0", "--jobs", "1", "--certify"]
     flags += ["--certify-pair-s", "60", "--certify-budget-s", "240"]
@@ -348,9 +339,7 @@ def test_certification_proves_pairs_and_says_so(
 
 
 @pytest.mark.parametrize("kind", ["xyz", "xyz+lb"])
-def test_the_published_synchronization_runs_with_both_embeddings(
-    kind: str, folder: Path, planted: PlantedCollection
-) -> None:
+def test_the_published_synchronization_runs_with_both_embeddings(kind, folder, planted):
     options = replace(OPTIONS, synchronization="spectral", embedding=EmbeddingOptions(kind=kind))
     published = align_collection(folder, options=options, run=RunOptions(jobs=1))
     assert worst_error_deg(published.rotations, planted) < 20

@@ -1,28 +1,26 @@
 """A part of :mod:`tests.bad_inputs` with every run of the tests; all 300 by ``python -m tests.bad_inputs``."""
 
 import dataclasses
-from pathlib import Path
 
 import pytest
 
 from collalign import RunOptions, align_collection
-from collalign.output.collection import Collection
 from tests.bad_inputs import NUM_GOOD, OPTIONS, unaccounted, write_bad_inputs
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("bad") / "shapes"
     assert write_bad_inputs(path, every=6) > 50
     return path
 
 
 @pytest.fixture(scope="module")
-def collection(folder: Path) -> Collection:
+def collection(folder):
     return align_collection(folder, options=OPTIONS, run=RunOptions(jobs=1, memory_limit_gib=4.0))
 
 
-def test_every_bad_input_is_named_or_aligned(folder: Path, collection: Collection, tmp_path: Path) -> None:
+def test_every_bad_input_is_named_or_aligned(folder, collection, tmp_path):
     assert not unaccounted(folder, collection)
     assert {f"good{i}" for i in range(NUM_GOOD)} <= set(collection.names)
     assert len(collection.excluded) > 40
@@ -31,11 +29,11 @@ def test_every_bad_input_is_named_or_aligned(folder: Path, collection: Collectio
     collection.save(tmp_path / "out")
 
 
-def test_there_are_three_hundred(tmp_path: Path) -> None:
+def test_there_are_three_hundred(tmp_path):
     assert write_bad_inputs(tmp_path / "all") >= 300
 
 
-def test_an_input_that_is_passed_over_is_noticed(folder: Path, collection: Collection) -> None:
+def test_an_input_that_is_passed_over_is_noticed(folder, collection):
     forgotten = collection.excluded[7].file
     short = dataclasses.replace(collection, excluded=tuple(e for e in collection.excluded if e.file != forgotten))
     assert len(unaccounted(folder, short)) == 1

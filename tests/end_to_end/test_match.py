@@ -2,7 +2,6 @@
 
 import csv
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,16 +19,14 @@ from tests.pairwise.partial.test_partial_match import cut, moved
 
 
 @pytest.fixture
-def files(tmp_path: Path, rng: np.random.Generator) -> tuple[Path, Path, np.ndarray]:
+def files(tmp_path, rng):
     shape = figure(resolution=1)
     turn = random_rotation(rng)
     moved = Shape.from_arrays(3.0 * shape.vertices @ turn + [1.0, 2.0, 3.0], shape.faces, name="moved")
     return write_mesh(tmp_path / "a.ply", shape), write_mesh(tmp_path / "b.ply", moved), turn
 
 
-def test_rigid_match_prints_and_writes_the_transform(
-    files: tuple[Path, Path, np.ndarray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_rigid_match_prints_and_writes_the_transform(files, tmp_path, capsys):
     target, source, turn = files
     assert main(["match", str(target), str(source), "--out", str(tmp_path / "out")]) == 0
     record = json.loads((tmp_path / "out" / "match.json").read_text())
@@ -44,7 +41,7 @@ def test_rigid_match_prints_and_writes_the_transform(
     assert np.linalg.det(transform[:3, :3]) == pytest.approx(1 / 27, rel=0.05)
 
 
-def test_objects_match_like_their_files(files: tuple[Path, Path, np.ndarray]) -> None:
+def test_objects_match_like_their_files(files):
     few = TwoShapeOptions(sampling=SamplingOptions(num_points=16))
     from_files = match_rigid(*files[:2], options=few)
     first, second = (read_shape(file) for file in files[:2])
@@ -56,7 +53,7 @@ def test_objects_match_like_their_files(files: tuple[Path, Path, np.ndarray]) ->
     assert repr(from_files).startswith("<RigidMatch: b on a, energy")
 
 
-def test_the_answer_is_refined_on_dense_samples(files: tuple[Path, Path, np.ndarray], tmp_path: Path) -> None:
+def test_the_answer_is_refined_on_dense_samples(files, tmp_path):
     target, source, turn = files
     folders = {flag: tmp_path / flag.strip("-") for flag in ("--refine", "--no-refine")}
     records = {}
@@ -73,7 +70,7 @@ def test_the_answer_is_refined_on_dense_samples(files: tuple[Path, Path, np.ndar
     assert plain["transform"] == plain["candidates"][0]["transform"]
 
 
-def test_certify_reaches_the_pair(files: tuple[Path, Path, np.ndarray], tmp_path: Path) -> None:
+def test_certify_reaches_the_pair(files, tmp_path):
     target, source, _ = files
     flags = ["--certify", "--certify-pair-s", "1", "--sampling.num-points", "8", "--out", str(tmp_path / "out")]
     assert main(["match", str(target), str(source), *flags]) == 0
@@ -81,9 +78,7 @@ def test_certify_reaches_the_pair(files: tuple[Path, Path, np.ndarray], tmp_path
     assert record["lower_bound"] <= record["energy"] * (1 + 1e-9)
 
 
-def test_nonrigid_match_writes_a_map_of_all_vertices(
-    tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nonrigid_match_writes_a_map_of_all_vertices(tmp_path, rng, capsys):
     shape = figure(resolution=2)
     marked = np.array([0, len(shape.vertices) // 2])
     for name in ("a", "stranger"):
@@ -128,16 +123,14 @@ def test_nonrigid_match_writes_a_map_of_all_vertices(
     assert "confidence" in capsys.readouterr().out
 
 
-def test_bad_files_exit_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_files_exit_with_2(tmp_path, capsys):
     (tmp_path / "a.ply").write_text("nothing")
     for flags in ([], ["--nonrigid"]):
         assert main(["match", str(tmp_path / "a.ply"), str(tmp_path / "b.ply"), *flags]) == 2
         assert ".ply" in capsys.readouterr().err
 
 
-def test_surfaces_that_overlap_in_part_are_matched_and_say_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_surfaces_that_overlap_in_part_are_matched_and_say_so(tmp_path, capsys):
     rng = np.random.default_rng(1)
     whole, turn = crown(rng, num_vertices=700), random_rotation(rng)
     files = [str(write_mesh(tmp_path / "a.ply", whole))]
@@ -161,9 +154,7 @@ def test_surfaces_that_overlap_in_part_are_matched_and_say_so(
     assert "--partial works on surfaces" in capsys.readouterr().err
 
 
-def test_outputs_over_the_landmarks_of_a_shape_are_refused(
-    files: tuple[Path, Path, np.ndarray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_outputs_over_the_landmarks_of_a_shape_are_refused(files, tmp_path, capsys):
     marks = tmp_path / "marks"
     marks.mkdir()
     (marks / "some.csv").write_text("name,x,y,z\ntip,0,0,0\n")

@@ -4,7 +4,6 @@ import csv
 import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,7 +33,7 @@ LANDMARKS = np.arange(10, 700, 45)
 class Teeth:
     """Broken and whole teeth in known correspondence, aligned and saved, and their dense correspondence."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         rng = np.random.default_rng(5)
         teeth = deformed_family(crown(rng, num_vertices=800), NUM_SHAPES, rng, rms=0.01)
         (folder / "shapes").mkdir()
@@ -56,17 +55,17 @@ class Teeth:
         self.dense = collalign.dense_correspondence(self.result, run=self.run, progress=False)
 
     @property
-    def size(self) -> float:
+    def size(self):
         """Root mean square radius of the broken tooth as it was."""
         points = self.whole[BROKEN]
         return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
-    def lost(self, vertices: FloatArray) -> FloatArray:
+    def lost(self, vertices):
         """Distance of vertices of the broken tooth, as it was, from what is left of it, in radii."""
         gaps = np.linalg.norm(vertices[:, None] - self.broken, axis=2).min(axis=1)
         return np.asarray(gaps / self.size)
 
-    def inside(self, vertices: FloatArray) -> FloatArray:
+    def inside(self, vertices):
         """Whether vertices of the broken tooth, as it was, are left and farther than .1 radii from any rim."""
         rim = self.broken[np.unique(mesh_edges(self.broken_faces).boundary)]
         gaps = np.linalg.norm(vertices[:, None] - rim, axis=2).min(axis=1) / self.size
@@ -74,18 +73,18 @@ class Teeth:
 
 
 @pytest.fixture(scope="module")
-def teeth(tmp_path_factory: pytest.TempPathFactory) -> Teeth:
+def teeth(tmp_path_factory):
     return Teeth(tmp_path_factory.mktemp("teeth"))
 
 
-def to_file(teeth: Teeth, points: FloatArray) -> FloatArray:
+def to_file(teeth, points):
     """Take points of the common frame to the broken tooth's file."""
     view = load(teeth.result)
     inverse = np.linalg.inv(view.transforms[view.index(BROKEN)])
     return np.asarray(points @ inverse[:3, :3].T + inverse[:3, 3])
 
 
-def test_dense_correspondence_has_no_place_where_the_shape_has_nothing(teeth: Teeth) -> None:
+def test_dense_correspondence_has_no_place_where_the_shape_has_nothing(teeth):
     dense, row = teeth.dense, teeth.dense.names.index(BROKEN)
     assert dense.missing.any(axis=1).tolist() == [name == BROKEN for name in dense.names]
     assert 0.15 < dense.missing[row].mean() < 0.5
@@ -96,7 +95,7 @@ def test_dense_correspondence_has_no_place_where_the_shape_has_nothing(teeth: Te
     assert np.isfinite(dense.mean).all()
 
 
-def test_the_completed_part_is_near_what_was_cut_off(teeth: Teeth) -> None:
+def test_the_completed_part_is_near_what_was_cut_off(teeth):
     row = teeth.dense.names.index(BROKEN)
     guessed = to_file(teeth, teeth.dense.completed[row][teeth.dense.missing[row]])
     gaps = np.linalg.norm(guessed[:, None] - teeth.whole[BROKEN], axis=2).min(axis=1) / teeth.size
@@ -104,7 +103,7 @@ def test_the_completed_part_is_near_what_was_cut_off(teeth: Teeth) -> None:
     assert np.isfinite(teeth.dense.completed).all()
 
 
-def test_landmarks_are_not_carried_to_what_is_missing(teeth: Teeth, tmp_path: Path) -> None:
+def test_landmarks_are_not_carried_to_what_is_missing(teeth, tmp_path):
     labels = tuple(f"p{at}" for at in LANDMARKS)
     given = {
         name: Landmarks(labels=labels, points=teeth.whole[name][LANDMARKS]) for name in ("tooth0", "tooth1", "tooth4")
@@ -125,7 +124,7 @@ def test_landmarks_are_not_carried_to_what_is_missing(teeth: Teeth, tmp_path: Pa
     assert found.status[found.names.index("tooth2")] == (CARRIED,) * len(labels)
 
 
-def test_every_export_says_what_is_missing(teeth: Teeth, tmp_path: Path) -> None:
+def test_every_export_says_what_is_missing(teeth, tmp_path):
     view = load(teeth.result)
     row = view.index(BROKEN)
     lacking = np.isnan(view.landmarks[row]).any(axis=1)
@@ -149,7 +148,7 @@ def test_every_export_says_what_is_missing(teeth: Teeth, tmp_path: Path) -> None
     assert [one["positionStatus"] == "undefined" for one in markups] == lacking.tolist()
 
 
-def test_variation_leaves_broken_shapes_out_and_says_so(teeth: Teeth, tmp_path: Path) -> None:
+def test_variation_leaves_broken_shapes_out_and_says_so(teeth, tmp_path):
     found = collalign.write_surface_variation(teeth.result, tmp_path / "out", run=teeth.run, progress=False)
     assert BROKEN not in found.names
     assert len(found.names) == NUM_SHAPES - 1
@@ -157,9 +156,7 @@ def test_variation_leaves_broken_shapes_out_and_says_so(teeth: Teeth, tmp_path: 
     assert (tmp_path / "out" / "left_out.csv").read_text().split() == ["name,reason", f"{BROKEN},incomplete"]
 
 
-def test_doubtful_shapes_are_left_out_unless_asked_for(
-    teeth: Teeth, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_doubtful_shapes_are_left_out_unless_asked_for(teeth, tmp_path, capsys):
     view = load(teeth.result)
     result = tmp_path / "result"
     shutil.copytree(teeth.result, result)
@@ -183,7 +180,7 @@ def test_doubtful_shapes_are_left_out_unless_asked_for(
     assert set(again.names) == {*view.names} - {BROKEN}
 
 
-def test_too_few_sure_shapes_have_no_variation(teeth: Teeth, tmp_path: Path) -> None:
+def test_too_few_sure_shapes_have_no_variation(teeth, tmp_path):
     result = tmp_path / "result"
     shutil.copytree(teeth.result, result)
     view = load(teeth.result)
@@ -192,9 +189,7 @@ def test_too_few_sure_shapes_have_no_variation(teeth: Teeth, tmp_path: Path) -> 
         collalign.write_surface_variation(result, tmp_path / "out", progress=False)
 
 
-def test_the_command_says_which_landmarks_are_missing(
-    teeth: Teeth, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_says_which_landmarks_are_missing(teeth, tmp_path, capsys):
     path = tmp_path / "tooth0.csv"
     rows = [f"p{at},{','.join(map(str, teeth.whole['tooth0'][at]))}" for at in LANDMARKS]
     path.write_text("\n".join(["label,x,y,z", *rows]) + "\n")

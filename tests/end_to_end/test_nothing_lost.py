@@ -3,7 +3,6 @@
 import dataclasses
 import os
 import shutil
-from pathlib import Path
 
 import pytest
 
@@ -19,23 +18,23 @@ from tests.view_problems import write_result
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(tmp_path_factory):
     """A folder with a result in ``out``, made from ``shapes``."""
     return finished_run(tmp_path_factory.mktemp("finished"), chairs(3), OPTIONS, report=True).parent
 
 
 @pytest.fixture
-def project(finished: Path, tmp_path: Path) -> Path:
+def project(finished, tmp_path):
     """A copy of the shapes in ``meshes``."""
     shutil.copytree(finished / "shapes", tmp_path / "project" / "meshes")
     return tmp_path / "project"
 
 
-def snapshot(folder: Path) -> dict[str, bytes]:
+def snapshot(folder):
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-def test_what_was_aligned_again_is_not_replaced_by_its_own_result(finished: Path, tmp_path: Path) -> None:
+def test_what_was_aligned_again_is_not_replaced_by_its_own_result(finished, tmp_path):
     again = align_collection(finished / "out" / "meshes", options=OPTIONS, run=RunOptions(jobs=1))
     before = snapshot(finished / "out")
     with pytest.raises(InputError, match="contains"):
@@ -50,9 +49,7 @@ def test_what_was_aligned_again_is_not_replaced_by_its_own_result(finished: Path
 
 
 @pytest.mark.parametrize("name", ["report.html", "pairs.csv", "meshes/chair1.ply", "alignment.json"])
-def test_foreign_files_under_our_names_are_refused_before_the_work(
-    project: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_foreign_files_under_our_names_are_refused_before_the_work(project, tmp_path, name, capsys, monkeypatch):
     monkeypatch.setattr("collalign.align_collection", lambda *_, **__: pytest.fail("was run"))
     foreign = tmp_path / "out" / name
     foreign.parent.mkdir(parents=True)
@@ -62,7 +59,7 @@ def test_foreign_files_under_our_names_are_refused_before_the_work(
     assert foreign.read_text() == "mine"
 
 
-def test_other_files_stay_and_former_results_go(project: Path, tmp_path: Path) -> None:
+def test_other_files_stay_and_former_results_go(project, tmp_path):
     out = tmp_path / "out"
     command = ["align", str(project / "meshes"), "--out", str(out), *FLAGS]
     assert main(command) == 0
@@ -74,7 +71,7 @@ def test_other_files_stay_and_former_results_go(project: Path, tmp_path: Path) -
     assert sorted(p.name for p in (out / ".collalign").iterdir()) == ["manifest.json"]
 
 
-def test_exports_do_not_overwrite_originals(finished: Path, tmp_path: Path) -> None:
+def test_exports_do_not_overwrite_originals(finished, tmp_path):
     before = snapshot(finished)
     for to in ("shapes", "shapes/to", "."):
         with pytest.raises(InputError, match="name a folder apart"):
@@ -89,7 +86,7 @@ def test_exports_do_not_overwrite_originals(finished: Path, tmp_path: Path) -> N
     assert (tmp_path / "landmarks.tps").exists()
 
 
-def test_names_in_forged_evidence_lead_nowhere(finished: Path, tmp_path: Path) -> None:
+def test_names_in_forged_evidence_lead_nowhere(finished, tmp_path):
     result, new, out = tmp_path / "a" / "b" / "result", tmp_path / "new", tmp_path / "a" / "b" / "to"
     shutil.copytree(finished / "out", result)
     names = ("../../../escaped", str(tmp_path / "absolute"), "..")
@@ -104,7 +101,7 @@ def test_names_in_forged_evidence_lead_nowhere(finished: Path, tmp_path: Path) -
     assert sorted(p.name for p in (tmp_path / "a" / "b").iterdir()) == ["result", "to"]
 
 
-def test_names_that_are_long_or_no_text_go_through_every_output(tmp_path: Path) -> None:
+def test_names_that_are_long_or_no_text_go_through_every_output(tmp_path):
     shapes = tmp_path / "shapes"
     shapes.mkdir()
     names = (b"x" * 251, b"\xff a$1_$2^{ <script> 'd'\nf" * 9, b"=cmd|' C calc'!A0")

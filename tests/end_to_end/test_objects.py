@@ -1,16 +1,13 @@
 """A collection that lies in memory is aligned exactly like the same collection in a folder."""
 
 import json
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
-from collalign import AlignOptions, Collection, RunOptions, add_to_collection, align_collection
+from collalign import AlignOptions, RunOptions, add_to_collection, align_collection
 from collalign.tools.export.run import export
-from data_tools.datasets.synthetic import PlantedCollection
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.options import SamplingOptions
@@ -20,24 +17,22 @@ OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=
 
 
 @pytest.fixture(scope="module")
-def planted() -> PlantedCollection:
+def planted():
     return chairs(3)
 
 
-def align(shapes: Any, **run: Any) -> Collection:
+def align(shapes, **run):
     return align_collection(shapes, options=OPTIONS, run=RunOptions(jobs=1, **run), progress=False)
 
 
 @pytest.fixture(scope="module")
-def from_memory(planted: PlantedCollection) -> Collection:
+def from_memory(planted):
     meshes = [trimesh.Trimesh(s.vertices, s.faces, process=False) for s in planted.shapes[1:]]
     first = planted.shapes[0]
     return align({"a": (first.vertices, first.faces), "b": meshes[0], "c": meshes[1]})
 
 
-def test_memory_and_folder_give_the_same_result(
-    planted: PlantedCollection, from_memory: Collection, tmp_path: Path
-) -> None:
+def test_memory_and_folder_give_the_same_result(planted, from_memory, tmp_path):
     for name, shape in zip("abc", planted.shapes, strict=True):
         np.savez(tmp_path / f"{name}.npz", vertices=shape.vertices, faces=shape.faces)
     for given in (tmp_path, sorted(tmp_path.iterdir(), reverse=True)):
@@ -48,13 +43,13 @@ def test_memory_and_folder_give_the_same_result(
         assert found.made.digests == from_memory.made.digests
 
 
-def test_the_store_knows_shapes_by_their_content(planted: PlantedCollection, tmp_path: Path) -> None:
+def test_the_store_knows_shapes_by_their_content(planted, tmp_path):
     store = tmp_path / "store.sqlite"
     align(list(planted.shapes), store=store)
     assert align(list(planted.shapes), store=store).run.num_reused == 6
 
 
-def test_saved_results_say_that_there_are_no_files(from_memory: Collection, tmp_path: Path) -> None:
+def test_saved_results_say_that_there_are_no_files(from_memory, tmp_path):
     out, to = tmp_path / "out", tmp_path / "to"
     from_memory.save(out)
     assert [shape["file"] for shape in json.loads((out / "alignment.json").read_text())["shapes"]] == ["", "", ""]
@@ -67,6 +62,6 @@ def test_saved_results_say_that_there_are_no_files(from_memory: Collection, tmp_
     assert len(export(out, "ply", to, sources=out / "meshes", space="raw")) == 3
 
 
-def test_a_bad_shape_is_left_out_by_its_name(planted: PlantedCollection) -> None:
+def test_a_bad_shape_is_left_out_by_its_name(planted):
     found = align([*planted.shapes, np.full((30, 3), 2.0)])
     assert [(item.file, item.reason) for item in found.excluded] == [("shape4", "all points lie in one place")]

@@ -2,18 +2,14 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from collalign import RunOptions, align_collection, load
 from collalign.cli import main
-from collalign.products.pair import Pair
-from collalign.products.shapes import Excluded
 from collalign.stages.pairs.match import match_pairs
-from data_tools.datasets.synthetic import PlantedCollection, write_collection
+from data_tools.datasets.synthetic import write_collection
 from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
@@ -23,17 +19,17 @@ from tests.finished_runs import chairs
 
 
 @pytest.fixture(scope="module")
-def planted() -> PlantedCollection:
+def planted():
     return chairs(5)
 
 
 @pytest.fixture
-def folder(planted: PlantedCollection, tmp_path: Path) -> Path:
+def folder(planted, tmp_path):
     write_collection(tmp_path / "shapes", planted)
     return tmp_path / "shapes"
 
 
-def test_equal_files_do_not_drown_the_one_that_differs(planted: PlantedCollection, tmp_path: Path) -> None:
+def test_equal_files_do_not_drown_the_one_that_differs(planted, tmp_path):
     for name in "abcde":
         write_mesh(tmp_path / f"{name}.ply", planted.shapes[0])
     write_mesh(tmp_path / "other.ply", planted.shapes[1])
@@ -43,7 +39,7 @@ def test_equal_files_do_not_drown_the_one_that_differs(planted: PlantedCollectio
     assert rotation_angle_deg(found.rotations[5], planted.relative_rotation(0, 1)) < 15
 
 
-def test_copies_of_one_shape_are_sure_and_copies_of_a_box_fit_in_four_poses(rng: np.random.Generator) -> None:
+def test_copies_of_one_shape_are_sure_and_copies_of_a_box_fit_in_four_poses(rng):
     sampling = SamplingOptions(num_points=24, num_dense_points=100)
     options = replace(OPTIONS, sampling=sampling, embedding=EmbeddingOptions(kind="xyz"))
     corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-2.0, 2.0) for z in (-3.0, 3.0)])
@@ -55,7 +51,7 @@ def test_copies_of_one_shape_are_sure_and_copies_of_a_box_fit_in_four_poses(rng:
     assert any("6 of 6 shapes fit as well in other poses" in note for note in boxes.notes)
 
 
-def test_samples_are_vertices_of_the_file_whatever_cleaning_drops(planted: PlantedCollection, tmp_path: Path) -> None:
+def test_samples_are_vertices_of_the_file_whatever_cleaning_drops(planted, tmp_path):
     fragment = np.array([[9.0, 9.0, 9.0], [9.1, 9.0, 9.0], [9.0, 9.1, 9.0]])
     stored = {}
     for shape in planted.shapes[:2]:
@@ -71,10 +67,8 @@ def test_samples_are_vertices_of_the_file_whatever_cleaning_drops(planted: Plant
     assert all("dropped" in " ".join(notes) for notes in found.made.shape_notes)
 
 
-def test_a_shape_without_any_pair_is_named_first(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def match_all_but_the_last(*args: Any, **options: Any) -> tuple[list[Pair], list[Excluded]]:
+def test_a_shape_without_any_pair_is_named_first(folder, tmp_path, monkeypatch, capsys):
+    def match_all_but_the_last(*args, **options):
         pairs, failed = match_pairs(*args, **options)
         return [pair for pair in pairs if 4 not in (pair.target, pair.source)], failed
 
@@ -88,9 +82,7 @@ def test_a_shape_without_any_pair_is_named_first(
     assert np.isfinite(shapes[4]["transform"]).all()
 
 
-def test_samples_are_vertices_of_a_file_with_gaps_and_the_note_says_so(
-    planted: PlantedCollection, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_samples_are_vertices_of_a_file_with_gaps_and_the_note_says_so(planted, tmp_path, capsys):
     for i, shape in enumerate(planted.shapes[:3]):
         vertices = shape.vertices.copy()
         if i == 1:

@@ -1,12 +1,11 @@
 """Several meshes of one specimen move as one: read together, sampled by area, written one by one."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from collalign import Collection, add_to_collection, align_collection, load
+from collalign import add_to_collection, align_collection, load
 from collalign.cli import main
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
@@ -21,13 +20,13 @@ FLAGS = ["--sampling.num-points", "32", "--sampling.num-dense-points", "60", "--
 
 
 @pytest.fixture(scope="module")
-def poses() -> list[np.ndarray]:
+def poses():
     rng = np.random.default_rng(3)
     return [random_rotation(rng) for _ in range(NUM)]
 
 
 @pytest.fixture(scope="module")
-def folder(poses: list[np.ndarray], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(poses, tmp_path_factory):
     """A cranium and a mandible of four specimens: of two in a folder each, of two side by side."""
     rng = np.random.default_rng(0)
     skull, jaw = (blob(rng, num_vertices=800) for _ in range(2))
@@ -43,20 +42,18 @@ def folder(poses: list[np.ndarray], tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture(scope="module")
-def out(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(folder, tmp_path_factory):
     to = tmp_path_factory.mktemp("results") / "out"
     assert main(["align", str(folder), "--parts", "--out", str(to), *FLAGS]) == 0
     return to
 
 
-def worst_deg(collection: Collection, poses: list[np.ndarray]) -> float:
+def worst_deg(collection, poses):
     found = collection.rotations
     return max(rotation_angle_deg(found[0].T @ found[i], poses[0].T @ poses[i]) for i in range(NUM))
 
 
-def test_one_pose_a_specimen_and_every_part_is_written_there(
-    folder: Path, out: Path, poses: list[np.ndarray]
-) -> None:
+def test_one_pose_a_specimen_and_every_part_is_written_there(folder, out, poses):
     collection = load(out)
     assert collection.names == ("s0", "s1", "s2", "s3")
     assert worst_deg(collection, poses) < 5
@@ -76,7 +73,7 @@ def test_one_pose_a_specimen_and_every_part_is_written_there(
     assert record["shape_notes"]["s0"][0] == "made of cranium, mandible"
 
 
-def test_without_being_asked_files_are_shapes_of_their_own(folder: Path) -> None:
+def test_without_being_asked_files_are_shapes_of_their_own(folder):
     assert list_shapes(folder, recursive=True).names == (
         *("s0/cranium", "s0/mandible", "s1/cranium", "s1/mandible"),
         *("s2.cranium", "s2.mandible", "s3.cranium", "s3.mandible"),
@@ -85,7 +82,7 @@ def test_without_being_asked_files_are_shapes_of_their_own(folder: Path) -> None
     assert parts_of(folder / "s2.cranium.stl") == {}
 
 
-def test_samples_are_spread_over_the_parts_by_area(folder: Path, out: Path) -> None:
+def test_samples_are_spread_over_the_parts_by_area(folder, out):
     shape = read_shape(folder / "s0.*")
     cranium, mandible = shape.split().values()
     first = dict(shape.parts)["cranium"]
@@ -95,9 +92,7 @@ def test_samples_are_spread_over_the_parts_by_area(folder: Path, out: Path) -> N
     np.testing.assert_array_equal(shape.vertices[first:], mandible.vertices)
 
 
-def test_shapes_are_added_and_a_part_that_changes_is_noticed(
-    folder: Path, out: Path, tmp_path: Path, poses: list[np.ndarray]
-) -> None:
+def test_shapes_are_added_and_a_part_that_changes_is_noticed(folder, out, tmp_path, poses):
     new = tmp_path / "new" / "late"
     new.mkdir(parents=True)
     for part, file in parts_of(folder / "s2.*").items():
@@ -117,7 +112,7 @@ def test_shapes_are_added_and_a_part_that_changes_is_noticed(
         parts_of(tmp_path / "none.*")
 
 
-def test_a_large_specimen_keeps_its_parts_when_it_is_simplified(folder: Path) -> None:
+def test_a_large_specimen_keeps_its_parts_when_it_is_simplified(folder):
     fine = align_collection(
         folder, parts=True, sampling={"num_points": 24, "max_faces": 1000}, progress=False, jobs=1, incomplete="never"
     )

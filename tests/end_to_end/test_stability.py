@@ -25,14 +25,12 @@ OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def result(tmp_path_factory):
     """A finished result of five chairs, with its store."""
     return finished_run(tmp_path_factory.mktemp("stability"), chairs(5), OPTIONS)
 
 
-def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(
-    result: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(result, capsys):
     before = {path.name: path.read_bytes() for path in result.iterdir() if path.suffix in (".json", ".npz", ".csv")}
     assert main(["stability", str(result), *FEW]) == 0
     said = capsys.readouterr().out.splitlines()
@@ -60,7 +58,7 @@ def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(
         assert len(store.keys("pairs")) == num_pairs
 
 
-def test_a_pose_that_only_the_result_has_is_found(result: Path, tmp_path: Path) -> None:
+def test_a_pose_that_only_the_result_has_is_found(result, tmp_path):
     view = load(result)
     transforms = view.transforms.copy()
     transforms[2, :3, :3] = np.diag([-1.0, -1.0, 1.0]) @ transforms[2, :3, :3]
@@ -93,7 +91,7 @@ def test_a_pose_that_only_the_result_has_is_found(result: Path, tmp_path: Path) 
     np.testing.assert_array_equal(*endings, "whom a doubtful shape is near changes nobody's neighbours")
 
 
-def test_a_vanished_file_and_a_file_of_somebody_else_are_named(result: Path, tmp_path: Path) -> None:
+def test_a_vanished_file_and_a_file_of_somebody_else_are_named(result, tmp_path):
     copy = tmp_path / "out"
     shutil.copytree(result, copy)
     view = load(result)
@@ -106,7 +104,7 @@ def test_a_vanished_file_and_a_file_of_somebody_else_are_named(result: Path, tmp
     assert (copy / "stability.csv").read_text() == "mine"
 
 
-def test_what_is_repeated_differs_from_the_result_and_follows_its_seed() -> None:
+def test_what_is_repeated_differs_from_the_result_and_follows_its_seed():
     plan = list(repetitions(OPTIONS, 10, StabilityOptions(num_points=(16, 32))))
     assert [one.words for one in plan] == [
         *(f"8 shapes, choice {n}" for n in (1, 2, 3)),
@@ -118,6 +116,6 @@ def test_what_is_repeated_differs_from_the_result_and_follows_its_seed() -> None
 
 
 @pytest.mark.parametrize("wrong", [{"num_points": (2,)}, {"num_seeds": -1}])
-def test_impossible_options_are_refused(wrong: dict[str, object]) -> None:
+def test_impossible_options_are_refused(wrong):
     with pytest.raises(OptionsError, match=next(iter(wrong))):
-        StabilityOptions(**wrong)  # type: ignore[arg-type]
+        StabilityOptions(**wrong)

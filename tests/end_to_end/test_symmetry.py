@@ -1,14 +1,12 @@
 """Asymmetry that was planted in generated bilateral shapes is found from their files, as a user does it."""
 
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import collalign
 from collalign.cli import main
-from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import planted_collection
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
@@ -23,12 +21,12 @@ PLANTED = (0.0, 0.0, 0.1, 0.2, 0.3, 0.0)
 SIDES = np.array([[0.8, 0.5, 0.3], [0.6, -0.6, 0.5], [0.7, 0.1, -0.7]])
 
 
-def bump(points: FloatArray, place: FloatArray, height: float) -> FloatArray:
+def bump(points, place, height):
     unit = place / np.linalg.norm(place)
     return height * np.exp(-((points - unit) ** 2).sum(axis=1) / 0.18)[:, None] * unit
 
 
-def specimens() -> list[Shape]:
+def specimens():
     """Return ellipsoids with paired horns and a snout, which differ symmetrically, and in one bump on one side."""
     rng = np.random.default_rng(3)
     sphere, faces = sphere_mesh(900)
@@ -48,16 +46,16 @@ PLANTED_COLLECTION = planted_collection(specimens(), np.random.default_rng(4), s
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def result(tmp_path_factory):
     options = collalign.AlignOptions(sampling=SamplingOptions(num_points=24))
     return finished_run(tmp_path_factory.mktemp("symmetry"), PLANTED_COLLECTION, options)
 
 
-def rows(path: Path) -> list[dict[str, str]]:
+def rows(path):
     return list(csv.DictReader(path.open()))
 
 
-def test_the_planted_asymmetry_is_found(result: Path, tmp_path: Path) -> None:
+def test_the_planted_asymmetry_is_found(result, tmp_path):
     names = collalign.load(result).names
     labels = tmp_path / "labels.csv"
     labels.write_text("name,owner\n" + "".join(f"{name},{name}\n" for name in names))
@@ -81,7 +79,7 @@ def test_the_planted_asymmetry_is_found(result: Path, tmp_path: Path) -> None:
     assert main([*words, "--individuals", "nobody"]) == InputError.exit_code
 
 
-def test_landmark_pairs_say_where_the_mirror_plane_is(result: Path, tmp_path: Path) -> None:
+def test_landmark_pairs_say_where_the_mirror_plane_is(result, tmp_path):
     """The right pairs give the same components as the search; pairs that are no mirror image are refused."""
     marks = landmarks("s0")
     table = tmp_path / "pairs.csv"
@@ -102,7 +100,7 @@ def test_landmark_pairs_say_where_the_mirror_plane_is(result: Path, tmp_path: Pa
     assert not (tmp_path / "no").exists()
 
 
-def landmarks(name: str) -> dict[str, Landmarks]:
+def landmarks(name):
     """Return the horns of a specimen as landmarks in its file's coordinates."""
     sphere = sphere_mesh(900)[0]
     sides = np.concatenate([SIDES * [-1, 1, 1], SIDES])

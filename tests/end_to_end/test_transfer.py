@@ -2,9 +2,7 @@
 
 import csv
 import json
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +14,7 @@ from collalign.cli import main
 from collalign.output.evidence.loading import load
 from collalign.tools.correspond.run import reference_shape
 from collalign.tools.transfer.result import CARRIED, DOUBTFUL_POSE, NO_COUNTERPART, PLACED
-from data_tools.arrays import FloatArray
-from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection
+from data_tools.datasets.synthetic import deformed_family, planted_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
@@ -37,48 +34,48 @@ LANDMARK_VERTICES = farthest_points(BASE, 6, metric="euclidean")
 HAND = 0.02
 
 
-def true_landmarks(planted: PlantedCollection) -> FloatArray:
+def true_landmarks(planted):
     """Return every shape's landmarks in its own coordinates, shape (N, l, 3)."""
     rows = [[int(np.flatnonzero(origin == v)[0]) for v in LANDMARK_VERTICES] for origin in planted.origins]
     return np.stack([shape.vertices[row] for shape, row in zip(planted.shapes, rows, strict=True)])
 
 
-def radius(points: FloatArray) -> float:
+def radius(points):
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def errors(found: FloatArray, planted: PlantedCollection) -> FloatArray:
+def errors(found, planted):
     """Return the distances from the truth in root mean square radii, shape (N, l)."""
     units = np.array([radius(shape.vertices) for shape in planted.shapes])
     return np.asarray(np.linalg.norm(found - true_landmarks(planted), axis=2) / units[:, None])
 
 
-def slicer_file(path: Path, points: FloatArray, labels: Sequence[str]) -> Path:
+def slicer_file(path, points, labels):
     controls = [{"label": label, "position": point.tolist()} for label, point in zip(labels, points, strict=True)]
     path.write_text(json.dumps({"markups": [{"type": "Fiducial", "controlPoints": controls}]}))
     return path
 
 
 @pytest.fixture(scope="module")
-def planted() -> PlantedCollection:
+def planted():
     rng = np.random.default_rng(7)
     family = deformed_family(BASE, NUM_SHAPES, rng, rms=0.01)
     return planted_collection(family, rng, scale_range=(0.5, 2.0))
 
 
 @pytest.fixture(scope="module")
-def result(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def result(planted, tmp_path_factory):
     options = collalign.AlignOptions(sampling=SamplingOptions(num_points=24))
     return finished_run(tmp_path_factory.mktemp("transfer"), planted, options)
 
 
 @pytest.fixture(scope="module")
-def run(result: Path) -> collalign.RunOptions:
+def run(result):
     return collalign.RunOptions(jobs=1, store=result / "store.sqlite")
 
 
 @pytest.fixture(scope="module")
-def templates(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def templates(planted, tmp_path_factory):
     folder = tmp_path_factory.mktemp("landmarks")
     labels = [f"tip {i}" for i in range(len(LANDMARK_VERTICES))]
     rng = np.random.default_rng(8)
@@ -89,9 +86,7 @@ def templates(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFacto
     return files
 
 
-def test_landmarks_of_one_specimen_reach_all_others(
-    result: Path, templates: list[Path], planted: PlantedCollection, run: collalign.RunOptions
-) -> None:
+def test_landmarks_of_one_specimen_reach_all_others(result, templates, planted, run):
     found = collalign.transfer_landmarks(result, templates[:1], run=run)
     np.testing.assert_array_equal(found.points[0], read_landmarks(templates[0]).points)
     assert np.median(errors(found.points, planted)[1:]) < 3 * HAND
@@ -100,7 +95,7 @@ def test_landmarks_of_one_specimen_reach_all_others(
     assert np.isnan(found.radii[1:]).all()
 
 
-def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles(result: Path) -> None:
+def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles(result):
     view = load(result)
     members = list(range(NUM_SHAPES))
     chosen = reference_shape(view, members)
@@ -111,9 +106,7 @@ def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles
     assert reference_shape(view, [at for at in members if at != chosen]) != chosen
 
 
-def test_several_templates_err_less_and_know_by_how_much(
-    result: Path, templates: list[Path], planted: PlantedCollection, run: collalign.RunOptions
-) -> None:
+def test_several_templates_err_less_and_know_by_how_much(result, templates, planted, run):
     one = collalign.transfer_landmarks(result, templates[:1], run=run)
     five = collalign.transfer_landmarks(result, templates, run=run)
     assert errors(five.points, planted)[-1].mean() < 0.8 * errors(one.points, planted)[-1].mean()
@@ -124,12 +117,12 @@ def test_several_templates_err_less_and_know_by_how_much(
 
 
 def test_the_command_writes_landmarks_tables_and_a_plot(
-    result: Path,
-    templates: list[Path],
-    planted: PlantedCollection,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    result,
+    templates,
+    planted,
+    tmp_path,
+    capsys,
+):
     to = tmp_path / "all"
     words = ["transfer", str(result), "--landmarks", *map(str, templates), "--to", str(to), "--leave-one-out"]
     assert main([*words, "--jobs", "1"]) == 0
@@ -146,7 +139,7 @@ def test_the_command_writes_landmarks_tables_and_a_plot(
     assert "30 landmarks of 5 templates" in capsys.readouterr().out
 
 
-def edge_path() -> list[int]:
+def edge_path():
     """Return vertices of the base along the shortest way over its edges between two landmarks."""
     edges = np.vstack([BASE.faces[:, [0, 1]], BASE.faces[:, [1, 2]], BASE.faces[:, [2, 0]]])
     lengths = np.linalg.norm(BASE.vertices[edges[:, 0]] - BASE.vertices[edges[:, 1]], axis=1)
@@ -159,14 +152,12 @@ def edge_path() -> list[int]:
     return path[::-1]
 
 
-def on_file(planted: PlantedCollection, at: int, vertices: Sequence[int]) -> FloatArray:
+def on_file(planted, at, vertices):
     origin = planted.origins[at]
     return planted.shapes[at].vertices[[int(np.flatnonzero(origin == vertex)[0]) for vertex in vertices]]
 
 
-def test_curves_and_points_of_the_surface_reach_all_others(
-    result: Path, planted: PlantedCollection, tmp_path: Path, run: collalign.RunOptions
-) -> None:
+def test_curves_and_points_of_the_surface_reach_all_others(result, planted, tmp_path, run):
     path = edge_path()
     curves = []
     for at, shape in enumerate(planted.shapes[:2]):
@@ -197,9 +188,7 @@ def test_curves_and_points_of_the_surface_reach_all_others(
         collalign.transfer_landmarks(result, [], curves=curves, surface_points=10**6, run=run)
 
 
-def test_where_the_surface_ends_no_landmark_is_invented(
-    planted: PlantedCollection, tmp_path: Path, run: collalign.RunOptions
-) -> None:
+def test_where_the_surface_ends_no_landmark_is_invented(planted, tmp_path, run):
     """A hole around one landmark takes that landmark, and no other, whether or not the shape counts as incomplete."""
     hurt, hole = planted.shapes[-1], true_landmarks(planted)[-1, 2]
     reach = np.linalg.norm(hurt.vertices - hole, axis=1) / radius(hurt.vertices)
@@ -221,9 +210,7 @@ def test_where_the_surface_ends_no_landmark_is_invented(
     assert np.nanmin(gaps) > 0.2
 
 
-def test_a_doubtful_pose_gets_no_landmarks(
-    result: Path, templates: list[Path], tmp_path: Path, run: collalign.RunOptions, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_doubtful_pose_gets_no_landmarks(result, templates, tmp_path, run, capsys):
     doubted = tmp_path / "doubted"
     doubted.mkdir()
     view = load(result)
@@ -237,14 +224,14 @@ def test_a_doubtful_pose_gets_no_landmarks(
 
 @pytest.mark.parametrize("format", ["slicer-json", "fcsv"])
 def test_landmarks_in_ras_are_carried_as_those_in_lps(
-    result: Path,
-    templates: list[Path],
-    planted: PlantedCollection,
-    tmp_path: Path,
-    run: collalign.RunOptions,
-    capsys: pytest.CaptureFixture[str],
-    format: str,
-) -> None:
+    result,
+    templates,
+    planted,
+    tmp_path,
+    run,
+    capsys,
+    format,
+):
     truth = collalign.transfer_landmarks(result, templates[:1], run=run)
     name, points = planted.shapes[0].name, read_landmarks(templates[0]).points
     given = tmp_path / f"{name}.fcsv"
@@ -259,9 +246,7 @@ def test_landmarks_in_ras_are_carried_as_those_in_lps(
         np.testing.assert_allclose(found.points, truth.points[at], atol=1e-9)
 
 
-def test_landmarks_beside_their_template_are_not_carried(
-    result: Path, templates: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_landmarks_beside_their_template_are_not_carried(result, templates, tmp_path, capsys):
     marks = read_landmarks(templates[0])
     far = slicer_file(tmp_path / templates[0].name, 10 * marks.points, marks.labels)
     for command in ("transfer", "variation"):
@@ -270,9 +255,7 @@ def test_landmarks_beside_their_template_are_not_carried(
         assert not (tmp_path / command).exists()
 
 
-def test_what_cannot_be_used_is_named(
-    result: Path, templates: list[Path], tmp_path: Path, run: collalign.RunOptions
-) -> None:
+def test_what_cannot_be_used_is_named(result, templates, tmp_path, run):
     stranger = slicer_file(tmp_path / "stranger.mrk.json", np.zeros((1, 3)), ["a"])
     with pytest.raises(InputError, match="stranger"):
         collalign.transfer_landmarks(result, [stranger], run=run)
@@ -286,9 +269,7 @@ def test_what_cannot_be_used_is_named(
         collalign.transfer_landmarks(result, [], run=run)
 
 
-def test_the_variation_of_the_surfaces_is_shown(
-    result: Path, templates: list[Path], tmp_path: Path, run: collalign.RunOptions
-) -> None:
+def test_the_variation_of_the_surfaces_is_shown(result, templates, tmp_path, run):
     names = load(result).names
     table = tmp_path / "labels.csv"
     table.write_text("name,kind\n" + "".join(f"{name},{'ab'[at % 2]}\n" for at, name in enumerate(names)))

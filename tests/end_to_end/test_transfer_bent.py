@@ -2,7 +2,6 @@
 
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +9,7 @@ import pytest
 import collalign
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, save_vertex_maps
 from collalign.products.deformation import VertexMaps
-from data_tools.arrays import FloatArray, IntArray
-from data_tools.datasets.synthetic import PlantedCollection, bent, planted_collection
+from data_tools.datasets.synthetic import bent, planted_collection
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import CollalignError
@@ -27,23 +25,23 @@ NAMES = tuple(f"body{i}" for i in range(NUM_SHAPES))
 
 
 @pytest.fixture(scope="module")
-def planted() -> PlantedCollection:
+def planted():
     rng = np.random.default_rng(12)
     return planted_collection([replace(bent(BODY, rng, angle=0.8), name=name) for name in NAMES], rng)
 
 
 @pytest.fixture(scope="module")
-def result(planted: PlantedCollection, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def result(planted, tmp_path_factory):
     options = collalign.AlignOptions(sampling=SamplingOptions(num_points=24))
     return finished_run(tmp_path_factory.mktemp("bent"), planted, options)
 
 
-def places(planted: PlantedCollection) -> list[IntArray]:
+def places(planted):
     """Return where each file has the vertices of the body at rest."""
     return [np.argsort(origin) for origin in planted.origins]
 
 
-def exact_maps(planted: PlantedCollection, *, names: tuple[str, ...] = NAMES) -> VertexMaps:
+def exact_maps(planted, *, names=NAMES):
     """Return the true maps of some shapes, through the first, of which a twentieth is wrong."""
     rng, at = np.random.default_rng(3), places(planted)
     on_reference = []
@@ -55,13 +53,13 @@ def exact_maps(planted: PlantedCollection, *, names: tuple[str, ...] = NAMES) ->
     return VertexMaps(names=names, reference=NAMES[0], places=tuple(on_reference), residuals=np.zeros(len(names)))
 
 
-def with_maps(result: Path, maps: VertexMaps, to: Path) -> Path:
+def with_maps(result, maps, to):
     shutil.copytree(result, to)
     save_vertex_maps(maps, to / VERTEX_MAPS_FILE)
     return to
 
 
-def carried(out: Path, planted: PlantedCollection) -> FloatArray:
+def carried(out, planted):
     """Carry landmarks of the first shape to all and return the errors of the others, in radii, by shape."""
     true = np.stack([shape.vertices[at[MARKS]] for shape, at in zip(planted.shapes, places(planted), strict=True)])
     given = {NAMES[0]: Landmarks(labels=LABELS, points=true[0])}
@@ -72,16 +70,14 @@ def carried(out: Path, planted: PlantedCollection) -> FloatArray:
     return np.asarray(errors[1:].mean(axis=1))
 
 
-def test_maps_bring_landmarks_to_limbs_that_moved(result: Path, planted: PlantedCollection, tmp_path: Path) -> None:
+def test_maps_bring_landmarks_to_limbs_that_moved(result, planted, tmp_path):
     alone = carried(result, planted)
     mapped = carried(with_maps(result, exact_maps(planted), tmp_path / "mapped"), planted)
     assert mapped.max() < 0.06
     assert mapped.mean() < 0.5 * alone.mean()
 
 
-def test_shapes_without_maps_are_registered_from_their_poses(
-    result: Path, planted: PlantedCollection, tmp_path: Path
-) -> None:
+def test_shapes_without_maps_are_registered_from_their_poses(result, planted, tmp_path):
     maps = exact_maps(planted, names=NAMES[:3])
     some = collalign.dense_correspondence(with_maps(result, maps, tmp_path / "some"), progress=False)
     assert some.names == NAMES
@@ -91,7 +87,7 @@ def test_shapes_without_maps_are_registered_from_their_poses(
     np.testing.assert_array_equal(own.vertices, bare.vertices)
 
 
-def test_maps_of_other_files_are_refused(result: Path, planted: PlantedCollection, tmp_path: Path) -> None:
+def test_maps_of_other_files_are_refused(result, planted, tmp_path):
     maps = exact_maps(planted)
     fewer = replace(maps, places=tuple(own[:-1] for own in maps.places))
     with pytest.raises(CollalignError, match=r"its maps are of \d+ vertices"):

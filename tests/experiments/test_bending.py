@@ -10,19 +10,19 @@ from experiments.collections.bending import best_possible, row_of
 from experiments.collections.posed import PosedCollection
 
 
-def truth(num: int) -> PosedCollection:
+def truth(num):
     rng = np.random.default_rng(0)
     turns = np.stack([random_rotation(rng) for _ in range(num)])
     relative = turns[:, None] @ np.swapaxes(turns, 1, 2)[None]
     return PosedCollection(folder=Path(), names=tuple("abcdefgh"[:num]), relative=relative)
 
 
-def test_a_consistent_truth_can_be_reached() -> None:
+def test_a_consistent_truth_can_be_reached():
     posed = truth(6)
     assert posed.pair_errors_deg(best_possible(posed), posed.names).max() < 1e-4
 
 
-def test_a_contradictory_truth_cannot() -> None:
+def test_a_contradictory_truth_cannot():
     posed = truth(6)
     posed.relative[0, 1] = posed.relative[0, 1] @ np.diag([1.0, -1.0, -1.0])
     posed.relative[1, 0] = posed.relative[0, 1].T
@@ -31,7 +31,7 @@ def test_a_contradictory_truth_cannot() -> None:
     assert np.median(errors) < 1e-3
 
 
-def test_a_row_counts_gross_wrong_and_unnoticed() -> None:
+def test_a_row_counts_gross_wrong_and_unnoticed():
     record = {
         "errors": np.array([2.0, 40.0, 180.0, 4.0]),
         "possible": np.array([1.0, 1.0, 50.0, 1.0]),

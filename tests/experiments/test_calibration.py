@@ -11,25 +11,25 @@ from collalign.confidence.candidate_model import WEIGHTS
 from data_tools.errors import OptionsError
 from experiments.calibration import CALIBRATIONS, calibrate
 from experiments.calibration.evidence import WeighedPair, fit_logit, share_right
-from experiments.calibration.scan import Calibration, Constant, Finding, scan
+from experiments.calibration.scan import Calibration, Finding, scan
 
 
 @pytest.mark.parametrize("name", CALIBRATIONS)
-def test_every_calibration_names_a_module_and_its_constants(name: str) -> None:
+def test_every_calibration_names_a_module_and_its_constants(name):
     found = CALIBRATIONS[name]
     import_module(found.module)
     assert found.constants
     assert found.collections
 
 
-def test_both_values_stand_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_both_values_stand_side_by_side(monkeypatch):
     used: list[tuple[str, ...]] = []
 
-    def measure(_: Path, collections: tuple[str, ...], quick: bool) -> dict[str, Finding]:
+    def measure(_, collections, quick):
         used.append(collections)
         return {"A": Finding(value=4.0 if quick else 2.0)}
 
-    entry = Calibration(module="somewhere", constants={"A": 1.0}, measure=measure, collections=("all of it",))  # type: ignore[arg-type]
+    entry = Calibration(module="somewhere", constants={"A": 1.0}, measure=measure, collections=("all of it",))
     monkeypatch.setitem(CALIBRATIONS, "mine", entry)
     (row,) = calibrate("mine", Path()).rows
     assert (row["code"], row["measured"]) == ("1", "2")
@@ -39,26 +39,26 @@ def test_both_values_stand_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None
         calibrate("nobody's", Path())
 
 
-def test_a_scan_finds_the_better_value_and_says_what_others_would_have_chosen() -> None:
+def test_a_scan_finds_the_better_value_and_says_what_others_would_have_chosen():
     best = {"one": 2.0, "two": 2.0, "three": 2.0, "odd": 0.5}
 
-    def score(collection: str, changed: dict[str, Constant]) -> float:
+    def score(collection, changed):
         value = changed.get("A", 1.0)
         assert isinstance(value, float)
         return -abs(value - best[collection])
 
-    found = scan({"A": 1.0, "B": (3.0, 4.0)}, list(best), score)["A"]  # type: ignore[arg-type]
+    found = scan({"A": 1.0, "B": (3.0, 4.0)}, list(best), score)["A"]
     assert found.value == 2.0
     assert found.now == pytest.approx(-3.5 / 4)
     assert found.best == pytest.approx(-1.5 / 4)
     # Each of the three is served by the other two; the odd one by none.
     assert found.left_out == pytest.approx(-1.5 / 4)
-    assert scan({"A": 1.0}, ["one", "odd"], score)["A"].left_out == pytest.approx(-1.5)  # type: ignore[arg-type]
+    assert scan({"A": 1.0}, ["one", "odd"], score)["A"].left_out == pytest.approx(-1.5)
     # What makes no difference stays.
-    assert scan({"B": (3.0, 4.0)}, ["one"], score)["B"].value == (3.0, 4.0)  # type: ignore[arg-type]
+    assert scan({"B": (3.0, 4.0)}, ["one"], score)["B"].value == (3.0, 4.0)
 
 
-def test_the_logit_finds_what_tells_right_poses() -> None:
+def test_the_logit_finds_what_tells_right_poses():
     rng = np.random.default_rng(0)
     pairs = []
     for _ in range(200):
@@ -75,7 +75,7 @@ def test_the_logit_finds_what_tells_right_poses() -> None:
     ("name", "collection"),
     [("model", "glasses"), ("sides", "teeth"), ("evidence", "glasses"), ("margins", "chair")],
 )
-def test_quick_calibrations_measure_every_constant(shared_data: Path, name: str, collection: str) -> None:
+def test_quick_calibrations_measure_every_constant(shared_data, name, collection):
     rows = calibrate(name, shared_data, [collection], quick=True).rows
     assert [row["constant"] for row in rows] == list(CALIBRATIONS[name].constants)
     for row in rows:

@@ -1,15 +1,11 @@
 """The collections and the classification: their parts, and each from end to end on generated layouts."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
 from collalign.engine.store.records import decode, encode
 from collalign.engine.store.store import Store
 from collalign.tools.classify.surface_distance import refined_distance
-from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.errors import InputError
@@ -26,11 +22,11 @@ MARKS = np.arange(0, 18 * 30, 30)
 SIDES = np.array([1, -1, 1, 1, -1, -1, 1, -1])
 
 
-def posed(shape: Shape, rng: np.random.Generator, side: int = 1) -> FloatArray:
+def posed(shape, rng, side=1):
     return np.asarray(shape.vertices * [side, 1, 1] @ random_rotation(rng).T)
 
 
-def chiral_crown(rng: np.random.Generator) -> Shape:
+def chiral_crown(rng):
     """A crown that is longer than wide and twisted, so that its mirror image is another shape."""
     shape = crown(num_vertices=700)
     x, y, z = (shape.vertices * [1.5, 1.0, 1.0]).T
@@ -39,7 +35,7 @@ def chiral_crown(rng: np.random.Generator) -> Shape:
     return deformed_family(Shape.from_arrays(twisted, shape.faces, name="T"), 1, rng, rms=0.03)[0]
 
 
-def write_teeth(folder: Path) -> None:
+def write_teeth(folder):
     """Two genera of four crowns each, in random poses, some mirrored, in the layout of the teeth."""
     rng = np.random.default_rng(3)
     members = [shape for _ in range(2) for shape in deformed_family(chiral_crown(rng), 4, rng, rms=0.003)]
@@ -58,7 +54,7 @@ def write_teeth(folder: Path) -> None:
     )
 
 
-def write_class(folder: Path) -> None:
+def write_class(folder):
     rng = np.random.default_rng(4)
     for number, shape in enumerate(deformed_family(chair(), 4, rng, rms=0.01)):
         vertices = posed(shape, rng)
@@ -69,19 +65,19 @@ def write_class(folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def layouts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def layouts(tmp_path_factory):
     root = tmp_path_factory.mktemp("collections")
     write_teeth(root / "teeth_pnas116")
     write_class(root / "shrec07_dev" / "glasses")
     return root
 
 
-def cell(data: Path, **settings: Any) -> Cell:
+def cell(data, **settings):
     return Cell(data=data, settings=settings)
 
 
 @pytest.mark.parametrize("name", ["classification", "collections", "figure13"])
-def test_quick_run_writes_tables_and_pictures(name: str, layouts: Path, tmp_path: Path) -> None:
+def test_quick_run_writes_tables_and_pictures(name, layouts, tmp_path):
     experiment = load_experiment(name)
     with Store.memory() as store:
         bench = Bench(data=layouts, store=store, quick=True, quiet=True)
@@ -91,7 +87,7 @@ def test_quick_run_writes_tables_and_pictures(name: str, layouts: Path, tmp_path
     assert all(table.rows for table in outcome.tables)
 
 
-def test_alignment_record_knows_the_errors_before_and_after(layouts: Path) -> None:
+def test_alignment_record_knows_the_errors_before_and_after(layouts):
     settings = {"collection": "teeth", "shapes": 8, "seed": 2, "points": 20, "embedding": "xyz", "pairs": "all"}
     record = aligning.measure_alignment(cell(layouts, **settings, way="toolkit", subsets=1, subset_size=8))
     assert record["matched"] == 28 == len(record["own_deg"]) == len(record["pair_deg"])
@@ -104,7 +100,7 @@ def test_alignment_record_knows_the_errors_before_and_after(layouts: Path) -> No
     assert decode(encode(record), "record")["matched"] == 28
 
 
-def test_published_rotations_are_compared_with_the_landmarks(layouts: Path, tmp_path: Path) -> None:
+def test_published_rotations_are_compared_with_the_landmarks(layouts, tmp_path):
     write_teeth(tmp_path / "teeth_pnas116")
     file = tmp_path / "teeth_pnas116" / aligning.PUBLISHED_FILE
     dataset = aligning.read_dataset("teeth", tmp_path)
@@ -123,7 +119,7 @@ def test_published_rotations_are_compared_with_the_landmarks(layouts: Path, tmp_
         aligning.measure_published_rotations(cell(tmp_path))
 
 
-def test_distances_vanish_for_the_same_surface_only(rng: np.random.Generator) -> None:
+def test_distances_vanish_for_the_same_surface_only(rng):
     points = rng.standard_normal((60, 3))
     points = (points - points.mean(axis=0)) / np.linalg.norm(points - points.mean(axis=0))
     turn = random_rotation(rng)
@@ -139,7 +135,7 @@ def test_distances_vanish_for_the_same_surface_only(rng: np.random.Generator) ->
     assert min(one_to_one, there) > 0.05
 
 
-def test_teeth_are_classified_from_their_meshes(layouts: Path) -> None:
+def test_teeth_are_classified_from_their_meshes(layouts):
     poses = tooth_distances.measure_poses(cell(layouts))
     assert poses["mirrored"] == poses["gross"] == 0
     assert (np.sign(np.linalg.det(poses["rotations"])) * SIDES == SIDES[0]).all()

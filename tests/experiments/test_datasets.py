@@ -1,5 +1,4 @@
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,25 +8,24 @@ from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from data_tools.surface.shape import Shape
 from experiments import datasets
 from experiments.ground_truth import landmark_rotation
 
 
 @pytest.fixture
-def registered(rng: np.random.Generator) -> list[Shape]:
+def registered(rng):
     base = blob(rng, num_vertices=80)
     return [bumped(base, rng) for _ in range(3)]
 
 
-def quaternion_pose(scan: Shape, q: np.ndarray, t: np.ndarray) -> np.ndarray:
+def quaternion_pose(scan, q, t):
     """The vertices in the common frame, by rotating with the conjugate quaternion (independent of any matrix)."""
     axis, w = -q[:3], q[3]
     v = scan.vertices
     return v + 2 * np.cross(axis, np.cross(axis, v) + w * v) + t
 
 
-def test_teeth_layout(tmp_path: Path, registered: list[Shape], rng: np.random.Generator) -> None:
+def test_teeth_layout(tmp_path, registered, rng):
     names = ["B1", "A2", "C3"]
     marks = np.stack([s.vertices[:18] for s in registered])
     rows = ["name,file,order,family,genus,chirality_from_landmarks"]
@@ -59,7 +57,7 @@ def test_teeth_layout(tmp_path: Path, registered: list[Shape], rng: np.random.Ge
         datasets.read_teeth(tmp_path)
 
 
-def test_registered_archive_layout(tmp_path: Path, registered: list[Shape]) -> None:
+def test_registered_archive_layout(tmp_path, registered):
     vertices = np.stack([s.vertices for s in registered]).astype(np.float32)
     faces = np.stack([s.faces for s in registered]).astype(np.uint16)
     np.savez(tmp_path / "all.npz", vertices=vertices, faces=faces, names=["a", "b", "c"])
@@ -88,7 +86,7 @@ def test_registered_archive_layout(tmp_path: Path, registered: list[Shape]) -> N
         datasets.read_registered_archive(tmp_path)
 
 
-def test_range_scan_layout(tmp_path: Path, registered: list[Shape], rng: np.random.Generator) -> None:
+def test_range_scan_layout(tmp_path, registered, rng):
     quaternions = rng.standard_normal((3, 4))
     quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
     shifts = rng.standard_normal((3, 3))
@@ -111,7 +109,7 @@ def test_range_scan_layout(tmp_path: Path, registered: list[Shape], rng: np.rand
         datasets.read_range_scans(tmp_path)
 
 
-def test_landmark_archive_layout(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_landmark_archive_layout(tmp_path, rng):
     points = rng.standard_normal((4, 9, 3))
     np.savez(tmp_path / "marks.npz", landmarks=points, names=list("abcd"))
     found = datasets.read_landmark_archive(tmp_path / "marks.npz")
@@ -126,7 +124,7 @@ def test_landmark_archive_layout(tmp_path: Path, rng: np.random.Generator) -> No
 
 
 @pytest.mark.data
-def test_public_collections_agree_with_their_ground_truth(shared_data: Path) -> None:
+def test_public_collections_agree_with_their_ground_truth(shared_data):
     teeth = datasets.read_teeth(shared_data / "teeth_pnas116")
     ant = datasets.read_shrec07_class(shared_data / "shrec07_dev" / "ant")
     for dataset, count, tolerance in ((teeth, 116, 0.03), (ant, 20, 1e-6)):

@@ -7,7 +7,7 @@ from data_tools.errors import InputError, OptionsError
 from experiments.figures.exact_solutions import exact_solutions
 from pairwise.status import Status
 from tests.oracles import check_pose, isometries
-from tests.problems import KnownProblem, catalogue, planted, table
+from tests.problems import catalogue, planted, table
 
 EXACT = [
     known
@@ -16,12 +16,12 @@ EXACT = [
 ]
 
 
-def group_of(known: KnownProblem) -> str:
+def group_of(known):
     return "SO" if known.problem.pattern.special_blocks else "O"
 
 
 @pytest.mark.parametrize("known", EXACT, ids=lambda known: known.name)
-def test_all_exact_solutions_are_found(known: KnownProblem) -> None:
+def test_all_exact_solutions_are_found(known):
     found = exact_solutions(known.problem.target, known.problem.source, group=group_of(known), patience=6)
     assert found.status is Status.CONVERGED
     assert len(found.solutions) == known.num_solutions
@@ -32,7 +32,7 @@ def test_all_exact_solutions_are_found(known: KnownProblem) -> None:
 
 
 @pytest.mark.parametrize(("group", "order"), [("SO", 12), ("O", 24)])
-def test_tetrahedron(group: str, order: int, rng: np.random.Generator) -> None:
+def test_tetrahedron(group, order, rng):
     corners = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
     problem = planted(rng, corners, group=group)
     found = exact_solutions(corners, problem.source, group=group, patience=6)
@@ -43,7 +43,7 @@ def test_tetrahedron(group: str, order: int, rng: np.random.Generator) -> None:
     assert len(maps) == order
 
 
-def test_symmetries_permute_the_target(rng: np.random.Generator) -> None:
+def test_symmetries_permute_the_target(rng):
     points = table(rng)
     found = exact_solutions(points, planted(rng, points).source, group="O", patience=6)
     assert len(found.symmetries) == 4
@@ -53,7 +53,7 @@ def test_symmetries_permute_the_target(rng: np.random.Generator) -> None:
         assert gaps.min(axis=0).max() < 1e-9
 
 
-def test_wrong_input_is_refused(rng: np.random.Generator) -> None:
+def test_wrong_input_is_refused(rng):
     line = rng.standard_normal((5, 3)) * [1.0, 0.0, 0.0]
     with pytest.raises(InputError, match="continuous families"):
         exact_solutions(line, line)

@@ -1,7 +1,5 @@
 """Rows of the experiment on cut shapes, and a pair of them with data."""
 
-from pathlib import Path
-
 import pytest
 
 from collalign.engine.store.store import Store
@@ -15,7 +13,7 @@ from experiments.pairs.incomplete_sets import (
 )
 
 
-def test_rows_of_collections_count_what_is_cut_apart_from_what_is_whole() -> None:
+def test_rows_of_collections_count_what_is_cut_apart_from_what_is_whole():
     settings = {"collection": "teeth", "share": 0.25, "way": "auto", "shapes": 4}
     record = {
         "names": ["a", "b", "c", "d"],
@@ -44,7 +42,7 @@ def test_rows_of_collections_count_what_is_cut_apart_from_what_is_whole() -> Non
 
 
 @pytest.mark.data
-def test_a_pair_of_cut_glasses_is_measured(shared_data: Path) -> None:
+def test_a_pair_of_cut_glasses_is_measured(shared_data):
     bench = Bench(data=shared_data, store=Store.memory(), quick=True, quiet=True)
     (table,) = incomplete.measure(bench).tables
     assert [row["pairs"] for row in table.rows] == [1]

@@ -1,7 +1,5 @@
 """What is done to shapes before invariants are compared, and the experiment end to end on generated shapes."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,7 @@ from experiments.experiment import Bench
 from experiments.pairs import invariants
 
 
-def test_a_quarter_is_cut_off_on_one_side(rng: np.random.Generator) -> None:
+def test_a_quarter_is_cut_off_on_one_side(rng):
     shape = crown(rng)
     direction = np.array([1.0, 0.0, 0.0])
     cut = invariants.without_quarter(shape, direction)
@@ -24,7 +22,7 @@ def test_a_quarter_is_cut_off_on_one_side(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize(("state", "is_mesh"), [("stored", True), ("rough", True), ("points", False), ("cut", True)])
-def test_damage_changes_what_it_says(state: str, is_mesh: bool, rng: np.random.Generator) -> None:
+def test_damage_changes_what_it_says(state, is_mesh, rng):
     shape = crown(rng, num_vertices=2500)
     damaged = invariants.damage(shape, state, rng)
     assert damaged.is_mesh is is_mesh
@@ -37,7 +35,7 @@ def test_damage_changes_what_it_says(state: str, is_mesh: bool, rng: np.random.G
         assert len(damaged.vertices) == invariants.NUM_POINTS
 
 
-def test_the_experiment_measures_generated_shapes(tmp_path: Path) -> None:
+def test_the_experiment_measures_generated_shapes(tmp_path):
     bench = Bench(data=tmp_path, store=Store.memory(), quick=True, quiet=True)
     (table,) = invariants.measure(bench).tables
     shares = {row["state"]: row for row in table.rows}

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from collalign.engine.store.records import Record
 from collalign.engine.store.store import Store
 from data_tools.errors import CollectionError, InputError, OptionsError
 from experiments import NAMES, load_experiment
 from experiments.__main__ import app
-from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
+from experiments.experiment import Bench, Experiment, Outcome, Plot
 from experiments.figures import theorem3
 from experiments.seen import seen_note
 from experiments.tables import Column, Table, differences
@@ -21,24 +20,24 @@ ROOT = Path(__file__).resolve().parents[2]
 CALLS: list[int] = []
 
 
-def square(cell: Cell) -> Record:
+def square(cell):
     CALLS.append(cell.settings["number"])
     if cell.settings["number"] < 0:
         raise ValueError("a negative number")
     return {"square": cell.settings["number"] ** 2}
 
 
-def cells(*numbers: int) -> dict[str, dict[str, int]]:
+def cells(*numbers):
     return {f"cell {number}": {"number": number} for number in numbers}
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Bench:
+def bench(tmp_path):
     CALLS.clear()
     return Bench(data=tmp_path / "data", store=Store.memory(), quiet=True)
 
 
-def table(*rows: dict[str, str | int | float | None]) -> Table:
+def table(*rows):
     columns = (
         Column(key="name", title="name"),
         Column(key="share", title="share, %", format=".1f"),
@@ -47,7 +46,7 @@ def table(*rows: dict[str, str | int | float | None]) -> Table:
     return Table(columns=columns, rows=rows)
 
 
-def test_finished_cells_are_not_computed_again(bench: Bench) -> None:
+def test_finished_cells_are_not_computed_again(bench):
     assert bench.measure(square, cells(2, 3))["cell 3"] == {"square": 9}
     assert bench.measure(square, cells(2, 3, 4))["cell 4"] == {"square": 16}
     assert CALLS == [2, 3, 4]
@@ -56,7 +55,7 @@ def test_finished_cells_are_not_computed_again(bench: Bench) -> None:
     assert CALLS == [2, 3, 4, 2]
 
 
-def test_a_failed_cell_is_named_loses_nothing_and_is_tried_again(bench: Bench) -> None:
+def test_a_failed_cell_is_named_loses_nothing_and_is_tried_again(bench):
     with pytest.raises(CollectionError, match=r"cell -1: .*a negative number"):
         bench.measure(square, cells(5, -1, 6))
     with pytest.raises(CollectionError):
@@ -64,8 +63,8 @@ def test_a_failed_cell_is_named_loses_nothing_and_is_tried_again(bench: Bench) -
     assert sorted(CALLS) == [-1, -1, 5, 6]
 
 
-def test_resumed_files_are_those_of_a_fresh_run(bench: Bench, tmp_path: Path) -> None:
-    def measure(bench: Bench) -> Outcome:
+def test_resumed_files_are_those_of_a_fresh_run(bench, tmp_path):
+    def measure(bench):
         records = bench.measure(square, cells(2, 3))
         rows = tuple({"name": name, "share": record["square"]} for name, record in records.items())
         plot = Plot(draw=lambda figure: figure.subplots().plot([1, 2]), title="a line")
@@ -85,18 +84,18 @@ def test_resumed_files_are_those_of_a_fresh_run(bench: Bench, tmp_path: Path) ->
     assert (tmp_path / "fresh" / re.search(r"!\[a line\]\((.*?)\)", page)[1]).is_file()
 
 
-def test_tables_show_what_was_not_measured_and_what_is_impossible() -> None:
+def test_tables_show_what_was_not_measured_and_what_is_impossible():
     shown = table({"name": "a|b", "share": None, "seconds": 1.5}, {"name": "c", "share": math.nan}).to_markdown()
     assert "| a\\|b |  | 1.50 |" in shown
     assert "| c | – |  |" in shown
 
 
-def test_a_row_needs_its_columns() -> None:
+def test_a_row_needs_its_columns():
     with pytest.raises(ValueError, match="other"):
         table({"name": "a", "other": 1})
 
 
-def test_differences_see_a_wrong_value_but_no_clock() -> None:
+def test_differences_see_a_wrong_value_but_no_clock():
     text = table({"name": "a", "share": 50.0, "seconds": 1.0}, {"name": "b", "share": math.nan}).to_csv()
     assert differences(table({"name": "a", "share": 50.0 + 1e-9, "seconds": 7.0}), text) == []
     assert differences(table({"name": "b", "share": math.nan}), text) == []
@@ -106,25 +105,25 @@ def test_differences_see_a_wrong_value_but_no_clock() -> None:
         differences(table({"name": "a", "share": 50.0}), "name\na\n")
 
 
-def test_a_collection_that_is_not_there_is_named(bench: Bench) -> None:
+def test_a_collection_that_is_not_there_is_named(bench):
     with pytest.raises(InputError, match="teeth_pnas116"):
         bench.folder("teeth_pnas116")
 
 
-def test_an_unknown_experiment_is_named() -> None:
+def test_an_unknown_experiment_is_named():
     with pytest.raises(OptionsError, match="nope"):
         load_experiment("nope")
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_experiment_loads_and_says_what_it_is(name: str) -> None:
+def test_every_experiment_loads_and_says_what_it_is(name):
     experiment = load_experiment(name)
     assert experiment.name == name
     assert experiment.title
     assert experiment.about.strip()
 
 
-def test_the_command_writes_a_part_of_the_committed_results_again(tmp_path: Path) -> None:
+def test_the_command_writes_a_part_of_the_committed_results_again(tmp_path):
     assert app(["theorem3", "--quick", "--quiet", "--jobs", "1", "--out", str(tmp_path)], exit_on_error=False) == 0
     assert (tmp_path / "RESULTS.md").read_text("utf-8").count("## ") == 1
     with Store.open(tmp_path / ".cache" / "experiments.sqlite") as store:
@@ -136,7 +135,7 @@ def test_the_command_writes_a_part_of_the_committed_results_again(tmp_path: Path
     assert differences(found, committed.replace("chair,10,2,2", "chair,10,2,3"))
 
 
-def test_the_committed_page_is_made_of_the_committed_sections(tmp_path: Path) -> None:
+def test_the_committed_page_is_made_of_the_committed_sections(tmp_path):
     (tmp_path / "results").mkdir()
     for section in (ROOT / "results").glob("*.md"):
         assert section.stem in NAMES
@@ -146,13 +145,13 @@ def test_the_committed_page_is_made_of_the_committed_sections(tmp_path: Path) ->
 
 @pytest.mark.data
 @pytest.mark.parametrize("name", NAMES)
-def test_what_can_be_measured_has_been(name: str, shared_data: Path) -> None:
+def test_what_can_be_measured_has_been(name, shared_data):
     if not all((shared_data / folder).is_dir() for folder in load_experiment(name).collections):
         pytest.skip("its collection is not here")
     assert (ROOT / "results" / f"{name}.md").is_file()
 
 
-def test_pages_say_on_which_of_their_collections_constants_were_chosen() -> None:
+def test_pages_say_on_which_of_their_collections_constants_were_chosen():
     named = {name for name in NAMES if (ROOT / "results" / f"{name}.md").is_file() and load_experiment(name).seen}
     assert {"collections", "figure13", "peers", "scape", "shrec07_maps", "teeth_jobs"} <= named
     for name in named:

@@ -1,14 +1,10 @@
 """The experiments of the paper's figures: their parts, and each from end to end on generated collections."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from collalign.engine.store.store import Store
-from data_tools.arrays import IntArray
 from data_tools.datasets.synthetic import bent, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError
@@ -28,13 +24,13 @@ CUT = 15.0
 
 
 @pytest.fixture(scope="module")
-def bodies() -> list[Shape]:
+def bodies():
     base, rng = figure(resolution=2), np.random.default_rng(7)
     return [base, bent(base, rng, angle=0.4), bent(base, rng, angle=0.4)]
 
 
 @pytest.fixture(scope="module")
-def collections(tmp_path_factory: pytest.TempPathFactory, bodies: list[Shape]) -> Path:
+def collections(tmp_path_factory, bodies):
     """All sets of maps in their publishers' layouts, made of three poses of one figure."""
     root = tmp_path_factory.mktemp("collections")
     write_scape(root / "scape71", bodies)
@@ -55,7 +51,7 @@ def collections(tmp_path_factory: pytest.TempPathFactory, bodies: list[Shape]) -
     return root
 
 
-def write_scape(folder: Path, bodies: list[Shape]) -> None:
+def write_scape(folder, bodies):
     folder.mkdir()
     names = [f"mesh{i:03d}" for i in range(len(bodies))]
     vertices, faces = (np.stack([getattr(body, key) for body in bodies]) for key in ("vertices", "faces"))
@@ -68,7 +64,7 @@ def write_scape(folder: Path, bodies: list[Shape]) -> None:
     )
 
 
-def write_shrec_class(folder: Path, shapes: dict[str, Shape], marks: IntArray) -> None:
+def write_shrec_class(folder, shapes, marks):
     (folder / "landmarks").mkdir(parents=True)
     for name, shape in shapes.items():
         write_mesh(folder / "meshes" / f"{name}.off", shape)
@@ -76,7 +72,7 @@ def write_shrec_class(folder: Path, shapes: dict[str, Shape], marks: IntArray) -
         (folder / "landmarks" / f"{name}.vts").write_text("\n".join(rows))
 
 
-def scan_of(body: Shape, seed: int) -> Shape:
+def scan_of(body, seed):
     """What a scanner might see: vertices in another order, no head, and a loose speck beside the body."""
     seen = figure(resolution=2).vertices[:, 2] < CUT
     faces = body.faces[seen[body.faces].all(axis=1)]
@@ -87,11 +83,11 @@ def scan_of(body: Shape, seed: int) -> Shape:
 
 
 @pytest.fixture
-def bench(collections: Path) -> Bench:
+def bench(collections):
     return Bench(data=collections, store=Store.memory(), quick=True, quiet=True)
 
 
-def rows_of(bench: Bench, name: str, folder: Path) -> list[dict[str, Any]]:
+def rows_of(bench, name, folder):
     """Run an experiment from end to end, files included, and return the rows of its last table."""
     experiment = load_experiment(name)
     outcome = experiment.measure(bench)
@@ -99,7 +95,7 @@ def rows_of(bench: Bench, name: str, folder: Path) -> list[dict[str, Any]]:
     return [dict(row) for row in outcome.tables[-1].rows]
 
 
-def test_figure5(bench: Bench, tmp_path: Path) -> None:
+def test_figure5(bench, tmp_path):
     outcome = load_experiment("figure5").measure(bench)
     histograms, runs = (table.rows for table in outcome.tables)
     assert len(histograms) == 2 * len(figure5.SIGMAS)
@@ -115,7 +111,7 @@ def test_figure5(bench: Bench, tmp_path: Path) -> None:
     assert bench.num_reused > reused
 
 
-def test_figure14(bench: Bench, tmp_path: Path) -> None:
+def test_figure14(bench, tmp_path):
     rows = rows_of(bench, "figure14", tmp_path)
     assert [row["panel"] for row in rows] == ["a", "b", "c", "c"]
     assert all(row["difference"] < 2 * figure14.TOL for row in rows if row["panel"] == "c")
@@ -129,7 +125,7 @@ def test_figure14(bench: Bench, tmp_path: Path) -> None:
     assert figure14.rows_of("c", {4: {"seconds": 1.0, "value": 2.0}}, {4: done})[0]["difference"] == 0.5
 
 
-def test_true_ranks_count_what_is_nearer() -> None:
+def test_true_ranks_count_what_is_nearer():
     gaps = np.array([[0.1, 0.5], [0.2, 0.1], [0.3, 0.1]])
     assert figure3.true_ranks(gaps, np.array([0, 2])).tolist() == [1, 2]
     assert figure3.true_ranks(gaps, np.array([2, 0])).tolist() == [3, 3]
@@ -137,13 +133,13 @@ def test_true_ranks_count_what_is_nearer() -> None:
     assert (kept[10], kept[30], kept[80], kept[100]) == (25.0, 75.0, 75.0, 100.0)
 
 
-def test_figure3(bench: Bench, tmp_path: Path) -> None:
+def test_figure3(bench, tmp_path):
     rows = rows_of(bench, "figure3", tmp_path)
     assert len(rows) == 2 * len(figure3.NUM_PAIRS)
     assert all(row["at_100"] == 100.0 and row["at_30"] > 60.0 for row in rows)
 
 
-def test_pairs_and_published_errors_are_those_of_the_files(collections: Path, tmp_path: Path) -> None:
+def test_pairs_and_published_errors_are_those_of_the_files(collections, tmp_path):
     scape = map_sets.read_map_set(collections, "scape")
     assert scape.pairs == (("mesh002", "mesh000"),)
     assert scape.on(scape.pairs) == {"BlendedMap": (0.08,)}
@@ -159,7 +155,7 @@ def test_pairs_and_published_errors_are_those_of_the_files(collections: Path, tm
 
 
 @pytest.mark.parametrize("variant", map_sets.VARIANTS)
-def test_variants_know_where_the_vertices_went(collections: Path, bodies: list[Shape], variant: str) -> None:
+def test_variants_know_where_the_vertices_went(collections, bodies, variant):
     maps = map_sets.read_map_set(collections, "faust")
     copy = map_sets.vary(maps, maps.data.names[1], variant)
     found, body = copy.from_original >= 0, bodies[1]
@@ -177,7 +173,7 @@ def test_variants_know_where_the_vertices_went(collections: Path, bodies: list[S
         assert (copy.from_original == np.arange(len(body.vertices))).all() == (variant == "original")
 
 
-def test_the_true_map_has_no_error_and_another_has(collections: Path) -> None:
+def test_the_true_map_has_no_error_and_another_has(collections):
     maps = map_sets.read_map_set(collections, "tosca")
     settings = {"target": "centaur0", "source": "centaur1", "points": 30}
     permuted = tuple(map_sets.vary(maps, settings[role], "permuted") for role in ("target", "source"))
@@ -188,7 +184,7 @@ def test_the_true_map_has_no_error_and_another_has(collections: Path) -> None:
     assert map_cells.evaluate(maps, settings, np.arange(num), permuted, None).direct.mean() > 0.3
 
 
-def test_points_of_cats_are_landmarks_of_dogs(tmp_path: Path, bodies: list[Shape]) -> None:
+def test_points_of_cats_are_landmarks_of_dogs(tmp_path, bodies):
     dog, order = shuffled(bodies[0], np.random.default_rng(0))
     folder = tmp_path / map_sets.FOLDERS[map_sets.ANIMALS]
     folder.mkdir()
@@ -206,7 +202,7 @@ def test_points_of_cats_are_landmarks_of_dogs(tmp_path: Path, bodies: list[Shape
 
 
 @pytest.mark.parametrize("name", ["tosca", "shrec07_maps"])
-def test_maps_of_registered_bodies_and_of_classes(bench: Bench, tmp_path: Path, name: str) -> None:
+def test_maps_of_registered_bodies_and_of_classes(bench, tmp_path, name):
     rows = rows_of(bench, name, tmp_path)
     defaults = [row for row in rows if row["method"] == map_trials.DEFAULT]
     assert len(defaults) == (4 if name == "shrec07_maps" else 1)
@@ -218,7 +214,7 @@ def test_maps_of_registered_bodies_and_of_classes(bench: Bench, tmp_path: Path, 
     assert max(copies, default=0.0) < 0.06
 
 
-def test_faust_and_its_scans_where_they_are(bench: Bench, tmp_path: Path) -> None:
+def test_faust_and_its_scans_where_they_are(bench, tmp_path):
     rows = {row["method"]: row for row in rows_of(bench, "faust", tmp_path)}
     assert [row["pairs"] for row in rows.values()] == [1] * len(rows) == [1] * 6
     assert rows["registrations, one body"]["direct"] < 0.05

@@ -1,6 +1,5 @@
 """The full lifted relaxation has the value of PM-SDP: the claim of chordality, checked on every variant."""
 
-import numpy as np
 import pytest
 
 from experiments.figures.full_lifted import solve_full_lifted
@@ -20,9 +19,7 @@ from tests.oracles import check_relaxation
         (4, 4, 4, {"rotation_pattern": 1, "group": "O"}),
     ],
 )
-def test_value_equals_pm_sdp(
-    num_target: int, num_source: int, dim: int, options: dict[str, object], rng: np.random.Generator
-) -> None:
+def test_value_equals_pm_sdp(num_target, num_source, dim, options, rng):
     target, source = rng.random((num_target, dim)), rng.random((num_source, dim))
     problem = Problem.from_user(target, source, **options)
     for cross_products in (False, True):

@@ -1,7 +1,5 @@
 """Poses by landmarks, vertices and mirror pairs of landmarks."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,7 @@ from data_tools.rotations import random_rotation
 from experiments.ground_truth import landmark_rotation, read_symmetry, read_vertex_indices
 
 
-def test_landmarks_give_back_the_planted_rotation(rng: np.random.Generator) -> None:
+def test_landmarks_give_back_the_planted_rotation(rng):
     source = rng.standard_normal((8, 3))
     for group in ("SO", "O"):
         truth = random_rotation(rng, group=group)
@@ -19,14 +17,14 @@ def test_landmarks_give_back_the_planted_rotation(rng: np.random.Generator) -> N
         np.testing.assert_allclose(landmark_rotation(target, source, group=group), truth, atol=1e-12)
 
 
-def test_mirrored_landmarks_differ_by_group(rng: np.random.Generator) -> None:
+def test_mirrored_landmarks_differ_by_group(rng):
     source = rng.standard_normal((8, 3))
     target = source * [-1, 1, 1]
     assert np.linalg.det(landmark_rotation(target, source)) == pytest.approx(1)
     np.testing.assert_allclose(landmark_rotation(target, source, group="O"), np.diag([-1.0, 1, 1]), atol=1e-12)
 
 
-def test_landmarks_are_checked(rng: np.random.Generator) -> None:
+def test_landmarks_are_checked(rng):
     points = rng.standard_normal((4, 3))
     with pytest.raises(InputError, match="one shape"):
         landmark_rotation(points, points[:3])
@@ -38,7 +36,7 @@ def test_landmarks_are_checked(rng: np.random.Generator) -> None:
         landmark_rotation(points, points, group="so")
 
 
-def test_vertex_indices(tmp_path: Path) -> None:
+def test_vertex_indices(tmp_path):
     path = tmp_path / "a.pid"
     path.write_text(" 7 0 0 0\n3 0 0 0\n\n")
     assert read_vertex_indices(path, num_vertices=8).tolist() == [7, 3]
@@ -46,7 +44,7 @@ def test_vertex_indices(tmp_path: Path) -> None:
         read_vertex_indices(path, num_vertices=7)
 
 
-def test_symmetry_is_an_involution(tmp_path: Path) -> None:
+def test_symmetry_is_an_involution(tmp_path):
     path = tmp_path / "a.sym.info"
     path.write_text("0 3\n1 2 \n\n4\n")
     partner = read_symmetry(path, num_landmarks=6)

@@ -1,7 +1,5 @@
 """The experiments of the matcher: their parts, and each from end to end on generated layouts."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -26,7 +24,7 @@ from tests.experiments.test_collections import write_class, write_teeth
 SCANS = ("left", "middle", "right")
 
 
-def write_scans(folder: Path) -> None:
+def write_scans(folder):
     """Three parts of one surface, each in its own frame, and their poses."""
     rng = np.random.default_rng(5)
     whole = blob(rng, num_vertices=1600)
@@ -44,7 +42,7 @@ def write_scans(folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def layouts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def layouts(tmp_path_factory):
     root = tmp_path_factory.mktemp("matching")
     write_teeth(root / "teeth_pnas116")
     write_class(root / "shrec07_dev" / "teddy")
@@ -53,7 +51,7 @@ def layouts(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("name", ["matching_table", "matching_energies"])
-def test_quick_run_writes_tables(name: str, layouts: Path, tmp_path: Path) -> None:
+def test_quick_run_writes_tables(name, layouts, tmp_path):
     experiment = load_experiment(name)
     with Store.memory() as store:
         bench = Bench(data=layouts, store=store, quick=True, quiet=True)
@@ -63,7 +61,7 @@ def test_quick_run_writes_tables(name: str, layouts: Path, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(("name", "group_dets"), [(TEETH_ONE_SIDE, {1}), (TEETH_MIXED, {1, -1})])
-def test_true_poses_fit_and_others_do_not(name: str, group_dets: set[int], layouts: Path) -> None:
+def test_true_poses_fit_and_others_do_not(name, group_dets, layouts):
     pairs = list(
         posed_pairs(
             layouts,
@@ -85,7 +83,7 @@ def test_true_poses_fit_and_others_do_not(name: str, group_dets: set[int], layou
     assert np.median(errors) < 20.0
 
 
-def test_shares_count_what_is_within_the_limit() -> None:
+def test_shares_count_what_is_within_the_limit():
     record = {
         "best": np.array([5.0, 25.0, 180.0, 19.0]),
         "top": np.array([5.0, 15.0, 180.0, 19.0]),
@@ -107,7 +105,7 @@ def test_shares_count_what_is_within_the_limit() -> None:
     assert matching_table.table_row(settings, record)["bound"] == pytest.approx(0.6)
 
 
-def test_energies_count_what_is_worse() -> None:
+def test_energies_count_what_is_worse():
     record = {"matched": np.array([1.0, 2.0, 3.3, 4.0]), "searched": np.array([1.0, 2.5, 3.0, 4.0 - 1e-9])}
     record |= {"match_s": 1.0, "merged_s": 4.0, "timed_match_s": 0.5, "each_s": 50.0}
     row = matching_energies.energies_row("all", 20, [record])
@@ -121,7 +119,7 @@ def test_energies_count_what_is_worse() -> None:
     assert "**missed**" in matching_energies.findings([row | {"no_worse": 100.0, "share": 0.2}])
 
 
-def test_scans_overlap_as_much_as_they_were_cut_to(layouts: Path) -> None:
+def test_scans_overlap_as_much_as_they_were_cut_to(layouts):
     scans = read_range_scans(layouts / "stanford_bunny_scans")
     sampling = SamplingOptions(num_points=40, metric="euclidean", normalisation="none", num_dense_points=300)
     samples = [sample_shape(scans.shape(i), sampling, EmbeddingOptions(kind="xyz")) for i in range(len(scans))]

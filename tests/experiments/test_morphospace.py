@@ -6,7 +6,7 @@ from data_tools.rotations import random_rotation
 from experiments.collections.morphospace import distance_correlation, products, rv_coefficient
 
 
-def test_poses_sizes_and_more_points_of_the_same_shapes_change_nothing() -> None:
+def test_poses_sizes_and_more_points_of_the_same_shapes_change_nothing():
     rng = np.random.default_rng(0)
     shapes = rng.standard_normal((30, 3)) + 0.1 * rng.standard_normal((8, 30, 3))
     turned = np.array([rng.uniform(1, 3) * shape @ random_rotation(rng).T + rng.random(3) for shape in shapes])
@@ -17,7 +17,7 @@ def test_poses_sizes_and_more_points_of_the_same_shapes_change_nothing() -> None
     assert np.isclose(rv_coefficient(one, twice), 1)
 
 
-def test_other_shapes_are_told_from_noise() -> None:
+def test_other_shapes_are_told_from_noise():
     rng = np.random.default_rng(1)
     base, ways = rng.standard_normal((30, 3)), rng.standard_normal((2, 30, 3))
     scores = rng.standard_normal((8, 2))

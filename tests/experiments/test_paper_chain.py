@@ -17,7 +17,7 @@ SMALL = SurfaceOptions(num_functions=45, num_samples=60, num_dense=300)
 
 
 @pytest.mark.parametrize("is_fast", [False, True])
-def test_the_chain_runs_to_the_end(is_fast: bool) -> None:
+def test_the_chain_runs_to_the_end(is_fast):
     rng, shape = np.random.default_rng(3), figure()
     posed = bent(shape, rng, angle=0.6)
     source, truth = shuffled(Shape.from_arrays(posed.vertices @ random_rotation(rng).T, posed.faces), rng)
@@ -33,7 +33,7 @@ def test_the_chain_runs_to_the_end(is_fast: bool) -> None:
     assert errors.direct.mean() < 0.25
 
 
-def test_icp_finds_the_rotation(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_icp_finds_the_rotation(rng, monkeypatch):
     target = rng.standard_normal((150, 4)) * [3.0, 2.0, 1.0, 0.5]
     rotation = random_rotation(rng, 4)
     order = rng.permutation(150)

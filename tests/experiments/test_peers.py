@@ -2,14 +2,12 @@
 
 import itertools
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from collalign.engine.store.store import Store
-from data_tools.arrays import FloatArray
-from data_tools.datasets.synthetic import PlantedCollection, deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from experiments.clock import Elapsed
@@ -27,14 +25,14 @@ from experiments.peers.principal_axes import (
 )
 
 
-def worst_deg(found: FloatArray, true: FloatArray) -> float:
+def worst_deg(found, true):
     return max(
         float(rotation_angle_deg(found[a].T @ found[b], true[a].T @ true[b]))
         for a, b in itertools.combinations(range(len(true)), 2)
     )
 
 
-def matched(rotations: FloatArray, rng: np.random.Generator) -> MatchedPairs:
+def matched(rotations, rng):
     poses = np.tile(np.eye(4), (len(rotations), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = rotations, rng.standard_normal((len(rotations), 3))
     edges = np.array(list(itertools.combinations(range(len(rotations)), 2)))
@@ -45,20 +43,20 @@ def matched(rotations: FloatArray, rng: np.random.Generator) -> MatchedPairs:
 
 
 @pytest.fixture
-def crowns(rng: np.random.Generator) -> PlantedCollection:
+def crowns(rng):
     members = deformed_family(crown(num_vertices=600), 4, rng, rms=0.01)
     return planted_collection(members, rng, scale_range=(0.5, 2.0))
 
 
 @pytest.fixture
-def posed_crowns(crowns: PlantedCollection, tmp_path: Path) -> PosedCollection:
+def posed_crowns(crowns, tmp_path):
     write_collection(tmp_path / "crowns", crowns)
     relative = np.array([[crowns.relative_rotation(a, b) for b in range(4)] for a in range(4)])
     names = tuple(shape.name for shape in crowns.shapes)
     return PosedCollection(folder=tmp_path / "crowns", names=names, relative=relative)
 
 
-def test_figures_see_gross_and_mirrored_pairs(posed_crowns: PosedCollection, crowns: PlantedCollection) -> None:
+def test_figures_see_gross_and_mirrored_pairs(posed_crowns, crowns):
     right = posed_crowns.figures(crowns.rotations, posed_crowns.names)
     assert right["gross"] == right["mirrored"] == 0
     assert right["within_20"] == right["shapes"] == 4
@@ -72,7 +70,7 @@ def test_figures_see_gross_and_mirrored_pairs(posed_crowns: PosedCollection, cro
     assert (wrong["gross"], wrong["mirrored"], wrong["within_20"]) == (0, 3, 3)
 
 
-def test_principal_axes_find_the_rotation_and_the_mirror_image(rng: np.random.Generator) -> None:
+def test_principal_axes_find_the_rotation_and_the_mirror_image(rng):
     target = normalised_points(crown(num_vertices=600), 60)
     for group, side in (("SO", 1.0), ("O", -1.0)):
         turn = random_rotation(rng) * np.array([side, 1.0, 1.0])
@@ -87,7 +85,7 @@ def test_principal_axes_find_the_rotation_and_the_mirror_image(rng: np.random.Ge
     assert np.linalg.det(wrong) > 0
 
 
-def test_the_tree_takes_the_nearest_pairs_only(rng: np.random.Generator) -> None:
+def test_the_tree_takes_the_nearest_pairs_only(rng):
     true = np.stack([random_rotation(rng) for _ in range(5)])
     relative = np.swapaxes(true, 1, 2)[:, None] @ true[None]
     distances = np.abs(np.subtract.outer(np.arange(5.0), np.arange(5.0)))
@@ -98,7 +96,7 @@ def test_the_tree_takes_the_nearest_pairs_only(rng: np.random.Generator) -> None
     assert worst_deg(along_tree(relative, distances), true) > 1
 
 
-def test_spectral_synchronization_recovers_and_rejects(rng: np.random.Generator) -> None:
+def test_spectral_synchronization_recovers_and_rejects(rng):
     true = np.stack([random_rotation(rng) for _ in range(5)])
     pairs = matched(true, rng)
     assert worst_deg(spectral(pairs), true) < 1e-4
@@ -106,7 +104,7 @@ def test_spectral_synchronization_recovers_and_rejects(rng: np.random.Generator)
 
 
 @pytest.mark.usefixtures("open3d")
-def test_the_pose_graph_prunes_a_loop_but_trusts_the_chain(rng: np.random.Generator) -> None:
+def test_the_pose_graph_prunes_a_loop_but_trusts_the_chain(rng):
     true = np.stack([random_rotation(rng) for _ in range(6)])
     pairs = matched(true, rng)
     assert worst_deg(open3d_pose_graph(pairs), true) < 1e-4
@@ -117,13 +115,13 @@ def test_the_pose_graph_prunes_a_loop_but_trusts_the_chain(rng: np.random.Genera
 
 
 @pytest.mark.usefixtures("open3d")
-def test_open3d_matches_copies(crowns: PlantedCollection, rng: np.random.Generator) -> None:
+def test_open3d_matches_copies(crowns, rng):
     copies = planted_collection([replace(crowns.shapes[0], name=f"copy{i}") for i in range(2)], rng)
     (transform,) = open3d_pairs(copies.shapes, 1).transforms
     assert rotation_angle_deg(transform[:3, :3].copy(), copies.relative_rotation(0, 1)) < 5
 
 
-def test_differences_between_answers(rng: np.random.Generator) -> None:
+def test_differences_between_answers(rng):
     rotations = np.stack([random_rotation(rng) for _ in range(3)])
     answer = Answer(names=("a", "b", "c"), rotations=rotations, elapsed=Elapsed())
     assert largest_difference_deg(answer, answer) == 0
@@ -137,14 +135,14 @@ def test_differences_between_answers(rng: np.random.Generator) -> None:
     assert np.isnan(largest_difference_deg(answer, replace(answer, names=("a", "c", "b"))))
 
 
-def test_a_comparison_runs_each_tool_twice(posed_crowns: PosedCollection) -> None:
+def test_a_comparison_runs_each_tool_twice(posed_crowns):
     record = peers.compare_runs(TOOLS["axes"], posed_crowns, mixed=False, num_jobs=1)
     (figures,) = record.values()
     assert figures["difference_deg"] == 0
     assert figures["wall_s"] > 0
 
 
-def test_families_are_deformed_and_their_truth_is_exact(tmp_path: Path) -> None:
+def test_families_are_deformed_and_their_truth_is_exact(tmp_path):
     posed = deformations.make_family("chair", 3, 3, tmp_path, tmp_path / "family")
     assert len(list(posed.folder.glob("*.ply"))) == len(posed.names) == 3
     np.testing.assert_allclose(posed.relative[0, 1] @ posed.relative[1, 2], posed.relative[0, 2], atol=1e-12)
@@ -152,7 +150,7 @@ def test_families_are_deformed_and_their_truth_is_exact(tmp_path: Path) -> None:
     np.testing.assert_array_equal(posed.relative, again.relative)
 
 
-def test_the_quick_run_of_deformations_is_the_same_twice(tmp_path: Path) -> None:
+def test_the_quick_run_of_deformations_is_the_same_twice(tmp_path):
     bench = Bench(data=tmp_path, store=Store.memory(), quick=True, quiet=True)
     main, families = deformations.EXPERIMENT.measure(bench).tables
     ours = main.rows[0]
@@ -162,7 +160,7 @@ def test_the_quick_run_of_deformations_is_the_same_twice(tmp_path: Path) -> None
 
 
 @pytest.mark.data
-def test_a_job_of_three_teeth_has_no_gross_pair(shared_data: Path) -> None:
+def test_a_job_of_three_teeth_has_no_gross_pair(shared_data):
     record = teeth_jobs.measure_job(
         Cell(data=shared_data, settings={"num": 3, "one_side": True, "seed": 0, "jobs": 1, "tool": "collalign"})
     )

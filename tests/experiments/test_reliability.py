@@ -15,40 +15,40 @@ STATED = RNG.random(20000)
 HONEST = RNG.random(20000) < STATED
 
 
-def test_honest_statements_are_calibrated_and_overconfident_ones_are_not() -> None:
+def test_honest_statements_are_calibrated_and_overconfident_ones_are_not():
     honest, boasting = reliability(STATED, HONEST), reliability(np.sqrt(STATED), HONEST)
     assert honest.expected_error < 0.02 < 0.1 < boasting.expected_error
     assert honest.worst_excess < 0.05 < 0.1 < boasting.worst_excess
     assert honest.count.sum() == len(STATED)
 
 
-def test_ranking_counts_pairs_of_the_same_run_and_ties_half() -> None:
+def test_ranking_counts_pairs_of_the_same_run_and_ties_half():
     right = np.array([True, False, True, False])
     assert auc_within([0.9, 0.1, 0.5, 0.5], right, [0, 0, 1, 1]) == 0.75
     assert auc_within([0.1, 0.9, 0.9, 0.1], right, [0, 0, 1, 1]) == 0.5
     assert np.isnan(auc_within([0.9, 0.1], [True, True], [0, 0]))
 
 
-def test_a_run_is_unnoticed_if_one_wrong_shape_has_no_word() -> None:
+def test_a_run_is_unnoticed_if_one_wrong_shape_has_no_word():
     run = np.array([0, 0, 1, 1])
     wrong = np.array([True, True, False, True])
     assert unnoticed_runs(wrong, np.array([True, False, False, True]), run) == 0.5
     assert unnoticed_runs(wrong, wrong, run) == 0.0
 
 
-def test_share_of_the_sure() -> None:
+def test_share_of_the_sure():
     share, count = right_above([0.99, 0.95, 0.2], [True, False, False], 0.95)
     assert (share, count) == (0.5, 2)
     assert np.isnan(right_above([0.1], [True], 0.95)[0])
 
 
 @pytest.mark.parametrize("stated", [[], [1.2], [np.nan]])
-def test_impossible_confidences_are_refused(stated: list[float]) -> None:
+def test_impossible_confidences_are_refused(stated):
     with pytest.raises(InputError, match="stated"):
         reliability(stated, [True] * len(stated))
 
 
-def record_of(slope: float, num: int = 400) -> dict[str, np.ndarray]:
+def record_of(slope, num=400):
     """Return a record whose votes say the truth if the slope is positive, and its contrary if it is negative."""
     rng = np.random.default_rng(5)
     evidence = np.full((num, len(KINDS)), 0.5)
@@ -65,7 +65,7 @@ def record_of(slope: float, num: int = 400) -> dict[str, np.ndarray]:
     }
 
 
-def test_a_collection_is_judged_by_the_others_alone() -> None:
+def test_a_collection_is_judged_by_the_others_alone():
     records = {"teeth": record_of(9.0), "ant": record_of(9.0), "fish": record_of(-9.0)}
     judged = judged_by_the_others(records)
     votes = records["fish"]["evidence"][:, 0]
@@ -73,14 +73,14 @@ def test_a_collection_is_judged_by_the_others_alone() -> None:
     assert auc_within(judged["fish"]["stated"], records["fish"]["right"], records["fish"]["run"]) < 0.3
 
 
-def test_limits_of_a_confidence_stay_when_others_judge() -> None:
+def test_limits_of_a_confidence_stay_when_others_judge():
     records = {"teeth": record_of(9.0), "ant": record_of(9.0)}
     records["ant"]["evidence"][:] = 1.0
     stated = judged_by_the_others(records)["ant"]["stated"]
     np.testing.assert_array_equal(stated, 0.5)
 
 
-def test_wrong_chirality_is_no_evidence_about_turns() -> None:
+def test_wrong_chirality_is_no_evidence_about_turns():
     record = record_of(9.0)
     record["error_deg"][:7] = MIRRORED_DEG
     record["intruder"][7:9] = True

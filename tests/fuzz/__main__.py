@@ -20,7 +20,7 @@ from tests.fuzz.overlaps import attack_overlaps
 FILES = ("shapes", "stores", "records", "certificate-files", "configs")
 
 
-def main() -> int:
+def main():
     parser = argparse.ArgumentParser(description=__doc__)
     for kind in (*FILES, "certificates", "folders", "overlaps"):
         parser.add_argument(f"--{kind}", type=int, default=0)
@@ -40,7 +40,7 @@ def main() -> int:
     return int(any(bad))
 
 
-def run_attack(kind: str, attack: Callable[..., Attack], num: int, seed: int) -> int:
+def run_attack(kind, attack, num, seed):
     """Forge so many and print what was said of them; returns how many ended badly."""
     if not num:
         return 0
@@ -52,7 +52,7 @@ def run_attack(kind: str, attack: Callable[..., Attack], num: int, seed: int) ->
     return len(report.bad)
 
 
-def run(kind: str, options: argparse.Namespace, folder: Path) -> int:
+def run(kind, options, folder):
     """Fuzz one kind of file and print what happened; returns how many ended badly."""
     num = getattr(options, kind.replace("-", "_"))
     if not num:

@@ -12,10 +12,9 @@ import shutil
 import signal
 import tempfile
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ from scipy.spatial.transform import Rotation
 import collalign
 from collalign import AlignOptions, RunOptions
 from collalign.cli import main
-from collalign.output.verify import Verification, verify_result
+from collalign.output.verify import verify_result
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
@@ -40,7 +39,7 @@ TABLES = ("pairs.csv", "alignment.json", ".collalign/manifest.json")
 HUGE = ("1e999", "-1e999", "1" + "0" * 400, "nan", "", "0x10", "1e308", "-5", "0")
 
 
-def honest_result(folder: Path) -> Path:
+def honest_result(folder):
     """The result of three chairs in ``meshes``, with certificates of pairs and of the collection, in ``out``."""
     out = folder / "out"
     write_collection(folder / "meshes", chairs(3))
@@ -52,7 +51,7 @@ def honest_result(folder: Path) -> Path:
     return out
 
 
-def attack_folders(honest: Path, num: int, *, seed: int = 0) -> Attack:
+def attack_folders(honest, num, *, seed=0):
     """Forge ``num`` copies of a result and judge what the verifier says; the same seed forges the same."""
     report = Attack()
     for index in range(num):
@@ -68,7 +67,7 @@ def attack_folders(honest: Path, num: int, *, seed: int = 0) -> Attack:
     return report
 
 
-def judge(folder: Path) -> str:
+def judge(folder):
     """Return "refused", "true" (all that is proven holds), or what is wrong."""
     signal.signal(signal.SIGALRM, _give_up)
     signal.alarm(LIMIT_S)
@@ -85,11 +84,11 @@ def judge(folder: Path) -> str:
         return (false_claim(folder, found) or "true") if found.holds else "refused"
 
 
-def _give_up(number: int, frame: FrameType | None) -> None:
+def _give_up(number, frame):
     raise TimeoutError(f"no answer after {LIMIT_S} s")
 
 
-def false_claim(folder: Path, found: Verification) -> str:
+def false_claim(folder, found):
     """Return the first bound that exceeds an energy of the folder's own samples, empty if none does."""
     record = json.loads((folder / "alignment.json").read_text())
     names = [shape["name"] for shape in record["shapes"]]
@@ -99,7 +98,7 @@ def false_claim(folder: Path, found: Verification) -> str:
     own /= np.linalg.norm(own, axis=(1, 2))[:, None, None]
     frames = linear / np.cbrt(np.abs(np.linalg.det(linear)))[:, None, None]
 
-    def energy(target: int, source: int, invariants: Any) -> float:
+    def energy(target, source, invariants):
         pair = invariants[target], invariants[source]
         problem = Problem.from_user(own[target], own[source], group=record["decided"]["group"], invariants=pair)
         rotation = (frames[target].T @ frames[source])[None]
@@ -122,7 +121,7 @@ def false_claim(folder: Path, found: Verification) -> str:
     return ""
 
 
-def forge(folder: Path, rng: np.random.Generator) -> str:
+def forge(folder, rng):
     """Change one thing in a folder and return what was done."""
     change: Callable[[Path, np.random.Generator], None] = drawn((_arrays, _arrays, _moved, _moved, _text, _file), rng)
     with np.errstate(all="ignore"), suppress(*NOT_FOR_THIS_TYPE, OSError, KeyError, EOFError, zipfile.BadZipFile):
@@ -130,16 +129,16 @@ def forge(folder: Path, rng: np.random.Generator) -> str:
     return change.__name__.strip("_")
 
 
-def _regular(folder: Path, names: Sequence[str]) -> list[Path]:
+def _regular(folder, names):
     """Those files that an earlier change has left as files."""
     return [folder / name for name in names if (folder / name).is_file() and not (folder / name).is_symlink()]
 
 
-def _archives(folder: Path) -> list[Path]:
+def _archives(folder):
     return _regular(folder, [*ARCHIVES, *sorted(f"certificates/{i}-{j}.npz" for i in range(3) for j in range(3))])
 
 
-def _arrays(folder: Path, rng: np.random.Generator) -> None:
+def _arrays(folder, rng):
     """Change some arrays of an archive as those of a certificate are changed."""
     file = drawn(_archives(folder), rng)
     with np.load(file) as archive:
@@ -147,7 +146,7 @@ def _arrays(folder: Path, rng: np.random.Generator) -> None:
     np.savez(file, **drawn(CHANGES, rng)(arrays, rng))
 
 
-def _moved(folder: Path, rng: np.random.Generator) -> None:
+def _moved(folder, rng):
     """Scale, shift, turn or mirror the samples of one shape or all, in one archive or in all that hold them."""
     kind, shape = drawn(("scale", "shift", "turn", "mirror", "swap"), rng), int(rng.integers(4))
     factor, turn, shift = np.exp(rng.normal()), Rotation.random(random_state=rng).as_matrix(), rng.normal(size=3)
@@ -165,7 +164,7 @@ def _moved(folder: Path, rng: np.random.Generator) -> None:
         np.savez(file, **arrays)
 
 
-def _text(folder: Path, rng: np.random.Generator) -> None:
+def _text(folder, rng):
     """Repeat, remove or exchange lines of a table or record, or replace one of its numbers."""
     file = drawn(_regular(folder, TABLES), rng)
     lines = file.read_text().splitlines(keepends=True)
@@ -174,7 +173,7 @@ def _text(folder: Path, rng: np.random.Generator) -> None:
     if kind == "number":
         numbers = [i for i, c in enumerate(lines[at]) if c.isdigit() and not lines[at][i - 1].isalnum()]
         start = drawn(numbers, rng)
-        number = str(re.match(r"[\d.e+-]*", lines[at][start:])[0])  # type: ignore[index]
+        number = str(re.match(r"[\d.e+-]*", lines[at][start:])[0])
         new = drawn((*HUGE, str(float(number) * drawn((0.5, -1.0, 1.5, 100.0), rng))), rng)
         lines[at] = lines[at][:start] + new + lines[at][start + len(number) :]
     else:
@@ -182,7 +181,7 @@ def _text(folder: Path, rng: np.random.Generator) -> None:
     file.write_text("".join(lines))
 
 
-def _file(folder: Path, rng: np.random.Generator) -> None:
+def _file(folder, rng):
     """Put another file, or no regular one, in the place of one, or add one that nobody names."""
     files = [*_archives(folder), *_regular(folder, TABLES)]
     file, other = drawn(files, rng), drawn(files, rng)

@@ -2,14 +2,11 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from collalign.engine.jobs.run import JobResult, run_jobs
+from collalign.engine.jobs.run import run_jobs
 from tests.fuzz.mutations import mutate
 
 TIME_LIMIT_S = 60.0
@@ -24,20 +21,20 @@ class FuzzReport:
     bad: dict[str, str] = field(default_factory=dict)
     slowest_s: float = 0.0
 
-    def __str__(self) -> str:
+    def __str__(self):
         kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(self.counts.items()))
         return f"{self.counts.total()} files: {kinds}; slowest {self.slowest_s:.2f} s"
 
 
 def fuzz(
-    target: Callable[[tuple[str, bytes]], Any],
-    files: Mapping[str, bytes],
-    num: int,
+    target,
+    files,
+    num,
     *,
-    seed: int = 0,
-    num_jobs: int = 1,
-    keep: Path | None = None,
-) -> FuzzReport:
+    seed=0,
+    num_jobs=1,
+    keep=None,
+):
     """Run a target on ``num`` damaged files; the same seed damages in the same way.
 
     The target is a function of a module that takes (name, bytes). Damaged files keep the suffix of good ones; those
@@ -46,7 +43,7 @@ def fuzz(
     report = FuzzReport()
     made: dict[str, tuple[str, bytes]] = {}
 
-    def tasks() -> Iterator[tuple[str, tuple[str, bytes]]]:
+    def tasks():
         for i in range(num):
             key = f"{seed}-{i}"
             made[key] = damaged(files, seed, i)
@@ -68,7 +65,7 @@ def fuzz(
     return report
 
 
-def damaged(files: Mapping[str, bytes], seed: int, index: int) -> tuple[str, bytes]:
+def damaged(files, seed, index):
     """Return the name and bytes of one damaged file."""
     rng = np.random.default_rng((seed, index))
     names = sorted(files)
@@ -76,7 +73,7 @@ def damaged(files: Mapping[str, bytes], seed: int, index: int) -> tuple[str, byt
     return name, mutate(files[name], list(files.values()), rng)
 
 
-def how_it_ended(job: JobResult) -> str:
+def how_it_ended(job):
     """Name the ending of a job; errors that the project does not raise on purpose carry their type."""
     if job.crashed:
         return "crashes" if "time limit" not in str(job.failure) else "hangs"

@@ -7,7 +7,7 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 
@@ -51,12 +51,12 @@ PLACES = (
 )  # fmt: skip
 
 
-def cases() -> list[tuple[str, str]]:
+def cases():
     """Every command with every place."""
     return list(itertools.product(COMMANDS, PLACES))
 
 
-def attack_overlaps(template: Path, num: int, *, seed: int = 0) -> Attack:
+def attack_overlaps(template, num, *, seed=0):
     """Run ``num`` of the cases, drawn without repetition, and judge what became of the user's files."""
     report = Attack()
     order = np.random.default_rng(seed).permutation(len(cases()))
@@ -69,7 +69,7 @@ def attack_overlaps(template: Path, num: int, *, seed: int = 0) -> Attack:
     return report
 
 
-def run_case(template: Path, command: str, place: str) -> str:
+def run_case(template, command, place):
     """Return "refused" or "done" where all is well, else what was lost or mixed in."""
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         project = Path(folder) / "project"
@@ -93,7 +93,7 @@ def run_case(template: Path, command: str, place: str) -> str:
 
 
 @contextmanager
-def mounted(source: Path, target: Path) -> Iterator[bool]:
+def mounted(source, target):
     """Mount a folder at a second place, where this system allows it."""
     target.mkdir()
     command = shutil.which("mount")
@@ -105,7 +105,7 @@ def mounted(source: Path, target: Path) -> Iterator[bool]:
             subprocess.run(["umount", str(target)], check=True)
 
 
-def _prepare(project: Path, command: str, place: str) -> None:
+def _prepare(project, command, place):
     """Point the result at the project's shapes, and lay out the folders that a case names."""
     files = tuple(str(project / "meshes" / f"chair{at}.ply") for at in (1, 2, 3))
     write_result(dataclasses.replace(load(project / "out"), files=files), project / "out")
@@ -133,7 +133,7 @@ def _prepare(project: Path, command: str, place: str) -> None:
         shutil.copytree(project / "out", project / place, dirs_exist_ok=True)
 
 
-def _mine(project: Path) -> dict[str, bytes]:
+def _mine(project):
     """Read what no command wrote: inputs, lists, and files that were put in the way."""
     inputs = [
         *(project / "meshes").glob("*"),
@@ -148,7 +148,7 @@ def _mine(project: Path) -> dict[str, bytes]:
     }
 
 
-def _run(words: list[str], folder: Path) -> tuple[int, str]:
+def _run(words, folder):
     text, back = io.StringIO(), Path.cwd()
     os.chdir(folder)
     try:

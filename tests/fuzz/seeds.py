@@ -1,16 +1,14 @@
 """Small good files of every kind that the project reads, to be damaged."""
 
-from pathlib import Path
-
 import numpy as np
 
 from collalign.engine.store.keys import fingerprint
-from collalign.engine.store.records import Record, encode
+from collalign.engine.store.records import encode
 from collalign.engine.store.store import Store
 from collalign.engine.store.typed import to_record
 from collalign.stages.pairs.match import match_pair
 from data_tools.datasets.synthetic_shapes import crown
-from data_tools.embedding.embedding import Samples, sample_shape
+from data_tools.embedding.embedding import sample_shape
 from data_tools.io.shapes import WRITABLE, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
@@ -32,7 +30,7 @@ strategy = "portfolio"
 """
 
 
-def shape_files(folder: Path) -> dict[str, bytes]:
+def shape_files(folder):
     """Return files of every readable format by name; the formats that are not written here are spelt out."""
     mesh = crown(np.random.default_rng(0), num_vertices=80)
     for suffix in WRITABLE:
@@ -58,22 +56,22 @@ def shape_files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
-def records() -> dict[str, bytes]:
+def records():
     """Return the record of a shape and of a pair."""
     samples = _samples()
     return {"shape.record": encode(to_record(samples[0])), "pair.record": encode(_pair(samples))}
 
 
-def _pair(samples: list[Samples]) -> Record:
+def _pair(samples):
     return to_record(match_pair(samples[0], samples[1], "SO", MatchOptions()))
 
 
-def _samples() -> list[Samples]:
+def _samples():
     options = SamplingOptions(num_points=8, num_dense_points=9)
     return [sample_shape(crown(np.random.default_rng(i), num_vertices=80), options) for i in range(2)]
 
 
-def store_file(folder: Path) -> bytes:
+def store_file(folder):
     """Return a store with shapes, pairs, a failure, a plan and options."""
     path = folder / "seed.store"
     samples = _samples()
@@ -87,13 +85,13 @@ def store_file(folder: Path) -> bytes:
     return path.read_bytes()
 
 
-def certificate_problem() -> tuple[np.ndarray, np.ndarray]:
+def certificate_problem():
     """Return the target and source of :func:`certificate_file`."""
     rng = np.random.default_rng(1)
     return rng.standard_normal((5, 3)), rng.standard_normal((5, 3))
 
 
-def certificate_file(folder: Path) -> bytes:
+def certificate_file(folder):
     """Return a certificate of a small problem."""
     certificate = solve_relaxation(*certificate_problem(), max_iterations=50).certificate
     if certificate is None:

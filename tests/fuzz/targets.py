@@ -23,7 +23,7 @@ from tests.fuzz.seeds import certificate_problem
 SAMPLING = SamplingOptions(num_points=8, num_dense_points=10)
 
 
-def read_and_sample(payload: tuple[str, bytes]) -> int:
+def read_and_sample(payload):
     """Read a shape file and prepare it for matching; returns the number of vertices. No reason quotes the file."""
     with _as_file(payload) as path:
         try:
@@ -37,7 +37,7 @@ def read_and_sample(payload: tuple[str, bytes]) -> int:
         return len(shape.vertices)
 
 
-def read_store(payload: tuple[str, bytes]) -> int:
+def read_store(payload):
     """Open a store, read all that is in it, and open it for writing; returns the number of records."""
     with _as_file(payload) as path:
         with Store.open(path, read_only=True) as store:
@@ -52,20 +52,20 @@ def read_store(payload: tuple[str, bytes]) -> int:
             return len(store.keys("pairs"))
 
 
-def read_record(payload: tuple[str, bytes]) -> int:
+def read_record(payload):
     """Decode a record whose digest would fit, as a forger could arrange, and check its fields."""
     name, data = payload
     from_record(Samples if name == "shape.record" else PairPoses, decode(data, name), name)
     return len(data)
 
 
-def read_certificate(payload: tuple[str, bytes]) -> float:
+def read_certificate(payload):
     """Load a certificate and verify it; returns the bound."""
     with _as_file(payload) as path:
         return verify_certificate(*certificate_problem(), Certificate.load(path))
 
 
-def read_config(payload: tuple[str, bytes]) -> int:
+def read_config(payload):
     """Run the command line with a configuration file on a folder that holds no shapes; returns the exit code."""
     with _as_file(payload) as path, contextlib.redirect_stderr(io.StringIO()) as text:
         shapes = path.parent / "shapes"
@@ -78,7 +78,7 @@ def read_config(payload: tuple[str, bytes]) -> int:
 
 
 @contextlib.contextmanager
-def _as_file(payload: tuple[str, bytes]):  # type: ignore[no-untyped-def]
+def _as_file(payload):
     name, data = payload
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name

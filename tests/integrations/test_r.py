@@ -12,14 +12,14 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / "integrations" / "r"
 
 
-def run_r(code: str) -> subprocess.CompletedProcess[str]:
+def run_r(code):
     sources = "".join(f"source({json.dumps(str(file))}); " for file in sorted((PACKAGE / "R").glob("*.R")))
     return subprocess.run(
         ["Rscript", "--vanilla", "-e", sources + code], capture_output=True, text=True, timeout=1200, check=False
     )
 
 
-def has_r() -> bool:
+def has_r():
     return shutil.which("Rscript") is not None and run_r("library(jsonlite)").returncode == 0
 
 
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.skipif(not has_r(), reason="Rscript with jsonlite is no
 
 
 @pytest.fixture
-def out(tmp_path: Path) -> Path:
+def out(tmp_path):
     rng = np.random.default_rng(0)
     labels = np.stack([rng.permutation(5) for _ in range(3)])
     positions = rng.standard_normal((3, 5, 3))
@@ -50,7 +50,7 @@ def out(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_coordinates_are_in_the_order_of_the_labels(out: Path) -> None:
+def test_coordinates_are_in_the_order_of_the_labels(out):
     done = run_r(
         f'x <- read_collalign("{out}"); stopifnot(dim(x$coords) == c(5, 3, 3)); '
         f'write.csv(data.frame(as.vector(x$coords)), "{out}/coords.csv", row.names = FALSE); '
@@ -65,7 +65,7 @@ def test_coordinates_are_in_the_order_of_the_labels(out: Path) -> None:
     assert np.allclose(column(out / "transforms.csv"), matrices.ravel(order="F"))
 
 
-def test_doubts_groups_and_notes_come_along(out: Path) -> None:
+def test_doubts_groups_and_notes_come_along(out):
     (out / "labels.csv").write_text("name,taxon\nc,Lemur\na,Indri\n", encoding="utf-8")
     done = run_r(
         f'x <- read_collalign("{out}", labels = "{out}/labels.csv"); '
@@ -77,7 +77,7 @@ def test_doubts_groups_and_notes_come_along(out: Path) -> None:
     assert "note: Look at c." in done.stdout
 
 
-def test_points_that_incomplete_shapes_lack_are_missing(out: Path) -> None:
+def test_points_that_incomplete_shapes_lack_are_missing(out):
     with np.load(out / "correspondences.npz") as archive:
         arrays = dict(archive)
     arrays["labels"][1, [0, 3]] = -1
@@ -96,7 +96,7 @@ def test_points_that_incomplete_shapes_lack_are_missing(out: Path) -> None:
 
 
 @pytest.mark.parametrize("heading", ["name", "Specimen", "id", "file", "my own"])
-def test_the_column_of_names_is_found_as_the_command_finds_it(out: Path, heading: str) -> None:
+def test_the_column_of_names_is_found_as_the_command_finds_it(out, heading):
     (out / "labels.csv").write_text(f"{heading},taxon\nc,Lemur\na,Indri\n", encoding="utf-8")
     done = run_r(
         f'x <- read_collalign("{out}", labels = "{out}/labels.csv"); '
@@ -105,7 +105,7 @@ def test_the_column_of_names_is_found_as_the_command_finds_it(out: Path, heading
     assert done.returncode == 0, done.stderr
 
 
-def test_rows_are_found_by_names_or_files(out: Path) -> None:
+def test_rows_are_found_by_names_or_files(out):
     (out / "labels.csv").write_text("name,file,taxon\nC1,x/c.PLY,Lemur\na.ply,,Indri\nd,d.off,X\n", encoding="utf-8")
     done = run_r(
         f'x <- read_collalign("{out}", labels = "{out}/labels.csv"); '
@@ -117,7 +117,7 @@ def test_rows_are_found_by_names_or_files(out: Path) -> None:
 
 
 @pytest.mark.parametrize("dtype", ["<f4", ">f8", "<i2", ">i8", "<u1", "|b1", "<U4"])
-def test_arrays_of_every_kind_survive(tmp_path: Path, dtype: str) -> None:
+def test_arrays_of_every_kind_survive(tmp_path, dtype):
     values = np.arange(12).reshape(2, 3, 2) % 2
     np.savez(tmp_path / "x.npz", c=values.astype(dtype), f=np.asfortranarray(values.astype(dtype)))
     done = run_r(
@@ -131,12 +131,12 @@ def test_arrays_of_every_kind_survive(tmp_path: Path, dtype: str) -> None:
     ]
 
 
-def test_what_is_no_result_is_refused(out: Path, tmp_path: Path) -> None:
+def test_what_is_no_result_is_refused(out, tmp_path):
     assert "no alignment.json" in run_r(f'read_collalign("{tmp_path}/nothing")').stderr
     (out / "correspondences.npz").write_bytes(b"not a zip")
     assert "not a NumPy archive" in run_r(f'read_collalign("{out}")').stderr
 
 
-def column(path: Path) -> list[float]:
+def column(path):
     with path.open(newline="", encoding="utf-8") as stream:
         return [float(row[0]) for row in list(csv.reader(stream))[1:]]

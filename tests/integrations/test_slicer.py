@@ -7,7 +7,6 @@ import sys
 from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ EXTENSION = Path(__file__).resolve().parents[2] / "integrations" / "slicer"
 MODULE = EXTENSION / "Collalign"
 
 
-def load(name: str) -> ModuleType:
+def load(name):
     spec = spec_from_file_location(f"slicer_{name}", MODULE / "CollalignLib" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
@@ -30,7 +29,7 @@ results, running = load("results"), load("running")
 
 
 @pytest.fixture
-def out(tmp_path: Path) -> Path:
+def out(tmp_path):
     rng = np.random.default_rng(0)
     names = np.array(["a", "b"])
     labels, positions = np.stack([rng.permutation(4), rng.permutation(4)]), rng.standard_normal((2, 4, 3))
@@ -43,7 +42,7 @@ def out(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_transforms_act_in_ras_as_they_do_in_lps(out: Path) -> None:
+def test_transforms_act_in_ras_as_they_do_in_lps(out):
     read = results.read_results(out)
     lps = np.array([1.0, 2.0, 3.0, 1.0])
     expected = results.LPS_TO_RAS @ np.array([-1.0, 3.0, 6.0, 1.0])
@@ -51,7 +50,7 @@ def test_transforms_act_in_ras_as_they_do_in_lps(out: Path) -> None:
     assert not np.allclose(read.shapes[0].transform @ lps, expected)
 
 
-def test_shapes_whose_files_declare_ras_are_in_the_scene_as_they_stand(out: Path) -> None:
+def test_shapes_whose_files_declare_ras_are_in_the_scene_as_they_stand(out):
     before = results.read_results(out).shapes
     record = json.loads((out / "alignment.json").read_text("utf-8"))
     record["shapes"][0]["coordinate_system"] = "RAS"
@@ -61,7 +60,7 @@ def test_shapes_whose_files_declare_ras_are_in_the_scene_as_they_stand(out: Path
     assert np.allclose(after[1].transform, before[1].transform)
 
 
-def test_points_are_in_the_order_of_their_labels(out: Path) -> None:
+def test_points_are_in_the_order_of_their_labels(out):
     read = results.read_results(out)
     with np.load(out / "correspondences.npz") as archive:
         first = archive["positions"][0, archive["labels"][0] == 2][0]
@@ -73,7 +72,7 @@ def test_points_are_in_the_order_of_their_labels(out: Path) -> None:
     assert read.notes == ("Look.",)
 
 
-def test_samples_of_incomplete_shapes_without_a_label_are_no_points(out: Path) -> None:
+def test_samples_of_incomplete_shapes_without_a_label_are_no_points(out):
     with np.load(out / "correspondences.npz") as archive:
         arrays = dict(archive)
     labels, before = arrays["labels"], results.read_results(out).shapes[0].points
@@ -82,12 +81,12 @@ def test_samples_of_incomplete_shapes_without_a_label_are_no_points(out: Path) -
     np.testing.assert_array_equal(results.read_results(out).shapes[0].points, before[[0, 2]])
 
 
-def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_results_is_refused(tmp_path):
     with pytest.raises(ValueError, match="not the output"):
         results.read_results(tmp_path)
 
 
-def test_the_command_is_one_that_collalign_takes(tmp_path: Path) -> None:
+def test_the_command_is_one_that_collalign_takes(tmp_path):
     (tmp_path / "in").mkdir()
     words = running.command("python", tmp_path / "in", tmp_path / "out", mirrored="O", keep_sizes=True)
     assert words[1:4] == ["-m", "collalign", "align"]
@@ -96,14 +95,14 @@ def test_the_command_is_one_that_collalign_takes(tmp_path: Path) -> None:
         running.command("python", tmp_path / "in", tmp_path / "in" / "out")
 
 
-def test_output_of_the_process_is_reported_and_failure_noticed() -> None:
+def test_output_of_the_process_is_reported_and_failure_noticed():
     lines: list[str] = []
     assert running.run([sys.executable, "-c", "print('one'); raise SystemExit(3)"], lines.append)
     assert not running.run([sys.executable, "-c", "raise SystemExit(2)"], lines.append)
     assert lines == ["one"]
 
 
-def test_the_build_lists_every_file_of_the_module() -> None:
+def test_the_build_lists_every_file_of_the_module():
     listed = re.findall(r"\S+\.(?:py|png)", (MODULE / "CMakeLists.txt").read_text("utf-8"))
     present = {str(f.relative_to(MODULE)) for f in MODULE.rglob("*") if f.suffix in (".py", ".png")}
     assert {name.replace("${MODULE_NAME}", "Collalign") for name in listed} == present

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 GOAL = 0.8
 
 
-def main() -> int:
+def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="")
     parser.add_argument("--random", type=int, default=60)

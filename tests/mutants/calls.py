@@ -9,15 +9,14 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import CodeType, FrameType
+from types import CodeType
 from typing import Any
 
 import pytest
 
-from tests.mutants.place import MODULE, Mutant, function_spans
+from tests.mutants.place import MODULE, function_spans
 
 PACKAGES = ("collalign", "data_tools", "pairwise")
 #: The variable that names the folder, and for how many seconds the tests of one fault may take without it.
@@ -27,17 +26,17 @@ CALLS, ENOUGH_S = "MUTANTS_CALLS", 60.0
 class Recorder:
     """Notes the code that every test and every fixture called, and what a test took."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.tests: dict[str, dict[str, Any]] = {}
         self._called: list[set[CodeType]] = [set()]
         self._of_fixtures: dict[int, set[CodeType]] = {}
 
-    def _note(self, frame: FrameType, event: str, _: object) -> None:
+    def _note(self, frame, event, _):
         if event == "call":
             self._called[-1].add(frame.f_code)
 
     @contextmanager
-    def _noting(self) -> Iterator[set[CodeType]]:
+    def _noting(self):
         self._called.append(set())
         sys.setprofile(self._note)
         threading.setprofile(self._note)
@@ -52,14 +51,14 @@ class Recorder:
                 self._called[-1] |= called
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_fixture_setup(self, fixturedef: Any) -> Iterator[None]:
+    def pytest_fixture_setup(self, fixturedef):
         with self._noting() as called:
             result = yield
         self._of_fixtures.setdefault(id(fixturedef), set()).update(called)
         return result
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_call(self, item: Any) -> Iterator[None]:
+    def pytest_runtest_call(self, item):
         with self._noting() as called:
             result = yield
         made = [one for found in item._fixtureinfo.name2fixturedefs.values() for one in found]
@@ -67,25 +66,25 @@ class Recorder:
         self.tests.setdefault(item.nodeid, {})["calls"] = sorted(set(_functions(codes)))
         return result
 
-    def pytest_runtest_logreport(self, report: Any) -> None:
+    def pytest_runtest_logreport(self, report):
         if report.nodeid in self.tests:
             one = self.tests[report.nodeid]
             one["seconds"] = one.get("seconds", 0.0) + report.duration
             one["passed"] = one.get("passed", True) and report.passed
 
-    def pytest_sessionfinish(self) -> None:
+    def pytest_sessionfinish(self):
         name = f"{os.environ.get('PYTEST_XDIST_WORKER', 'alone')}.json"
         Path(os.environ[CALLS], name).write_text(json.dumps(self.tests))
 
 
-def _functions(codes: Iterable[CodeType]) -> Iterator[str]:
+def _functions(codes):
     for code in codes:
         found = re.search(rf".*/((?:{'|'.join(PACKAGES)})/.*\.py)$", code.co_filename)
         if found:
             yield f"{found[1]} {code.co_qualname.split('.<locals>')[0]}"
 
 
-def pytest_configure(config: pytest.Config) -> None:
+def pytest_configure(config):
     """Note calls in every process that runs tests."""
     config.pluginmanager.register(Recorder())
 
@@ -93,7 +92,7 @@ def pytest_configure(config: pytest.Config) -> None:
 class Calls:
     """What was written down, and the tests that a fault is shown to."""
 
-    def __init__(self, folder: Path, root: Path) -> None:
+    def __init__(self, folder, root):
         read = [json.loads(file.read_text()) for file in sorted(folder.glob("*.json"))]
         self._tests = {name: one for found in read for name, one in found.items() if one.get("passed")}
         self._sources = {
@@ -102,7 +101,7 @@ class Calls:
             for path in sorted((root / package).rglob("*.py"))
         }
 
-    def tests_of(self, mutant: Mutant, near: tuple[str, ...]) -> tuple[str, ...]:
+    def tests_of(self, mutant, near):
         """Return the tests that call what the fault changes, of the files ``near`` first, the quickest first."""
         called = self._users(mutant)
         order = sorted(
@@ -118,7 +117,7 @@ class Calls:
             chosen.append(name)
         return tuple(chosen)
 
-    def _users(self, mutant: Mutant) -> set[str]:
+    def _users(self, mutant):
         """The function; of what stands outside of all, the functions that use its names."""
         if mutant.function != MODULE:
             return {f"{mutant.file} {mutant.function}"}

@@ -2,7 +2,6 @@
 
 import ast
 import random
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -35,20 +34,20 @@ class Change:
 class _Offsets:
     """Where nodes begin and end in a text, in characters."""
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source):
         self._source = source
         self._lines = source.splitlines(keepends=True)
         self._starts = [0]
         for line in self._lines:
             self._starts.append(self._starts[-1] + len(line))
 
-    def start(self, node: ast.AST) -> int:
-        return self._at(node.lineno, node.col_offset)  # type: ignore[attr-defined]
+    def start(self, node):
+        return self._at(node.lineno, node.col_offset)
 
-    def end(self, node: ast.AST) -> int:
-        return self._at(node.end_lineno, node.end_col_offset)  # type: ignore[attr-defined]
+    def end(self, node):
+        return self._at(node.end_lineno, node.end_col_offset)
 
-    def between(self, left: ast.AST, right: ast.AST, operator: str) -> Change:
+    def between(self, left, right, operator):
         """Replace the operator between two operands, and no parenthesis or line break around it."""
         start, end = self.end(left), self.start(right)
         text = self._source[start:end]
@@ -56,12 +55,12 @@ class _Offsets:
         at = start + text.index(inner)
         return Change(at, at + len(inner), operator)
 
-    def _at(self, line: int, column: int) -> int:
+    def _at(self, line, column):
         """Columns of the syntax tree are bytes."""
         return self._starts[line - 1] + len(self._lines[line - 1].encode()[:column].decode())
 
 
-def draw(root: Path, num: int, seed: int) -> list[Mutant]:
+def draw(root, num, seed):
     """Return so many different faults, every place of the packages equally likely.
 
     Parameters
@@ -81,13 +80,13 @@ def draw(root: Path, num: int, seed: int) -> list[Mutant]:
     ]
 
 
-def changes(source: str) -> list[Change]:
+def changes(source):
     """Return the faults that may be put into a module, one per place: operators, numbers, conditions, calls."""
     at = _Offsets(source)
     return [change for node in _code(ast.parse(source)) for change in _changes_of(node, source, at)]
 
 
-def _code(node: ast.AST) -> Iterator[ast.AST]:
+def _code(node):
     """Return all nodes but annotations, imports, decorators and texts."""
     yield node
     for name, value in ast.iter_fields(node):
@@ -98,7 +97,7 @@ def _code(node: ast.AST) -> Iterator[ast.AST]:
                 yield from _code(child)
 
 
-def _changes_of(node: ast.AST, source: str, at: _Offsets) -> Iterator[Change]:
+def _changes_of(node, source, at):
     match node:
         case ast.Compare(left=left, ops=[operator], comparators=[right]):
             yield at.between(left, right, _COMPARISONS[type(operator)])
@@ -125,7 +124,7 @@ def _changes_of(node: ast.AST, source: str, at: _Offsets) -> Iterator[Change]:
             yield Change(at.start(node), at.end(node), "pass")
 
 
-def _is_type_or_text(node: ast.expr) -> bool:
+def _is_type_or_text(node):
     """Whether an operator there joins types or texts."""
     if isinstance(node, ast.Constant):
         return node.value is None or isinstance(node.value, str)
@@ -134,7 +133,7 @@ def _is_type_or_text(node: ast.expr) -> bool:
     )
 
 
-def as_mutant(source: str, change: Change) -> Mutant:
+def as_mutant(source, change):
     """Return the change as function, lines and what replaces them: as many whole lines as make them unique there."""
     lines = source.splitlines(keepends=True)
     first = source.count("\n", 0, change.start)
@@ -156,19 +155,19 @@ def as_mutant(source: str, change: Change) -> Mutant:
 class Imports:
     """Which test files see a module: by importing it, or modules that import it."""
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root):
         self._of = {
             str(path.relative_to(root)): _imported(path.read_text("utf-8"))
             for folder in (*PACKAGES, "tests")
             for path in sorted((root / folder).rglob("*.py"))
         }
 
-    def tests_of(self, file: str) -> tuple[str, ...]:
+    def tests_of(self, file):
         """Return the module's tests, then those of its users; where nobody imports it, those of the folder."""
         folder = str(Path(file).parent)
         return self._seeing(file) or self._seeing(*(other for other in self._of if str(Path(other).parent) == folder))
 
-    def _seeing(self, *files: str) -> tuple[str, ...]:
+    def _seeing(self, *files):
         level, seen, tests = set(files), set(files), []
         for depth in range(len(self._of)):
             users = [other for other in self._of if any(_module(one) in self._of[other] for one in level)]
@@ -180,11 +179,11 @@ class Imports:
         return tuple(tests)
 
 
-def _module(file: str) -> str:
+def _module(file):
     return file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
 
 
-def _imported(source: str) -> set[str]:
+def _imported(source):
     """Return the modules that a text imports, and those of which it imports names, by their dotted names."""
     found = set()
     for node in ast.walk(ast.parse(source)):
@@ -195,7 +194,7 @@ def _imported(source: str) -> set[str]:
     return found
 
 
-def by_package(endings: Sequence[tuple[Mutant, str]]) -> dict[str, tuple[int, int]]:
+def by_package(endings):
     """Return killed ones and all with a verdict, of each package."""
     counts = dict.fromkeys(PACKAGES, (0, 0))
     for mutant, ending in endings:

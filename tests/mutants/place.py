@@ -2,7 +2,6 @@
 
 import ast
 from dataclasses import dataclass
-from pathlib import Path
 
 #: Stands for the body of a module outside of all functions: its constants.
 MODULE = "<module>"
@@ -30,11 +29,11 @@ class Mutant:
     new: str
     tests: tuple[str, ...]
 
-    def __str__(self) -> str:
+    def __str__(self):
         return f"{self.file} {self.function}: {self.old!r} -> {self.new!r}"
 
 
-def mutated(source: str, mutant: Mutant) -> str:
+def mutated(source, mutant):
     """Return a module's text with the fault in it.
 
     Raises
@@ -62,7 +61,7 @@ def mutated(source: str, mutant: Mutant) -> str:
     return changed
 
 
-def applied(mutant: Mutant, root: Path) -> str:
+def applied(mutant, root):
     """Return the text of the mutant's module under ``root`` with the fault in it; raises as :func:`mutated`."""
     path = root / mutant.file
     if not path.is_file():
@@ -70,7 +69,7 @@ def applied(mutant: Mutant, root: Path) -> str:
     return mutated(path.read_text("utf-8"), mutant)
 
 
-def function_spans(tree: ast.Module) -> dict[str, tuple[int, int]]:
+def function_spans(tree):
     """Return first and last line (exclusive, from 0) of every function by its name, methods with their class."""
     found = {}
     for node in tree.body:

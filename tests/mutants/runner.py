@@ -13,7 +13,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,9 +41,7 @@ class Verdict:
     seconds: float
 
 
-def run_mutants(
-    mutants: Sequence[Mutant], root: Path, *, time_limit_s: float = TIME_LIMIT_S, known_to_pass: bool = False
-) -> Iterator[Verdict]:
+def run_mutants(mutants, root, *, time_limit_s=TIME_LIMIT_S, known_to_pass=False):
     """Run the tests of one mutant after the other, in a copy of the project, where they pass without it.
 
     The project at ``root`` is only read; ``known_to_pass`` says that the tests passed in such a copy before.
@@ -64,7 +61,7 @@ def run_mutants(
 
 
 @contextmanager
-def _copy(root: Path) -> Iterator[Path]:
+def _copy(root):
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         copy = Path(folder) / "project"
         copy.mkdir()
@@ -77,7 +74,7 @@ def _copy(root: Path) -> Iterator[Path]:
         yield copy
 
 
-def record_calls(root: Path, folder: Path, num_workers: int = 2) -> None:
+def record_calls(root, folder, num_workers=2):
     """Run all tests without data in a copy, and leave in a folder which functions each of them calls."""
     folder.mkdir(parents=True, exist_ok=True)
     with _copy(root) as copy:
@@ -86,7 +83,7 @@ def record_calls(root: Path, folder: Path, num_workers: int = 2) -> None:
         subprocess.run([sys.executable, "-m", "pytest", *command], cwd=copy, env=environment, check=False)
 
 
-def _ending_of(file: Path, changed: str, copy: Path, tests: Sequence[str], time_limit_s: float) -> str:
+def _ending_of(file, changed, copy, tests, time_limit_s):
     """Run test files with another text of one module."""
     original = file.read_text("utf-8")
     file.write_text(changed, "utf-8")
@@ -96,7 +93,7 @@ def _ending_of(file: Path, changed: str, copy: Path, tests: Sequence[str], time_
         file.write_text(original, "utf-8")
 
 
-def _ending(copy: Path, tests: Sequence[str], time_limit_s: float) -> str:
+def _ending(copy, tests, time_limit_s):
     """Run test files until the first failure, in a fork of this process and a process group of its own."""
     process = multiprocessing.get_context("fork").Process(target=_run_tests, args=(copy, tests))
     process.start()
@@ -110,7 +107,7 @@ def _ending(copy: Path, tests: Sequence[str], time_limit_s: float) -> str:
     return {_PASSED: "survived", **dict.fromkeys(_FAILED, "killed")}.get(int(process.exitcode or 0), "no verdict")
 
 
-def _run_tests(copy: Path, tests: Sequence[str]) -> None:
+def _run_tests(copy, tests):
     """Run pytest in the copy and end the process with its exit code."""
     os.setsid()
     for stream in (1, 2):
@@ -122,7 +119,7 @@ def _run_tests(copy: Path, tests: Sequence[str]) -> None:
     os._exit(int(pytest.main(["-x", "-q", "-m", "not data", *tests])))
 
 
-def warm_up() -> None:
+def warm_up():
     """Import what the tests need of others once, so that a mutant's tests begin at once; nothing of the project."""
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     for name in _LIBRARIES:

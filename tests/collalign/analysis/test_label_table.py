@@ -1,25 +1,23 @@
-from pathlib import Path
-
 import pytest
 
 from collalign.analysis.label_table import read_labels, shape_name
 from data_tools.errors import InputError
 
 
-def table(tmp_path: Path, text: str) -> Path:
+def table(tmp_path, text):
     path = tmp_path / "labels.csv"
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def test_columns_by_name_with_unknown_values(tmp_path: Path) -> None:
+def test_columns_by_name_with_unknown_values(tmp_path):
     labels = read_labels(table(tmp_path, "taxon,name,side\nAotus,a,left\nNA,b.ply,right\n,sub/c,?\n"))
     assert labels.column("taxon", ["a", "b", "c", "d"]) == ("Aotus", "", "", "")
     assert labels.columns_for(["a", "b"]) == {"taxon": ("Aotus", ""), "side": ("left", "right")}
     assert labels.columns_for(["nobody"]) == {}
 
 
-def test_names_that_do_not_fit_are_told(tmp_path: Path) -> None:
+def test_names_that_do_not_fit_are_told(tmp_path):
     labels = read_labels(table(tmp_path, "name,file,taxon\na,x/A1.ply,X\nB,b.ply,Y\nbb,bbb.ply,Z\n"))
     assert labels.mismatches(["A1", "b"]) == [
         f"{labels.source}: no shape is called 'bb'; rows are found by the shapes' names"
@@ -31,17 +29,17 @@ def test_names_that_do_not_fit_are_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
-def test_separators_and_byte_order_mark(tmp_path: Path, separator: str) -> None:
+def test_separators_and_byte_order_mark(tmp_path, separator):
     text = "\ufeffspecimen,genus\na,X\nb,Y\n".replace(",", separator)
     assert read_labels(table(tmp_path, text)).column("genus", ["b", "a"]) == ("Y", "X")
 
 
-def test_first_column_holds_names_if_none_is_called_so(tmp_path: Path) -> None:
+def test_first_column_holds_names_if_none_is_called_so(tmp_path):
     labels = read_labels(table(tmp_path, "tooth,genus\na,X\n\nb,Y\n"))
     assert labels.column("genus", ["a", "b"]) == ("X", "Y")
 
 
-def test_names_lose_folder_and_mesh_ending_only() -> None:
+def test_names_lose_folder_and_mesh_ending_only():
     assert [shape_name(text) for text in ("a/b.PLY", "x\\y.off", " v1.2 ", "n")] == ["b", "y", "v1.2", "n"]
 
 
@@ -56,12 +54,12 @@ def test_names_lose_folder_and_mesh_ending_only() -> None:
         ("name,taxon\na," + "X" * 131_073 + "\n", "cannot be read as a table"),
     ],
 )
-def test_tables_that_cannot_be_meant_are_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_tables_that_cannot_be_meant_are_refused(tmp_path, text, message):
     with pytest.raises(InputError, match=message):
         read_labels(table(tmp_path, text))
 
 
-def test_missing_files_columns_and_names_are_refused(tmp_path: Path) -> None:
+def test_missing_files_columns_and_names_are_refused(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_labels(tmp_path / "none.csv")
     labels = read_labels(table(tmp_path, "name,taxon\na,X\n"))
@@ -71,7 +69,7 @@ def test_missing_files_columns_and_names_are_refused(tmp_path: Path) -> None:
         labels.column("taxon", ["b", "c"])
 
 
-def test_a_file_column_leads_to_the_row_as_well(tmp_path: Path) -> None:
+def test_a_file_column_leads_to_the_row_as_well(tmp_path):
     labels = read_labels(table(tmp_path, "name,file,genus\nB03,B03_scan.off,X\n"))
     assert labels.column("genus", ["B03_scan"]) == labels.column("genus", ["B03"]) == ("X",)
     assert list(labels.columns) == ["genus"]

@@ -6,11 +6,10 @@ import pytest
 from scipy.spatial.distance import pdist, squareform
 
 from collalign.analysis.ordination import classical_mds, cophenetic_tree, newick
-from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 
 
-def path_lengths(text: str, names: tuple[str, ...]) -> FloatArray:
+def path_lengths(text, names):
     """Distances between the tips of a Newick tree whose names hold none of the format's own characters."""
     graph: nx.Graph[str] = nx.Graph()
     inner = 0
@@ -25,12 +24,12 @@ def path_lengths(text: str, names: tuple[str, ...]) -> FloatArray:
     return np.array([[nx.dijkstra_path_length(graph, a, b) for b in names] for a in names])
 
 
-def test_path_lengths_notices_a_wrong_branch() -> None:
+def test_path_lengths_notices_a_wrong_branch():
     assert path_lengths("('a':1,('b':2,'c':2):3);", ("a", "b", "c"))[0, 1] == 6
     assert path_lengths("('a':1,('b':2,'c':2):4);", ("a", "b", "c"))[0, 1] == 7
 
 
-def test_mds_recovers_points_of_a_plane(rng: np.random.Generator) -> None:
+def test_mds_recovers_points_of_a_plane(rng):
     points = rng.standard_normal((12, 2)) * [3, 1]
     distances = squareform(pdist(points))
     found, shares = classical_mds(distances)
@@ -39,7 +38,7 @@ def test_mds_recovers_points_of_a_plane(rng: np.random.Generator) -> None:
     assert shares[0] > shares[1]
 
 
-def test_mds_of_two_and_of_equal_shapes() -> None:
+def test_mds_of_two_and_of_equal_shapes():
     found, _ = classical_mds([[0, 3], [3, 0]])
     assert np.linalg.norm(found[0] - found[1]) == pytest.approx(3)
     found, shares = classical_mds(np.zeros((3, 3)))
@@ -47,7 +46,7 @@ def test_mds_of_two_and_of_equal_shapes() -> None:
     assert not shares.any()
 
 
-def test_tree_of_ultrametric_distances_is_exact() -> None:
+def test_tree_of_ultrametric_distances_is_exact():
     distances = np.array([[0, 1, 4, 4], [1, 0, 4, 4], [4, 4, 0, 2], [4, 4, 2, 0]], dtype=float)
     tree = cophenetic_tree(distances)
     assert tree.correlation == pytest.approx(1)
@@ -56,17 +55,17 @@ def test_tree_of_ultrametric_distances_is_exact() -> None:
     np.testing.assert_allclose(path_lengths(newick(tree, names), names), distances)
 
 
-def test_correlation_tells_how_much_a_tree_can_show(rng: np.random.Generator) -> None:
+def test_correlation_tells_how_much_a_tree_can_show(rng):
     tree = cophenetic_tree(squareform(pdist(rng.standard_normal((20, 3)))))
     assert 0 < tree.correlation < 1
 
 
-def test_newick_quotes_names() -> None:
+def test_newick_quotes_names():
     tree = cophenetic_tree([[0, 1], [1, 0]])
     assert newick(tree, ("it's", "b (2)")) == "('it''s':0.5,'b (2)':0.5);"
 
 
-def test_bad_distances_are_refused() -> None:
+def test_bad_distances_are_refused():
     with pytest.raises(InputError, match="at least two"):
         cophenetic_tree([[0.0]])
     with pytest.raises(InputError, match="NaN"):

@@ -11,25 +11,23 @@ ONE_GROUP = np.zeros(NUM, dtype=np.int64)
 
 
 @pytest.fixture
-def poses(rng: np.random.Generator) -> np.ndarray:
+def poses(rng):
     return np.stack([random_rotation(rng) for _ in range(NUM)])
 
 
-def turn_deg(angle: float) -> np.ndarray:
+def turn_deg(angle):
     c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
-def test_another_frame_changes_nothing(poses: np.ndarray, rng: np.random.Generator, mirror: float) -> None:
+def test_another_frame_changes_nothing(poses, rng, mirror):
     changes, same = pose_changes(poses, mirror * random_rotation(rng) @ poses, ONE_GROUP)
     np.testing.assert_allclose(changes, 0.0, atol=1e-5)
     assert same.all()
 
 
-def test_the_shapes_that_move_are_named_and_not_the_many_that_agree(
-    poses: np.ndarray, rng: np.random.Generator
-) -> None:
+def test_the_shapes_that_move_are_named_and_not_the_many_that_agree(poses, rng):
     again = poses.copy()
     again[0], again[3] = turn_deg(90) @ again[0], again[3] @ np.diag([1.0, 1.0, -1.0])
     changes, same = pose_changes(poses, random_rotation(rng) @ again, ONE_GROUP)
@@ -39,9 +37,7 @@ def test_the_shapes_that_move_are_named_and_not_the_many_that_agree(
     np.testing.assert_allclose(np.delete(changes, [0, 3]), 0.0, atol=1e-4)
 
 
-def test_groups_may_turn_against_each_other_and_a_single_shape_is_not_compared(
-    poses: np.ndarray, rng: np.random.Generator
-) -> None:
+def test_groups_may_turn_against_each_other_and_a_single_shape_is_not_compared(poses, rng):
     groups = np.array([0, 0, 0, 1, 1, 1, 2])
     again = poses.copy()
     again[3:6] = random_rotation(rng) @ again[3:6]
@@ -52,7 +48,7 @@ def test_groups_may_turn_against_each_other_and_a_single_shape_is_not_compared(
     assert (pose_changes(poses, again, ONE_GROUP)[0] > 1.0).sum() == 3
 
 
-def test_neighbours_are_kept_under_any_growing_change_and_lost_by_a_shuffle(rng: np.random.Generator) -> None:
+def test_neighbours_are_kept_under_any_growing_change_and_lost_by_a_shuffle(rng):
     points = rng.random((12, 2))
     distances = np.linalg.norm(points[:, None] - points[None], axis=2)
     np.testing.assert_array_equal(kept_neighbours(distances, 3.0 * distances**2), 1.0)

@@ -10,38 +10,37 @@ from collalign.analysis.procrustes import (
     principal_components,
     procrustes_distances,
 )
-from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 
 
-def moved(shapes: FloatArray, rng: np.random.Generator) -> FloatArray:
+def moved(shapes, rng):
     """The same shapes in other places, poses and sizes."""
     num = len(shapes)
     R = Rotation.random(num, random_state=int(rng.integers(2**31))).as_matrix()
     return rng.uniform(0.1, 10, (num, 1, 1)) * (shapes @ np.swapaxes(R, 1, 2)) + rng.standard_normal((num, 1, 3))
 
 
-def test_superimposition_undoes_similarities(rng: np.random.Generator) -> None:
+def test_superimposition_undoes_similarities(rng):
     shape = rng.standard_normal((12, 3))
     found = generalized_procrustes(moved(np.tile(shape, (6, 1, 1)), rng))
     np.testing.assert_allclose(found.aligned, np.tile(found.mean, (6, 1, 1)), atol=1e-9)
     assert np.linalg.norm(found.mean) == pytest.approx(1)
 
 
-def test_superimposition_does_not_depend_on_where_shapes_lie(rng: np.random.Generator) -> None:
+def test_superimposition_does_not_depend_on_where_shapes_lie(rng):
     shapes = rng.standard_normal((12, 3)) + 0.1 * rng.standard_normal((8, 12, 3))
     one, two = generalized_procrustes(shapes), generalized_procrustes(moved(shapes, rng))
     gauge = best_rotations(one.mean, two.mean)
     np.testing.assert_allclose(two.aligned @ gauge.T, one.aligned, atol=1e-5)
 
 
-def test_superimposition_never_mirrors(rng: np.random.Generator) -> None:
+def test_superimposition_never_mirrors(rng):
     shape = rng.standard_normal((12, 3))
     found = generalized_procrustes(np.stack([shape, -shape, shape, shape]))
     assert np.linalg.norm(found.aligned[1] - found.aligned[0]) > 0.5
 
 
-def test_components_of_a_planted_family(rng: np.random.Generator) -> None:
+def test_components_of_a_planted_family(rng):
     base, axis = rng.standard_normal((2, 10, 3))
     axis /= np.linalg.norm(axis)
     scores = rng.standard_normal(30)
@@ -53,20 +52,20 @@ def test_components_of_a_planted_family(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(found.shape_at(0, 2) - found.shape_at(0, -2), 4 * scores.std(ddof=1) * found.axes[0])
 
 
-def test_scores_and_axes_give_the_shapes_back(rng: np.random.Generator) -> None:
+def test_scores_and_axes_give_the_shapes_back(rng):
     shapes = rng.standard_normal((6, 9, 3))
     found = principal_components(shapes)
     assert found.scores.shape == (6, 5)
     np.testing.assert_allclose(found.mean + np.tensordot(found.scores, found.axes, 1), shapes, atol=1e-12)
 
 
-def test_distance_is_scipy_s_disparity(rng: np.random.Generator) -> None:
+def test_distance_is_scipy_s_disparity(rng):
     shapes = rng.standard_normal((2, 15, 3)) * 0.3 + rng.standard_normal((15, 3))
     disparity = procrustes(shapes[0], shapes[1])[2]  # the square of sin(rho)
     assert np.sin(2.0 * np.arcsin(procrustes_distances(shapes)[0, 1] / 2.0)) ** 2 == pytest.approx(disparity)
 
 
-def test_distances_ignore_similarities_but_not_reflections(rng: np.random.Generator) -> None:
+def test_distances_ignore_similarities_but_not_reflections(rng):
     shapes = rng.standard_normal((5, 12, 3))
     before, after = procrustes_distances(shapes), procrustes_distances(moved(shapes, rng))
     np.testing.assert_allclose(after, before, atol=1e-7)
@@ -75,7 +74,7 @@ def test_distances_ignore_similarities_but_not_reflections(rng: np.random.Genera
     assert mirrored[0, 1] > 0.1
 
 
-def test_distances_use_the_labels_that_two_shapes_share(rng: np.random.Generator) -> None:
+def test_distances_use_the_labels_that_two_shapes_share(rng):
     shapes = rng.standard_normal((3, 10, 3))
     partial = shapes.copy()
     partial[0, :4] = np.nan
@@ -88,7 +87,7 @@ def test_distances_use_the_labels_that_two_shapes_share(rng: np.random.Generator
     np.testing.assert_array_equal(common_labels(partial[:2]), [False] * 4 + [True] * 6)
 
 
-def test_bad_input_is_refused(rng: np.random.Generator) -> None:
+def test_bad_input_is_refused(rng):
     with pytest.raises(InputError, match="NaN"):
         generalized_procrustes(np.full((2, 5, 3), np.nan))
     with pytest.raises(InputError, match="single point"):

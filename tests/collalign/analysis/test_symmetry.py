@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.analysis.symmetry import ObjectSymmetry, mirror_image, mirror_normal, object_symmetry
-from data_tools.arrays import FloatArray, IntArray
+from collalign.analysis.symmetry import mirror_image, mirror_normal, object_symmetry
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
 
@@ -12,13 +11,11 @@ from data_tools.rotations import random_rotation
 PARTNER = np.array([*range(10, 20), *range(10), 20, 21, 22, 23])
 
 
-def symmetric(points: FloatArray, partner: IntArray = PARTNER) -> FloatArray:
+def symmetric(points, partner=PARTNER):
     return 0.5 * (points + mirror_image(points, partner))
 
 
-def family(
-    rng: np.random.Generator, *, num: int = 12, directional: float = 0.0, fluctuating: float = 0.01
-) -> FloatArray:
+def family(rng, *, num=12, directional=0.0, fluctuating=0.01):
     """Return asymmetric variants of one symmetric shape in random poses and sizes, shape (num, 24, 3)."""
     base = symmetric(rng.standard_normal((24, 3)) + [2.0, 0, 0] * np.repeat([1, -1, 0], [10, 10, 4])[:, None])
     base /= np.linalg.norm(base)
@@ -33,11 +30,11 @@ def family(
     return np.array(shapes)
 
 
-def row(found: ObjectSymmetry, effect: str) -> float:
+def row(found, effect):
     return next(one.sum_of_squares for one in found.anova if one.effect == effect)
 
 
-def test_components_are_symmetric_antisymmetric_orthogonal_and_whole() -> None:
+def test_components_are_symmetric_antisymmetric_orthogonal_and_whole():
     shapes = family(np.random.default_rng(0), directional=0.02)
     found = object_symmetry(shapes, PARTNER)
     np.testing.assert_allclose(mirror_image(found.symmetric, PARTNER), found.symmetric, atol=1e-12)
@@ -48,13 +45,13 @@ def test_components_are_symmetric_antisymmetric_orthogonal_and_whole() -> None:
     np.testing.assert_allclose(mirror_image(found.mean, PARTNER), found.mean, atol=1e-12)
 
 
-def test_symmetric_shapes_have_no_asymmetry() -> None:
+def test_symmetric_shapes_have_no_asymmetry():
     found = object_symmetry(family(np.random.default_rng(1), fluctuating=0.0), PARTNER)
     assert found.asymmetry.max() < 1e-6
     assert row(found, "individual") > 0
 
 
-def test_the_planted_asymmetry_is_found_per_specimen() -> None:
+def test_the_planted_asymmetry_is_found_per_specimen():
     """Twice as one-sided is twice as asymmetric, but for what a rotation takes up."""
     rng = np.random.default_rng(2)
     shapes = family(rng, num=6, fluctuating=0.0)
@@ -68,7 +65,7 @@ def test_the_planted_asymmetry_is_found_per_specimen() -> None:
     assert 0.5 * norm < found.asymmetry[1] <= norm * 1.05
 
 
-def test_sums_of_squares_add_up_to_all_configurations_and_mirror_images() -> None:
+def test_sums_of_squares_add_up_to_all_configurations_and_mirror_images():
     shapes = family(np.random.default_rng(3), directional=0.02)
     for individuals in (None, [f"s{at // 2}" for at in range(12)], ["a"] * 5 + ["b"] * 4 + ["c"] * 3):
         found = object_symmetry(shapes, PARTNER, individuals=individuals)
@@ -79,7 +76,7 @@ def test_sums_of_squares_add_up_to_all_configurations_and_mirror_images() -> Non
         assert [one.effect for one in found.anova][3] == ("total" if individuals is None else "residual")
 
 
-def test_directional_asymmetry_is_told_from_fluctuating() -> None:
+def test_directional_asymmetry_is_told_from_fluctuating():
     rng = np.random.default_rng(4)
     one_sided = object_symmetry(family(rng, directional=0.02), PARTNER).anova[1]
     none = object_symmetry(family(rng), PARTNER).anova[1]
@@ -88,7 +85,7 @@ def test_directional_asymmetry_is_told_from_fluctuating() -> None:
     assert one_sided.f > 5 > none.f
 
 
-def test_replicates_tell_fluctuating_asymmetry_from_measurement_error() -> None:
+def test_replicates_tell_fluctuating_asymmetry_from_measurement_error():
     rng = np.random.default_rng(5)
     shapes = family(rng, num=8, fluctuating=0.02)
     sizes = np.linalg.norm(shapes - shapes.mean(axis=1, keepdims=True), axis=(1, 2))
@@ -101,14 +98,14 @@ def test_replicates_tell_fluctuating_asymmetry_from_measurement_error() -> None:
     assert object_symmetry(again, PARTNER, individuals=scrambled).anova[2].f < 5
 
 
-def test_a_mirrored_specimen_has_the_opposite_asymmetry() -> None:
+def test_a_mirrored_specimen_has_the_opposite_asymmetry():
     shapes = family(np.random.default_rng(6))
     shapes[1] = mirror_image(shapes[0], PARTNER)
     found = object_symmetry(shapes, PARTNER)
     np.testing.assert_allclose(found.asymmetric[1], -found.asymmetric[0], atol=1e-9)
 
 
-def test_wrong_pairs_are_no_answer() -> None:
+def test_wrong_pairs_are_no_answer():
     """Pairs that are exchanged show as asymmetry that is not there, or as no mirror image at all."""
     shapes = family(np.random.default_rng(7), fluctuating=0.0)
     wrong = PARTNER.copy()

@@ -1,7 +1,6 @@
 """What ``align --check`` says of files, and shapes of several folders as one collection."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--j
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """Five clouds in two folders, two of one name, one in metres among millimetres; and two that are no shapes."""
     rng = np.random.default_rng(0)
     points = 40 * rng.random((40, 3))
@@ -26,7 +25,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "in"
 
 
-def test_a_check_reads_every_file_and_writes_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_check_reads_every_file_and_writes_nothing(folder, capsys):
     out = folder.parent / "out"
     assert main(["align", str(folder), "--recursive", "--out", str(out), *FLAGS, "--check", "--json"]) == 3
     told = json.loads(capsys.readouterr().out)
@@ -47,7 +46,7 @@ def test_a_check_reads_every_file_and_writes_nothing(folder: Path, capsys: pytes
     assert "at least two are needed" in capsys.readouterr().err
 
 
-def test_a_check_says_who_has_too_few_points(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_check_says_who_has_too_few_points(folder, capsys):
     np.savetxt(folder / "left" / "few.xyz", np.eye(3))
     places = [str(folder / "left"), str(folder / "right" / "[ac].xyz")]
     assert main(["align", *places, "--out", str(folder.parent / "out"), "--check"]) == 3
@@ -56,9 +55,7 @@ def test_a_check_says_who_has_too_few_points(folder: Path, capsys: pytest.Captur
     assert "Fewer than 40 points, which a run leaves out: few." in said
 
 
-def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(folder, capsys):
     out = folder.parent / "out"
     places = folder.parent / "all.txt"
     places.write_text("in/left\nin/right/*.xyz\n")

@@ -1,14 +1,12 @@
 """What a file or a word says reaches its option unchanged, or is refused by name."""
 
-from pathlib import Path
-
 import pytest
 
 from collalign.cli import main
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     (tmp_path / "shapes").mkdir()
     (tmp_path / "shapes" / "a.ply").write_text("no shape")
     return tmp_path / "shapes"
@@ -32,9 +30,7 @@ def folder(tmp_path: Path) -> Path:
         ("a = " + "[" * 5000 + "]" * 5000, ("nested too deeply",)),
     ],
 )
-def test_entries_that_would_be_ignored_or_changed_are_refused(
-    text: str, words: tuple[str, ...], folder: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_entries_that_would_be_ignored_or_changed_are_refused(text, words, folder, capfd):
     config = folder.parent / "c.toml"
     config.write_text(text)
     assert main(["--config", str(config), "align", str(folder), "--out", str(folder.parent / "out")]) == 2
@@ -54,8 +50,6 @@ def test_entries_that_would_be_ignored_or_changed_are_refused(
         (["--matching.seed", "3"], "--matching.seed"),
     ],
 )
-def test_numbers_that_cannot_be_meant_are_refused(
-    flags: list[str], word: str, folder: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_numbers_that_cannot_be_meant_are_refused(flags, word, folder, capfd):
     assert main(["align", str(folder), "--out", str(folder.parent / "out"), *flags]) == 2
     assert word in "".join(capfd.readouterr())

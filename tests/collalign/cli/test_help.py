@@ -7,17 +7,17 @@ import pytest
 from collalign.cli import app, main
 
 
-def options_in(text: str) -> set[str]:
+def options_in(text):
     """Return the names of all options that a help text lists; their last column may be cut."""
     return set(re.findall(r"^│[ *]+(?:[A-Z-]+ )?(--[a-z][a-z.-]*)", text, re.MULTILINE))
 
 
 @pytest.fixture(autouse=True)
-def _wide_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def _wide_terminal(monkeypatch):
     monkeypatch.setenv("COLUMNS", "160")
 
 
-def test_one_screen_first_and_everything_when_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_screen_first_and_everything_when_asked_for(capsys):
     assert main(["align", "--help"]) == 0
     first = capsys.readouterr().out
     assert main(["align", "--help-all"]) == 0
@@ -34,13 +34,13 @@ def test_one_screen_first_and_everything_when_asked_for(capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize("command", ["export", "status", "classify"])
-def test_commands_with_few_options_show_them_all(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_with_few_options_show_them_all(command, capsys):
     for flag in ("--help", "--help-all"):
         assert main([command, flag]) == 0
         assert "--help-all shows" not in (said := capsys.readouterr().out)
         assert "--result" in options_in(said)
 
 
-def test_help_shows_first_what_a_command_is_for(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_shows_first_what_a_command_is_for(capsys):
     assert main(["transfer", "--help"]) == 0
     assert {"--result", "--landmarks", "--to", "--format"} <= options_in(capsys.readouterr().out)

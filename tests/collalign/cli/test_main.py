@@ -21,13 +21,13 @@ FLAGS = ["--sampling.num-points", "16", "--sampling.num-dense-points", "0", "--j
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("run") / "chairs"
     write_collection(path, chairs(4))
     return path
 
 
-def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:
+def test_a_reader_that_goes_away_is_no_error(tmp_path):
     Store.open(tmp_path / "store.sqlite").close()
     command = [*COLLALIGN, "status", str(tmp_path / "store.sqlite")]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
@@ -38,7 +38,7 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:
     assert (process.returncode, errors) == (141, b"")
 
 
-def test_names_need_not_fit_the_encoding_of_the_terminal(tmp_path: Path) -> None:
+def test_names_need_not_fit_the_encoding_of_the_terminal(tmp_path):
     (tmp_path / "Schädel").mkdir()
     command = [*COLLALIGN, "align", str(tmp_path / "Schädel"), "--out", str(tmp_path / "out")]
     done = subprocess.run(
@@ -49,7 +49,7 @@ def test_names_need_not_fit_the_encoding_of_the_terminal(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("presses", [1, 2])
-def test_ctrl_c_says_what_is_kept_and_how_to_go_on(presses: int, folder: Path, tmp_path: Path) -> None:
+def test_ctrl_c_says_what_is_kept_and_how_to_go_on(presses, folder, tmp_path):
     command = [*COLLALIGN, "align", str(folder), "--out", str(tmp_path), *FLAGS]
     process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
     while not worker_processes(process.pid):
@@ -70,7 +70,7 @@ def test_ctrl_c_says_what_is_kept_and_how_to_go_on(presses: int, folder: Path, t
     assert main(["status", str(tmp_path)]) == 5
 
 
-def test_ctrl_c_before_anything_began_has_a_message_too() -> None:
+def test_ctrl_c_before_anything_began_has_a_message_too():
     """An import that is interrupted makes an ImportError of it."""
     process = subprocess.Popen(
         [*COLLALIGN, "align", "--help"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -86,10 +86,8 @@ def test_ctrl_c_before_anything_began_has_a_message_too() -> None:
     assert "Traceback" not in errors
 
 
-def test_a_command_that_keeps_nothing_says_how_to_go_on_as_well(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted(*arguments: object, **options: object) -> None:
+def test_a_command_that_keeps_nothing_says_how_to_go_on_as_well(folder, monkeypatch, capsys):
+    def interrupted(*arguments, **options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("collalign.tools.match.command.match_rigid", interrupted)
@@ -104,9 +102,7 @@ def test_a_command_that_keeps_nothing_says_how_to_go_on_as_well(
     "arguments",
     [["demo", "--out", "FILE"], ["align", "FOLDER", "--out", "FILE"], ["align", "FILE", "--out", "o"]],
 )
-def test_a_file_in_the_place_of_a_folder_is_called_so(
-    arguments: list[str], folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_in_the_place_of_a_folder_is_called_so(arguments, folder, tmp_path, capsys):
     places = {"FILE": tmp_path / "file", "FOLDER": folder, "o": tmp_path / "o"}
     places["FILE"].touch()
     assert main([str(places.get(word, word)) for word in arguments]) == 2
@@ -115,7 +111,7 @@ def test_a_file_in_the_place_of_a_folder_is_called_so(
     assert "is a file, not a folder" in said or "not a directory" in said.lower()
 
 
-def test_help_is_quick_and_imports_nothing_heavy() -> None:
+def test_help_is_quick_and_imports_nothing_heavy():
     code = "import sys; from collalign.cli import main; main(['--help']); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
     loaded = set(done.stdout.splitlines()[-1].split())
@@ -123,10 +119,8 @@ def test_help_is_quick_and_imports_nothing_heavy() -> None:
     assert not loaded & {"numpy", "scipy", "trimesh", "matplotlib", "joblib", "potpourri3d", "networkx"}
 
 
-def test_too_few_open_files_end_in_advice(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def fail(*_: object, **__: object) -> None:
+def test_too_few_open_files_end_in_advice(folder, tmp_path, monkeypatch, capsys):
+    def fail(*_, **__):
         raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), "a")
 
     monkeypatch.setattr("collalign.align_collection", fail)

@@ -2,7 +2,6 @@
 
 import ast
 import re
-from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import pytest
@@ -27,40 +26,40 @@ OTHERS = {
 }
 
 
-def options_of(command: str) -> set[str]:
+def options_of(command):
     return {name for argument in app[command].assemble_argument_collection() for name in argument.names}
 
 
 @pytest.fixture(scope="module")
-def commands() -> dict[str, set[str]]:
+def commands():
     return {command: options_of(command) for command in _COMMANDS}
 
 
-def unknown(text: str, known: Iterable[str]) -> set[str]:
+def unknown(text, known):
     """Return the options that a text names and that are not known."""
     return {name for name in OPTION.findall(text) if name not in set(known)}
 
 
-def misplaced(text: str, commands: Mapping[str, set[str]]) -> set[str]:
+def misplaced(text, commands):
     """Return the calls of a command with an option that it has not."""
     calls = [(name, rest) for name, rest in CALL.findall(text) if name in commands]
     return {f"collalign {name}{rest}" for name, rest in calls if unknown(rest, commands[name] | OTHERS)}
 
 
-def gone(text: str, commands: Iterable[str]) -> set[str]:
+def gone(text, commands):
     """Return the commands that a text calls and that are not there."""
     return set(COMMAND.findall(text)) - set(commands)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_options_of_pages_exist(page: Path, commands: dict[str, set[str]]) -> None:
+def test_options_of_pages_exist(page, commands):
     text = page.read_text("utf-8")
     assert not unknown(text, set.union(OTHERS, *commands.values()))
     assert not misplaced(text, commands)
     assert page.name == "CHANGELOG.md" or not gone(text, commands), "only the changelog speaks of what went"
 
 
-def test_options_in_messages_and_docstrings_exist(commands: dict[str, set[str]]) -> None:
+def test_options_in_messages_and_docstrings_exist(commands):
     known = set.union(
         OTHERS, *commands.values(), {"--memory", "--pair-time", "--shape-time"}
     )  # beginnings, in help.py
@@ -72,7 +71,7 @@ def test_options_in_messages_and_docstrings_exist(commands: dict[str, set[str]])
         assert not gone("\n".join(texts), commands), module
 
 
-def test_wrong_names_are_noticed(commands: dict[str, set[str]]) -> None:
+def test_wrong_names_are_noticed(commands):
     assert unknown("give --num-pionts more, or `--group`", commands["align"]) == {"--num-pionts"}
     assert not unknown("color: var(--ink); --card: #fff", commands["align"])
     assert gone("run `collalign poses OUT`, or .venv/bin/collalign algin FOLDER", commands) == {"poses", "algin"}

@@ -15,7 +15,7 @@ FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--j
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("clouds")
     rng = np.random.default_rng(0)
     points = rng.random((40, 3))
@@ -25,9 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_programs_get_one_object_and_logs_get_everything(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_programs_get_one_object_and_logs_get_everything(folder, tmp_path, capsys):
     out, log = tmp_path / "out", tmp_path / "run.log"
     assert main(["align", str(folder), "--out", str(out), *FLAGS, "--json", "--quiet", "--log", str(log)]) == 3
     said = capsys.readouterr()
@@ -43,9 +41,7 @@ def test_programs_get_one_object_and_logs_get_everything(
     assert lines[-1].endswith("exit code 3")
 
 
-def test_off_a_terminal_stages_are_lines_unless_nobody_wants_them(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_off_a_terminal_stages_are_lines_unless_nobody_wants_them(folder, tmp_path, capsys):
     align = ["align", str(folder), "--out", str(tmp_path), *FLAGS]
     assert main(align) == 3
     said = capsys.readouterr()
@@ -56,7 +52,7 @@ def test_off_a_terminal_stages_are_lines_unless_nobody_wants_them(
     assert not logging.getLogger("collalign").handlers, "what a command listens by ends with it"
 
 
-def test_every_minute_has_a_line(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+def test_every_minute_has_a_line(monkeypatch, caplog):
     monkeypatch.setattr(progress, "_LINE_EVERY_S", 0.0)
     with caplog.at_level(logging.INFO), progress.ProgressBar("pairs", 4, done=1) as bar:
         bar.advance(2)
@@ -66,14 +62,14 @@ def test_every_minute_has_a_line(monkeypatch: pytest.MonkeyPatch, caplog: pytest
 @pytest.mark.parametrize(
     "wrong", [["align", "nowhere", "--out", "out"], ["align", ".", "--out", "x", "--nothing", "1"]]
 )
-def test_errors_are_told_as_well(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_are_told_as_well(wrong, capsys):
     assert main([*wrong, "--json"]) == 2
     told = json.loads(capsys.readouterr().out)
     assert told["exit_code"] == 2
     assert wrong[-2] in told["error"] or "nowhere" in told["error"]
 
 
-def test_a_batch_tells_of_each_folder(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_batch_tells_of_each_folder(folder, tmp_path, capsys):
     jobs = "".join(
         f"[[jobs]]\nfolder = '{at}'\nout = '{tmp_path / out}'\n" for at, out in ((folder, "x"), ("no", "y"))
     )
@@ -84,7 +80,7 @@ def test_a_batch_tells_of_each_folder(folder: Path, tmp_path: Path, capsys: pyte
     assert "no such folder" in second["error"]
 
 
-def test_what_is_unknown_is_null_for_programs(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_unknown_is_null_for_programs(capsys):
     with talking():
         speak(quiet=False, as_json=True, verbose=False, log=None)
         tell(
@@ -98,6 +94,6 @@ def test_what_is_unknown_is_null_for_programs(capsys: pytest.CaptureFixture[str]
     assert told == {"exit_code": 3, "confidence": [0.5, None], "bound": None, "path": "a", "nested": {"x": [None]}}
 
 
-def test_a_log_that_cannot_be_written_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_that_cannot_be_written_is_named(tmp_path, capsys):
     assert main(["status", str(tmp_path), "--log", str(tmp_path)]) == 2
     assert f"--log {tmp_path}: cannot be written" in capsys.readouterr().err

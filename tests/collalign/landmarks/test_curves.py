@@ -5,28 +5,27 @@ import pytest
 
 from collalign.landmarks.curves import counting_like, evenly_spaced, slider_rows
 from collalign.landmarks.table import landmark_table
-from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
-from data_tools.landmarks.landmark_files import Landmarks, SemilandmarkKind, Semilandmarks
+from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks
 from data_tools.rotations import random_rotation
 
 STILL = np.eye(4)
 
 
-def arc(angles: FloatArray) -> FloatArray:
+def arc(angles):
     return np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
 
 
-def gaps(points: FloatArray) -> FloatArray:
+def gaps(points):
     return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=1))
 
 
-def curve(points: FloatArray, kind: SemilandmarkKind = "open curve", name: str = "rim") -> Landmarks:
+def curve(points, kind="open curve", name="rim"):
     one = Semilandmarks(name=name, kind=kind, points=points)
     return Landmarks(labels=("tip",), points=np.zeros((1, 3)), semilandmarks=(one,))
 
 
-def test_unevenly_drawn_curves_are_spaced_evenly() -> None:
+def test_unevenly_drawn_curves_are_spaced_evenly():
     drawn = arc(np.array([0.0, 0.1, 0.3, 0.8, 1.0, 1.7, 2.0]))
     spaced = evenly_spaced(drawn, 12, closed=False)
     np.testing.assert_allclose(spaced[[0, -1]], drawn[[0, -1]], atol=1e-9)
@@ -35,7 +34,7 @@ def test_unevenly_drawn_curves_are_spaced_evenly() -> None:
     assert gaps(drawn).std() > 0.3 * gaps(drawn).mean(), "the check would notice curves that are left as they are"
 
 
-def test_a_closed_curve_goes_all_the_way_round() -> None:
+def test_a_closed_curve_goes_all_the_way_round():
     drawn = arc(np.array([0.0, 0.5, 1.5, 2.0, 3.5, 4.0, 5.5]))
     spaced = evenly_spaced(drawn, 20, closed=True)
     np.testing.assert_allclose(spaced[0], drawn[0], atol=1e-9)
@@ -44,13 +43,13 @@ def test_a_closed_curve_goes_all_the_way_round() -> None:
     assert np.isclose(around.sum(), 2 * np.pi, rtol=0.03)
 
 
-def test_curves_without_extent_and_two_points_are_no_trouble() -> None:
+def test_curves_without_extent_and_two_points_are_no_trouble():
     np.testing.assert_allclose(evenly_spaced(np.ones((3, 3)), 4, closed=False), np.ones((4, 3)))
     line = evenly_spaced(np.array([[0.0, 0, 0], [0, 0, 0], [3, 0, 0]]), 4, closed=False)
     np.testing.assert_allclose(line[:, 0], [0, 1, 2, 3], atol=1e-9)
 
 
-def test_direction_and_start_do_not_matter() -> None:
+def test_direction_and_start_do_not_matter():
     closed = arc(np.linspace(0, 2 * np.pi, 9, endpoint=False)) * [2, 1, 1]
     turned = np.roll(closed[::-1], 4, axis=0)
     np.testing.assert_allclose(turned[counting_like(turned, closed, closed=True)], closed)
@@ -58,12 +57,12 @@ def test_direction_and_start_do_not_matter() -> None:
     np.testing.assert_allclose(line[::-1][counting_like(line[::-1], line, closed=False)], line)
 
 
-def test_sliders_leave_the_ends_where_they_are() -> None:
+def test_sliders_leave_the_ends_where_they_are():
     assert slider_rows((3, 4, 5, 6), closed=False).tolist() == [[3, 4, 5], [4, 5, 6]]
     assert slider_rows((3, 4, 5), closed=True).tolist() == [[3, 4, 5], [4, 5, 3]]
 
 
-def test_templates_drawn_in_other_ways_and_poses_agree() -> None:
+def test_templates_drawn_in_other_ways_and_poses_agree():
     rng = np.random.default_rng(0)
     pose = np.eye(4)
     pose[:3, :3] = 2 * random_rotation(rng)
@@ -79,7 +78,7 @@ def test_templates_drawn_in_other_ways_and_poses_agree() -> None:
     assert len(more.labels) == 21
 
 
-def test_a_closed_curve_is_counted_from_where_the_first_template_begins() -> None:
+def test_a_closed_curve_is_counted_from_where_the_first_template_begins():
     ring = arc(np.linspace(0, 2 * np.pi, 12, endpoint=False)) * [3, 1, 1]
     elsewhere = curve(np.roll(ring[::-1], 5, axis=0), "closed curve")
     table = landmark_table({"a": curve(ring, "closed curve"), "b": elsewhere}, {"a": STILL, "b": STILL})
@@ -87,14 +86,14 @@ def test_a_closed_curve_is_counted_from_where_the_first_template_begins() -> Non
     assert apart.argmin(axis=1).tolist() == list(range(12))
 
 
-def test_what_a_template_lacks_is_missing() -> None:
+def test_what_a_template_lacks_is_missing():
     plain = Landmarks(labels=("tip", "base"), points=np.ones((2, 3)))
     table = landmark_table({"a": curve(arc(np.arange(3.0))), "b": plain}, {"a": STILL, "b": STILL})
     assert np.isnan(table.points["b"]).all(axis=1).tolist() == [False, True, True, True, False]
     assert np.isnan(table.points["a"]).all(axis=1).tolist() == [False, False, False, False, True]
 
 
-def test_what_does_not_fit_together_is_named() -> None:
+def test_what_does_not_fit_together_is_named():
     open_one, closed = curve(arc(np.arange(4.0))), curve(arc(np.arange(4.0)), "closed curve")
     for given, words in (
         ({}, "no landmark file"),

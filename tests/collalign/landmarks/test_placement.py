@@ -1,13 +1,11 @@
 """Landmarks are brought into their template's coordinates, and refused with a remedy where they do not lie on it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from collalign.landmarks.on_surface import PlacedTemplates, place_templates
-from data_tools.arrays import FloatArray
+from collalign.landmarks.on_surface import place_templates
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
@@ -25,11 +23,11 @@ POINTS = SHAPE.vertices[ROWS]
 RADIUS = float(np.sqrt(((SHAPE.vertices - SHAPE.vertices.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def marks(points: FloatArray, system: str | None = None) -> Landmarks:
-    return Landmarks(labels=tuple(f"L{at}" for at in range(len(points))), points=points, system=system)  # type: ignore[arg-type]
+def marks(points, system=None):
+    return Landmarks(labels=tuple(f"L{at}" for at in range(len(points))), points=points, system=system)
 
 
-def placed(tmp_path: Path, given: Landmarks, *, declared: str = "", shape: Shape = SHAPE) -> PlacedTemplates:
+def placed(tmp_path, given, *, declared="", shape=SHAPE):
     file = write_mesh(tmp_path / "a.ply", shape)
     if declared:
         file.write_bytes(file.read_bytes().replace(b"\nelement", f"\ncomment SPACE={declared}\nelement".encode(), 1))
@@ -37,7 +35,7 @@ def placed(tmp_path: Path, given: Landmarks, *, declared: str = "", shape: Shape
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_landmarks_on_their_template_stay_as_they_are(tmp_path: Path, noise: float) -> None:
+def test_landmarks_on_their_template_stay_as_they_are(tmp_path, noise):
     points = POINTS + noise * RADIUS * np.random.default_rng(0).standard_normal(POINTS.shape)
     points[2] = np.nan
     found = placed(tmp_path, marks(points))
@@ -57,9 +55,7 @@ def test_landmarks_on_their_template_stay_as_they_are(tmp_path: Path, noise: flo
         ((POINTS * 10)[:1], r"does not|do not lie on its surface"),
     ],
 )
-def test_landmarks_off_their_template_are_refused_with_the_remedy(
-    tmp_path: Path, points: FloatArray, words: str
-) -> None:
+def test_landmarks_off_their_template_are_refused_with_the_remedy(tmp_path, points, words):
     with pytest.raises(InputError, match=words) as caught:
         placed(tmp_path, marks(points))
     assert str(caught.value).startswith("a: its landmarks do not lie on its surface")
@@ -67,11 +63,11 @@ def test_landmarks_off_their_template_are_refused_with_the_remedy(
 
 @pytest.mark.parametrize("of_mesh", ["", "LPS", "RAS"])
 @pytest.mark.parametrize("said", ["LPS", "RAS"])
-def test_a_declared_system_is_converted_to_the_template_s(tmp_path: Path, of_mesh: str, said: str) -> None:
+def test_a_declared_system_is_converted_to_the_template_s(tmp_path, of_mesh, said):
     """The mesh's numbers are those of its own system, LPS unless its header says RAS."""
     same = said == (of_mesh or "LPS")
     given = POINTS if same else POINTS * LPS_RAS
-    curve = Semilandmarks(name="rim", kind="open curve", points=given[:4], system=said)  # type: ignore[arg-type]
+    curve = Semilandmarks(name="rim", kind="open curve", points=given[:4], system=said)
     found = placed(tmp_path, replace(marks(given, said), semilandmarks=(curve,)), declared=of_mesh)
     np.testing.assert_allclose(found.landmarks["a"].points, POINTS)
     np.testing.assert_allclose(found.landmarks["a"].semilandmarks[0].points, POINTS[:4])
@@ -79,7 +75,7 @@ def test_a_declared_system_is_converted_to_the_template_s(tmp_path: Path, of_mes
     assert found.system == "LPS"
 
 
-def test_where_the_mesh_says_nothing_its_surface_decides_which_system_it_is_in(tmp_path: Path) -> None:
+def test_where_the_mesh_says_nothing_its_surface_decides_which_system_it_is_in(tmp_path):
     found = placed(tmp_path, marks(POINTS, "RAS"))
     np.testing.assert_array_equal(found.landmarks["a"].points, POINTS)
     assert found.system == "RAS"
@@ -94,7 +90,7 @@ def test_where_the_mesh_says_nothing_its_surface_decides_which_system_it_is_in(t
             placed(tmp_path, marks(POINTS + 5 * RADIUS, system))
 
 
-def test_a_surface_that_fits_both_ways_is_lps_as_slicer_takes_it(tmp_path: Path) -> None:
+def test_a_surface_that_fits_both_ways_is_lps_as_slicer_takes_it(tmp_path):
     halves = np.vstack([SEAT.vertices, SEAT.vertices * LPS_RAS + 0.005 * RADIUS])
     both = Shape.from_arrays(halves, np.vstack([SEAT.faces, SEAT.faces + len(SEAT.vertices)]), name="a")
     found = placed(tmp_path, marks(SEAT.vertices[ROWS], "RAS"), shape=both)
@@ -102,12 +98,12 @@ def test_a_surface_that_fits_both_ways_is_lps_as_slicer_takes_it(tmp_path: Path)
     assert found.system == "LPS"
 
 
-def test_a_declaration_of_the_mesh_is_not_overruled(tmp_path: Path) -> None:
+def test_a_declaration_of_the_mesh_is_not_overruled(tmp_path):
     with pytest.raises(InputError, match="RAS"):
         placed(tmp_path, marks(POINTS, "RAS"), declared="LPS")
 
 
-def test_single_landmarks_off_the_surface_are_named(tmp_path: Path) -> None:
+def test_single_landmarks_off_the_surface_are_named(tmp_path):
     points = np.array(POINTS)
     points[3] += 20 * RADIUS
     found = placed(tmp_path, marks(points))
@@ -116,7 +112,7 @@ def test_single_landmarks_off_the_surface_are_named(tmp_path: Path) -> None:
     assert "L2" not in found.notes[0]
 
 
-def test_landmarks_in_one_place_of_the_surface_may_be_in_other_units(tmp_path: Path) -> None:
+def test_landmarks_in_one_place_of_the_surface_may_be_in_other_units(tmp_path):
     corner = SHAPE.vertices - SHAPE.vertices[ROWS[0]]
     shape = Shape.from_arrays(corner, SHAPE.faces, name="a")
     (note,) = placed(tmp_path, marks(corner[ROWS] / 1000), shape=shape).notes
@@ -124,7 +120,7 @@ def test_landmarks_in_one_place_of_the_surface_may_be_in_other_units(tmp_path: P
     assert placed(tmp_path, marks(corner[ROWS]), shape=shape).notes == ()
 
 
-def test_between_the_points_of_a_cloud_landmarks_are_on_it(tmp_path: Path) -> None:
+def test_between_the_points_of_a_cloud_landmarks_are_on_it(tmp_path):
     rng = np.random.default_rng(2)
     directions = rng.standard_normal((2000, 3))
     sphere = directions / np.linalg.norm(directions, axis=1)[:, None] * [1.0, 2.0, 3.0]

@@ -11,9 +11,7 @@ from data_tools.errors import InputError
 TPS = "LM3=1\n0 0 0\nID={}\n"
 
 
-def test_files_belong_to_shapes_by_name_by_what_they_say_or_as_told(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_files_belong_to_shapes_by_name_by_what_they_say_or_as_told(tmp_path, caplog):
     (tmp_path / "all.tps").write_text("".join(map(TPS.format, ("a", "b.ply", "stranger"))))
     (tmp_path / "c.csv").write_text("0,0,0\n")
     (tmp_path / "one.tps").write_text(TPS.format("a"))
@@ -36,9 +34,7 @@ def test_files_belong_to_shapes_by_name_by_what_they_say_or_as_told(
         (["no.tps"], "none of its specimens"),
     ],
 )
-def test_files_of_no_shape_or_of_one_twice_are_refused(
-    files: list[str], reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_of_no_shape_or_of_one_twice_are_refused(files, reason, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("all.tps").write_text(TPS.format("a") + TPS.format("b"))
     Path("no.tps").write_text(TPS.format("p") + TPS.format("q"))

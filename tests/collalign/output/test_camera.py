@@ -5,17 +5,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.output.evidence.camera import camera
-from data_tools.arrays import FloatArray
 from tests.view_problems import bumpy_shapes
 
 
-def wedge() -> FloatArray:
+def wedge():
     """Points with axes 3, 2 and 1, thin towards the positive end of the first and of the third."""
     ends = np.array([0.0, 0.1, 0.2, 1.0])
     return np.stack(np.meshgrid(3 * ends, [-1.0, 1.0], ends, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def test_longest_axis_is_level_and_the_shortest_the_line_of_sight() -> None:
+def test_longest_axis_is_level_and_the_shortest_the_line_of_sight():
     none = np.empty((0, 3), dtype=np.int64)
     right, up, viewer = camera([(wedge(), none)])
     np.testing.assert_allclose(right, [1, 0, 0], atol=1e-12)
@@ -24,7 +23,7 @@ def test_longest_axis_is_level_and_the_shortest_the_line_of_sight() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_picture_is_the_same_in_every_frame_and_size(seed: int) -> None:
+def test_picture_is_the_same_in_every_frame_and_size(seed):
     vertices, faces = bumpy_shapes(4)
     turn = Rotation.random(random_state=seed).as_matrix()
     plain = camera((points, faces) for points in vertices)

@@ -1,7 +1,5 @@
 import json
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,7 @@ R = Rotation.random(4, random_state=1).as_matrix()
 NAMES = ["a", "b", "c", "d"]
 
 
-def record(**changes: Any) -> dict[str, Any]:
+def record(**changes):
     """Two decisions about four shapes, as the report writes them."""
     flipped = np.diag([1.0, -1.0, -1.0]) @ R[1]
     return {
@@ -28,37 +26,37 @@ def record(**changes: Any) -> dict[str, Any]:
     } | changes
 
 
-def write(tmp_path: Path, content: Any) -> Path:
+def write(tmp_path, content):
     path = tmp_path / "corrections.json"
     path.write_text(content if isinstance(content, str) else json.dumps(content))
     return path
 
 
-def test_decisions_come_back(tmp_path: Path) -> None:
+def test_decisions_come_back(tmp_path):
     found = read_corrections(write(tmp_path, record()))
     assert [(decision.shape, decision.kind) for decision in found.decisions] == [("b", "pose"), ("c", "confirmed")]
     assert found.source.endswith("corrections.json")
 
 
-def test_certain_shapes_stay_and_decided_ones_move(tmp_path: Path) -> None:
+def test_certain_shapes_stay_and_decided_ones_move(tmp_path):
     fixed = read_corrections(write(tmp_path, record())).fixed(["z", *NAMES])
     assert set(fixed) == set(NAMES)
     np.testing.assert_allclose(fixed["a"], R[0], atol=1e-12)
     np.testing.assert_allclose(fixed["b"], np.diag([1.0, -1.0, -1.0]) @ R[1], atol=1e-12)
 
 
-def test_certain_shapes_may_have_left_the_collection_but_not_all(tmp_path: Path) -> None:
+def test_certain_shapes_may_have_left_the_collection_but_not_all(tmp_path):
     found = read_corrections(write(tmp_path, record()))
     assert set(found.fixed(["b", "c", "d"])) == {"b", "c", "d"}
     with pytest.raises(InputError, match="none of the shapes that it refers to"):
         found.fixed(["b", "c"])
 
 
-def test_no_decisions_fix_nothing(tmp_path: Path) -> None:
+def test_no_decisions_fix_nothing(tmp_path):
     assert read_corrections(write(tmp_path, record(decisions=[]))).fixed(NAMES) == {}
 
 
-def test_decisions_about_shapes_that_are_not_there_are_refused(tmp_path: Path) -> None:
+def test_decisions_about_shapes_that_are_not_there_are_refused(tmp_path):
     with pytest.raises(InputError, match="'c' is no shape of this collection"):
         read_corrections(write(tmp_path, record())).fixed(["a", "b"])
 
@@ -84,12 +82,12 @@ def test_decisions_about_shapes_that_are_not_there_are_refused(tmp_path: Path) -
         (record(decisions=record()["decisions"][:1] * 2), "two decisions about 'b'"),
     ],
 )
-def test_damaged_files_are_refused_with_advice(tmp_path: Path, content: Any, message: str) -> None:
+def test_damaged_files_are_refused_with_advice(tmp_path, content, message):
     with pytest.raises(InputError, match=message):
         read_corrections(write(tmp_path, content))
 
 
-def test_files_of_several_pages_are_kept_together(tmp_path: Path) -> None:
+def test_files_of_several_pages_are_kept_together(tmp_path):
     first = read_corrections(write(tmp_path, record()))
     some, other = first.decisions[:1], replace(first.decisions[0], shape=next(iter(first.frame)))
     files = [replace(first, decisions=some), replace(first, decisions=(other,), frame={}, source="second")]

@@ -1,7 +1,5 @@
 import dataclasses
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,7 @@ from data_tools.errors import InputError
 from tests.view_problems import view_of, write_result
 
 
-def test_a_view_comes_back_as_it_was(tmp_path: Path) -> None:
+def test_a_view_comes_back_as_it_was(tmp_path):
     view = view_of(7, num_missing=3)
     write_result(view, tmp_path)
     found = load(tmp_path)
@@ -41,36 +39,36 @@ def test_a_view_comes_back_as_it_was(tmp_path: Path) -> None:
     assert [[pose.log_odds for pose in poses] for poses in found.alternatives][1] == [0.7]
 
 
-def test_the_same_view_gives_the_same_bytes(tmp_path: Path) -> None:
+def test_the_same_view_gives_the_same_bytes(tmp_path):
     one, two = write_result(view_of(5), tmp_path / "a"), write_result(view_of(5), tmp_path / "b")
     assert one.read_bytes() == two.read_bytes()
 
 
 @pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04 cut short"])
-def test_damaged_files_are_refused(tmp_path: Path, content: bytes) -> None:
+def test_damaged_files_are_refused(tmp_path, content):
     (tmp_path / EVIDENCE_FILE).write_bytes(content)
     with pytest.raises(InputError, match="collalign align"):
         load(tmp_path)
 
 
-def test_a_folder_without_result_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_result_is_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         load(tmp_path)
 
 
-def test_another_version_is_refused(tmp_path: Path) -> None:
+def test_another_version_is_refused(tmp_path):
     np.savez(tmp_path / EVIDENCE_FILE, version=np.array(99))
     with pytest.raises(InputError, match="format 99"):
         load(tmp_path)
 
 
-def test_arrays_that_need_pickle_are_refused(tmp_path: Path) -> None:
+def test_arrays_that_need_pickle_are_refused(tmp_path):
     np.savez(tmp_path / EVIDENCE_FILE, version=np.array(2), text=np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(InputError, match="damaged"):
         load(tmp_path)
 
 
-def test_views_check_themselves(tmp_path: Path) -> None:
+def test_views_check_themselves(tmp_path):
     view = view_of(3)
     for change in (
         {"names": ("a", "a", "b")},
@@ -80,12 +78,12 @@ def test_views_check_themselves(tmp_path: Path) -> None:
         {"alternatives": ((),)},
     ):
         with pytest.raises(InputError):
-            load(write_result(dataclasses.replace(view, **change), tmp_path).parent)  # type: ignore[arg-type]
+            load(write_result(dataclasses.replace(view, **change), tmp_path).parent)
     with pytest.raises(InputError, match="no shape is called"):
         view.index("nobody")
 
 
-def test_decomposition_of_the_transforms() -> None:
+def test_decomposition_of_the_transforms():
     view = view_of(5)
     np.testing.assert_allclose(
         view.rotations @ np.swapaxes(view.rotations, 1, 2), np.tile(np.eye(3), (5, 1, 1)), atol=1e-12
@@ -94,7 +92,7 @@ def test_decomposition_of_the_transforms() -> None:
     np.testing.assert_allclose(view.scales[:, None, None] * view.rotations, view.transforms[:, :3, :3], rtol=1e-12)
 
 
-def test_json_types_know_no_nan() -> None:
+def test_json_types_know_no_nan():
     value = {"a": (np.float64("nan"), np.array([1, 2]), Path("x")), 1: True, "none": None, "inf": float("inf")}
     assert json_types(value) == {"a": [None, [1, 2], "x"], "1": True, "none": None, "inf": None}
 
@@ -114,7 +112,7 @@ def test_json_types_know_no_nan() -> None:
         ("samples", lambda array: array[:-1]),
     ],
 )
-def test_impossible_numbers_are_refused(tmp_path: Path, name: str, damage: Callable[[Any], Any]) -> None:
+def test_impossible_numbers_are_refused(tmp_path, name, damage):
     path = write_result(view_of(5), tmp_path)
     with np.load(path) as file:
         arrays = {key: file[key] for key in file.files}

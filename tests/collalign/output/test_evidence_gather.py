@@ -12,14 +12,13 @@ from collalign.output.evidence.gather import (
 )
 from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.pair import Pair
-from data_tools.arrays import FloatArray
 
 K = 12
 HALF_TURN = np.diag([1.0, -1.0, -1.0])
 MIRROR = np.diag([1.0, 1.0, -1.0])
 
 
-def matched(i: int, j: int, rotations: list[FloatArray], map_i_j: np.ndarray, choice: int = 0) -> Pair:
+def matched(i, j, rotations, map_i_j, choice=0):
     return Pair(
         target=i,
         source=j,
@@ -31,7 +30,7 @@ def matched(i: int, j: int, rotations: list[FloatArray], map_i_j: np.ndarray, ch
     )
 
 
-def test_pair_maps_are_in_terms_of_labels() -> None:
+def test_pair_maps_are_in_terms_of_labels():
     rng = np.random.default_rng(0)
     labels = np.stack([rng.permutation(K) for _ in range(3)])
     lacking = labels.copy()
@@ -52,7 +51,7 @@ def test_pair_maps_are_in_terms_of_labels() -> None:
         assert other[labels[0][sample]] == labels[1][rolled[sample]]
 
 
-def test_poses_of_a_pair_are_distinct_and_hold_the_chosen_one() -> None:
+def test_poses_of_a_pair_are_distinct_and_hold_the_chosen_one():
     turns = Rotation.from_rotvec(np.radians([[0, 0, a] for a in (0, 5, 60, 120, 170, 240, 300, 303)])).as_matrix()
     energies = np.array([1, 2, 5, 3, 4, 6, 8, 7.0])
     kept, choice = distinct_poses(turns, energies, 6)
@@ -64,7 +63,7 @@ def test_poses_of_a_pair_are_distinct_and_hold_the_chosen_one() -> None:
     assert (mirrored, choice) == ([1, 0], 1)
 
 
-def test_a_pair_is_shown_with_poses_that_a_person_tells_apart() -> None:
+def test_a_pair_is_shown_with_poses_that_a_person_tells_apart():
     near = Rotation.from_rotvec([0, 0, 0.01]).as_matrix()
     pair = shown_pair(matched(0, 1, [np.eye(3), near, HALF_TURN], np.arange(K), choice=2))
     np.testing.assert_array_equal(pair.rotations, [np.eye(3), HALF_TURN])
@@ -73,7 +72,7 @@ def test_a_pair_is_shown_with_poses_that_a_person_tells_apart() -> None:
     np.testing.assert_array_equal(again.rotations, pair.rotations)
 
 
-def test_cycle_errors_find_the_wrong_pair() -> None:
+def test_cycle_errors_find_the_wrong_pair():
     R = Rotation.random(4, random_state=2).as_matrix()
     own = [matched(i, j, [R[i].T @ R[j]], np.arange(K)) for i in range(4) for j in range(i)]
     errors = cycle_errors_deg(own, 4)
@@ -85,5 +84,5 @@ def test_cycle_errors_find_the_wrong_pair() -> None:
         np.testing.assert_allclose(cycle_errors_deg(spoiled, 4), [180.0])
 
 
-def test_parts_are_numbered() -> None:
+def test_parts_are_numbered():
     assert part_numbers((np.array([0, 3]), np.array([1, 2])), 4).tolist() == [0, 1, 1, 0]

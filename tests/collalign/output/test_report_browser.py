@@ -1,15 +1,11 @@
 """The report in a real headless Chromium: it loads, draws, answers to mouse and keyboard, and stays offline."""
 
 import dataclasses
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.output.collection import Collection
 from collalign.output.corrections import read_corrections
 from collalign.output.report import write_report
 from collalign.output.report.content import build_content
@@ -38,24 +34,24 @@ ALL_DRAWN = "() => [...document.querySelectorAll('.tile canvas')].every(canvas =
 
 
 @pytest.fixture(scope="module")
-def small() -> Collection:
+def small():
     return view_of(10, num_missing=3)
 
 
 @pytest.fixture(scope="module")
-def small_file(small: Collection, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small_file(small, tmp_path_factory):
     return write_report(small, tmp_path_factory.mktemp("small"), title="Ten bodies")
 
 
 @pytest.fixture
-def opened(browser: Any, small_file: Path) -> Iterator[Page]:
+def opened(browser, small_file):
     """The report of ten shapes; the test fails if the page complained about anything."""
     with Page(browser, small_file) as page:
         yield page
     assert page.requests == [small_file.as_uri()]
 
 
-def test_a_hundred_shapes_load_draw_and_open_without_a_complaint(browser: Any, tmp_path: Path) -> None:
+def test_a_hundred_shapes_load_draw_and_open_without_a_complaint(browser, tmp_path):
     with Page(browser, write_report(view_of(100), tmp_path)) as page:
         assert page.page.locator(".card").count() == 100
         before, after = page.pixels(".tile canvas", 0), page.pixels(".tile canvas", 1)
@@ -71,18 +67,18 @@ def test_a_hundred_shapes_load_draw_and_open_without_a_complaint(browser: Any, t
         assert page.page.locator("dialog[open] canvas").count() == 3
 
 
-def test_alignment_is_visible(opened: Page) -> None:
+def test_alignment_is_visible(opened):
     opened.page.wait_for_function(ALL_DRAWN)
     shapes = np.array(opened.page.locator(".tile canvas").evaluate_all(f"all => all.map({SILHOUETTE})"), dtype=bool)
     before, after = shapes[::2], shapes[1::2]
 
-    def overlap(masks: Any) -> float:
+    def overlap(masks):
         return float(masks.all(axis=0).sum() / masks.any(axis=0).sum())
 
     assert overlap(after) > 0.6 > 0.5 > overlap(before)
 
 
-def test_turning_one_shape_turns_all(opened: Page) -> None:
+def test_turning_one_shape_turns_all(opened):
     others = [opened.image(".tile canvas", at) for at in (1, 2)]
     opened.page.locator(".tile").first.focus()
     opened.page.keyboard.press("ArrowRight")
@@ -102,7 +98,7 @@ def test_turning_one_shape_turns_all(opened: Page) -> None:
     assert opened.page.locator("dialog[open]").count() == 0
 
 
-def test_spinning_starts_and_stops(opened: Page) -> None:
+def test_spinning_starts_and_stops(opened):
     spin = opened.page.locator("#spin")
     before = opened.image(".tile canvas", 0)
     spin.click()
@@ -111,7 +107,7 @@ def test_spinning_starts_and_stops(opened: Page) -> None:
     assert spin.get_attribute("aria-pressed") == "false"
 
 
-def test_gallery_is_ordered_by_doubt_and_searched_by_name(opened: Page) -> None:
+def test_gallery_is_ordered_by_doubt_and_searched_by_name(opened):
     names = opened.page.locator(".card .name")
     assert names.first.inner_text() == "shape_001"
     opened.page.get_by_label("Find").fill("_00")
@@ -123,7 +119,7 @@ def test_gallery_is_ordered_by_doubt_and_searched_by_name(opened: Page) -> None:
     assert names.first.inner_text() == "shape_000"
 
 
-def test_overlay_shows_what_is_chosen(opened: Page) -> None:
+def test_overlay_shows_what_is_chosen(opened):
     overlay = opened.page.locator("#overlay")
     assert overlay.locator(".chip").count() == 8
     before = opened.image("#overlay canvas")
@@ -137,7 +133,7 @@ def test_overlay_shows_what_is_chosen(opened: Page) -> None:
     assert opened.pixels("#overlay canvas")["share"] > 0.05
 
 
-def test_matrix_opens_the_pair_under_the_mouse_and_under_the_cursor(opened: Page, small: Collection) -> None:
+def test_matrix_opens_the_pair_under_the_mouse_and_under_the_cursor(opened, small):
     matrix = opened.page.locator("canvas.matrix")
     opened.page.locator("#pairs").get_by_label("Order by").select_option("name")
     matrix.scroll_into_view_if_needed()
@@ -160,14 +156,14 @@ def test_matrix_opens_the_pair_under_the_mouse_and_under_the_cursor(opened: Page
     assert title.inner_text() == "shape_002 – shape_005"
 
 
-def test_matched_points_carry_equal_colours(opened: Page) -> None:
+def test_matched_points_carry_equal_colours(opened):
     opened.page.locator("#pairs table button").first.click()
     first, second = (opened.pixels("dialog[open] canvas", at) for at in (0, 1))
     assert abs(first["share"] - second["share"]) < 0.2
     assert opened.canvas("dialog[open] canvas", 0).evaluate(NUM_COLOURS) > 500
 
 
-def test_a_correction_is_chosen_downloaded_and_read(opened: Page, small: Collection, tmp_path: Path) -> None:
+def test_a_correction_is_chosen_downloaded_and_read(opened, small, tmp_path):
     before = opened.image(".tile canvas", 1)
     opened.page.locator("#confidence").get_by_role("button", name="shape_001").click()
     opened.page.get_by_role("button", name="Use this pose").first.click()
@@ -193,7 +189,7 @@ def test_a_correction_is_chosen_downloaded_and_read(opened: Page, small: Collect
     assert opened.page.get_by_text("1 decision", exact=True).is_visible()
 
 
-def test_map_is_walked_by_keys_and_coloured_by_labels(opened: Page) -> None:
+def test_map_is_walked_by_keys_and_coloured_by_labels(opened):
     points = opened.page.locator("#map g.dot")
     assert points.count() == 9  # shape_001 is in doubt and stays out of statistics
     assert points.evaluate_all("all => all.filter(one => one.getAttribute('tabindex') === '0').length") == 1
@@ -214,7 +210,7 @@ def test_map_is_walked_by_keys_and_coloured_by_labels(opened: Page) -> None:
     assert "principal coordinate 1" in opened.page.locator("#map svg").text_content()
 
 
-def test_every_part_holds_what_it_should(opened: Page) -> None:
+def test_every_part_holds_what_it_should(opened):
     text = {
         part: opened.page.locator(f"#{part}").text_content()
         for part in ("excluded", "run", "cycles", "tree", "confidence")
@@ -232,14 +228,14 @@ def test_every_part_holds_what_it_should(opened: Page) -> None:
     assert "21 %" in first
 
 
-def test_controls_have_names_and_headings_follow_each_other(opened: Page) -> None:
+def test_controls_have_names_and_headings_follow_each_other(opened):
     assert opened.page.evaluate(UNNAMED) == []
     assert opened.page.locator("h1").inner_text() == "Ten bodies"
     assert opened.page.locator("section[aria-labelledby] h2").count() == 9
     assert opened.page.locator("details:not([open]) > summary h2").count() == 3
 
 
-def test_the_first_line_is_a_verdict_whose_names_open(opened: Page) -> None:
+def test_the_first_line_is_a_verdict_whose_names_open(opened):
     verdict = opened.page.locator(".verdict")
     assert verdict.inner_text() == "9 of 10 poses are sure. Look at: shape_001. 1 file left out."
     verdict.get_by_role("button", name="shape_001").click()
@@ -252,7 +248,7 @@ def test_the_first_line_is_a_verdict_whose_names_open(opened: Page) -> None:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_nothing_sticks_out_and_text_can_be_read(browser: Any, small_file: Path, scheme: str) -> None:
+def test_nothing_sticks_out_and_text_can_be_read(browser, small_file, scheme):
     with Page(browser, small_file, color_scheme=scheme) as page:
         for width in (360, 900, 1600):
             page.page.set_viewport_size({"width": width, "height": 700})
@@ -265,7 +261,7 @@ def test_nothing_sticks_out_and_text_can_be_read(browser: Any, small_file: Path,
         assert page.page.evaluate(BRIGHTNESS, ["body", "backgroundColor"]) < 200
 
 
-def test_printing_finds_every_shape_drawn(opened: Page, tmp_path: Path) -> None:
+def test_printing_finds_every_shape_drawn(opened, tmp_path):
     opened.page.wait_for_function(ALL_DRAWN)
     opened.page.emulate_media(media="print", color_scheme="dark")
     assert not opened.page.locator("nav").is_visible()
@@ -274,7 +270,7 @@ def test_printing_finds_every_shape_drawn(opened: Page, tmp_path: Path) -> None:
     assert len(pdf) > 100_000
 
 
-def test_page_without_webgl_keeps_tables_and_charts(driver: Any, small_file: Path) -> None:
+def test_page_without_webgl_keeps_tables_and_charts(driver, small_file):
     chromium = launched(driver, "--disable-3d-apis")
     with Page(chromium, small_file) as page:
         assert "no WebGL" in page.page.get_by_role("alert").inner_text()
@@ -285,7 +281,7 @@ def test_page_without_webgl_keeps_tables_and_charts(driver: Any, small_file: Pat
     chromium.close()
 
 
-def test_hostile_names_stay_text(browser: Any, tmp_path: Path) -> None:
+def test_hostile_names_stay_text(browser, tmp_path):
     bad = "</script><img src=x onerror=\"document.title='owned'\">"
     view = dataclasses.replace(view_of(3), names=(bad, "<b>b</b>", "c"), labels={"<i>kind</i>": ("<u>", "v", "")})
     with Page(browser, write_report(view, tmp_path, title="safe")) as page:
@@ -294,14 +290,14 @@ def test_hostile_names_stay_text(browser: Any, tmp_path: Path) -> None:
         assert bad in page.page.locator("#gallery").inner_text()
 
 
-def test_point_clouds_are_drawn(browser: Any, tmp_path: Path) -> None:
+def test_point_clouds_are_drawn(browser, tmp_path):
     plain = view_of(3)
     view = dataclasses.replace(plain, faces=(np.empty((0, 3), dtype=np.int64),) * 3)
     with Page(browser, write_report(view, tmp_path)) as page:
         assert page.pixels(".tile canvas", 1)["share"] > 0.01
 
 
-def test_a_page_that_was_cut_short_says_so(browser: Any, small_file: Path, tmp_path: Path) -> None:
+def test_a_page_that_was_cut_short_says_so(browser, small_file, tmp_path):
     text = small_file.read_text(encoding="utf-8").replace('id="pairs">', 'id="pairs">!')
     (tmp_path / "cut.html").write_text(text, encoding="utf-8")
     context = browser.new_context()
@@ -311,14 +307,14 @@ def test_a_page_that_was_cut_short_says_so(browser: Any, small_file: Path, tmp_p
     context.close()
 
 
-def test_corresponding_points_carry_one_colour_on_all_shapes(opened: Page) -> None:
+def test_corresponding_points_carry_one_colour_on_all_shapes(opened):
     before, plain = opened.image(".tile canvas", 1), opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS)
     opened.page.locator("#gallery").get_by_label("corresponding points").check()
     opened.wait_until_changed(".tile canvas", before, 1)
     assert opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS) > plain + 100
 
 
-def test_chances_of_a_shape_add_up(opened: Page) -> None:
+def test_chances_of_a_shape_add_up(opened):
     """The doubtful shape is right with chance 21 %; its other pose, of log-odds 0.7, with 0.21 exp(-0.7) = 10 %."""
     opened.page.locator("#confidence").get_by_role("button", name="shape_001").click()
     text = opened.page.locator("dialog[open]").inner_text()
@@ -328,7 +324,7 @@ def test_chances_of_a_shape_add_up(opened: Page) -> None:
     assert "log-odds" not in text
 
 
-def test_decisions_survive_a_reload_and_belong_to_one_result(browser: Any, tmp_path: Path) -> None:
+def test_decisions_survive_a_reload_and_belong_to_one_result(browser, tmp_path):
     with Page(browser, write_report(view_of(4), tmp_path / "one.html")) as page:
         page.page.locator("#confidence").get_by_role("button", name="shape_001").click()
         page.page.get_by_role("button", name="Use this pose").first.click()
@@ -342,7 +338,7 @@ def test_decisions_survive_a_reload_and_belong_to_one_result(browser: Any, tmp_p
         assert not page.page.locator(".decisions").is_visible()
 
 
-def test_decisions_survive_a_reload_where_files_get_no_storage(browser: Any, tmp_path: Path) -> None:
+def test_decisions_survive_a_reload_where_files_get_no_storage(browser, tmp_path):
     with Page(browser, write_report(view_of(4), tmp_path)) as page:
         page.context.add_init_script(
             "Object.defineProperty(window, 'localStorage', { get() { throw new Error('no'); } })"
@@ -359,7 +355,7 @@ def test_decisions_survive_a_reload_where_files_get_no_storage(browser: Any, tmp
         assert "pose confirmed" in page.page.locator(".decisions").inner_text()
 
 
-def test_a_shape_is_turned_by_hand(opened: Page, small: Collection, tmp_path: Path) -> None:
+def test_a_shape_is_turned_by_hand(opened, small, tmp_path):
     """Three steps of 7.5 degrees to the right turn the shape about the upright axis of the screen."""
     opened.page.locator("#confidence").get_by_role("button", name="shape_001").click()
     figure = opened.page.locator("dialog[open] figure", has_text="turn the shape by hand")
@@ -378,7 +374,7 @@ def test_a_shape_is_turned_by_hand(opened: Page, small: Collection, tmp_path: Pa
     np.testing.assert_allclose(decision.R_common_shape, turn @ small.rotations[1], atol=1e-9)
 
 
-def test_charts_fit_a_narrow_window(browser: Any, small_file: Path) -> None:
+def test_charts_fit_a_narrow_window(browser, small_file):
     with Page(browser, small_file, viewport={"width": 400, "height": 800}) as page:
         for part in ("map", "tree", "cycles"):
             picture = page.page.locator(f"#{part} svg").locator("..")
@@ -387,7 +383,7 @@ def test_charts_fit_a_narrow_window(browser: Any, small_file: Path) -> None:
             assert shown > 9, part
 
 
-def test_incomplete_shapes_have_a_section_of_their_own(browser: Any, tmp_path: Path) -> None:
+def test_incomplete_shapes_have_a_section_of_their_own(browser, tmp_path):
     with Page(browser, write_report(broken_view(), tmp_path)) as page:
         section = page.page.locator("#incomplete")
         assert section.locator("canvas").count() == 2
@@ -399,7 +395,7 @@ def test_incomplete_shapes_have_a_section_of_their_own(browser: Any, tmp_path: P
         assert "70 % has a counterpart on" in page.page.locator("dialog[open]").inner_text()
 
 
-def test_maps_of_vertices_have_a_section_where_there_are_any(browser: Any, tmp_path: Path) -> None:
+def test_maps_of_vertices_have_a_section_where_there_are_any(browser, tmp_path):
     with Page(browser, write_report(mapped_view(), tmp_path / "mapped")) as page:
         section = page.page.locator("#places")
         assert section.locator("canvas").count() == 3

@@ -8,7 +8,6 @@ import html
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +28,7 @@ from data_tools.rotations import rotation_angle_deg
 from tests.view_problems import bumpy_shapes, view_of
 
 
-def unpack(fields: list[tuple[str, str, int]], text: str) -> dict[str, np.ndarray[Any, Any]]:
+def unpack(fields, text):
     """The reader's side of :func:`pack`."""
     raw, found, at = gzip.decompress(base64.b64decode(text)), {}, 0
     for name, dtype, length in fields:
@@ -40,13 +39,13 @@ def unpack(fields: list[tuple[str, str, int]], text: str) -> dict[str, np.ndarra
     return found
 
 
-def data_of(page: str) -> dict[str, Any]:
+def data_of(page):
     found = re.search(r'<script type="application/json" id="collalign-data">(.*?)</script>', page, re.DOTALL)
     assert found is not None
     return json.loads(found[1])
 
 
-def test_meshes_are_rounded_to_a_sixteen_bit_grid(rng: np.random.Generator) -> None:
+def test_meshes_are_rounded_to_a_sixteen_bit_grid(rng):
     vertices = 1000 + rng.standard_normal((50, 3)) * [1, 10, 100]
     samples = vertices[:4].copy()
     samples[2] = np.nan
@@ -61,13 +60,13 @@ def test_meshes_are_rounded_to_a_sixteen_bit_grid(rng: np.random.Generator) -> N
     assert found["scalars"][[0, -1]].tolist() == [0, 255]
 
 
-def test_large_meshes_get_wide_indices() -> None:
+def test_large_meshes_get_wide_indices():
     vertices = np.random.default_rng(0).standard_normal((70_000, 3))
     info, text = pack_mesh(vertices, np.array([[0, 1, 69_999]]), vertices[:1])
     assert unpack(info["fields"], text)["faces"].tolist() == [0, 1, 69_999]
 
 
-def test_quaternions_carry_reflections() -> None:
+def test_quaternions_carry_reflections():
     R = Rotation.random(5, random_state=0).as_matrix() * np.array([1, -1, 1, -1, 1])[:, None, None]
     turns, mirrored = quaternions(R)
     back = Rotation.from_quat(turns).as_matrix() * np.where(mirrored, -1, 1)[:, None, None]
@@ -76,7 +75,7 @@ def test_quaternions_carry_reflections() -> None:
     assert quaternions(np.empty((0, 3, 3)))[0].shape == (0, 4)
 
 
-def test_display_meshes_are_small_and_keep_their_outline() -> None:
+def test_display_meshes_are_small_and_keep_their_outline():
     vertices, faces = bumpy_shapes(1, subdivisions=4)
     few, triangles = display_mesh(1e4 + vertices[0], faces, max_faces=800)
     assert 600 <= len(triangles) <= 900
@@ -90,7 +89,7 @@ def test_display_meshes_are_small_and_keep_their_outline() -> None:
     assert faces_per_shape(10**5) * 10**5 <= 4_000_000, "of all shapes together"
 
 
-def test_offered_poses_are_distinct_and_begin_with_the_evidence() -> None:
+def test_offered_poses_are_distinct_and_begin_with_the_evidence():
     view = view_of(4)
     near = Alternative(rotation=Rotation.from_rotvec([0.1, 0, 0]).as_matrix() @ view.rotations[0])
     view = dataclasses.replace(view, alternatives=((near,), *view.alternatives[1:]))
@@ -103,7 +102,7 @@ def test_offered_poses_are_distinct_and_begin_with_the_evidence() -> None:
     assert len(offered_poses(view)[0]) == 3
 
 
-def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named() -> None:
+def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named():
     half = Incomplete(shape=4, reason="as told", partners=np.array([0]), overlaps=np.ones((1, 2)))
     view = dataclasses.replace(view_of(9), part_numbers=np.array([0, 0, 0, 0, 0, 0, 0, 0, 1]), incomplete=(half,))
     who = statistics_members(view)
@@ -127,7 +126,7 @@ def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named() -
     assert not statistics_members(dataclasses.replace(view, incomplete=())).too_few(7)
 
 
-def test_what_a_doubtful_shape_looks_like_does_not_change_the_map() -> None:
+def test_what_a_doubtful_shape_looks_like_does_not_change_the_map():
     view = view_of(9)
     samples = view.landmarks.copy()
     samples[1] = samples[1][::-1]
@@ -136,7 +135,7 @@ def test_what_a_doubtful_shape_looks_like_does_not_change_the_map() -> None:
     assert "shape_001 (in doubt, confidence 0.21)" in found["words"]
 
 
-def test_shapes_without_a_place_on_the_map_are_listed_still() -> None:
+def test_shapes_without_a_place_on_the_map_are_listed_still():
     view = dataclasses.replace(view_of(9), part_numbers=np.array([1, 0, 0, 0, 0, 0, 0, 0, 1]))
     found = shape_map(view)
     assert found["members"] == [2, 3, 4, 5, 6, 7]
@@ -146,7 +145,7 @@ def test_shapes_without_a_place_on_the_map_are_listed_still() -> None:
         assert sorted(order) == list(range(9))
 
 
-def test_only_shared_labels_become_colours() -> None:
+def test_only_shared_labels_become_colours():
     view = view_of(9)
     labels = {
         "side": view.labels["side"],
@@ -158,17 +157,17 @@ def test_only_shared_labels_become_colours() -> None:
 
 
 @pytest.mark.parametrize("num_shapes", [2, 3])
-def test_tiny_collections_say_what_they_cannot_show(num_shapes: int) -> None:
+def test_tiny_collections_say_what_they_cannot_show(num_shapes):
     plain = view_of(num_shapes)
     view = dataclasses.replace(plain, landmarks=plain.landmarks[:, :2], landmark_names=plain.landmark_names[:2])
     document, _ = build_content(view)
     assert "problem" in document["map"]
 
 
-def test_pairs_carry_maps_poses_and_words() -> None:
+def test_pairs_carry_maps_poses_and_words():
     view = view_of(6)
     document, blobs = build_content(view)
-    found = unpack([tuple(field) for field in document["pairFields"]], blobs["pairs"])  # type: ignore[misc]
+    found = unpack([tuple(field) for field in document["pairFields"]], blobs["pairs"])
     assert found["poseCount"].tolist() == [2] * 14 + [0]
     assert found["poseCount"].sum() == len(found["poseEnergy"]) == len(found["poseRotation"]) / 4
     maps = found["map"].reshape(15, -1)
@@ -178,7 +177,7 @@ def test_pairs_carry_maps_poses_and_words() -> None:
     assert np.isnan(found["energy"][-1])
 
 
-def test_report_is_the_same_each_time_and_needs_no_network(tmp_path: Path) -> None:
+def test_report_is_the_same_each_time_and_needs_no_network(tmp_path):
     path = write_report(view_of(5), tmp_path / "out")
     assert path == tmp_path / "out" / "report.html"
     page = path.read_text(encoding="utf-8")
@@ -189,7 +188,7 @@ def test_report_is_the_same_each_time_and_needs_no_network(tmp_path: Path) -> No
     assert "Permission is hereby granted" in page
 
 
-def test_names_cannot_become_markup() -> None:
+def test_names_cannot_become_markup():
     bad = "</script><img src=x onerror=alert(1)>"
     view = dataclasses.replace(view_of(3), names=(bad, "a & b", "<!--"), notes=(bad,))
     page = render_report(view, title=bad)
@@ -197,7 +196,7 @@ def test_names_cannot_become_markup() -> None:
     assert [shape["name"] for shape in data_of(page)["shapes"]] == [bad, "a & b", "<!--"]
 
 
-def test_bundle_was_built_from_the_sources_beside_it() -> None:
+def test_bundle_was_built_from_the_sources_beside_it():
     """After a change in viewer/src run ``npm ci && npm run build`` in viewer/."""
     folder = Path(report.__file__).parent
     digest = hashlib.sha256()
@@ -206,7 +205,7 @@ def test_bundle_was_built_from_the_sources_beside_it() -> None:
     assert f"sources {digest.hexdigest()};" in (folder / "viewer.min.js").read_text(encoding="utf-8")[:200]
 
 
-def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown() -> None:
+def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown():
     view = view_of(12)
     assert shown_part(view, 12) is view
     part = shown_part(view, 6)
@@ -222,16 +221,14 @@ def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown()
     assert len(part.pairs) == sum(a in part.names and b in part.names for a, b in whole)
 
 
-def small_pages(monkeypatch: pytest.MonkeyPatch) -> None:
+def small_pages(monkeypatch):
     page = "collalign.output.report.page"
     monkeypatch.setattr(f"{page}.MOST_SHOWN", 6)
     monkeypatch.setattr(f"{page}.shown_part", lambda view: shown_part(view, 6))
     monkeypatch.setattr(f"{page}.page_members", lambda view: page_members(view, 6))
 
 
-def test_every_shape_of_a_large_collection_is_on_one_of_the_pages(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_shape_of_a_large_collection_is_on_one_of_the_pages(tmp_path, monkeypatch):
     small_pages(monkeypatch)
     view = dataclasses.replace(view_of(14), names=("<b>&", *view_of(14).names[1:]))
     report = write_report(view, tmp_path)
@@ -249,7 +246,7 @@ def test_every_shape_of_a_large_collection_is_on_one_of_the_pages(
     assert "next page" not in pages[2].read_text()
 
 
-def test_shapes_of_a_page_were_compared_with_each_other() -> None:
+def test_shapes_of_a_page_were_compared_with_each_other():
     view = view_of(60)
     order = np.random.default_rng(0).permutation(60)
     ring = [

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from collalign.output.collection import Collection
 from collalign.output.report import render_report
 from collalign.output.report.content import build_content
 from collalign.output.report.coverage import incomplete_content
@@ -17,7 +16,7 @@ from tests.view_problems import view_of
 BROKEN = 3
 
 
-def broken_view(*, every: bool = False) -> Collection:
+def broken_view(*, every=False):
     """A collection of which one shape lacks what lies beyond a plane; with ``every`` all count as incomplete."""
     view = view_of(6, subdivisions=3)
     T = view.transforms[BROKEN]
@@ -44,14 +43,14 @@ def broken_view(*, every: bool = False) -> Collection:
     )
 
 
-def mesh_of(meshes: dict[str, tuple[dict[str, object], str]], name: str) -> tuple[np.ndarray, np.ndarray]:
+def mesh_of(meshes, name):
     """Return the vertices and the values of a packed mesh."""
     info, text = meshes[name]
-    arrays = unpack(info["fields"], text)  # type: ignore[arg-type]
+    arrays = unpack(info["fields"], text)
     return np.array(info["centre"]) + info["step"] * arrays["vertices"].reshape(-1, 3), arrays["scalars"] / 255.0
 
 
-def test_colours_tell_where_the_plane_was() -> None:
+def test_colours_tell_where_the_plane_was():
     view = broken_view()
     content, meshes = incomplete_content(view)
     (entry,) = content["shapes"]
@@ -69,20 +68,20 @@ def test_colours_tell_where_the_plane_was() -> None:
     assert (shares[beyond < -0.05] == 1).all()
 
 
-def test_where_no_shape_is_complete_none_is_typical() -> None:
+def test_where_no_shape_is_complete_none_is_typical():
     content, _ = incomplete_content(broken_view(every=True))
     assert "typical" not in content
     assert len(content["shapes"]) == 6
 
 
-def test_complete_collections_say_nothing() -> None:
+def test_complete_collections_say_nothing():
     assert incomplete_content(view_of(4)) == ({}, {})
     assert build_content(view_of(4))[0]["incomplete"] == {}
     assert "1 of them incomplete" in render_report(broken_view())
     assert "of them incomplete" not in render_report(view_of(4))
 
 
-def test_the_record_counts_what_the_arrays_hold() -> None:
+def test_the_record_counts_what_the_arrays_hold():
     view = broken_view()
     labels = view.maps.labels.copy()
     labels[BROKEN, 5:] = -1  # label 0 among those that stay

@@ -1,12 +1,10 @@
 """What files, report and its pages know of the maps of all vertices: a colour by place for every vertex."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.output.report.content import build_content, place_meshes
 from collalign.output.report.shown import some_shapes
@@ -18,7 +16,7 @@ from tests.view_problems import view_of, write_result
 WITHOUT = 2
 
 
-def mapped_view() -> Collection:
+def mapped_view():
     """A collection of which all shapes but one have maps of all vertices."""
     view = view_of(4)
     rng = np.random.default_rng(0)
@@ -27,7 +25,7 @@ def mapped_view() -> Collection:
     return dataclasses.replace(view, places=tuple(places))
 
 
-def test_every_shape_with_maps_is_drawn_in_its_colours() -> None:
+def test_every_shape_with_maps_is_drawn_in_its_colours():
     view = mapped_view()
     document, blobs = build_content(view)
     assert document["places"] == ["place-0", "place-1", None, "place-3"]
@@ -37,7 +35,7 @@ def test_every_shape_with_maps_is_drawn_in_its_colours() -> None:
     assert build_content(view_of(4))[0]["places"] == []
 
 
-def test_pages_show_the_colours_of_their_shapes() -> None:
+def test_pages_show_the_colours_of_their_shapes():
     view = mapped_view()
     shown = some_shapes(view, np.array([1, WITHOUT]))
     assert np.array_equal(shown.places[0], view.places[1])
@@ -45,7 +43,7 @@ def test_pages_show_the_colours_of_their_shapes() -> None:
     assert some_shapes(view_of(4), np.array([1])).places == ()
 
 
-def test_colours_come_back_from_the_file_and_impossible_ones_do_not(tmp_path: Path) -> None:
+def test_colours_come_back_from_the_file_and_impossible_ones_do_not(tmp_path):
     view = mapped_view()
     write_result(view, tmp_path / "right")
     back = load(tmp_path / "right")

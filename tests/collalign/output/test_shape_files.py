@@ -1,7 +1,5 @@
 """Which shapes the contact sheet draws, and the colours of their places."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -14,9 +12,7 @@ from tests.view_problems import bumpy_shapes, view_of
 
 
 @pytest.mark.parametrize(("most", "drawn"), [(100, [0, 1, 2, 3, 4]), (3, [0, 2, 4])])
-def test_all_shapes_are_drawn_or_as_many_as_fit_from_the_first_to_the_last(
-    most: int, drawn: list[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_shapes_are_drawn_or_as_many_as_fit_from_the_first_to_the_last(most, drawn, tmp_path, monkeypatch):
     monkeypatch.setattr(write, "_MAX_TILES", most)
     view = view_of(5)
     with OutputFolder.open(tmp_path, writer="align") as output:
@@ -25,7 +21,7 @@ def test_all_shapes_are_drawn_or_as_many_as_fit_from_the_first_to_the_last(
     assert [tile.name for tile in sheet.tiles] == [view.names[i] for i in drawn]
 
 
-def test_colours_are_the_places_along_the_axes_of_the_reference() -> None:
+def test_colours_are_the_places_along_the_axes_of_the_reference():
     corners = np.stack(np.meshgrid([0.0, 1.0], [5.0, 7.0], [-2.0, 3.0], indexing="ij"), axis=-1).reshape(-1, 3)
     other = np.array([[0.5, 6.0, 0.5], [np.nan] * 3, [9.0, 9.0, 9.0]])
     maps = VertexMaps(names=("a", "b"), reference="a", places=(corners, other), residuals=np.zeros(2), left_out=())
@@ -40,7 +36,7 @@ def test_colours_are_the_places_along_the_axes_of_the_reference() -> None:
         np.testing.assert_array_equal(grey, 0.6)
 
 
-def test_the_contact_sheet_shows_every_shape_before_and_after_in_its_own_cell() -> None:
+def test_the_contact_sheet_shows_every_shape_before_and_after_in_its_own_cell():
     """Two meshes and a cloud of four cells: something is drawn in the six halves of theirs, nothing in the fourth."""
     vertices, faces = bumpy_shapes(1, subdivisions=2)
     tiles = [

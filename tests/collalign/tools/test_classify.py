@@ -1,5 +1,4 @@
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ LINE = np.array([0.0, 1.0, 10.0, 11.0, 30.0, 12.5])
 DISTANCES = np.abs(LINE[:, None] - LINE[None, :])
 
 
-def test_accuracy_is_that_of_scikit_learn(rng: np.random.Generator) -> None:
+def test_accuracy_is_that_of_scikit_learn(rng):
     sklearn = pytest.importorskip("sklearn.neighbors", reason="scikit-learn is not installed")
     selection = pytest.importorskip("sklearn.model_selection")
     points = rng.standard_normal((40, 3))
@@ -25,7 +24,7 @@ def test_accuracy_is_that_of_scikit_learn(rng: np.random.Generator) -> None:
     assert classify_leave_one_out(distances, kinds.tolist()).accuracy == pytest.approx(expected)
 
 
-def test_single_members_are_not_scored_but_remain_neighbours() -> None:
+def test_single_members_are_not_scored_but_remain_neighbours():
     found = classify_leave_one_out(DISTANCES, ["a", "a", "b", "c", "d", "b"])
     assert found.single_members == ("c", "d")
     assert (found.num_scored, found.num_correct) == (4, 2)
@@ -34,14 +33,14 @@ def test_single_members_are_not_scored_but_remain_neighbours() -> None:
     assert "not scored" in found.statement
 
 
-def test_unknown_labels_are_neither_scored_nor_neighbours() -> None:
+def test_unknown_labels_are_neither_scored_nor_neighbours():
     found = classify_leave_one_out(DISTANCES, ["a", "a", "b", "NA", "", "b"])
     assert found.nearest.tolist() == [1, 0, 5, -1, -1, 2]
     assert found.accuracy == 1
     assert found.chance == pytest.approx(1 / 3)
 
 
-def test_shapes_without_any_distance_are_errors() -> None:
+def test_shapes_without_any_distance_are_errors():
     distances = DISTANCES.copy()
     distances[0, :] = distances[:, 0] = np.nan
     found = classify_leave_one_out(distances, ["a", "a", "b", "b", "b", "b"], names=list("uvwxyz"))
@@ -55,14 +54,14 @@ def test_shapes_without_any_distance_are_errors() -> None:
     assert found.table().splitlines()[1].split() == ["a", *map(str, found.by_label["a"])]
 
 
-def test_nothing_to_score_is_said() -> None:
+def test_nothing_to_score_is_said():
     found = classify_leave_one_out(DISTANCES[:2, :2], ["a", "b"])
     assert np.isnan(found.accuracy)
     assert found.as_dict()["accuracy"] is None
     assert "not defined" in found.table()
 
 
-def test_bad_input_is_refused() -> None:
+def test_bad_input_is_refused():
     with pytest.raises(InputError, match="expected shape"):
         classify_leave_one_out(DISTANCES, ["a"])
     with pytest.raises(InputError, match="at least two"):
@@ -70,7 +69,7 @@ def test_bad_input_is_refused() -> None:
 
 
 @pytest.mark.data
-def test_expert_landmarks_of_teeth_classify_as_published(shared_data: Path) -> None:
+def test_expert_landmarks_of_teeth_classify_as_published(shared_data):
     """Boyer et al., PNAS 108 (2011), table 1: 94.3 % of 106 teeth by family, 95.7 % of 116 by order."""
     folder = shared_data / "teeth_pnas116"
     data = np.load(folder / "landmarks_mesh_coords.npz")

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import pytest
 
 from tests.export_readers import read_morphologika
@@ -7,7 +5,7 @@ from tests.export_readers import read_morphologika
 GOOD = "[individuals]\n1\n[landmarks]\n2\n[dimensions]\n3\n[names]\nA\n[rawpoints]\n'A\n0 0 0\n1 0 NaN\n"
 
 
-def test_morphologika_reader_reads_the_format(tmp_path: Path) -> None:
+def test_morphologika_reader_reads_the_format(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text(GOOD)
     found = read_morphologika(path)
@@ -24,7 +22,7 @@ def test_morphologika_reader_reads_the_format(tmp_path: Path) -> None:
         GOOD.replace("[dimensions]\n3\n", ""),
     ],
 )
-def test_morphologika_reader_refuses_what_geomorph_would_misread(tmp_path: Path, bad: str) -> None:
+def test_morphologika_reader_refuses_what_geomorph_would_misread(tmp_path, bad):
     path = tmp_path / "a.txt"
     path.write_text(bad)
     with pytest.raises(ValueError, match=r"section|specimen"):

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from collalign.output.collection import Collection
 from collalign.products.incomplete import Incomplete
 from collalign.tools.export.request import centroid_sizes
 from collalign.tools.export.run import FORMATS, export
@@ -32,7 +31,7 @@ TABLES = (
 
 
 @pytest.fixture
-def view(tmp_path_factory: pytest.TempPathFactory) -> Collection:
+def view(tmp_path_factory):
     """Six shapes whose files exist, four samples missing."""
     plain = view_of(6, num_missing=4)
     folder = tmp_path_factory.mktemp("in")
@@ -44,19 +43,17 @@ def view(tmp_path_factory: pytest.TempPathFactory) -> Collection:
     return dataclasses.replace(plain, files=tuple(files))
 
 
-def rows(path: Path) -> list[dict[str, str]]:
+def rows(path):
     return list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"))))
 
 
-def test_every_format_of_the_contract_exists() -> None:
+def test_every_format_of_the_contract_exists():
     contract = {"morphologika", "tps", "nts", "slicer-json", "fcsv", "shapeworks", "csv", "ply", "itk"}
     assert contract <= set(FORMATS)
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_files_are_where_they_are_said_to_be_and_the_same_each_time(
-    view: Collection, tmp_path: Path, format: str
-) -> None:
+def test_files_are_where_they_are_said_to_be_and_the_same_each_time(view, tmp_path, format):
     first = export(view, format, tmp_path / "one")
     second = export(view, format, tmp_path / "two")
     assert first
@@ -66,15 +63,13 @@ def test_files_are_where_they_are_said_to_be_and_the_same_each_time(
         assert a.read_bytes() == b.read_bytes()
 
 
-def test_export_reads_the_saved_folder(view: Collection, tmp_path: Path) -> None:
+def test_export_reads_the_saved_folder(view, tmp_path):
     write_result(view, tmp_path / "out")
     saved = export(tmp_path / "out", "tps", tmp_path / "a")[0].read_text()
     assert saved == export(view, "tps", tmp_path / "b")[0].read_text()
 
 
-def test_a_result_that_was_just_made_has_no_display_meshes_and_is_exported_all_the_same(
-    view: Collection, tmp_path: Path
-) -> None:
+def test_a_result_that_was_just_made_has_no_display_meshes_and_is_exported_all_the_same(view, tmp_path):
     made = dataclasses.replace(view, vertices=(), faces=())
     for to, collection in (("made", made), ("saved", view)):
         export(collection, "csv", tmp_path / to)
@@ -82,7 +77,7 @@ def test_a_result_that_was_just_made_has_no_display_meshes_and_is_exported_all_t
         assert path.read_bytes() == (tmp_path / "made" / path.name).read_bytes()
 
 
-def test_morphologika(view: Collection, tmp_path: Path) -> None:
+def test_morphologika(view, tmp_path):
     found = read_morphologika(export(view, "morphologika", tmp_path)[0])
     assert found.names == view.names
     np.testing.assert_array_equal(found.points, view.aligned_landmarks)
@@ -90,7 +85,7 @@ def test_morphologika(view: Collection, tmp_path: Path) -> None:
     assert found.label_values[1] == ("taxon_B", "left")
 
 
-def test_morphologika_survives_specimens_called_like_its_sections(view: Collection, tmp_path: Path) -> None:
+def test_morphologika_survives_specimens_called_like_its_sections(view, tmp_path):
     names = ("names_1", "Landmarks2", "my rawpoints", "a 'b'", "a _b_", "groups")
     paths = export(dataclasses.replace(view, names=names), "morphologika", tmp_path)
     found = read_morphologika(paths[0])
@@ -100,34 +95,34 @@ def test_morphologika_survives_specimens_called_like_its_sections(view: Collecti
 
 
 @pytest.mark.parametrize("format", ["tps", "nts", "morphologika"])
-def test_tables_of_landmarks_are_read_again(view: Collection, tmp_path: Path, format: str) -> None:
+def test_tables_of_landmarks_are_read_again(view, tmp_path, format):
     found = read_specimens(export(view, format, tmp_path)[0])
     assert tuple(found) == view.names
     np.testing.assert_array_equal([marks.points for marks in found.values()], view.aligned_landmarks)
 
 
-def test_tps_by_ktch(view: Collection, tmp_path: Path) -> None:
+def test_tps_by_ktch(view, tmp_path):
     ktch_io = pytest.importorskip("ktch.io", reason="ktch is not installed")
     found = ktch_io.read_tps(export(view, "tps", tmp_path)[0])
     assert [specimen.specimen_name for specimen in found] == list(view.names)
     np.testing.assert_array_equal([specimen.to_numpy() for specimen in found], view.aligned_landmarks)
 
 
-def test_nts_by_morphops(view: Collection, tmp_path: Path) -> None:
+def test_nts_by_morphops(view, tmp_path):
     morphops_io = pytest.importorskip("morphops.io", reason="morphops is not installed")
     points, names = morphops_io.read_dta(export(view, "nts", tmp_path)[0])
     assert names == list(view.names)
     np.testing.assert_array_equal(np.where(points == -9999, np.nan, points), view.aligned_landmarks)
 
 
-def test_nts_code_for_missing_is_no_coordinate(view: Collection, tmp_path: Path) -> None:
+def test_nts_code_for_missing_is_no_coordinate(view, tmp_path):
     far = dataclasses.replace(view, landmarks=view.landmarks * 1e6)
     header = export(far, "nts", tmp_path, space="raw")[0].read_text().splitlines()[0].split()
     assert abs(int(header[4])) > np.nanmax(np.abs(far.samples))
     assert header[:4] == ["1", "6L", str(3 * NUM_SAMPLES), "1"]
 
 
-def test_slicer_json(view: Collection, tmp_path: Path) -> None:
+def test_slicer_json(view, tmp_path):
     for path, points in zip(export(view, "slicer-json", tmp_path), view.aligned_landmarks, strict=True):
         markup = json.loads(path.read_text())["markups"][0]
         assert markup["coordinateSystem"] == "LPS"
@@ -136,7 +131,7 @@ def test_slicer_json(view: Collection, tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_landmarks(path).points, points)
 
 
-def test_fcsv_by_slicerio(view: Collection, tmp_path: Path) -> None:
+def test_fcsv_by_slicerio(view, tmp_path):
     slicerio = pytest.importorskip("slicerio", reason="slicerio is not installed")
     for path, points in zip(export(view, "fcsv", tmp_path), view.aligned_landmarks, strict=True):
         markup = slicerio.read_markups_fcsv(str(path))["markups"][0]
@@ -148,7 +143,7 @@ def test_fcsv_by_slicerio(view: Collection, tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_landmarks(path).points, points[known])
 
 
-def test_itk_by_simpleitk_is_the_inverse_pose(view: Collection, tmp_path: Path) -> None:
+def test_itk_by_simpleitk_is_the_inverse_pose(view, tmp_path):
     sitk = pytest.importorskip("SimpleITK", reason="SimpleITK is not installed")
     for at, path in enumerate(export(view, "itk", tmp_path)):
         transform = sitk.ReadTransform(str(path))
@@ -160,7 +155,7 @@ def test_itk_by_simpleitk_is_the_inverse_pose(view: Collection, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("told", ["header", "caller"])
-def test_files_in_ras_keep_their_numbers_and_say_so(view: Collection, tmp_path: Path, told: str) -> None:
+def test_files_in_ras_keep_their_numbers_and_say_so(view, tmp_path, told):
     if told == "header":
         file = Path(view.files[0])
         file.write_bytes(file.read_bytes().replace(b"\nelement", b"\ncomment SPACE=RAS\nelement", 1))
@@ -174,7 +169,7 @@ def test_files_in_ras_keep_their_numbers_and_say_so(view: Collection, tmp_path: 
         assert {one.system for one in posed} == {"LPS"}
 
 
-def test_poses_of_files_that_declare_ras_are_those_of_the_scene(view: Collection, tmp_path: Path) -> None:
+def test_poses_of_files_that_declare_ras_are_those_of_the_scene(view, tmp_path):
     before = [path.read_text().splitlines()[3] for path in export(view, "itk", tmp_path)[:2]]
     file = Path(view.files[0])
     file.write_bytes(file.read_bytes().replace(b"\nelement", b"\ncomment SPACE=RAS\nelement", 1))
@@ -184,7 +179,7 @@ def test_poses_of_files_that_declare_ras_are_those_of_the_scene(view: Collection
     assert after[1] == before[1]
 
 
-def test_shapeworks_project_holds_together(view: Collection, tmp_path: Path) -> None:
+def test_shapeworks_project_holds_together(view, tmp_path):
     project_file, *files = export(view, "shapeworks", tmp_path)
     project = json.loads(project_file.read_text())
     complete = ~np.isnan(view.landmarks).any(axis=(0, 2))
@@ -208,7 +203,7 @@ SHAPEWORKS_PREFIXES = ("group_", "procrustes_", "landmarks_file_", "constraints_
 SHAPEWORKS_SECTIONS = {"data", "groom", "optimize", "studio", "project", "analysis", "deepssm", "landmarks"}
 
 
-def shapeworks_problems(project: dict[str, Any]) -> list[str]:
+def shapeworks_problems(project):
     """What the reader of ShapeWorks would refuse or silently ignore: it reads every section as maps of strings."""
     found = [f"section {name}" for name in project.keys() - SHAPEWORKS_SECTIONS]
     found += [f"optimize {key}" for key, value in project["optimize"].items() if not isinstance(value, str)]
@@ -222,7 +217,7 @@ def shapeworks_problems(project: dict[str, Any]) -> list[str]:
     return found
 
 
-def test_shapeworks_project_follows_its_schema(view: Collection, tmp_path: Path) -> None:
+def test_shapeworks_project_follows_its_schema(view, tmp_path):
     project = json.loads(export(view, "shapeworks", tmp_path)[0].read_text())
     assert shapeworks_problems(project) == []
     wrong = json.loads(json.dumps(project))
@@ -234,7 +229,7 @@ def test_shapeworks_project_follows_its_schema(view: Collection, tmp_path: Path)
 
 @pytest.mark.parametrize("format", ["ply", "obj", "stl"])
 @pytest.mark.parametrize("space", ["aligned", "unscaled", "raw"])
-def test_meshes_by_trimesh(view: Collection, tmp_path: Path, format: str, space: Any) -> None:
+def test_meshes_by_trimesh(view, tmp_path, format, space):
     for at, path in enumerate(export(view, format, tmp_path, space=space)):
         mesh = trimesh.load_mesh(path)
         T = {"raw": np.eye(4), "aligned": view.transforms[at]}.get(space, view.transforms[at] / view.scales[at])
@@ -245,20 +240,20 @@ def test_meshes_by_trimesh(view: Collection, tmp_path: Path, format: str, space:
         assert np.sign(mesh.volume) == np.sign(raw_volume) * (turned if space == "raw" else 1)
 
 
-def test_meshes_are_whole_even_if_the_view_is_decimated(view: Collection, tmp_path: Path) -> None:
+def test_meshes_are_whole_even_if_the_view_is_decimated(view, tmp_path):
     few = dataclasses.replace(view, faces=tuple(faces[:10] for faces in view.faces))
     mesh = trimesh.load_mesh(export(few, "ply", tmp_path)[0])
     assert len(mesh.faces) == len(view.faces[0])
 
 
-def test_moved_files_are_found_in_the_folder_named(view: Collection, tmp_path: Path) -> None:
+def test_moved_files_are_found_in_the_folder_named(view, tmp_path):
     moved = dataclasses.replace(view, files=tuple(f"elsewhere/{Path(file).name}" for file in view.files))
     with pytest.raises(InputError, match=r"elsewhere.*no longer there.*name the folder"):
         export(moved, "ply", tmp_path / "out")
     assert len(export(moved, "ply", tmp_path / "out", sources=Path(view.files[0]).parent)) == 6
 
 
-def test_csv_tables(view: Collection, tmp_path: Path) -> None:
+def test_csv_tables(view, tmp_path):
     files = {path.name: path for path in export(view, "csv", tmp_path)}
     assert set(files) == {f"{name}.csv" for name in TABLES} | {"tree.nwk", "left_out.csv"}
     shapes = rows(files["shapes.csv"])
@@ -281,9 +276,7 @@ def test_csv_tables(view: Collection, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("incomplete", [(), (3,)])
-def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_computed(
-    view: Collection, tmp_path: Path, incomplete: tuple[int, ...]
-) -> None:
+def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_computed(view, tmp_path, incomplete):
     none = np.zeros(0, dtype=np.int64)
     lacking = tuple(
         Incomplete(shape=at, partners=none, overlaps=np.zeros((0, 2)), reason="named") for at in incomplete
@@ -314,7 +307,7 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
     assert not {path.stem for path in export(nobody, "csv", tmp_path / "none")} & set(TABLES[2:])
 
 
-def test_shapes_have_their_sizes(view: Collection, tmp_path: Path) -> None:
+def test_shapes_have_their_sizes(view, tmp_path):
     export(view, "csv", tmp_path)
     shapes = rows(tmp_path / "shapes.csv")
     assert [float(row["centroid_size"]) for row in shapes] == centroid_sizes(view).tolist()
@@ -322,21 +315,21 @@ def test_shapes_have_their_sizes(view: Collection, tmp_path: Path) -> None:
     assert not np.allclose(centroid_sizes(view), view.scales)
 
 
-def test_label_columns_never_hide_the_table_s_own(view: Collection, tmp_path: Path) -> None:
+def test_label_columns_never_hide_the_table_s_own(view, tmp_path):
     labelled = dataclasses.replace(view, labels={"confidence": ("x",) * 6})
     table = rows(tmp_path / "shapes.csv") if export(labelled, "csv", tmp_path) else []
     assert table[0]["label_confidence"] == "x"
     assert float(table[0]["confidence"]) == view.confidence[0]
 
 
-def test_procrustes_space_is_for_landmarks_only(view: Collection, tmp_path: Path) -> None:
+def test_procrustes_space_is_for_landmarks_only(view, tmp_path):
     text = export(view, "tps", tmp_path, space="procrustes")[0].read_text()
     assert text.count(f"LM3={NUM_SAMPLES - 3}") == 5, "of the shapes that count, in doubt is one"
     with pytest.raises(OptionsError, match="landmarks only"):
         export(view, "ply", tmp_path, space="procrustes")
 
 
-def test_too_few_common_landmarks_are_refused_with_advice(view: Collection, tmp_path: Path) -> None:
+def test_too_few_common_landmarks_are_refused_with_advice(view, tmp_path):
     samples = view.landmarks.copy()
     samples[0, : NUM_SAMPLES - 2] = np.nan
     partial = dataclasses.replace(view, landmarks=samples)
@@ -345,17 +338,17 @@ def test_too_few_common_landmarks_are_refused_with_advice(view: Collection, tmp_
     assert "procrustes_coordinates" not in {path.stem for path in export(partial, "csv", tmp_path)}
 
 
-def test_unknown_formats_and_spaces_are_refused(view: Collection, tmp_path: Path) -> None:
+def test_unknown_formats_and_spaces_are_refused(view, tmp_path):
     with pytest.raises(OptionsError, match="expected one of morphologika"):
         export(view, "vtk", tmp_path)
     with pytest.raises(OptionsError, match="expected one of aligned"):
-        export(view, "tps", tmp_path, space="ras")  # type: ignore[arg-type]
+        export(view, "tps", tmp_path, space="ras")
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="not a directory"):
         export(view, "tps", tmp_path / "file" / "under")
 
 
-def test_names_cannot_leave_the_folder(view: Collection, tmp_path: Path) -> None:
+def test_names_cannot_leave_the_folder(view, tmp_path):
     names = ("../up", "/etc/passwd", "..", "a\\b", "A", "a")
     paths = export(dataclasses.replace(view, names=names), "itk", tmp_path / "out")
     assert all(path.parent == tmp_path / "out" for path in paths)

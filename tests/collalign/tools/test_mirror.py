@@ -5,7 +5,6 @@ import pytest
 
 from collalign.registration.registration_options import RegistrationOptions
 from collalign.tools.variation.mirror import mirror_map
-from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
@@ -14,7 +13,7 @@ from data_tools.surface.shape import Shape
 OPTIONS = RegistrationOptions(num_centres=150, num_points=600)
 
 
-def horned(sides: tuple[int, ...] = (-1, 1), extra: float = 0.0) -> tuple[FloatArray, Shape]:
+def horned(sides=(-1, 1), extra=0.0):
     """Return a body with horns on the sides named and a snout, in its own frame and turned."""
     points, faces = sphere_mesh(700)
     vertices = points * [1.0, 1.5, 0.8]
@@ -27,7 +26,7 @@ def horned(sides: tuple[int, ...] = (-1, 1), extra: float = 0.0) -> tuple[FloatA
 
 
 @pytest.mark.parametrize("extra", [0.0, 0.15])
-def test_the_other_side_is_that_of_the_mirror_plane(extra: float) -> None:
+def test_the_other_side_is_that_of_the_mirror_plane(extra):
     own, shape = horned(extra=extra)
     found = mirror_map(shape, OPTIONS)
     error = np.linalg.norm(found.on(own) - own * [-1, 1, 1], axis=1)
@@ -37,7 +36,7 @@ def test_the_other_side_is_that_of_the_mirror_plane(extra: float) -> None:
     assert np.median(wrong) > 0.5, "the check would notice another plane"
 
 
-def test_a_normal_that_is_given_is_used() -> None:
+def test_a_normal_that_is_given_is_used():
     own, shape = horned()
     normal = shape.vertices[own[:, 0].argmax()] - shape.vertices[own[:, 0].argmin()]
     given = mirror_map(shape, OPTIONS, normal=normal)
@@ -47,7 +46,7 @@ def test_a_normal_that_is_given_is_used() -> None:
     assert np.median(np.linalg.norm(other.on(own) - own * [-1, 1, 1], axis=1)) > 0.3, "another one is another plane"
 
 
-def test_what_has_no_other_side_is_refused() -> None:
+def test_what_has_no_other_side_is_refused():
     own, _ = horned()
     shape = Shape.from_arrays(own, sphere_mesh(700)[1], name="horned")
     angles = 2.0 * own[:, 1]

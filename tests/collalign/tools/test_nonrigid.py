@@ -1,13 +1,11 @@
 """Non-rigid matching end to end on a generated near-isometric pair with a known dense map, and its parts."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.surface.spectral_shape import SpectralShape, SpectrumOf
 from collalign.tools.match.nonrigid import match_prepared, match_shapes
 from collalign.tools.match.pictures import draw_match, transferred_colours
 from collalign.tools.match.prepare import prepare_file, prepare_shape
@@ -25,12 +23,12 @@ QUICK = NonrigidOptions()
 
 
 @pytest.fixture(autouse=True)
-def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_samples(monkeypatch):
     monkeypatch.setattr("collalign.nonrigid.portfolio.NUM_SOURCE", 30)
 
 
 @pytest.fixture(scope="module")
-def pair() -> tuple[Shape, Shape, np.ndarray]:
+def pair():
     """A figure, a bent, rotated, shuffled copy of it, and the target vertex of each of its vertices."""
     rng = np.random.default_rng(3)
     target = figure()
@@ -40,26 +38,24 @@ def pair() -> tuple[Shape, Shape, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def prepared(pair: tuple[Shape, Shape, np.ndarray]) -> tuple[SpectralShape, SpectralShape]:
+def prepared(pair):
     return prepare_shape(pair[0], SMALL), prepare_shape(pair[1], SMALL)
 
 
 @pytest.fixture(scope="module")
-def files(pair: tuple[Shape, Shape, np.ndarray], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def files(pair, tmp_path_factory):
     """The pair as files."""
     folder = tmp_path_factory.mktemp("nonrigid")
     target, source = (write_mesh(folder / f"{name}.ply", shape) for name, shape in zip("ab", pair[:2], strict=True))
     return target, source
 
 
-def mean_error(target: Shape, images: np.ndarray, truth: np.ndarray, *, num: int = 100) -> float:
+def mean_error(target, images, truth, *, num=100):
     chosen = np.linspace(0, len(truth) - 1, num).astype(int)
     return float(MapEvaluator(target, truth[chosen]).errors(images[chosen]).direct.mean())
 
 
-def test_portfolio_finds_the_dense_map(
-    pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
-) -> None:
+def test_portfolio_finds_the_dense_map(pair, prepared):
     target, source, truth = pair
     match = match_prepared(*prepared, QUICK)
     assert match.point_map_target_source.shape == (len(source.vertices),)
@@ -74,9 +70,7 @@ def test_portfolio_finds_the_dense_map(
     assert scores == sorted(scores)
 
 
-def test_a_mirror_image_is_detected_as_such(
-    pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
-) -> None:
+def test_a_mirror_image_is_detected_as_such(pair, prepared):
     target, source, truth = pair
     reflection = prepare_shape(mirrored(source), SMALL)
     match = match_prepared(prepared[0], reflection, replace(QUICK, orientation="any"))
@@ -84,7 +78,7 @@ def test_a_mirror_image_is_detected_as_such(
     assert mean_error(target, match.point_map_target_source, truth) < 0.03
 
 
-def test_files_in_files_out(tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray], files: tuple[Path, Path]) -> None:
+def test_files_in_files_out(tmp_path, pair, files):
     match = match_shapes(*files, options=QUICK, surface_options=SMALL)
     assert mean_error(pair[0], match.point_map_target_source, pair[2]) < 0.03
     npz, text, back = sorted(match.save(tmp_path / "out"))
@@ -98,9 +92,7 @@ def test_files_in_files_out(tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray
     assert np.array_equal(again.point_map_target_source, match.point_map_target_source)
 
 
-def test_vertex_indices_are_those_of_the_file(
-    tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
-) -> None:
+def test_vertex_indices_are_those_of_the_file(tmp_path, pair, prepared):
     target = pair[0]
     loose = Shape.from_arrays(np.vstack([np.full((3, 3), 99.0), target.vertices]), target.faces + 3)
     stored = prepare_file(write_mesh(tmp_path / "loose.ply", loose), SMALL)
@@ -111,9 +103,7 @@ def test_vertex_indices_are_those_of_the_file(
     assert (match.point_map_target_source[3:] == np.arange(len(target.vertices))).mean() > 0.99
 
 
-def test_large_meshes_are_decimated_and_small_ones_work(
-    pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
-) -> None:
+def test_large_meshes_are_decimated_and_small_ones_work(pair, prepared):
     target = pair[0]
     coarse = prepare_shape(target, replace(SMALL, max_faces=1200))
     assert "decimated" in " ".join(coarse.notes)
@@ -126,9 +116,7 @@ def test_large_meshes_are_decimated_and_small_ones_work(
     assert match_prepared(tiny, tiny).confidence > 0.5
 
 
-def test_poor_meshes_work_or_say_what_to_do(
-    pair: tuple[Shape, Shape, np.ndarray], prepared: tuple[SpectralShape, SpectralShape]
-) -> None:
+def test_poor_meshes_work_or_say_what_to_do(pair, prepared):
     target = pair[0]
     holed = Shape.from_arrays(target.vertices, target.faces[40:], name="holed")
     fin = np.vstack([target.faces, [[target.faces[0, 0], target.faces[0, 1], len(target.vertices)]]])
@@ -146,9 +134,7 @@ def test_poor_meshes_work_or_say_what_to_do(
 
 
 @pytest.mark.parametrize("spectrum_of", [None, graph_spectrum_of])
-def test_point_clouds_match_without_normals(
-    spectrum_of: SpectrumOf | None, pair: tuple[Shape, Shape, np.ndarray], rng: np.random.Generator
-) -> None:
+def test_point_clouds_match_without_normals(spectrum_of, pair, rng):
     options = replace(SMALL, num_functions=40)
     clouds = [prepare_shape(point_cloud(shape, rng), options, spectrum_of=spectrum_of) for shape in pair[:2]]
     match = match_prepared(*clouds, QUICK)
@@ -157,14 +143,14 @@ def test_point_clouds_match_without_normals(
     assert mean_error(pair[0], match.point_map_target_source, pair[2]) < 0.3
 
 
-def test_mismatched_shapes_are_refused(prepared: tuple[SpectralShape, SpectralShape]) -> None:
+def test_mismatched_shapes_are_refused(prepared):
     small = prepared[0]
     other = replace(small, eigenvalues=small.eigenvalues[:40], functions=small.functions[:, :40])
     with pytest.raises(InputError, match="eigenfunctions"):
         match_prepared(small, other, QUICK)
 
 
-def test_options_check_themselves() -> None:
+def test_options_check_themselves():
     for wrong in (
         {"orientation": "reversed"},
         {"num_candidates": 0},
@@ -175,7 +161,7 @@ def test_options_check_themselves() -> None:
         SurfaceOptions(num_functions=100, num_dense=150)
 
 
-def test_pictures_colour_both_shapes_alike(tmp_path: Path, pair: tuple[Shape, Shape, np.ndarray]) -> None:
+def test_pictures_colour_both_shapes_alike(tmp_path, pair):
     target, source, truth = pair
     images = np.where(np.arange(len(truth)) < 5, -1, truth)
     of_target, of_source = transferred_colours(target, images)

@@ -1,7 +1,6 @@
 """Parts of non-rigid matching: curvature, orientation, masks, the graph operator, evidence, evaluation."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from collalign.nonrigid.surface.geometry import (
     signed_volume,
     smoothed_curvature,
 )
-from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
+from collalign.nonrigid.surface.spectral_shape import prepare_surface
 from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
 from data_tools.errors import InputError
 from data_tools.surface.laplacian import cotangent_laplacian
@@ -26,16 +25,16 @@ SMALL = SurfaceOptions(num_functions=40, num_samples=40, num_dense=300)
 
 
 @pytest.fixture(scope="module")
-def sphere() -> Shape:
+def sphere():
     return Shape.from_arrays(*sphere_mesh(1200))
 
 
 @pytest.fixture(scope="module")
-def body() -> SpectralShape:
+def body():
     return prepare_surface(figure(), SMALL)
 
 
-def identity_of(shape: SpectralShape) -> FunctionalMap:
+def identity_of(shape):
     own = np.arange(len(shape.dense))
     return FunctionalMap(
         C_source_target=np.eye(len(shape.eigenvalues) + 1),
@@ -44,7 +43,7 @@ def identity_of(shape: SpectralShape) -> FunctionalMap:
     )
 
 
-def test_curvature_is_positive_on_bumps_and_negative_in_dents(rng: np.random.Generator) -> None:
+def test_curvature_is_positive_on_bumps_and_negative_in_dents(rng):
     shape = blob(rng)
     operators = cotangent_laplacian(shape.vertices, shape.faces)
     curvature = smoothed_curvature(shape, operators, time=3e-4)
@@ -54,9 +53,7 @@ def test_curvature_is_positive_on_bumps_and_negative_in_dents(rng: np.random.Gen
     assert smoothed_curvature(inside_out, operators, time=3e-4) == pytest.approx(curvature)
 
 
-def test_evidence_of_the_identity_is_perfect_and_of_others_is_not(
-    body: SpectralShape, rng: np.random.Generator
-) -> None:
+def test_evidence_of_the_identity_is_perfect_and_of_others_is_not(body, rng):
     identity = identity_of(body)
     perfect = judge(body, body, identity)
     assert perfect.curvature == pytest.approx(0.0, abs=1e-9)
@@ -75,9 +72,9 @@ def test_evidence_of_the_identity_is_perfect_and_of_others_is_not(
     assert judge(body, body, replace(identity, C_source_target=rotated)).commutativity > 0.001
 
 
-def test_both_orientations_are_kept() -> None:
+def test_both_orientations_are_kept():
     class Fake:
-        def __init__(self, score: float, orientation: float) -> None:
+        def __init__(self, score, orientation):
             self.score = score
             self.evidence = type("E", (), {"orientation": orientation})()
 
@@ -87,7 +84,7 @@ def test_both_orientations_are_kept() -> None:
     assert [c.score for c in of_both_orientations(many[3:5], 4)] == [3.0, 4.0]
 
 
-def test_evaluator_measures_geodesics_over_the_root_of_the_area(sphere: Shape) -> None:
+def test_evaluator_measures_geodesics_over_the_root_of_the_area(sphere):
     top, bottom = int(sphere.vertices[:, 2].argmax()), int(sphere.vertices[:, 2].argmin())
     evaluator = MapEvaluator(sphere, [top, top, bottom], [bottom, bottom, top])
     errors = evaluator.errors([top, bottom, -1])
@@ -104,12 +101,12 @@ def test_evaluator_measures_geodesics_over_the_root_of_the_area(sphere: Shape) -
         MapEvaluator(sphere, [99999])
 
 
-def test_the_whole_map_is_flipped_or_not() -> None:
+def test_the_whole_map_is_flipped_or_not():
     half = MapErrors(direct=np.array([0.0, 0.4]), mirrored=np.array([0.5, 0.0]))
     assert half.accepting_flips.tolist() == [0.0, 0.4]
 
 
-def test_curves_count_points(tmp_path: Path) -> None:
+def test_curves_count_points(tmp_path):
     errors = [np.array([0.0, 0.05]), np.array([0.1, 0.3])]
     assert cumulative_curve(errors, np.array([0.0, 0.05, 0.2, 1.0])).tolist() == [0.25, 0.5, 0.75, 1.0]
     numbers = summary(errors)

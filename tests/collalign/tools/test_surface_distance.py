@@ -7,21 +7,20 @@ from collalign.tools.classify.surface_distance import distances_at_poses, near_p
 from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import crown, figure
 from data_tools.embedding.sampling import farthest_points
-from data_tools.surface.shape import Shape
 
 
-def cloud(shape: Shape) -> np.ndarray:
+def cloud(shape):
     return unit_cloud(shape.vertices[farthest_points(shape, 150, metric="euclidean")])
 
 
 @pytest.fixture(scope="module")
-def clouds() -> list[np.ndarray]:
+def clouds():
     rng = np.random.default_rng(0)
     tooth, body = crown(rng, num_vertices=400), figure()
     return [cloud(s) for s in (tooth, bumped(tooth, rng, rms=0.01), body, bumped(body, rng, rms=0.01))]
 
 
-def test_a_shape_is_nearer_to_its_own_kind(clouds: list[np.ndarray]) -> None:
+def test_a_shape_is_nearer_to_its_own_kind(clouds):
     distances = surface_distances(clouds, np.zeros(4, dtype=np.int64))
     np.testing.assert_array_equal(distances, distances.T)
     assert (np.diag(distances) == 0).all()
@@ -29,7 +28,7 @@ def test_a_shape_is_nearer_to_its_own_kind(clouds: list[np.ndarray]) -> None:
     assert away.argmin(axis=1).tolist() == [1, 0, 3, 2]
 
 
-def test_refining_takes_back_a_turn_that_the_poses_left(clouds: list[np.ndarray]) -> None:
+def test_refining_takes_back_a_turn_that_the_poses_left(clouds):
     angle = 0.1
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     turned = [clouds[0], 1.7 * clouds[0] @ turn.T]
@@ -38,7 +37,7 @@ def test_refining_takes_back_a_turn_that_the_poses_left(clouds: list[np.ndarray]
     assert surface_distances(turned, groups)[0, 1] < 1e-3
 
 
-def test_shapes_of_other_groups_have_no_distance(clouds: list[np.ndarray]) -> None:
+def test_shapes_of_other_groups_have_no_distance(clouds):
     distances = surface_distances(clouds, np.array([0, 0, 1, 1]))
     assert np.isnan(distances[:2, 2:]).all()
     assert np.isfinite(distances[:2, :2]).all()

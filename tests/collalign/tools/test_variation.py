@@ -2,7 +2,6 @@
 
 import csv
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +11,10 @@ from collalign.output.evidence.members import Members
 from collalign.tools.variation.files import _write_mesh, write_variation
 from collalign.tools.variation.surface_symmetry import surface_symmetry
 from collalign.tools.variation.surface_variation import (
-    SurfaceVariation,
     group_means,
     signed_offsets,
     surface_variation,
 )
-from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
@@ -28,7 +25,7 @@ ALL = Members(chosen=np.arange(8), left_out=())
 LABELS = ("long", "long", "long", "flat", "flat", "flat", "", "")
 
 
-def stretched(num: int = 8) -> tuple[FloatArray, FloatArray]:
+def stretched(num=8):
     """Return ellipsoids that differ along one axis only, turned, shifted and scaled at random, and their faces."""
     rng = np.random.default_rng(0)
     mean, faces = sphere_mesh(300)
@@ -40,12 +37,12 @@ def stretched(num: int = 8) -> tuple[FloatArray, FloatArray]:
 
 
 @pytest.fixture(scope="module")
-def variation() -> SurfaceVariation:
+def variation():
     shapes, faces = stretched()
     return surface_variation([f"s{at}" for at in range(len(shapes))], faces, shapes)
 
 
-def test_one_way_to_differ_is_one_component(variation: SurfaceVariation) -> None:
+def test_one_way_to_differ_is_one_component(variation):
     assert variation.components.shares[0] > 0.99
     assert abs(np.corrcoef(variation.components.scores[:, 0], np.arange(8))[0, 1]) > 0.99
     assert np.isclose(np.sqrt((variation.mean**2).sum(axis=1).mean()), 1, atol=0.01)
@@ -53,14 +50,14 @@ def test_one_way_to_differ_is_one_component(variation: SurfaceVariation) -> None
     assert np.isclose(np.linalg.norm(plus - variation.mean), np.sqrt(variation.components.variances[0]))
 
 
-def test_offsets_are_positive_outside_and_negative_inside() -> None:
+def test_offsets_are_positive_outside_and_negative_inside():
     mean, faces = sphere_mesh(300)
     np.testing.assert_allclose(signed_offsets(mean, faces, 1.1 * mean), 0.1, atol=5e-3)
     np.testing.assert_allclose(signed_offsets(mean, faces, 0.8 * mean), -0.2, atol=5e-3)
     np.testing.assert_allclose(signed_offsets(mean, faces[:0], 0.8 * mean), 0.2)
 
 
-def test_group_means_leave_out_the_unlabelled() -> None:
+def test_group_means_leave_out_the_unlabelled():
     shapes = np.arange(8.0)[:, None, None] * np.ones((1, 4, 3))
     means = group_means(shapes, LABELS)
     assert list(means) == ["flat", "long"]
@@ -68,13 +65,13 @@ def test_group_means_leave_out_the_unlabelled() -> None:
     assert means["long"][0, 0] == 1
 
 
-def test_a_single_surface_is_refused() -> None:
+def test_a_single_surface_is_refused():
     shapes, faces = stretched()
     with pytest.raises(InputError, match="at least two"):
         surface_variation(["a"], faces, shapes[:1])
 
 
-def test_values_come_back_from_ply(tmp_path: Path) -> None:
+def test_values_come_back_from_ply(tmp_path):
     mean, faces = sphere_mesh(50)
     path = tmp_path / "a.ply"
     _write_mesh(path, mean, faces, offset=mean[:, 0])
@@ -86,7 +83,7 @@ def test_values_come_back_from_ply(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def written(variation: SurfaceVariation, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(variation, tmp_path_factory):
     to = tmp_path_factory.mktemp("variation")
     points = np.vstack([variation.mean[[0, 10]], [[np.nan] * 3]])
     mean, faces = sphere_mesh(300)
@@ -103,7 +100,7 @@ def written(variation: SurfaceVariation, tmp_path_factory: pytest.TempPathFactor
     return to
 
 
-def test_tables_and_meshes_are_written(written: Path, variation: SurfaceVariation) -> None:
+def test_tables_and_meshes_are_written(written, variation):
     scores = list(csv.DictReader((written / "scores.csv").open()))
     np.testing.assert_allclose([float(row["PC1"]) for row in scores], variation.components.scores[:, 0])
     assert [row["form"] for row in scores] == list(LABELS)
@@ -111,7 +108,7 @@ def test_tables_and_meshes_are_written(written: Path, variation: SurfaceVariatio
     assert len(list((written / "specimens").iterdir())) == 8
 
 
-def test_a_second_write_gives_the_same_bytes(written: Path, variation: SurfaceVariation, tmp_path: Path) -> None:
+def test_a_second_write_gives_the_same_bytes(written, variation, tmp_path):
     points = np.vstack([variation.mean[[0, 10]], [[np.nan] * 3]])
     write_variation(variation, tmp_path, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), who=ALL)
     assert not (tmp_path / "symmetry").exists()
@@ -119,9 +116,7 @@ def test_a_second_write_gives_the_same_bytes(written: Path, variation: SurfaceVa
         assert (tmp_path / name).read_bytes() == (written / name).read_bytes(), name
 
 
-def test_the_page_works_in_a_browser(
-    browser: Any, written: Path, variation: SurfaceVariation, tmp_path: Path
-) -> None:
+def test_the_page_works_in_a_browser(browser, written, variation, tmp_path):
     with Page(browser, written / "variation.html", viewport={"width": 400, "height": 800}) as opened:
         page, before = opened.page, opened.image("#components canvas")
         page.locator("#components input[type=range]").first.fill("2.5")

@@ -1,6 +1,5 @@
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +23,7 @@ from data_tools.surface.topology import mesh_edges
 from experiments.ground_truth import landmark_rotation
 
 
-def test_bumps_have_the_stated_size_and_keep_the_mesh(rng: np.random.Generator) -> None:
+def test_bumps_have_the_stated_size_and_keep_the_mesh(rng):
     shape = crown(num_vertices=500)
     for rms in (0.045, 0.08):
         copy = bumped(shape, rng, rms=rms)
@@ -34,7 +33,7 @@ def test_bumps_have_the_stated_size_and_keep_the_mesh(rng: np.random.Generator) 
         np.testing.assert_array_equal(copy.faces, shape.faces)
 
 
-def test_bending_moves_limbs_but_hardly_changes_geodesics(rng: np.random.Generator) -> None:
+def test_bending_moves_limbs_but_hardly_changes_geodesics(rng):
     shape = figure()
     posed = bent(shape, rng, angle=0.5)
     edges = mesh_edges(shape.faces).vertices
@@ -47,7 +46,7 @@ def test_bending_moves_limbs_but_hardly_changes_geodesics(rng: np.random.Generat
     assert np.abs(a - b).mean() < 0.05 * a.max()
 
 
-def test_mirror_images_keep_their_outside_outside(rng: np.random.Generator) -> None:
+def test_mirror_images_keep_their_outside_outside(rng):
     shape = blob(rng, num_vertices=100)
     twice = mirrored(mirrored(shape))
     np.testing.assert_array_equal(twice.vertices, shape.vertices)
@@ -56,7 +55,7 @@ def test_mirror_images_keep_their_outside_outside(rng: np.random.Generator) -> N
 
 
 @pytest.mark.parametrize("group", ["SO", "O"])
-def test_collection_truth_undoes_the_poses(rng: np.random.Generator, group: str) -> None:
+def test_collection_truth_undoes_the_poses(rng, group):
     family = deformed_family(chair(), 5, rng)
     collection = planted_collection(family, rng, group=group, scale_range=(0.5, 2.0))
     assert [s.name for s in collection.shapes] == ["chair1", "chair2", "chair3", "chair4", "chair5"]
@@ -68,7 +67,7 @@ def test_collection_truth_undoes_the_poses(rng: np.random.Generator, group: str)
         assert not any(collection.reflected)
 
 
-def test_relative_rotation_is_what_corresponding_vertices_say(rng: np.random.Generator) -> None:
+def test_relative_rotation_is_what_corresponding_vertices_say(rng):
     base = chair()
     collection = planted_collection((base, replace(base, name="other")), rng, group="O")
     points = [s.vertices[np.argsort(o)] for s, o in zip(collection.shapes, collection.origins, strict=True)]
@@ -76,12 +75,12 @@ def test_relative_rotation_is_what_corresponding_vertices_say(rng: np.random.Gen
     np.testing.assert_allclose(found, collection.relative_rotation(0, 1), atol=1e-9)
 
 
-def test_repeated_names_are_refused(rng: np.random.Generator) -> None:
+def test_repeated_names_are_refused(rng):
     with pytest.raises(InputError, match="names repeat"):
         planted_collection((chair(), chair()), rng)
 
 
-def test_demo_collection_is_written_with_its_truth_and_reads_back(tmp_path: Path) -> None:
+def test_demo_collection_is_written_with_its_truth_and_reads_back(tmp_path):
     collection = demo_collection(num=4, resolution=1)
     files = write_collection(tmp_path, collection)
     listing = read_folder(tmp_path)

@@ -14,18 +14,18 @@ from data_tools.surface.shape import Shape
 from data_tools.surface.topology import is_open_surface, mesh_edges, vertex_components
 
 
-def is_closed_manifold(faces: np.ndarray) -> bool:
+def is_closed_manifold(faces):
     """Whether every edge is in exactly two triangles that run through it in opposite directions."""
     edges = mesh_edges(faces)
     return bool((edges.num_faces == 2).all() and edges.consistent.all())
 
 
-def volume(shape: Shape) -> float:
+def volume(shape):
     a, b, c = (shape.vertices[shape.faces[:, i]] for i in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def distance_to_itself(shape: Shape, matrix: np.ndarray) -> float:
+def distance_to_itself(shape, matrix):
     """Largest distance of a moved vertex to the nearest vertex, about the centroid."""
     points = shape.vertices - (shape.vertices.max(axis=0) + shape.vertices.min(axis=0)) / 2
     moved = points @ np.asarray(matrix, dtype=float).T
@@ -33,20 +33,20 @@ def distance_to_itself(shape: Shape, matrix: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("make", [blob, chair])
-def test_solid_shapes_are_closed_oriented_and_in_one_piece(make: object, rng: np.random.Generator) -> None:
-    shape = make(rng)  # type: ignore[operator]
+def test_solid_shapes_are_closed_oriented_and_in_one_piece(make, rng):
+    shape = make(rng)
     assert is_closed_manifold(shape.faces)
     assert volume(shape) > 0
     assert vertex_components(len(shape.vertices), mesh_edges(shape.faces).vertices)[0] == 1
     assert 900 < len(shape.vertices) < 2500
 
 
-def test_figure_is_closed_and_refines() -> None:
+def test_figure_is_closed_and_refines():
     assert is_closed_manifold(figure().faces)
     assert len(figure(resolution=4).vertices) > 3 * len(figure().vertices)
 
 
-def test_manifold_check_refuses() -> None:
+def test_manifold_check_refuses():
     _, faces = sphere_mesh(50)
     assert is_closed_manifold(faces)
     assert not is_closed_manifold(faces[1:])
@@ -55,7 +55,7 @@ def test_manifold_check_refuses() -> None:
     assert not is_closed_manifold(flipped)
 
 
-def test_crown_is_open_with_one_rim() -> None:
+def test_crown_is_open_with_one_rim():
     shape = crown(num_vertices=800)
     assert abs(len(shape.vertices) - 800) < 40
     assert is_open_surface(shape.vertices, shape.faces)
@@ -67,12 +67,12 @@ def test_crown_is_open_with_one_rim() -> None:
     assert np.abs(varied.vertices - shape.vertices).max() > 0.02
 
 
-def test_chair_has_one_mirror() -> None:
+def test_chair_has_one_mirror():
     assert distance_to_itself(chair(), np.diag([-1, 1, 1])) < 1e-9
     assert distance_to_itself(chair(), np.diag([-1, -1, 1])) > 0.5
 
 
-def test_voxel_surface_without_smoothing_is_the_box() -> None:
+def test_voxel_surface_without_smoothing_is_the_box():
     vertices, faces = voxel_surface(np.ones((2, 3, 4), dtype=bool), resolution=1, smoothing=0)
     shape = Shape.from_arrays(vertices, faces)
     assert volume(shape) == pytest.approx(24)
@@ -80,7 +80,7 @@ def test_voxel_surface_without_smoothing_is_the_box() -> None:
     assert is_closed_manifold(faces)
 
 
-def test_smooth_field_is_smooth(rng: np.random.Generator) -> None:
+def test_smooth_field_is_smooth(rng):
     vertices, faces = sphere_mesh(500)
     field = smooth_field(vertices, rng, num_bumps=6, width=0.5)
     edges = mesh_edges(faces).vertices

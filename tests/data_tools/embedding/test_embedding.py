@@ -16,15 +16,15 @@ ALL = EmbeddingOptions(kind="all", agd_weight=0.1)
 
 
 @pytest.fixture(scope="module")
-def shape() -> Shape:
+def shape():
     return blob(np.random.default_rng(3), num_vertices=700)
 
 
 @pytest.mark.parametrize(
     ("kind", "dim", "num_invariants"), [("xyz", 3, 0), ("xyz+lb", 7, 0), ("xyz+invariants", 3, 6), ("all", 7, 6)]
 )
-def test_blocks_of_each_kind(shape: Shape, kind: str, dim: int, num_invariants: int) -> None:
-    samples = sample_shape(shape, FEW, EmbeddingOptions(kind=kind))  # type: ignore[arg-type]
+def test_blocks_of_each_kind(shape, kind, dim, num_invariants):
+    samples = sample_shape(shape, FEW, EmbeddingOptions(kind=kind))
     assert samples.coordinates.shape == (24, dim)
     assert samples.invariants.shape == (24, num_invariants)
     assert samples.block_sizes == ((3,) if dim == 3 else (3, 4))
@@ -33,9 +33,9 @@ def test_blocks_of_each_kind(shape: Shape, kind: str, dim: int, num_invariants: 
     assert all(not a.flags.writeable and a.flags.c_contiguous for a in arrays if isinstance(a, np.ndarray))
 
 
-def test_positions_undo_to_vertices(shape: Shape) -> None:
+def test_positions_undo_to_vertices(shape):
     for normalisation in ("centroid", "area", "none"):
-        options = SamplingOptions(num_points=24, num_dense_points=60, normalisation=normalisation)  # type: ignore[arg-type]
+        options = SamplingOptions(num_points=24, num_dense_points=60, normalisation=normalisation)
         samples = sample_shape(shape, options)
         back = samples.positions * samples.scale + samples.offset
         np.testing.assert_allclose(back, shape.vertices[samples.vertex_indices], atol=1e-12)
@@ -51,10 +51,10 @@ def test_positions_undo_to_vertices(shape: Shape) -> None:
     assert np.linalg.norm(sample_shape(shape, FEW).positions) == pytest.approx(1.0)
 
 
-def test_weights_are_squared_norms_relative_to_positions() -> None:
+def test_weights_are_squared_norms_relative_to_positions():
     options = EmbeddingOptions(kind="all", hks_weight=0.4, agd_weight=0.8)
     for normalisation in ("centroid", "none"):
-        sampling = SamplingOptions(num_points=24, num_dense_points=0, normalisation=normalisation)  # type: ignore[arg-type]
+        sampling = SamplingOptions(num_points=24, num_dense_points=0, normalisation=normalisation)
         samples = sample_shape(crown(num_vertices=600), sampling, options)
         size = np.linalg.norm(samples.positions)
         assert np.linalg.norm(samples.coordinates[:, 3:]) ** 2 == pytest.approx(0.3 * size**2)
@@ -63,14 +63,14 @@ def test_weights_are_squared_norms_relative_to_positions() -> None:
         assert np.linalg.norm(samples.invariants[:, 5]) ** 2 == pytest.approx(0.05 * size**2)
 
 
-def test_invariants_weigh_less_on_open_surfaces_and_point_clouds(shape: Shape, rng: np.random.Generator) -> None:
+def test_invariants_weigh_less_on_open_surfaces_and_point_clouds(shape, rng):
     for other, share in ((crown(num_vertices=600), 0.25), (point_cloud(shape, rng), 0.25), (shape, 1.0)):
         samples = sample_shape(other, FEW, EmbeddingOptions(agd_weight=0.4))
         of_agd = (samples.invariants[:, 4] ** 2).sum() / (samples.positions**2).sum()
         assert of_agd == pytest.approx(0.4 * share)
 
 
-def test_dense_invariants_are_those_of_as_many_samples(shape: Shape) -> None:
+def test_dense_invariants_are_those_of_as_many_samples(shape):
     dense = sample_shape(shape, FEW, ALL)
     centred = dense.dense_positions - dense.dense_positions.mean(axis=0)
     assert dense.dense_invariants.shape == (60, dense.invariants.shape[1])
@@ -79,7 +79,7 @@ def test_dense_invariants_are_those_of_as_many_samples(shape: Shape) -> None:
     assert without.dense_invariants.shape == (0, dense.invariants.shape[1])
 
 
-def test_pose_scale_and_vertex_order_only_turn_the_positions(shape: Shape, rng: np.random.Generator) -> None:
+def test_pose_scale_and_vertex_order_only_turn_the_positions(shape, rng):
     rotation = random_rotation(rng)
     moved = Shape.from_arrays(3.0 * shape.vertices @ rotation.T + [5, 6, 7], shape.faces)
     mixed, origin = shuffled(moved, rng)
@@ -92,23 +92,23 @@ def test_pose_scale_and_vertex_order_only_turn_the_positions(shape: Shape, rng: 
     np.testing.assert_allclose(b.dense_invariants, a.dense_invariants, atol=1e-6)
 
 
-def test_mirror_images_have_mirrored_samples(shape: Shape) -> None:
+def test_mirror_images_have_mirrored_samples(shape):
     a, b = sample_shape(shape, FEW, ALL), sample_shape(mirrored(shape), FEW, ALL)
     np.testing.assert_array_equal(a.vertex_indices, b.vertex_indices)
     np.testing.assert_allclose(b.positions, a.positions * [-1, 1, 1], atol=1e-12)
     np.testing.assert_allclose(b.invariants, a.invariants, atol=1e-6)
 
 
-def test_calls_repeat_to_the_byte(shape: Shape) -> None:
+def test_calls_repeat_to_the_byte(shape):
     a, b = sample_shape(shape, FEW, ALL), sample_shape(shape, FEW, ALL)
     for field in fields(Samples):
         x, y = getattr(a, field.name), getattr(b, field.name)
         assert x.tobytes() == y.tobytes() if isinstance(x, np.ndarray) else x == y
 
 
-def test_auto_samples_closed_surfaces_along_and_open_ones_through_space(shape: Shape) -> None:
-    def indices(s: Shape, metric: str) -> list[int]:
-        options = SamplingOptions(num_points=24, num_dense_points=0, metric=metric)  # type: ignore[arg-type]
+def test_auto_samples_closed_surfaces_along_and_open_ones_through_space(shape):
+    def indices(s, metric):
+        options = SamplingOptions(num_points=24, num_dense_points=0, metric=metric)
         return sample_shape(s, options, EmbeddingOptions(kind="xyz")).vertex_indices.tolist()
 
     opened = crown(num_vertices=600)
@@ -116,7 +116,7 @@ def test_auto_samples_closed_surfaces_along_and_open_ones_through_space(shape: S
     assert indices(opened, "auto") == indices(opened, "euclidean") != indices(opened, "geodesic")
 
 
-def test_clouds_get_all_blocks(shape: Shape, rng: np.random.Generator) -> None:
+def test_clouds_get_all_blocks(shape, rng):
     cloud = point_cloud(shape, rng, noise=0.002)
     samples = sample_shape(cloud, FEW, ALL)
     mesh = sample_shape(shape, FEW, ALL)
@@ -125,7 +125,7 @@ def test_clouds_get_all_blocks(shape: Shape, rng: np.random.Generator) -> None:
     assert np.isfinite(samples.invariants).all()
 
 
-def test_large_meshes_are_decimated_but_samples_are_their_own_vertices() -> None:
+def test_large_meshes_are_decimated_but_samples_are_their_own_vertices():
     shape = blob(np.random.default_rng(0), num_vertices=3000, name="large")
     options = SamplingOptions(num_points=24, num_dense_points=60, max_faces=1500)
     samples = sample_shape(shape, options, ALL)
@@ -137,7 +137,7 @@ def test_large_meshes_are_decimated_but_samples_are_their_own_vertices() -> None
     )
 
 
-def test_unusable_shapes_are_refused_by_name(shape: Shape) -> None:
+def test_unusable_shapes_are_refused_by_name(shape):
     small = Shape.from_arrays(*sphere_mesh(20), name="small")
     with pytest.raises(InputError, match="small: 20 vertices, 24 samples"):
         sample_shape(small, FEW)

@@ -15,7 +15,7 @@ from data_tools.surface.laplacian import eigenfunctions
 from data_tools.surface.shape import Shape
 
 
-def test_heat_kernel_of_the_sphere_is_constant_and_known() -> None:
+def test_heat_kernel_of_the_sphere_is_constant_and_known():
     eigen = eigenfunctions(Shape.from_arrays(*sphere_mesh(2500)), 63)
     # Unit area: h_t = sum_l (2 l + 1) exp(-4 pi l (l + 1) t); 63 functions are l <= 7.
     degrees = np.arange(8)
@@ -24,7 +24,7 @@ def test_heat_kernel_of_the_sphere_is_constant_and_known() -> None:
         np.testing.assert_allclose(heat_kernel_signature(eigen, (time,)), exact, atol=0.02)
 
 
-def test_signatures_do_not_depend_on_pose_or_scale(rng: np.random.Generator) -> None:
+def test_signatures_do_not_depend_on_pose_or_scale(rng):
     shape = blob(rng, num_vertices=500)
     moved = Shape.from_arrays(9.0 * shape.vertices @ random_rotation(rng, group="O").T - 4.0, shape.faces)
     for signature in (heat_kernel_signature, wave_kernel_signature):
@@ -32,7 +32,7 @@ def test_signatures_do_not_depend_on_pose_or_scale(rng: np.random.Generator) -> 
         np.testing.assert_allclose(a, b, atol=1e-6)
 
 
-def test_signatures_survive_bending_and_tell_points_apart(rng: np.random.Generator) -> None:
+def test_signatures_survive_bending_and_tell_points_apart(rng):
     shape = figure()
     posed = bent(shape, rng, angle=0.5)
     for signature in (heat_kernel_signature, wave_kernel_signature):
@@ -43,7 +43,7 @@ def test_signatures_survive_bending_and_tell_points_apart(rng: np.random.Generat
         assert (change / spread).mean() < 0.5
 
 
-def test_boundary_distance_is_zero_on_the_rim_and_on_closed_surfaces(rng: np.random.Generator) -> None:
+def test_boundary_distance_is_zero_on_the_rim_and_on_closed_surfaces(rng):
     shape = crown()
     distance = boundary_distance(shape, GeodesicSolver(shape))
     lowest = shape.vertices[:, 2] <= np.quantile(shape.vertices[:, 2], 0.02)
@@ -57,7 +57,7 @@ def test_boundary_distance_is_zero_on_the_rim_and_on_closed_surfaces(rng: np.ran
     assert not boundary_distance(cloud, GeodesicSolver(cloud)).any()
 
 
-def test_standardised_columns(rng: np.random.Generator) -> None:
+def test_standardised_columns(rng):
     values = rng.standard_normal((50, 3)) * [1.0, 100.0, 0.0] + 5.0
     chosen = np.arange(0, 50, 2)
     result = standardised(values, chosen)

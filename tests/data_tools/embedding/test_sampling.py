@@ -11,7 +11,7 @@ from data_tools.surface.shape import Shape
 
 
 @pytest.mark.parametrize("metric", ["geodesic", "euclidean"])
-def test_each_point_is_the_farthest_and_gaps_shrink(metric: str, rng: np.random.Generator) -> None:
+def test_each_point_is_the_farthest_and_gaps_shrink(metric, rng):
     shape = blob(rng, num_vertices=500)
     chosen = farthest_points(shape, 30, metric=metric)
     assert len(set(chosen)) == 30
@@ -28,7 +28,7 @@ def test_each_point_is_the_farthest_and_gaps_shrink(metric: str, rng: np.random.
     assert (np.diff(gaps[1:]) <= 1e-12).all()
 
 
-def test_a_prefix_is_a_smaller_sample_and_calls_repeat(rng: np.random.Generator) -> None:
+def test_a_prefix_is_a_smaller_sample_and_calls_repeat(rng):
     shape = blob(rng, num_vertices=300)
     many = farthest_points(shape, 40)
     np.testing.assert_array_equal(farthest_points(shape, 15), many[:15])
@@ -36,7 +36,7 @@ def test_a_prefix_is_a_smaller_sample_and_calls_repeat(rng: np.random.Generator)
     assert not many.flags.writeable
 
 
-def test_samples_turn_with_the_shape(rng: np.random.Generator) -> None:
+def test_samples_turn_with_the_shape(rng):
     shape = blob(rng, num_vertices=400)
     moved = Shape.from_arrays(shape.vertices @ random_rotation(rng).T + 5.0, shape.faces)
     for metric in ("geodesic", "euclidean"):
@@ -44,7 +44,7 @@ def test_samples_turn_with_the_shape(rng: np.random.Generator) -> None:
         np.testing.assert_array_equal(farthest_points(moved, 20, metric=metric), expected)
 
 
-def test_geodesic_samples_survive_bending_better(rng: np.random.Generator) -> None:
+def test_geodesic_samples_survive_bending_better(rng):
     shape = figure()
     posed = bent(shape, rng, angle=1.0)
     common = {}
@@ -54,13 +54,13 @@ def test_geodesic_samples_survive_bending_better(rng: np.random.Generator) -> No
     assert common["geodesic"] < common["euclidean"]
 
 
-def test_seeds_come_first(rng: np.random.Generator) -> None:
+def test_seeds_come_first(rng):
     shape = blob(rng, num_vertices=300)
     assert farthest_points(shape, 5, seeds=[7, 200, 30])[:3].tolist() == [7, 200, 30]
     assert farthest_points(shape, 2, seeds=[7, 200, 30]).tolist() == [7, 200]
 
 
-def test_too_few_points_are_refused_by_name(rng: np.random.Generator) -> None:
+def test_too_few_points_are_refused_by_name(rng):
     shape = blob(rng, num_vertices=50, name="small")
     with pytest.raises(InputError, match="small: 50 vertices, 51 samples"):
         farthest_points(shape, 51)

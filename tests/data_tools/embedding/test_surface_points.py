@@ -7,7 +7,7 @@ from data_tools.embedding.surface_points import RIM_NEIGHBOURS, cloud_rim, surfa
 from data_tools.surface.shape import Shape
 
 
-def test_only_open_surfaces_have_points_on_a_rim() -> None:
+def test_only_open_surfaces_have_points_on_a_rim():
     closed, opened = surface_points(blob(np.random.default_rng(0)), 300), surface_points(crown(), 300)
     assert not closed.on_rim.any()
     assert 0.03 < opened.on_rim.mean() < 0.4
@@ -15,7 +15,7 @@ def test_only_open_surfaces_have_points_on_a_rim() -> None:
     assert opened.on_rim[lowest].all()
 
 
-def test_planes_of_a_cloud_agree_with_the_mesh_but_for_their_sign() -> None:
+def test_planes_of_a_cloud_agree_with_the_mesh_but_for_their_sign():
     mesh = blob(np.random.default_rng(1))
     known, fitted = surface_points(mesh, 300), surface_points(Shape.from_arrays(mesh.vertices, name="cloud"), 300)
     assert known.oriented
@@ -25,7 +25,7 @@ def test_planes_of_a_cloud_agree_with_the_mesh_but_for_their_sign() -> None:
     assert np.median(agreement) > 0.98
 
 
-def test_a_clouds_rim_is_found_by_its_gaps() -> None:
+def test_a_clouds_rim_is_found_by_its_gaps():
     closed, opened = (Shape.from_arrays(s.vertices, name="c") for s in (blob(np.random.default_rng(2)), crown()))
     assert surface_points(closed, 300).on_rim.mean() < 0.05
     found = surface_points(opened, 300)
@@ -34,7 +34,7 @@ def test_a_clouds_rim_is_found_by_its_gaps() -> None:
     assert found.on_rim[~lowest].mean() < 0.25
 
 
-def test_the_neighbours_that_count_for_a_rim_are_just_the_nearest() -> None:
+def test_the_neighbours_that_count_for_a_rim_are_just_the_nearest():
     angles = np.deg2rad([150.0, 210.0, *np.linspace(-90.0, 90.0, RIM_NEIGHBOURS - 2)])
     radii = np.where(np.arange(RIM_NEIGHBOURS) < 2, 2.0, 1.0)  # the farthest close the gap
     ring = np.column_stack([radii * np.cos(angles), radii * np.sin(angles), np.zeros(RIM_NEIGHBOURS)])

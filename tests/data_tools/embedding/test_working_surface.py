@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.embedding import working_surface
@@ -10,7 +9,7 @@ from data_tools.surface.shape import Shape
 SMALL = SamplingOptions(max_faces=1000)
 
 
-def test_a_small_clean_shape_is_its_own_working_surface(rng: np.random.Generator) -> None:
+def test_a_small_clean_shape_is_its_own_working_surface(rng):
     shape = blob(rng, num_vertices=300)
     surface = WorkingSurface(shape, SMALL)
     assert surface.shape is shape
@@ -18,7 +17,7 @@ def test_a_small_clean_shape_is_its_own_working_surface(rng: np.random.Generator
     np.testing.assert_array_equal(surface.to_original, np.arange(300))
 
 
-def test_decimation_keeps_the_surface_and_maps_to_near_vertices(rng: np.random.Generator) -> None:
+def test_decimation_keeps_the_surface_and_maps_to_near_vertices(rng):
     shape = blob(rng, num_vertices=3000)
     surface = WorkingSurface(shape, SMALL)
     assert len(surface.shape.faces) <= 1000
@@ -28,14 +27,14 @@ def test_decimation_keeps_the_surface_and_maps_to_near_vertices(rng: np.random.G
     assert "decimated" in surface.notes[0]
 
 
-def test_a_decimated_surface_has_vertices_for_all_samples(rng: np.random.Generator) -> None:
+def test_a_decimated_surface_has_vertices_for_all_samples(rng):
     shape = blob(rng, num_vertices=3000)
     surface = WorkingSurface(shape, SamplingOptions(max_faces=1000, num_points=300))
     assert 2000 < len(surface.shape.faces) <= 2400
     assert len(np.unique(surface.to_original[surface.farthest_points(300, "euclidean", seeded=True)])) == 300
 
 
-def test_clouds_are_thinned(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_clouds_are_thinned(rng, monkeypatch):
     monkeypatch.setattr(working_surface, "MOST_CLOUD_POINTS", 1000)
     cloud = Shape.from_arrays(blob(rng, num_vertices=3000).vertices)
     surface = WorkingSurface(cloud, SMALL)
@@ -44,7 +43,7 @@ def test_clouds_are_thinned(rng: np.random.Generator, monkeypatch: pytest.Monkey
     assert surface.notes == ("preprocessed on 1000 of 3000 points",)
 
 
-def test_stray_vertices_are_left_out() -> None:
+def test_stray_vertices_are_left_out():
     vertices, faces = sphere_mesh(100)
     stray = Shape.from_arrays(np.concatenate([[[9.0, 9, 9]], vertices]), faces + 1)
     surface = WorkingSurface(stray, SMALL)
@@ -53,7 +52,7 @@ def test_stray_vertices_are_left_out() -> None:
     assert surface.geodesics.method == "heat"
 
 
-def test_what_is_unusual_is_noted() -> None:
+def test_what_is_unusual_is_noted():
     vertices, faces = sphere_mesh(100)
     fins = np.concatenate([faces, [[faces[0, 0], faces[0, 1], 50]]])
     surface = WorkingSurface(Shape.from_arrays(vertices, fins), SMALL)
@@ -65,11 +64,11 @@ def test_what_is_unusual_is_noted() -> None:
     assert "shortest paths" in parts.notes[0]
 
 
-def test_open_and_closed() -> None:
+def test_open_and_closed():
     assert WorkingSurface(crown(num_vertices=300), SMALL).is_open
     assert not WorkingSurface(Shape.from_arrays(*sphere_mesh(100)), SMALL).is_open
 
 
-def test_spectra_are_as_long_as_the_surface_allows() -> None:
+def test_spectra_are_as_long_as_the_surface_allows():
     surface = WorkingSurface(Shape.from_arrays(*sphere_mesh(30)), SMALL)
     assert surface.eigenfunctions(60).functions.shape == (30, 28)

@@ -9,13 +9,13 @@ from data_tools.errors import InputError
 from data_tools.io.archives import load_arrays
 
 
-def archive(**arrays: np.ndarray) -> bytes:
+def archive(**arrays):
     stream = io.BytesIO()
-    np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+    np.savez_compressed(stream, **arrays)
     return stream.getvalue()
 
 
-def with_header(shape: str, data: bytes, descr: str = "'<f8'") -> bytes:
+def with_header(shape, data, descr="'<f8'"):
     """An archive whose only array promises another shape or type than its data have."""
     header = f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}".encode().ljust(117) + b"\n"
     stream = io.BytesIO()
@@ -24,7 +24,7 @@ def with_header(shape: str, data: bytes, descr: str = "'<f8'") -> bytes:
     return stream.getvalue()
 
 
-def test_arrays_of_all_kinds_come_back(rng: np.random.Generator) -> None:
+def test_arrays_of_all_kinds_come_back(rng):
     arrays = {
         "floats": rng.standard_normal((3, 4)),
         "fortran": np.asfortranarray(rng.standard_normal((3, 4))),
@@ -42,7 +42,7 @@ def test_arrays_of_all_kinds_come_back(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(load_arrays(with_header("(2,)", bytes(16)), "a")["a"], [0.0, 0.0])
 
 
-def test_a_bomb_is_refused_before_memory_is_taken() -> None:
+def test_a_bomb_is_refused_before_memory_is_taken():
     stream = io.BytesIO()
     with (
         zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as made,
@@ -59,7 +59,7 @@ def test_a_bomb_is_refused_before_memory_is_taken() -> None:
     assert peak < 20 * 2**20
 
 
-def test_many_arrays_count_together(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_arrays_count_together(monkeypatch):
     content = archive(a=np.zeros(1000), b=np.zeros(1000))
     load_arrays(content, "a.npz")
     monkeypatch.setattr("data_tools.io.archives.MAX_UNPACKED_BYTES", 10_000)
@@ -68,18 +68,18 @@ def test_many_arrays_count_together(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("shape", ["(1000000000000,)", "(3,)", "(1,)", "(-2,)", "(2.5,)", "'x'"])
-def test_a_header_that_promises_other_bytes_is_refused(shape: str) -> None:
+def test_a_header_that_promises_other_bytes_is_refused(shape):
     with pytest.raises(InputError, match=r"a\.npz"):
         load_arrays(with_header(shape, bytes(16)), "a.npz")
 
 
 @pytest.mark.parametrize("descr", ["'|O'", "'<U0'", "[('a', '|O')]", "'nonsense'"])
-def test_objects_and_impossible_types_are_refused(descr: str) -> None:
+def test_objects_and_impossible_types_are_refused(descr):
     with pytest.raises(InputError, match=r"a\.npz"):
         load_arrays(with_header("(2,)", bytes(16), descr), "a.npz")
 
 
-def test_damage_is_named() -> None:
+def test_damage_is_named():
     content = bytearray(archive(a=np.arange(1000)))
     content[60] ^= 255
     with pytest.raises(InputError, match=r"a\.npz: damaged"):

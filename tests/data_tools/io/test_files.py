@@ -1,36 +1,34 @@
-from pathlib import Path
-
 import pytest
 
 from data_tools.errors import InputError
 from data_tools.io.files import existing_file, natural_key, write_atomic
 
 
-def test_natural_order_counts_numbers() -> None:
+def test_natural_order_counts_numbers():
     names = ["tooth10", "Tooth2", "tooth1", "a", "tooth02b", "10", "9"]
     assert sorted(names, key=natural_key) == ["9", "10", "a", "tooth1", "Tooth2", "tooth02b", "tooth10"]
 
 
-def test_natural_order_is_total_for_digits_that_are_no_decimals() -> None:
+def test_natural_order_is_total_for_digits_that_are_no_decimals():
     assert sorted(["a²", "a2", "a"], key=natural_key)[0] == "a"
 
 
-def test_atomic_write_makes_folders_and_leaves_no_temporary_file(tmp_path: Path) -> None:
+def test_atomic_write_makes_folders_and_leaves_no_temporary_file(tmp_path):
     path = write_atomic(tmp_path / "new" / "file.bin", b"one")
     write_atomic(path, b"two")
     assert path.read_bytes() == b"two"
     assert [p.name for p in path.parent.iterdir()] == ["file.bin"]
 
 
-def test_failed_atomic_write_keeps_the_old_file(tmp_path: Path) -> None:
+def test_failed_atomic_write_keeps_the_old_file(tmp_path):
     path = write_atomic(tmp_path / "file.bin", b"old")
     with pytest.raises(TypeError):
-        write_atomic(path, "text")  # type: ignore[arg-type]
+        write_atomic(path, "text")
     assert path.read_bytes() == b"old"
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_existing_file_refuses_missing_folder_and_empty(tmp_path: Path) -> None:
+def test_existing_file_refuses_missing_folder_and_empty(tmp_path):
     (tmp_path / "empty").touch()
     for name, reason in (("missing", "no such file"), ("empty", "empty"), (".", "not a file")):
         with pytest.raises(InputError, match=reason):

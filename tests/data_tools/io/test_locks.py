@@ -3,18 +3,17 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from data_tools.io.locks import PRIVATE, LockFile, take_lock
 
 
-def opened(path: Path) -> int:
+def opened(path):
     return os.open(path, os.O_RDWR | os.O_CREAT | PRIVATE, 0o600)
 
 
-def test_a_held_lock_is_refused_until_its_file_is_closed(tmp_path: Path) -> None:
+def test_a_held_lock_is_refused_until_its_file_is_closed(tmp_path):
     first, second = opened(tmp_path / "lock"), opened(tmp_path / "lock")
     take_lock(first)
     with pytest.raises(BlockingIOError):
@@ -24,7 +23,7 @@ def test_a_held_lock_is_refused_until_its_file_is_closed(tmp_path: Path) -> None
     os.close(second)
 
 
-def test_no_child_keeps_a_lock(tmp_path: Path) -> None:
+def test_no_child_keeps_a_lock(tmp_path):
     held = opened(tmp_path / "lock")
     take_lock(held)
     command = [sys.executable, "-c", "print(flush=True); input()"]
@@ -39,13 +38,13 @@ def test_no_child_keeps_a_lock(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "O_NOFOLLOW"), reason="this system follows links")
-def test_links_are_not_followed(tmp_path: Path) -> None:
+def test_links_are_not_followed(tmp_path):
     (tmp_path / "lock").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(OSError, match="lock"):
         opened(tmp_path / "lock")
 
 
-def test_only_a_lock_that_was_made_here_is_removed(tmp_path: Path) -> None:
+def test_only_a_lock_that_was_made_here_is_removed(tmp_path):
     path = tmp_path / "lock"
     lock = LockFile.take(path)
     with pytest.raises(BlockingIOError):
@@ -58,14 +57,12 @@ def test_only_a_lock_that_was_made_here_is_removed(tmp_path: Path) -> None:
     assert path.exists()
 
 
-def test_a_lock_that_was_removed_before_it_was_held_is_taken_anew(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lock_that_was_removed_before_it_was_held_is_taken_anew(tmp_path, monkeypatch):
     path = tmp_path / "lock"
     former = LockFile.take(path)
     waits = [former]
 
-    def released_first(descriptor: int) -> None:
+    def released_first(descriptor):
         if waits:
             waits.pop().release()
         take_lock(descriptor)

@@ -3,7 +3,6 @@
 import pickle
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,19 +13,18 @@ from data_tools.errors import InputError
 from data_tools.io.objects import as_origin, list_shapes
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.io.source import Source, hash_source, location
-from data_tools.surface.shape import Shape
 
 
 @pytest.fixture
-def shape(rng: np.random.Generator) -> Shape:
+def shape(rng):
     return blob(rng, num_vertices=60)
 
 
-def read(given: Any) -> Shape:
+def read(given):
     return read_shape(as_origin(given, "it"), name="it")
 
 
-def test_every_kind_of_mesh_gives_the_same_shape(shape: Shape, tmp_path: Path) -> None:
+def test_every_kind_of_mesh_gives_the_same_shape(shape, tmp_path):
     mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
     tensors = SimpleNamespace(  # as Open3D's tensor meshes, which keep their arrays behind numpy()
         vertex=SimpleNamespace(positions=SimpleNamespace(numpy=lambda: shape.vertices)),
@@ -42,7 +40,7 @@ def test_every_kind_of_mesh_gives_the_same_shape(shape: Shape, tmp_path: Path) -
     assert read(file).file == file
 
 
-def test_every_kind_of_cloud_gives_its_points(shape: Shape) -> None:
+def test_every_kind_of_cloud_gives_its_points(shape):
     points = shape.vertices
     for given in (
         points,
@@ -56,7 +54,7 @@ def test_every_kind_of_cloud_gives_its_points(shape: Shape) -> None:
         np.testing.assert_array_equal(found.vertices, points)
 
 
-def test_objects_of_open3d_are_read(shape: Shape, open3d: Any) -> None:
+def test_objects_of_open3d_are_read(shape, open3d):
     points = open3d.utility.Vector3dVector(shape.vertices.copy())
     triangles = open3d.utility.Vector3iVector(shape.faces.astype(np.int32))
     mesh = open3d.geometry.TriangleMesh(points, triangles)
@@ -66,12 +64,12 @@ def test_objects_of_open3d_are_read(shape: Shape, open3d: Any) -> None:
     np.testing.assert_allclose(read(tensor).vertices, shape.vertices, atol=1e-6)
 
 
-def test_a_scene_of_trimesh_is_the_mesh_that_it_shows(shape: Shape) -> None:
+def test_a_scene_of_trimesh_is_the_mesh_that_it_shows(shape):
     mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
     np.testing.assert_array_equal(read(trimesh.Scene(mesh)).vertices, shape.vertices)
 
 
-def test_the_content_of_a_source_decides_its_digest_and_travels_to_workers(shape: Shape) -> None:
+def test_the_content_of_a_source_decides_its_digest_and_travels_to_workers(shape):
     first, again = (as_origin(shape, name) for name in ("a", "b"))
     moved = as_origin((shape.vertices + 1.0, shape.faces), "a")
     assert hash_source(first) == hash_source(again) != hash_source(moved)
@@ -81,7 +79,7 @@ def test_the_content_of_a_source_decides_its_digest_and_travels_to_workers(shape
     assert (location(first), location(Path("a.ply"))) == ("", "a.ply")
 
 
-def test_a_list_names_shapes_by_file_own_name_or_position(shape: Shape, tmp_path: Path) -> None:
+def test_a_list_names_shapes_by_file_own_name_or_position(shape, tmp_path):
     file = write_mesh(tmp_path / "tooth2.ply", shape)
     listing = list_shapes([shape.vertices, file, trimesh.Trimesh(shape.vertices, shape.faces)])
     assert listing.names == ("shape1", "shape3", "tooth2")
@@ -110,6 +108,6 @@ def test_a_list_names_shapes_by_file_own_name_or_position(shape: Shape, tmp_path
         ([SimpleNamespace(name="x", points=np.eye(3))] * 2, "two of them have the same name"),
     ],
 )
-def test_what_is_no_collection_is_refused(given: Any, message: str) -> None:
+def test_what_is_no_collection_is_refused(given, message):
     with pytest.raises(InputError, match=message):
         list_shapes(given)

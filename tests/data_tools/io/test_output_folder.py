@@ -17,19 +17,19 @@ from data_tools.io.output_folder import (
 )
 
 
-def write(folder: Path, files: dict[str, str], *, writer: str = "test") -> tuple[Path, ...]:
+def write(folder, files, *, writer="test"):
     with OutputFolder.open(folder, writer=writer) as output:
         for name, text in files.items():
             output.stage(*name.split("/")).write_text(text)
         return output.publish(last="summary", complete=True)
 
 
-def contents(folder: Path) -> dict[str, str]:
+def contents(folder):
     files = (p for p in folder.rglob("*") if p.is_file() and BOOKS not in p.parts)
     return {p.relative_to(folder).as_posix(): p.read_text() for p in files}
 
 
-def test_a_second_run_replaces_what_the_first_wrote_and_nothing_else(tmp_path: Path) -> None:
+def test_a_second_run_replaces_what_the_first_wrote_and_nothing_else(tmp_path):
     assert write(tmp_path, {"summary": "1", "meshes/a": "1", "meshes/b": "1"})[0] == tmp_path / "summary"
     (tmp_path / "meshes" / "mine.txt").write_text("mine")
     write(tmp_path, {"other": "1"}, writer="another command")
@@ -39,7 +39,7 @@ def test_a_second_run_replaces_what_the_first_wrote_and_nothing_else(tmp_path: P
     assert contents(tmp_path) == {"summary": "3", "meshes/mine.txt": "mine", "other": "1"}
 
 
-def test_only_the_command_that_wrote_a_file_replaces_it(tmp_path: Path) -> None:
+def test_only_the_command_that_wrote_a_file_replaces_it(tmp_path):
     write(tmp_path, {"pairs": "1"}, writer="align")
     with pytest.raises(InputError, match=r"pairs: .*`align`"):
         write(tmp_path, {"pairs": "2", "other": "2"}, writer="export csv")
@@ -50,7 +50,7 @@ def test_only_the_command_that_wrote_a_file_replaces_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["file", "changed", "link", "folder"])
-def test_a_file_of_somebody_else_is_refused_and_stays(tmp_path: Path, kind: str) -> None:
+def test_a_file_of_somebody_else_is_refused_and_stays(tmp_path, kind):
     out, place = tmp_path / "out", tmp_path / "out" / "report"
     elsewhere = tmp_path / "elsewhere"
     elsewhere.write_text("mine")
@@ -69,7 +69,7 @@ def test_a_file_of_somebody_else_is_refused_and_stays(tmp_path: Path, kind: str)
     assert place.is_symlink() == (kind == "link")
 
 
-def test_a_changed_file_that_is_not_written_any_more_stays(tmp_path: Path) -> None:
+def test_a_changed_file_that_is_not_written_any_more_stays(tmp_path):
     write(tmp_path, {"summary": "1", "report": "1"})
     (tmp_path / "report").write_text("with my notes")
     write(tmp_path, {"summary": "2"})
@@ -77,7 +77,7 @@ def test_a_changed_file_that_is_not_written_any_more_stays(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("out", ["in", ".", "in/deep", "link", "in/../in"])
-def test_inputs_in_the_folder_or_around_it_are_refused_before_anything_is_made(tmp_path: Path, out: str) -> None:
+def test_inputs_in_the_folder_or_around_it_are_refused_before_anything_is_made(tmp_path, out):
     (tmp_path / "in").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "in")
     with (
@@ -92,9 +92,7 @@ def test_inputs_in_the_folder_or_around_it_are_refused_before_anything_is_made(t
     ("out", "source"),
     [("mount", "in"), ("mount/out", "in"), ("whole", "in"), ("mount", "in/a"), ("in", "mount"), ("in/out", "mount")],
 )
-def test_a_folder_that_is_mounted_elsewhere_is_told_by_device_and_inode(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, out: str, source: str
-) -> None:
+def test_a_folder_that_is_mounted_elsewhere_is_told_by_device_and_inode(tmp_path, monkeypatch, out, source):
     """A link that is not followed stands for a bind mount: other path, same device and inode."""
     folder = tmp_path / "deep"
     (folder / "in").mkdir(parents=True)
@@ -109,12 +107,12 @@ def test_a_folder_that_is_mounted_elsewhere_is_told_by_device_and_inode(
 
 
 @pytest.mark.parametrize("part", ["..", "", ".", "a/b", "/etc", "a\x00", "a\\b", "x" * 300])
-def test_paths_that_leave_the_folder_are_refused(tmp_path: Path, part: str) -> None:
+def test_paths_that_leave_the_folder_are_refused(tmp_path, part):
     with pytest.raises(InputError, match="name of an output"):
         output_path(tmp_path, "meshes", part)
 
 
-def test_links_do_not_lead_out_of_the_folder(tmp_path: Path) -> None:
+def test_links_do_not_lead_out_of_the_folder(tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "originals").mkdir()
     (tmp_path / "out" / "meshes").symlink_to(tmp_path / "originals")
@@ -123,7 +121,7 @@ def test_links_do_not_lead_out_of_the_folder(tmp_path: Path) -> None:
     assert not list((tmp_path / "originals").iterdir())
 
 
-def test_what_a_killed_run_left_goes_with_the_next(tmp_path: Path) -> None:
+def test_what_a_killed_run_left_goes_with_the_next(tmp_path):
     script = (
         "import os, sys; from data_tools.io.output_folder import OutputFolder\n"
         "with OutputFolder.open(sys.argv[1], writer='t') as output:\n"
@@ -136,14 +134,12 @@ def test_what_a_killed_run_left_goes_with_the_next(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("after", range(5))
-def test_a_run_that_ends_between_two_moves_loses_nothing_and_can_be_repeated(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int
-) -> None:
+def test_a_run_that_ends_between_two_moves_loses_nothing_and_can_be_repeated(tmp_path, monkeypatch, after):
     write(tmp_path, {"summary": "1", "a": "1", "b": "1"})
     (tmp_path / "mine").write_text("mine")
     moves, original = iter(range(100)), os.replace
 
-    def replace(source: str, target: str) -> None:
+    def replace(source, target):
         if next(moves) >= after:
             raise KeyboardInterrupt
         original(source, target)
@@ -160,7 +156,7 @@ def test_a_run_that_ends_between_two_moves_loses_nothing_and_can_be_repeated(
     assert contents(tmp_path) == {"summary": "3", "a": "3", "mine": "mine"}
 
 
-def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
+def test_two_runs_do_not_share_a_folder(tmp_path):
     with (
         OutputFolder.open(tmp_path, writer="t"),
         pytest.raises(InputError, match="another run"),
@@ -181,7 +177,7 @@ def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
         '{"version": 1, "files": {"x": []}}',
     ],
 )
-def test_a_manifest_is_not_believed(tmp_path: Path, content: str) -> None:
+def test_a_manifest_is_not_believed(tmp_path, content):
     write(tmp_path / "out", {"summary": "1"})
     (tmp_path / "x").write_text("mine")
     (tmp_path / "out" / BOOKS / MANIFEST_FILE).write_text(content)
@@ -190,14 +186,14 @@ def test_a_manifest_is_not_believed(tmp_path: Path, content: str) -> None:
     assert contents(tmp_path) == {"out/summary": "1", "x": "mine"}
 
 
-def test_stems_are_names_of_files() -> None:
+def test_stems_are_names_of_files():
     assert file_stem("..") == "shape"
     assert file_stems(["a", "A", "a-2"]) == ["a", "A-2", "a-2-2"]
     assert file_stem("../../x") == "_.._x"
     assert file_stem("\udcff e").isascii()
 
 
-def test_long_stems_are_cut_and_stay_distinct() -> None:
+def test_long_stems_are_cut_and_stay_distinct():
     names = ["é" * 150 + "a", "é" * 150 + "b", "x" * 200]
     stems = file_stems(names)
     assert len(set(stems)) == 3
@@ -205,7 +201,7 @@ def test_long_stems_are_cut_and_stay_distinct() -> None:
     assert stems[2] == names[2]
 
 
-def test_only_a_complete_run_removes_what_it_wrote_before(tmp_path: Path) -> None:
+def test_only_a_complete_run_removes_what_it_wrote_before(tmp_path):
     write(tmp_path, {"summary": "1", "report": "1"})
     with OutputFolder.open(tmp_path, writer="test") as output:
         output.stage("other").write_text("2")
@@ -213,7 +209,7 @@ def test_only_a_complete_run_removes_what_it_wrote_before(tmp_path: Path) -> Non
     assert contents(tmp_path) == {"summary": "1", "report": "1", "other": "2"}
 
 
-def test_a_link_in_place_of_a_file_of_ours_is_somebody_elses(tmp_path: Path) -> None:
+def test_a_link_in_place_of_a_file_of_ours_is_somebody_elses(tmp_path):
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     write(out, {"summary": "1", "report": "1"})
     elsewhere.write_text("1")
@@ -226,18 +222,18 @@ def test_a_link_in_place_of_a_file_of_ours_is_somebody_elses(tmp_path: Path) -> 
     assert elsewhere.read_text() == "1"
 
 
-def test_a_file_where_a_folder_of_results_belongs_is_refused_before_the_work(tmp_path: Path) -> None:
+def test_a_file_where_a_folder_of_results_belongs_is_refused_before_the_work(tmp_path):
     (tmp_path / "meshes").write_text("mine")
     with OutputFolder.open(tmp_path, writer="align") as output, pytest.raises(InputError, match="meshes: lies where"):
         output.refuse_foreign(["meshes/a.ply"])
 
 
-def test_names_that_this_system_cannot_write_are_refused(tmp_path: Path) -> None:
+def test_names_that_this_system_cannot_write_are_refused(tmp_path):
     with pytest.raises(InputError, match="cannot be the name of an output in this locale"):
         output_path(tmp_path, "\ud800.ply")
 
 
-def test_a_refused_run_leaves_a_folder_as_it_was(tmp_path: Path) -> None:
+def test_a_refused_run_leaves_a_folder_as_it_was(tmp_path):
     (tmp_path / "summary").write_text("mine")
     with pytest.raises(InputError, match="move it away"):
         write(tmp_path, {"summary": "1"})
@@ -245,7 +241,7 @@ def test_a_refused_run_leaves_a_folder_as_it_was(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("to", ["loop/x", "x/" * 3000])
-def test_loops_of_links_and_paths_that_are_too_long_are_refused(tmp_path: Path, to: str) -> None:
+def test_loops_of_links_and_paths_that_are_too_long_are_refused(tmp_path, to):
     (tmp_path / "loop").symlink_to(tmp_path / "pool")
     (tmp_path / "pool").symlink_to(tmp_path / "loop")
     with pytest.raises(InputError, match=r"cannot be used \(.*\); name another place"):

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -23,7 +21,7 @@ MALFORMED = [
 ]
 
 
-def test_npz_holds_meshes_and_clouds(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_npz_holds_meshes_and_clouds(tmp_path, rng):
     shape = blob(rng, num_vertices=50)
     np.savez(tmp_path / "mesh.npz", vertices=shape.vertices, faces=shape.faces)
     np.savez_compressed(tmp_path / "cloud.npz", points=shape.vertices.astype(np.float32))
@@ -44,7 +42,7 @@ def test_npz_holds_meshes_and_clouds(tmp_path: Path, rng: np.random.Generator) -
         ({"vertices": np.array([{"a": 1}], dtype=object)}, "pickle|not a readable"),
     ],
 )
-def test_npz_arrays_are_checked(tmp_path: Path, arrays: dict[str, np.ndarray], reason: str) -> None:
+def test_npz_arrays_are_checked(tmp_path, arrays, reason):
     path = tmp_path / "a.npz"
     np.savez(path, **arrays)
     with pytest.raises(InputError, match=reason) as caught:

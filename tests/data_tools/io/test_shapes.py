@@ -2,7 +2,6 @@ import dataclasses
 import itertools
 import os
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -77,7 +76,7 @@ MALFORMED = [
 
 
 @pytest.mark.parametrize(("name", "content", "reason"), [pytest.param(*row, id=row[0]) for row in MALFORMED + POINTS])
-def test_malformed_files_are_refused_by_name_and_reason(tmp_path: Path, name: str, content: str, reason: str) -> None:
+def test_malformed_files_are_refused_by_name_and_reason(tmp_path, name, content, reason):
     path = tmp_path / name
     path.write_text(content)
     with pytest.raises(InputError, match=reason) as caught:
@@ -88,10 +87,8 @@ def test_malformed_files_are_refused_by_name_and_reason(tmp_path: Path, name: st
 @pytest.mark.parametrize(
     "error", [UnboundLocalError("x"), AssertionError(), ValueError("could not convert string to float: 'secret'")]
 )
-def test_errors_of_readers_are_neither_named_nor_quoted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
-) -> None:
-    def fail(source: object) -> None:
+def test_errors_of_readers_are_neither_named_nor_quoted(tmp_path, monkeypatch, error):
+    def fail(source):
         raise error
 
     monkeypatch.setitem(READERS, ".ply", fail)
@@ -105,7 +102,7 @@ def test_errors_of_readers_are_neither_named_nor_quoted(
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".stl", ".glb", ".npz", ".xyz"])
-def test_missing_and_empty_files_are_refused(tmp_path: Path, suffix: str) -> None:
+def test_missing_and_empty_files_are_refused(tmp_path, suffix):
     path = tmp_path / f"shape{suffix}"
     with pytest.raises(InputError, match="no such file"):
         read_shape(path)
@@ -115,7 +112,7 @@ def test_missing_and_empty_files_are_refused(tmp_path: Path, suffix: str) -> Non
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".stl", ".glb"])
-def test_round_trip_keeps_the_surface(tmp_path: Path, suffix: str, rng: np.random.Generator) -> None:
+def test_round_trip_keeps_the_surface(tmp_path, suffix, rng):
     shape = blob(rng, num_vertices=100)
     back = read_shape(write_mesh(tmp_path / f"blob{suffix}", shape))
     assert back.name == "blob"
@@ -128,7 +125,7 @@ def test_round_trip_keeps_the_surface(tmp_path: Path, suffix: str, rng: np.rando
         assert back.source_indices is None
 
 
-def test_stl_vertices_are_merged_and_say_so(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_stl_vertices_are_merged_and_say_so(tmp_path, rng):
     path = write_mesh(tmp_path / "blob.stl", blob(rng, num_vertices=100))
     back = read_shape(path)
     assert back.notes == (f"merged {3 * len(back.faces) - 100} duplicate vertices",)
@@ -137,14 +134,14 @@ def test_stl_vertices_are_merged_and_say_so(tmp_path: Path, rng: np.random.Gener
     np.testing.assert_array_equal(apart.vertices[back.source_indices], back.vertices)
 
 
-def test_polygons_become_triangles(tmp_path: Path) -> None:
+def test_polygons_become_triangles(tmp_path):
     path = tmp_path / "quad.off"
     path.write_text("OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n")
     assert read_shape(path).faces.shape == (2, 3)
     assert read_shape(path).area == pytest.approx(1.0)
 
 
-def test_obj_keeps_vertex_order_through_groups_textures_and_negative_indices(tmp_path: Path) -> None:
+def test_obj_keeps_vertex_order_through_groups_textures_and_negative_indices(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text(
         "mtllib ../m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1 # top\nvt 0 0\nvn 0 0 1\nusemtl a\nf 4/1/1 2/1/1 \\\n"
@@ -155,14 +152,14 @@ def test_obj_keeps_vertex_order_through_groups_textures_and_negative_indices(tmp
     np.testing.assert_array_equal(shape.faces, [[3, 1, 2], [0, 2, 1], [0, 1, 3], [0, 3, 2]])
 
 
-def test_header_variants_of_off(tmp_path: Path) -> None:
+def test_header_variants_of_off(tmp_path):
     path = tmp_path / "a.off"
     for head in ("OFF\n# a comment\n3 1 0\n", "OFF 3 1 0\n", "OFF\n\n3 1 0 # counts\n"):
         path.write_text(head + TRIANGLE + "3 0 1 2\n")
         assert read_shape(path).area == pytest.approx(0.5)
 
 
-def test_clouds_come_without_faces(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_clouds_come_without_faces(tmp_path, rng):
     cloud = Shape.from_arrays(rng.standard_normal((30, 3)), name="cloud")
     for suffix in (".ply", ".obj"):
         back = read_shape(write_mesh(tmp_path / f"cloud{suffix}", cloud))
@@ -174,7 +171,7 @@ def test_clouds_come_without_faces(tmp_path: Path, rng: np.random.Generator) -> 
         write_mesh(tmp_path / "cloud.npz", cloud)
 
 
-def test_scene_transforms_are_applied(tmp_path: Path) -> None:
+def test_scene_transforms_are_applied(tmp_path):
     box = trimesh.creation.box()
     scene = trimesh.Scene()
     turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 0, 1], [2, 0, 0])
@@ -184,7 +181,7 @@ def test_scene_transforms_are_applied(tmp_path: Path) -> None:
     np.testing.assert_allclose(back.vertices.mean(axis=0), [2, -2, 0], atol=1e-6)
 
 
-def test_folder_is_listed_in_natural_order_with_distinct_names(tmp_path: Path) -> None:
+def test_folder_is_listed_in_natural_order_with_distinct_names(tmp_path):
     for name in ("b10.ply", "b2.ply", "a.off", "a.ply", "A.obj", "notes.md", ".hidden.ply"):
         (tmp_path / name).touch()
     (tmp_path / "folder.ply").mkdir()
@@ -194,7 +191,7 @@ def test_folder_is_listed_in_natural_order_with_distinct_names(tmp_path: Path) -
     assert [f.name for f in listing.skipped] == ["folder.ply", "notes.md"]
 
 
-def test_names_stay_distinct_and_readable_whatever_the_files_are_called(tmp_path: Path) -> None:
+def test_names_stay_distinct_and_readable_whatever_the_files_are_called(tmp_path):
     for name in (b"a.ply", b"a.obj", b"a.ply.ply", b"\xff.ply"):
         with open(os.fsencode(tmp_path) + b"/" + name, "wb"):
             pass
@@ -204,7 +201,7 @@ def test_names_stay_distinct_and_readable_whatever_the_files_are_called(tmp_path
     assert any("xff" in name for name in listing.names)
 
 
-def test_folder_without_shapes_is_refused(tmp_path: Path) -> None:
+def test_folder_without_shapes_is_refused(tmp_path):
     (tmp_path / "notes.md").touch()
     with pytest.raises(InputError, match="no shape file"):
         read_folder(tmp_path)
@@ -213,7 +210,7 @@ def test_folder_without_shapes_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def sides(tmp_path: Path) -> Path:
+def sides(tmp_path):
     """Two folders with a shape of one name each, and one with another."""
     for name in ("left/A.ply", "right/A.ply", "right/old/A.stl", "right/B2.ply", "right/notes.md"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
@@ -221,7 +218,7 @@ def sides(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_folders_in_a_folder_are_taken_when_asked_and_named_when_not(sides: Path) -> None:
+def test_folders_in_a_folder_are_taken_when_asked_and_named_when_not(sides):
     with pytest.raises(InputError, match=r"its folders do: left \(1\), right \(3\); take them with --recursive"):
         read_folder(sides)
     listing = read_folder(sides, recursive=True)
@@ -230,7 +227,7 @@ def test_folders_in_a_folder_are_taken_when_asked_and_named_when_not(sides: Path
     assert read_folder(sides / "right").names == ("A", "B2")
 
 
-def test_names_tell_files_apart_whatever_their_order(sides: Path) -> None:
+def test_names_tell_files_apart_whatever_their_order(sides):
     files = [sides / name for name in ("left/A.ply", "right/A.ply", "right/A.obj", "right/B2.ply")]
     named = dict(zip(files, distinct_names(files), strict=True))
     assert list(named.values()) == ["left/A.ply", "right/A.ply", "right/A.obj", "B2"]
@@ -238,7 +235,7 @@ def test_names_tell_files_apart_whatever_their_order(sides: Path) -> None:
         assert dict(zip(order, distinct_names(order), strict=True)) == named
 
 
-def test_places_are_folders_patterns_lists_and_files(sides: Path) -> None:
+def test_places_are_folders_patterns_lists_and_files(sides):
     (sides / "some.txt").write_text("# the left one and a pattern\nleft\n\nright/*\n")
     found, others = files_at(f"@{sides / 'some.txt'}")
     assert [path.name for path in (*found, *others)] == ["A.ply", "A.ply", "B2.ply", "notes.md"]
@@ -257,7 +254,7 @@ def test_places_are_folders_patterns_lists_and_files(sides: Path) -> None:
         files_at(f"@{sides / 'some.txt'}")
 
 
-def with_gaps(tmp_path: Path, suffix: str, bad: list[int]) -> tuple[Path, Shape]:
+def with_gaps(tmp_path, suffix, bad):
     """Write a mesh of which some vertices are NaN or infinite, and return it as it was."""
     shape = blob(np.random.default_rng(3), num_vertices=200)
     vertices = shape.vertices.copy()
@@ -271,7 +268,7 @@ def with_gaps(tmp_path: Path, suffix: str, bad: list[int]) -> tuple[Path, Shape]
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".npz"])
-def test_a_few_vertices_that_are_not_finite_are_dropped_with_their_triangles(tmp_path: Path, suffix: str) -> None:
+def test_a_few_vertices_that_are_not_finite_are_dropped_with_their_triangles(tmp_path, suffix):
     path, whole = with_gaps(tmp_path, suffix, [0, 17, 199])
     shape = read_shape(path)
     touched = np.isin(whole.faces, [0, 17, 199]).any(axis=1)
@@ -282,7 +279,7 @@ def test_a_few_vertices_that_are_not_finite_are_dropped_with_their_triangles(tmp
     np.testing.assert_array_equal(shape.source_indices[shape.faces], whole.faces[~touched])
 
 
-def test_indices_stay_those_of_the_file_when_cleaning_drops_more(tmp_path: Path) -> None:
+def test_indices_stay_those_of_the_file_when_cleaning_drops_more(tmp_path):
     path, _ = with_gaps(tmp_path, ".npz", [5])
     with np.load(path) as arrays:
         vertices = np.vstack([arrays["vertices"][:1], arrays["vertices"]])
@@ -293,12 +290,12 @@ def test_indices_stay_those_of_the_file_when_cleaning_drops_more(tmp_path: Path)
     np.testing.assert_array_equal(shape.vertices, vertices[shape.source_indices])
 
 
-def test_many_vertices_that_are_not_finite_are_damage(tmp_path: Path) -> None:
+def test_many_vertices_that_are_not_finite_are_damage(tmp_path):
     path, _ = with_gaps(tmp_path, ".ply", list(range(11)))
     with pytest.raises(InputError, match=r"gaps\.ply: 11 of 200 vertices .* damage"):
         read_shape(path)
 
 
-def test_colours_behind_the_corners_of_off_faces_are_no_corners(tmp_path: Path) -> None:
+def test_colours_behind_the_corners_of_off_faces_are_no_corners(tmp_path):
     (tmp_path / "a.off").write_text("OFF\n3 2 0\n" + TRIANGLE + "3 0 1 2 255 0 0\n3 2 1 0\n")
     assert read_shape(tmp_path / "a.off", AS_STORED).faces.tolist() == [[0, 1, 2], [2, 1, 0]]

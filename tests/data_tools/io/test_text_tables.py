@@ -5,7 +5,7 @@ from data_tools.errors import InputError
 from data_tools.io.text_tables import filled_lines, parse_table, read_points_table
 
 
-def test_regular_tables() -> None:
+def test_regular_tables():
     table = parse_table("1 2.5 -3e-2\n\t4  nan inf\n7 8 9", num_rows=3)
     np.testing.assert_array_equal(table, [[1, 2.5, -0.03], [4, np.nan, np.inf], [7, 8, 9]])
 
@@ -27,11 +27,11 @@ def test_regular_tables() -> None:
         "1 ٢",
     ],
 )
-def test_others_are_left_to_the_caller(text: str) -> None:
+def test_others_are_left_to_the_caller(text):
     assert parse_table(text, num_rows=text.count("\n") + 1) is None
 
 
-def test_blank_lines_hold_no_words() -> None:
+def test_blank_lines_hold_no_words():
     starts, counts = filled_lines("\n a b\n\n\tç\n")
     assert (starts.tolist(), counts.tolist()) == ([1, 7], [2, 1])
     assert parse_table("1 2\n\n3 4", num_rows=3) is None
@@ -55,7 +55,7 @@ def test_blank_lines_hold_no_words() -> None:
         "-1e0,2.42,5e-1,,\n3.25,0,-7.75,,\n",
     ],
 )
-def test_tables_of_all_habits_are_read_alike(text: str) -> None:
+def test_tables_of_all_habits_are_read_alike(text):
     np.testing.assert_array_equal(read_points_table(text, "a.csv"), [[-1, 2.42, 0.5], [3.25, 0, -7.75]])
 
 
@@ -80,25 +80,25 @@ AMBIGUOUS = [
 
 
 @pytest.mark.parametrize(("text", "reason"), AMBIGUOUS)
-def test_ambiguous_tables_are_refused_with_the_reason(text: str, reason: str) -> None:
+def test_ambiguous_tables_are_refused_with_the_reason(text, reason):
     with pytest.raises(InputError, match=reason) as caught:
         read_points_table(text, "a.csv")
     assert str(caught.value).startswith("a.csv: ")
 
 
-def test_integers_with_colours_are_no_split_decimals() -> None:
+def test_integers_with_colours_are_no_split_decimals():
     text = "10,20,30,255,0,0\n40,50,60,0,128,9\n"
     np.testing.assert_array_equal(read_points_table(text, "a.csv"), [[10, 20, 30], [40, 50, 60]])
 
 
-def test_missing_numbers_are_nan_wherever_they_are() -> None:
+def test_missing_numbers_are_nan_wherever_they_are():
     for sign in (",", ";", "\t"):
         text = f"x{sign}y{sign}z\n{sign}2{sign}3\n1{sign}{sign}3\n1{sign}2{sign}\n"
         found = read_points_table(text, "a.csv")
         np.testing.assert_array_equal(np.isnan(found), np.eye(3, dtype=bool))
 
 
-def test_long_tables_take_the_short_way(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_tables_take_the_short_way(rng, monkeypatch):
     points = rng.standard_normal((1000, 3))
     rows = "\n".join(",".join(map(repr, point)) for point in points.tolist())
     monkeypatch.setattr("data_tools.io.text_tables._row_by_row", lambda *_: pytest.fail("row by row"))

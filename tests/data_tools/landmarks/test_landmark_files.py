@@ -1,5 +1,4 @@
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ FCSV = """# Markups fiducial file version = 4.11
 """
 
 
-def slicer(*controls: object) -> str:
+def slicer(*controls):
     return json.dumps({"markups": [{"type": "Fiducial", "controlPoints": list(controls)}]})
 
 
@@ -31,7 +30,7 @@ BASE = {"label": "base", "position": [1, 2, 3]}
         ("b.csv", "0,0,0\n1,2,3\n", ("0", "1")),
     ],
 )
-def test_formats(tmp_path: Path, name: str, content: str, labels: tuple[str, ...]) -> None:
+def test_formats(tmp_path, name, content, labels):
     (tmp_path / name).write_text(content)
     landmarks = read_landmarks(tmp_path / name)
     assert landmarks.labels == labels
@@ -40,7 +39,7 @@ def test_formats(tmp_path: Path, name: str, content: str, labels: tuple[str, ...
 
 
 @pytest.mark.parametrize("declared", ["LPS", "RAS", "0", "1", "", "IJK"])
-def test_the_declared_coordinate_system_comes_along(tmp_path: Path, declared: str) -> None:
+def test_the_declared_coordinate_system_comes_along(tmp_path, declared):
     markups = json.loads(slicer(TIP, BASE))
     markups["markups"][0]["coordinateSystem"] = declared
     (tmp_path / "a.mrk.json").write_text(json.dumps(markups))
@@ -56,7 +55,7 @@ def test_the_declared_coordinate_system_comes_along(tmp_path: Path, declared: st
         np.testing.assert_array_equal(found.points[1], [1, 2, 3])
 
 
-def test_every_list_of_points_has_its_own_coordinate_system(tmp_path: Path) -> None:
+def test_every_list_of_points_has_its_own_coordinate_system(tmp_path):
     curves = [{**slicer_curve("Curve", 4), "coordinateSystem": system} for system in ("RAS", "LPS")]
     points = [{"type": "Fiducial", "coordinateSystem": system, "controlPoints": [TIP]} for system in ("RAS", "LPS")]
     path = tmp_path / "a.mrk.json"
@@ -68,7 +67,7 @@ def test_every_list_of_points_has_its_own_coordinate_system(tmp_path: Path) -> N
         read_landmarks(path)
 
 
-def test_missing_landmarks_are_nan(tmp_path: Path) -> None:
+def test_missing_landmarks_are_nan(tmp_path):
     (tmp_path / "a.mrk.json").write_text(slicer(TIP, {**BASE, "positionStatus": "undefined"}))
     (tmp_path / "a.csv").write_text("tip,0,0,0\nbase,,,\n")
     for name in ("a.mrk.json", "a.csv"):
@@ -90,19 +89,19 @@ def test_missing_landmarks_are_nan(tmp_path: Path) -> None:
         ("a.csv", "", "empty"),
     ],
 )
-def test_malformed_files_are_refused_by_name(tmp_path: Path, name: str, content: str, reason: str) -> None:
+def test_malformed_files_are_refused_by_name(tmp_path, name, content, reason):
     (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=reason) as caught:
         read_landmarks(tmp_path / name)
     assert name in str(caught.value)
 
 
-def slicer_curve(kind: str, num: int, label: str = "R") -> dict[str, object]:
+def slicer_curve(kind, num, label="R"):
     controls = [{"label": f"{label}-{at}", "position": [at, at % 2, 0]} for at in range(1, num + 1)]
     return {"type": kind, "controlPoints": controls}
 
 
-def test_curves_of_slicer_are_no_landmarks(tmp_path: Path) -> None:
+def test_curves_of_slicer_are_no_landmarks(tmp_path):
     markups = [
         {"type": "Fiducial", "controlPoints": [TIP]},
         slicer_curve("Curve", 4),
@@ -121,7 +120,7 @@ def test_curves_of_slicer_are_no_landmarks(tmp_path: Path) -> None:
         read_landmarks(path)
 
 
-def test_lists_of_points_are_curves_or_patches_named_by_their_folder(tmp_path: Path) -> None:
+def test_lists_of_points_are_curves_or_patches_named_by_their_folder(tmp_path):
     (tmp_path / "orbit").mkdir()
     path = tmp_path / "orbit" / "a.csv"
     path.write_text("0,0,0\n1,0,0\n1,1,0\n0,0,0\n")

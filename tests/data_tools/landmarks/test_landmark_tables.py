@@ -1,7 +1,5 @@
 """Landmarks of several specimens in one file, as the field's programs write them."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -52,7 +50,7 @@ NaN NaN NaN
 @pytest.mark.parametrize(
     ("name", "content"), [("all.tps", TPS), ("all.NTS", NTS), ("all.dta", NTS), ("all.txt", MORPHOLOGIKA)]
 )
-def test_every_specimen_is_read_by_its_name(tmp_path: Path, name: str, content: str) -> None:
+def test_every_specimen_is_read_by_its_name(tmp_path, name, content):
     (tmp_path / name).write_text(content)
     found = read_specimens(tmp_path / name)
     assert [*found] in (["a", "b one"], ["a", "b_one"])
@@ -62,7 +60,7 @@ def test_every_specimen_is_read_by_its_name(tmp_path: Path, name: str, content: 
     assert (first.labels, first.points.flags.writeable) == (("0", "1"), False)
 
 
-def test_curves_and_scales_of_tps(tmp_path: Path) -> None:
+def test_curves_and_scales_of_tps(tmp_path):
     path = tmp_path / "b.tps"
     path.write_text(TPS.replace("ID=a", "ID=a\nSCALE=0.5"))
     (curve,) = read_specimens(path)["a"].semilandmarks
@@ -71,7 +69,7 @@ def test_curves_and_scales_of_tps(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_specimens(path)["a"].points[1], [0.5, 1, 1.5])
 
 
-def test_one_specimen_without_a_name_is_called_like_its_file(tmp_path: Path) -> None:
+def test_one_specimen_without_a_name_is_called_like_its_file(tmp_path):
     (tmp_path / "skull.nts").write_text("1 2 3 0 dim=3\n0 0 0\n1 2 3\n")
     (tmp_path / "jaw.tps").write_text("LM3=1\n1 2 3\n")
     (tmp_path / "orbit.csv").write_text("0,0,0\n1,2,3\n")
@@ -93,7 +91,7 @@ def test_one_specimen_without_a_name_is_called_like_its_file(tmp_path: Path) -> 
         ("a.txt", "x y z\n0 0 0\n", "not a readable TXT"),
     ],
 )
-def test_other_files_are_refused_by_name(tmp_path: Path, name: str, content: str, reason: str) -> None:
+def test_other_files_are_refused_by_name(tmp_path, name, content, reason):
     (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=f"{name}: .*{reason}|{name}: {reason}"):
         read_specimens(tmp_path / name)

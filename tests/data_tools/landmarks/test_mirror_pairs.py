@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import pytest
 
 from data_tools.errors import InputError
@@ -9,7 +7,7 @@ from data_tools.landmarks.mirror_pairs import (
 )
 
 
-def test_pairs_of_landmarks_come_from_a_table(tmp_path: Path) -> None:
+def test_pairs_of_landmarks_come_from_a_table(tmp_path):
     labels = ("nose", "eye l", "eye r", "ear l", "ear r")
     path = tmp_path / "pairs.csv"
     for header in ("", "left,right\n"):

@@ -9,12 +9,12 @@ from data_tools.surface.cleaning import clean
 from data_tools.surface.shape import Shape
 
 
-def test_clean_shape_is_returned_as_it_is(rng: np.random.Generator) -> None:
+def test_clean_shape_is_returned_as_it_is(rng):
     shape = blob(rng, num_vertices=60)
     assert clean(shape) is shape
 
 
-def test_everything_is_repaired_and_reported(rng: np.random.Generator) -> None:
+def test_everything_is_repaired_and_reported(rng):
     good = blob(rng, num_vertices=60)
     small, small_faces = sphere_mesh(20)
     order = np.array([*range(60), 3])
@@ -31,9 +31,7 @@ def test_everything_is_repaired_and_reported(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("factors", [None, [0, 0, 0], [1, 0, 0]])
-def test_merging_does_not_depend_on_hashes(
-    factors: list[int] | None, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_merging_does_not_depend_on_hashes(factors, rng, monkeypatch):
     if factors is not None:  # hashes that collide
         monkeypatch.setattr(cleaning, "_HASH_FACTORS", np.array(factors, dtype=np.uint64))
     places = np.array([[0.0, 1.0, 2.0], [-0.0, 1.0, 2.0], [0.0, 2.0, 1.0], [1.0, 0.0, 2.0]])
@@ -43,12 +41,12 @@ def test_merging_does_not_depend_on_hashes(
     np.testing.assert_array_equal(cleaned.source_indices, first)
 
 
-def test_hashes_of_coordinates_in_single_precision_differ(rng: np.random.Generator) -> None:
+def test_hashes_of_coordinates_in_single_precision_differ(rng):
     points = rng.standard_normal((300_000, 3)).astype(np.float32).astype(np.float64)
     assert len(np.unique(cleaning._hashes(points))) == len(points)
 
 
-def test_components_and_duplicates_are_kept_on_request() -> None:
+def test_components_and_duplicates_are_kept_on_request():
     first, faces = sphere_mesh(30)
     two = Shape.from_arrays(np.concatenate([first, first + 5.0]), np.concatenate([faces, faces + 30]))
     assert len(clean(two).vertices) == 30
@@ -58,14 +56,14 @@ def test_components_and_duplicates_are_kept_on_request() -> None:
     assert clean(twice, CleaningOptions(merge_vertices=False)) is twice
 
 
-def test_largest_means_area_not_number_of_triangles() -> None:
+def test_largest_means_area_not_number_of_triangles():
     fine, fine_faces = sphere_mesh(200)
     coarse, coarse_faces = sphere_mesh(20)
     both = Shape.from_arrays(np.concatenate([fine, 5 * coarse]), np.concatenate([fine_faces, coarse_faces + 200]))
     assert len(clean(both).vertices) == 20
 
 
-def test_source_indices_go_through_two_cleanings() -> None:
+def test_source_indices_go_through_two_cleanings():
     vertices, faces = sphere_mesh(30)
     apart = Shape.from_arrays(np.concatenate([[[9.0, 9.0, 9.0]], vertices]), faces + 1)
     once = clean(apart)
@@ -79,12 +77,12 @@ def test_source_indices_go_through_two_cleanings() -> None:
     np.testing.assert_array_equal(apart.vertices[twice.source_indices], twice.vertices)
 
 
-def test_mesh_without_area_is_refused_by_name() -> None:
+def test_mesh_without_area_is_refused_by_name():
     line = Shape.from_arrays([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]], name="line")
     with pytest.raises(InputError, match="line: every one of its 1 triangles has zero area"):
         clean(line)
 
 
-def test_options_check_themselves() -> None:
+def test_options_check_themselves():
     with pytest.raises(OptionsError, match="merge_vertices"):
-        CleaningOptions(merge_vertices=1)  # type: ignore[arg-type]
+        CleaningOptions(merge_vertices=1)

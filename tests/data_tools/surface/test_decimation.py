@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from data_tools.arrays import FloatArray, IntArray
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.surface import decimation
 from data_tools.surface.closest import SurfaceLocator
@@ -12,24 +11,24 @@ from data_tools.surface.topology import face_areas, mesh_edges, vertex_component
 
 
 @pytest.fixture
-def clusters_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def clusters_first(monkeypatch):
     monkeypatch.setattr(decimation, "MOST_COLLAPSED", 2_000)
     monkeypatch.setattr(decimation, "_NUM_CLUSTERS", 1_500)
 
 
-def largest_gap(points: FloatArray, vertices: FloatArray, faces: IntArray) -> float:
+def largest_gap(points, vertices, faces):
     places = SurfaceLocator(vertices, faces).closest(points).on(vertices)
     return float(np.linalg.norm(places - points, axis=1).max())
 
 
-def test_a_small_mesh_stays_as_it_is(rng: np.random.Generator) -> None:
+def test_a_small_mesh_stays_as_it_is(rng):
     shape = blob(rng, num_vertices=200)
     vertices, faces = decimate(shape.vertices, shape.faces, 1000)
     np.testing.assert_array_equal(vertices, shape.vertices)
     np.testing.assert_array_equal(faces, shape.faces)
 
 
-def test_collapses_keep_the_surface(rng: np.random.Generator) -> None:
+def test_collapses_keep_the_surface(rng):
     shape = blob(rng, num_vertices=3000)
     vertices, faces = decimate(shape.vertices, shape.faces, 800)
     assert 700 < len(faces) <= 800
@@ -37,7 +36,7 @@ def test_collapses_keep_the_surface(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("unit", [1e-3, 7.0, 1e4])
-def test_the_unit_of_length_decides_nothing(rng: np.random.Generator, unit: float) -> None:
+def test_the_unit_of_length_decides_nothing(rng, unit):
     shape = blob(rng, num_vertices=3000)
     vertices, faces = decimate(shape.vertices, shape.faces, 800)
     others, triangles = decimate(unit * shape.vertices, shape.faces, 800)
@@ -46,7 +45,7 @@ def test_the_unit_of_length_decides_nothing(rng: np.random.Generator, unit: floa
 
 
 @pytest.mark.usefixtures("clusters_first")
-def test_clusters_keep_the_surface_and_leave_fewer_collapses(rng: np.random.Generator) -> None:
+def test_clusters_keep_the_surface_and_leave_fewer_collapses(rng):
     shape = blob(rng, num_vertices=20_000)
     clustered, triangles = decimate(shape.vertices, shape.faces, 10**6)
     assert 1_000 < len(clustered) < 3_000
@@ -60,7 +59,7 @@ def test_clusters_keep_the_surface_and_leave_fewer_collapses(rng: np.random.Gene
 
 
 @pytest.mark.usefixtures("clusters_first")
-def test_sheets_that_come_near_stay_apart() -> None:
+def test_sheets_that_come_near_stay_apart():
     vertices, faces = sphere_mesh(4_000)
     two = np.concatenate([vertices, 1.002 * vertices])
     few, triangles = decimate(two, np.concatenate([faces, faces[:, ::-1] + len(vertices)]), 10**6)

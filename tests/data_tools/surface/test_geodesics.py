@@ -9,17 +9,17 @@ from data_tools.surface.shape import Shape
 
 
 @pytest.fixture(scope="module")
-def sphere() -> Shape:
+def sphere():
     return Shape.from_arrays(*sphere_mesh(2000), name="sphere")
 
 
-def agd_of(shape: Shape, num: int = 64) -> np.ndarray:
+def agd_of(shape, num=64):
     sources = farthest_points(shape, num, metric="euclidean")
     return average_geodesic_distance(shape, GeodesicSolver(shape), sources)
 
 
 @pytest.mark.parametrize(("kind", "tolerance"), [("heat", 0.03), ("cloud", 0.12)])
-def test_distances_on_the_sphere_are_angles(sphere: Shape, kind: str, tolerance: float) -> None:
+def test_distances_on_the_sphere_are_angles(sphere, kind, tolerance):
     shape = sphere if kind == "heat" else Shape.from_arrays(sphere.vertices)
     solver = GeodesicSolver(shape)
     assert solver.method == ("heat" if kind == "heat" else "shortest paths")
@@ -27,7 +27,7 @@ def test_distances_on_the_sphere_are_angles(sphere: Shape, kind: str, tolerance:
     np.testing.assert_allclose(solver.from_vertex(17), exact, atol=tolerance * np.pi)
 
 
-def test_several_sources_give_the_nearest(sphere: Shape) -> None:
+def test_several_sources_give_the_nearest(sphere):
     solver = GeodesicSolver(sphere)
     both = solver.from_vertices(np.array([3, 1200]))
     alone = np.minimum(solver.from_vertex(3), solver.from_vertex(1200))
@@ -36,7 +36,7 @@ def test_several_sources_give_the_nearest(sphere: Shape) -> None:
         solver.from_vertex(2000)
 
 
-def test_two_components_are_infinitely_far_apart() -> None:
+def test_two_components_are_infinitely_far_apart():
     vertices, faces = sphere_mesh(50)
     two = Shape.from_arrays(np.concatenate([vertices, vertices + 5]), np.concatenate([faces, faces + 50]))
     solver = GeodesicSolver(two)
@@ -47,7 +47,7 @@ def test_two_components_are_infinitely_far_apart() -> None:
     assert np.isfinite(agd_of(two, 10)).all()
 
 
-def test_fins_and_flipped_triangles_do_no_harm(sphere: Shape) -> None:
+def test_fins_and_flipped_triangles_do_no_harm(sphere):
     faces = np.array(sphere.faces)
     faces[::7] = faces[::7, ::-1]
     fin = np.array([[faces[0, 0], faces[0, 1], faces[900, 2]]])
@@ -57,19 +57,19 @@ def test_fins_and_flipped_triangles_do_no_harm(sphere: Shape) -> None:
     assert distances.max() < 4.0
 
 
-def test_average_distance_on_the_sphere_is_known(sphere: Shape) -> None:
+def test_average_distance_on_the_sphere_is_known(sphere):
     # The mean angle over the sphere is pi / 2; sqrt(area) is sqrt(4 pi).
     np.testing.assert_allclose(agd_of(sphere), np.pi / 2 / np.sqrt(4 * np.pi), rtol=0.04)
 
 
-def test_average_distance_does_not_depend_on_scale_or_meshing(rng: np.random.Generator) -> None:
+def test_average_distance_does_not_depend_on_scale_or_meshing(rng):
     coarse, fine = (blob(np.random.default_rng(5), num_vertices=n) for n in (800, 2000))
     big = Shape.from_arrays(50 * fine.vertices, fine.faces)
     np.testing.assert_allclose(agd_of(big), agd_of(fine), rtol=1e-6)
     assert agd_of(coarse).mean() == pytest.approx(agd_of(fine).mean(), rel=0.05)
 
 
-def test_maxima_are_the_tips_of_the_limbs() -> None:
+def test_maxima_are_the_tips_of_the_limbs():
     shape = figure()
     solver = GeodesicSolver(shape)
     tips = agd_maxima(agd_of(shape), solver, num=5, radius=0.2 * shape.area**0.5)
@@ -79,7 +79,7 @@ def test_maxima_are_the_tips_of_the_limbs() -> None:
     assert len(set(nearest)) == 5
 
 
-def test_maxima_keep_their_distance(sphere: Shape, rng: np.random.Generator) -> None:
+def test_maxima_keep_their_distance(sphere, rng):
     solver = GeodesicSolver(sphere)
     noise = rng.standard_normal(2000)
     found = agd_maxima(noise, solver, num=8, radius=0.5)

@@ -16,11 +16,11 @@ from data_tools.surface.shape import Shape
 
 
 @pytest.fixture(scope="module")
-def sphere() -> Shape:
+def sphere():
     return Shape.from_arrays(*sphere_mesh(2500), name="sphere")
 
 
-def with_fin(shape: Shape) -> Shape:
+def with_fin(shape):
     a, b, c = shape.faces[0]
     tip = shape.vertices[[a, b, c]].mean(axis=0) * 1.3
     faces = np.concatenate([shape.faces, [[a, b, len(shape.vertices)]]])
@@ -28,7 +28,7 @@ def with_fin(shape: Shape) -> Shape:
 
 
 @pytest.mark.parametrize("kind", ["cotangent", "tufted", "point cloud"])
-def test_operators_are_symmetric_semidefinite_and_know_constants(kind: str) -> None:
+def test_operators_are_symmetric_semidefinite_and_know_constants(kind):
     sphere = Shape.from_arrays(*sphere_mesh(600))
     shape = {"cotangent": sphere, "tufted": with_fin(sphere), "point cloud": Shape.from_arrays(sphere.vertices)}[kind]
     operators = surface_operators(shape)
@@ -41,21 +41,21 @@ def test_operators_are_symmetric_semidefinite_and_know_constants(kind: str) -> N
     assert operators.mass.sum() == pytest.approx(4 * np.pi, rel=0.05)
 
 
-def test_stiffness_of_one_triangle_is_known() -> None:
+def test_stiffness_of_one_triangle_is_known():
     operators = cotangent_laplacian(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     np.testing.assert_allclose(operators.stiffness.toarray(), [[1, -0.5, -0.5], [-0.5, 0.5, 0], [-0.5, 0, 0.5]])
     np.testing.assert_allclose(operators.mass, 1 / 6)
 
 
 @pytest.mark.parametrize(("cloud", "tolerance"), [(False, 0.01), (True, 0.05)])
-def test_spectrum_of_the_sphere(sphere: Shape, cloud: bool, tolerance: float) -> None:
+def test_spectrum_of_the_sphere(sphere, cloud, tolerance):
     shape = Shape.from_arrays(sphere.vertices) if cloud else sphere
     eigen = eigenfunctions(shape, 15)
     exact = 4 * np.pi * np.repeat([2.0, 6.0, 12.0], [3, 5, 7])
     np.testing.assert_allclose(eigen.values, exact, rtol=tolerance)
 
 
-def test_eigenfunctions_are_orthonormal_signed_and_repeatable(rng: np.random.Generator) -> None:
+def test_eigenfunctions_are_orthonormal_signed_and_repeatable(rng):
     shape = blob(rng, num_vertices=600)
     operators = surface_operators(shape)
     eigen = spectrum(operators, 12)
@@ -71,7 +71,7 @@ def test_eigenfunctions_are_orthonormal_signed_and_repeatable(rng: np.random.Gen
 
 
 @pytest.mark.parametrize("cloud", [False, True])
-def test_eigenfunctions_do_not_depend_on_pose_scale_or_vertex_order(cloud: bool, rng: np.random.Generator) -> None:
+def test_eigenfunctions_do_not_depend_on_pose_scale_or_vertex_order(cloud, rng):
     shape = blob(rng, num_vertices=600)
     faces = None if cloud else shape.faces
     shape = Shape.from_arrays(shape.vertices, faces)
@@ -82,7 +82,7 @@ def test_eigenfunctions_do_not_depend_on_pose_scale_or_vertex_order(cloud: bool,
     np.testing.assert_allclose(b.functions, a.functions[origin], atol=1e-6)
 
 
-def test_poor_surfaces_are_refused_by_name() -> None:
+def test_poor_surfaces_are_refused_by_name():
     with pytest.raises(InputError, match="tiny: 9 points are too few"):
         surface_operators(Shape.from_arrays(np.random.default_rng(0).standard_normal((9, 3)), name="tiny"))
     with pytest.raises(InputError, match="20 vertices are too few for 30"):
@@ -93,14 +93,14 @@ def test_poor_surfaces_are_refused_by_name() -> None:
         surface_operators(stray)
 
 
-def test_vertex_areas_of_cloud_and_mesh_agree(sphere: Shape) -> None:
+def test_vertex_areas_of_cloud_and_mesh_agree(sphere):
     cloud = Shape.from_arrays(sphere.vertices)
     assert vertex_areas(cloud).sum() == pytest.approx(4 * np.pi, rel=0.1)
     assert vertex_areas(sphere).sum() == pytest.approx(sphere.area)
     np.testing.assert_allclose(vertex_areas(Shape.from_arrays(np.eye(3))), np.pi, err_msg="fewer than the neighbours")
 
 
-def test_points_on_a_line_have_no_laplacian_and_that_is_said_in_words() -> None:
+def test_points_on_a_line_have_no_laplacian_and_that_is_said_in_words():
     line = np.column_stack([np.arange(80.0), np.zeros((80, 2))])
     with pytest.raises(InputError, match="do not lie on a surface") as caught:
         surface_operators(Shape.from_arrays(line, np.empty((0, 3), dtype=int), name="line"))

@@ -1,11 +1,9 @@
 import itertools
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from data_tools.arrays import IntArray
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import AS_STORED
@@ -14,7 +12,7 @@ from data_tools.surface.shape import Shape
 from data_tools.surface.topology import mesh_edges
 
 
-def with_slips(shape: Shape, rng: np.random.Generator, num: int = 3) -> tuple[Shape, IntArray]:
+def with_slips(shape, rng, num=3):
     """Return the shape with vertices that share no edge 5 to 30 radii away, in directions of their own."""
     vertices, slipped = shape.vertices.copy(), np.linspace(7, len(shape.vertices) - 9, num).astype(np.int64)
     radius = float(np.linalg.norm(vertices - vertices.mean(axis=0), axis=1).max())
@@ -24,7 +22,7 @@ def with_slips(shape: Shape, rng: np.random.Generator, num: int = 3) -> tuple[Sh
     return Shape.from_arrays(vertices, shape.faces, name=shape.name), slipped
 
 
-def bar_on_sphere(num_rings: int, length: float) -> Shape:
+def bar_on_sphere(num_rings, length):
     """Return a fine sphere from one triangle of which a thin bar grows, of so many rings of three vertices."""
     vertices, faces = sphere_mesh(1000)
     corners, num = faces[100], len(vertices)
@@ -40,7 +38,7 @@ def bar_on_sphere(num_rings: int, length: float) -> Shape:
     return Shape.from_arrays(np.concatenate([vertices, *points]), all_faces)
 
 
-def cone(height: float) -> Shape:
+def cone(height):
     """Return a cone whose rim is fine and whose tip is one vertex."""
     turns = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
     rim = np.stack([np.cos(turns), np.sin(turns), np.zeros(200)], axis=1)
@@ -51,7 +49,7 @@ def cone(height: float) -> Shape:
 
 
 @pytest.mark.parametrize("num", [1, 3, 8])
-def test_vertices_out_of_place_are_left_out_and_the_surface_stays_closed(num: int, rng: np.random.Generator) -> None:
+def test_vertices_out_of_place_are_left_out_and_the_surface_stays_closed(num, rng):
     slipped, which = with_slips(blob(rng, num_vertices=400), rng, num)
     found = without_outliers(slipped)
     np.testing.assert_array_equal(found.source_indices, np.delete(np.arange(400), which))
@@ -64,7 +62,7 @@ def test_vertices_out_of_place_are_left_out_and_the_surface_stays_closed(num: in
     assert float(said[1]) == pytest.approx(5.0 if num == 1 else 30.0, rel=0.1)
 
 
-def test_two_that_share_an_edge_are_left_out_together(rng: np.random.Generator) -> None:
+def test_two_that_share_an_edge_are_left_out_together(rng):
     shape = blob(rng, num_vertices=400)
     vertices, pair = shape.vertices.copy(), shape.faces[50, :2]
     vertices[pair] *= 20.0
@@ -73,7 +71,7 @@ def test_two_that_share_an_edge_are_left_out_together(rng: np.random.Generator) 
     assert not len(mesh_edges(found.faces).boundary)
 
 
-def test_stray_points_of_a_cloud_are_left_out(rng: np.random.Generator) -> None:
+def test_stray_points_of_a_cloud_are_left_out(rng):
     slipped, which = with_slips(Shape.from_arrays(blob(rng, num_vertices=300).vertices), rng)
     found = without_outliers(slipped)
     np.testing.assert_array_equal(found.source_indices, np.delete(np.arange(300), which))
@@ -82,13 +80,13 @@ def test_stray_points_of_a_cloud_are_left_out(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("length", [2.0, 5.0, 30.0])
 @pytest.mark.parametrize("num_rings", [1, 2, 60])
-def test_thin_parts_stay(num_rings: int, length: float) -> None:
+def test_thin_parts_stay(num_rings, length):
     shape = bar_on_sphere(num_rings, length)
     assert not len(mesh_edges(shape.faces).boundary)
     assert without_outliers(shape) is shape
 
 
-def test_long_shapes_tips_and_small_sets_stay(rng: np.random.Generator) -> None:
+def test_long_shapes_tips_and_small_sets_stay(rng):
     vertices, faces = sphere_mesh(500)
     line = Shape.from_arrays(vertices * [30.0, 1.0, 0.5], faces)
     few = Shape.from_arrays(np.concatenate([rng.normal(size=(40, 3)), [[50.0, 0.0, 0.0]]]))
@@ -97,7 +95,7 @@ def test_long_shapes_tips_and_small_sets_stay(rng: np.random.Generator) -> None:
         assert without_outliers(shape) is shape
 
 
-def test_files_are_read_without_them_unless_asked_for_as_stored(rng: np.random.Generator, tmp_path: Path) -> None:
+def test_files_are_read_without_them_unless_asked_for_as_stored(rng, tmp_path):
     slipped, which = with_slips(blob(rng, num_vertices=400), rng)
     path = write_mesh(tmp_path / "slipped.ply", slipped)
     found = read_shape(path)

@@ -6,19 +6,19 @@ from data_tools.errors import InputError
 from data_tools.surface.shape import Shape
 
 
-def test_measures_of_the_sphere() -> None:
+def test_measures_of_the_sphere():
     sphere = Shape.from_arrays(*sphere_mesh(3000), name="sphere")
     assert sphere.is_mesh
     assert sphere.area == pytest.approx(4 * np.pi, rel=0.01)
 
 
-def test_clouds_have_no_area() -> None:
+def test_clouds_have_no_area():
     cloud = Shape.from_arrays(np.eye(3))
     assert not cloud.is_mesh
     assert np.isnan(cloud.area)
 
 
-def test_arrays_are_copies_and_read_only() -> None:
+def test_arrays_are_copies_and_read_only():
     vertices = np.eye(3)
     shape = Shape.from_arrays(vertices, [[0, 1, 2]])
     vertices[0, 0] = 7
@@ -39,6 +39,6 @@ def test_arrays_are_copies_and_read_only() -> None:
         (np.empty((0, 3)), None, "vertices: 0 points"),
     ],
 )
-def test_impossible_arrays_are_refused_by_name(vertices: np.ndarray, faces: object, reason: str) -> None:
+def test_impossible_arrays_are_refused_by_name(vertices, faces, reason):
     with pytest.raises(InputError, match=f"thing: {reason}"):
-        Shape.from_arrays(vertices, faces, name="thing")  # type: ignore[arg-type]
+        Shape.from_arrays(vertices, faces, name="thing")

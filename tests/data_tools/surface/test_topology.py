@@ -7,7 +7,7 @@ from data_tools.surface.topology import boundary_length, face_areas, is_open_sur
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 
 
-def test_edges_of_a_tetrahedron() -> None:
+def test_edges_of_a_tetrahedron():
     edges = mesh_edges(TETRAHEDRON)
     assert edges.vertices.tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]
     assert (edges.num_faces == 2).all()
@@ -15,7 +15,7 @@ def test_edges_of_a_tetrahedron() -> None:
     assert len(edges.boundary) == 0
 
 
-def test_boundary_and_inconsistent_and_crowded_edges_are_seen() -> None:
+def test_boundary_and_inconsistent_and_crowded_edges_are_seen():
     open_edges = mesh_edges(TETRAHEDRON[:3])
     assert len(open_edges.boundary) == 3
     flipped = TETRAHEDRON.copy()
@@ -25,20 +25,20 @@ def test_boundary_and_inconsistent_and_crowded_edges_are_seen() -> None:
     assert mesh_edges(fins).num_faces.max() == 3
 
 
-def test_sphere_area_and_euler_characteristic() -> None:
+def test_sphere_area_and_euler_characteristic():
     vertices, faces = sphere_mesh(2000)
     assert face_areas(vertices, faces).sum() == pytest.approx(4 * np.pi, rel=0.01)
     assert len(vertices) - len(mesh_edges(faces).vertices) + len(faces) == 2
 
 
-def test_components() -> None:
+def test_components():
     _, faces = sphere_mesh(30)
     num, labels = vertex_components(61, mesh_edges(np.concatenate([faces, faces + 30])).vertices)
     assert num == 3
     assert len(set(labels[:30])) == len(set(labels[30:60])) == 1
 
 
-def test_a_hole_does_not_open_a_closed_surface_but_a_rim_does() -> None:
+def test_a_hole_does_not_open_a_closed_surface_but_a_rim_does():
     vertices, faces = sphere_mesh(1000)
     assert not is_open_surface(vertices, faces)
     assert not is_open_surface(vertices, faces[5:])
@@ -48,7 +48,7 @@ def test_a_hole_does_not_open_a_closed_surface_but_a_rim_does() -> None:
     assert not is_open_surface(vertices, np.empty((0, 3), dtype=np.int64))
 
 
-def test_edges_of_any_triangles_are_those_of_a_count_by_hand() -> None:
+def test_edges_of_any_triangles_are_those_of_a_count_by_hand():
     faces = np.random.default_rng(0).permuted(np.tile(np.arange(9), (40, 1)), axis=1)[:, :3]
     forward: dict[tuple[int, int], list[bool]] = {}
     for a, b in [(int(f[i]), int(f[(i + 1) % 3])) for f in faces for i in range(3)]:
