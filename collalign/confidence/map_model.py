@@ -52,8 +52,6 @@ class Evidence:
     orientation : float
         Correlation of the orientation forms: near 1 keeps left and right, near -1 swaps them, near 0 mixes them; NaN
         without normals.
-    coverage : float
-        Share of the target's dense samples that are some point's image.
     bijectivity : float
         Share of the source's dense samples that come back, by map and inverse, to a point nearer than 0.1 sqrt(area).
     stretch : float
@@ -69,7 +67,6 @@ class Evidence:
     commutativity: float
     roughness: float
     orientation: float
-    coverage: float
     bijectivity: float
     stretch: float = float("nan")
     normals: float = float("nan")

@@ -33,7 +33,6 @@ def judge(target: SpectralShape, source: SpectralShape, refined: FunctionalMap) 
         commutativity=_commutativity_gap(refined.C_source_target, target.eigenvalues, source.eigenvalues),
         roughness=_roughness(target, source, refined),
         orientation=orientation_of(target, source, refined.C_source_target, forward),
-        coverage=len(np.unique(forward)) / len(backward),
         stretch=0.5
         * (
             _stretch(target.vertices[on_target], source.vertices[on_source[backward]]) * target.area / source.area

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 from typing import Annotated
 
@@ -144,12 +143,11 @@ def _match_nonrigid(
         ProgressBar("steps", 4) as bar,
     ):
         output.refuse_foreign(NONRIGID_FILES)
-        started = time.perf_counter()
         to = prepare_file(target, surface)
         bar.advance()
         of = prepare_file(source, surface)
         bar.advance()
-        result = match_prepared(to, of, options, prepared_s=time.perf_counter() - started)
+        result = match_prepared(to, of, options)
         bar.advance()
         stage_match(output, result, target, source, landmarks)
         written = output.publish()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,14 +19,11 @@ from data_tools.arrays import IntArray, read_only
 from data_tools.checks import as_options
 from data_tools.errors import InputError
 from data_tools.io.objects import ShapeLike, as_origin
-from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
 
 #: The chosen map may be this much behind the best score. On 19 pairs, see
 #: :data:`collalign.nonrigid.map_trust.SCORE_SCALE`, 2 and more choose 12 right maps, 1 chooses 11; the best score 9.
 CHOICE_MARGIN = 2.0
-#: Eigenfunctions in which the energies of candidates are compared.
-ENERGY_DIM = 30
 
 
 @one_blas_thread()
@@ -71,16 +67,14 @@ def match_shapes(
     """
     asked = as_options("options", options, NonrigidOptions, keywords)
     surface = as_options("surface_options", surface_options, SurfaceOptions)
-    started = time.perf_counter()
     to = prepare_file(as_origin(target, "target"), surface)
     of = prepare_file(as_origin(source, "source"), surface)
-    prepared = time.perf_counter() - started
-    return match_prepared(to, of, asked, prepared_s=prepared)
+    return match_prepared(to, of, asked)
 
 
 @one_blas_thread()
 def match_prepared(
-    target: SpectralShape, source: SpectralShape, options: NonrigidOptions | None = None, *, prepared_s: float = 0.0
+    target: SpectralShape, source: SpectralShape, options: NonrigidOptions | None = None
 ) -> NonrigidMatch:
     """Match two prepared shapes; see :func:`match_shapes`.
 
@@ -89,18 +83,12 @@ def match_prepared(
     target, source : SpectralShape
         Of the same number of functions and samples.
     options : NonrigidOptions, optional
-    prepared_s : float
-        Seconds that preparation took, for the record.
     """
     options = options or NonrigidOptions()
     _check_fit(target, source)
-    started = time.perf_counter()
     found = chosen_first(target, find_candidates(target, source, options), options)
-    searched = time.perf_counter()
     maps = full_harmonic(target, source).of_all_vertices(found[0].functional_map)
-    finished = time.perf_counter()
-    times_s = {"prepare": prepared_s, "candidates": searched - started, "vertices": finished - searched}
-    return match_of(target, source, found, maps, num_candidates=options.num_candidates, times_s=times_s)
+    return match_of(target, source, found, maps, num_candidates=options.num_candidates)
 
 
 def match_of(
@@ -110,7 +98,6 @@ def match_of(
     maps: tuple[IntArray, IntArray],
     *,
     num_candidates: int,
-    times_s: dict[str, float] | None = None,
 ) -> NonrigidMatch:
     """Return candidates, the chosen one first, and its maps of all working vertices both ways as a match of files."""
     forward, backward = maps
@@ -121,11 +108,10 @@ def match_of(
         point_map_target_source=read_only(between_files(forward, target.to_original, source.to_working)),
         point_map_source_target=read_only(between_files(backward, source.to_original, target.to_working)),
         functional_map=read_only(found[0].functional_map.C_source_target),
-        candidates=tuple(_public(target, source, candidate) for candidate in found[:num_candidates]),
+        candidates=tuple(_public(target, candidate) for candidate in found[:num_candidates]),
         dense_source=read_only(source.to_original[source.dense]),
         confidence=confidence,
         vertex_confidence=read_only(np.where(source.to_working >= 0, at_vertices[source.to_working], np.nan)),
-        times_s=times_s or {},
         notes=tuple(f"{s.name}: {note}" for s in (target, source) for note in s.notes),
     )
 
@@ -147,15 +133,11 @@ def chosen_first(target: SpectralShape, found: list[Refined], options: NonrigidO
     return [chosen, *(c for c in ordered if c is not chosen)]
 
 
-def _public(target: SpectralShape, source: SpectralShape, candidate: Refined) -> NonrigidCandidate:
+def _public(target: SpectralShape, candidate: Refined) -> NonrigidCandidate:
     forward = candidate.functional_map.map_target_source
-    images = target.functions[target.dense[forward], :ENERGY_DIM]
-    own = source.functions[source.dense[: len(forward)], :ENERGY_DIM]
-    residuals = own @ nearest_orthogonal(images.T @ own).T - images
     return NonrigidCandidate(
         functional_map=read_only(candidate.functional_map.C_source_target),
         map_target_source=read_only(target.to_original[target.dense[forward]]),
-        energy=float((residuals**2).mean()),
         evidence=candidate.evidence,
         origin=candidate.origin,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,9 +33,6 @@ class NonrigidCandidate:
         C_source_target, the constant function first.
     map_target_source : ndarray of int, shape (s,)
         Vertex of the target file for each of ``NonrigidMatch.dense_source``.
-    energy : float
-        Procrustes energy of this map in the lowest 30 eigenfunctions, per sample and function: comparable between
-        candidates of a pair, and not what they are selected by.
     evidence : Evidence
     origin : str
         "signs", "descriptors", "relaxation", "paper" or "fast"; with "symmetry" if it was composed with a self-map
@@ -44,7 +41,6 @@ class NonrigidCandidate:
 
     functional_map: FloatArray
     map_target_source: IntArray
-    energy: float
     evidence: Evidence
     origin: str
 
@@ -81,7 +77,6 @@ class NonrigidMatch:
         :mod:`collalign.confidence.map_model`.
     vertex_confidence : ndarray, shape (number of source vertices,)
         Probability that the image of each vertex of the source file is within that; NaN where there is none.
-    times_s : dict of str to float
     notes : tuple of str
     """
 
@@ -94,7 +89,6 @@ class NonrigidMatch:
     dense_source: IntArray
     confidence: float
     vertex_confidence: FloatArray
-    times_s: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -145,7 +139,7 @@ class NonrigidMatch:
         """Stage ``map.npz``, ``map.txt`` and ``map_back.txt``.
 
         ``map.npz`` holds the arrays under the names of the attributes, and of the candidates ``candidate_maps``,
-        ``candidate_energies``, ``candidate_scores``, ``candidate_orientations`` and ``candidate_origins``.
+        ``candidate_scores``, ``candidate_orientations`` and ``candidate_origins``.
         ``map.txt`` has one line for each vertex of the source: the vertex of the target, counted from 0, or -1; and
         ``map_back.txt`` one for each vertex of the target. These are the point maps that pyFM (``p2p_21``, the target
         being its first mesh) and geomfum take.
@@ -160,7 +154,6 @@ class NonrigidMatch:
             functional_map=self.functional_map,
             dense_source=self.dense_source,
             candidate_maps=np.stack([c.map_target_source for c in self.candidates]),
-            candidate_energies=np.array([c.energy for c in self.candidates]),
             candidate_scores=np.array([c.evidence.score for c in self.candidates]),
             candidate_orientations=np.array([c.evidence.orientation for c in self.candidates]),
             candidate_origins=np.array([c.origin for c in self.candidates]),
