@@ -12,6 +12,7 @@ import pytest
 import collalign
 import pairwise
 from collalign.engine.run_options import RunOptions
+from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollalignError
 
 #: Nothing of these is needed to align shapes and to match pairs.
@@ -104,7 +105,7 @@ def test_every_type_that_a_signature_names_is_imported_from_the_top():
 
 
 def test_a_type_that_is_missing_at_the_top_is_noticed(monkeypatch):
-    def stray(shape): ...
+    def stray(shape: list[WorkingSurface] | None) -> None: ...
 
     monkeypatch.setattr(collalign, "stray", stray, raising=False)
     assert not_at_the_top(["stray"]) == {"WorkingSurface"}
