@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -21,30 +21,13 @@ _ADVICE = "use the report of the same folder, or delete the decisions that do no
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Decision:
-    """One decision.
-
-    Attributes
-    ----------
-    shape : str
-    kind : {"pose", "confirmed"}
-        Whether another pose was chosen or the present one called right.
-    R_common_shape : ndarray, shape (3, 3)
-        The right pose, in the common frame of the result in which it was decided.
-    """
-
-    shape: str
-    kind: Literal["pose", "confirmed"]
-    R_common_shape: FloatArray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Corrections:
     """Decisions and the poses that they refer to.
 
     Attributes
     ----------
-    decisions : tuple of Decision
+    decisions : dict of str to ndarray, shape (3, 3)
+        ``R_common_shape`` of the shapes decided on, in the result that was looked at, whether chosen or confirmed.
     frame : dict of str to ndarray, shape (3, 3)
         ``R_common_shape`` of the certain shapes among which the decisions place the others, in the result that was
         looked at.
@@ -52,7 +35,7 @@ class Corrections:
         The file, for messages.
     """
 
-    decisions: tuple[Decision, ...]
+    decisions: dict[str, FloatArray]
     frame: dict[str, FloatArray]
     source: str = "corrections"
 
@@ -77,15 +60,15 @@ class Corrections:
         InputError
             If a shape decided on is not in the collection, or none of the certain ones is.
         """
-        for decision in self.decisions:
-            if decision.shape not in names:
-                raise InputError(f"{self.source}: {decision.shape!r} is no shape of this collection; {_ADVICE}")
+        for shape in self.decisions:
+            if shape not in names:
+                raise InputError(f"{self.source}: {shape!r} is no shape of this collection; {_ADVICE}")
         if not self.decisions:
             return {}
         kept = {name: R for name, R in self.frame.items() if name in names}
         if self.frame and not kept:
             raise InputError(f"{self.source}: none of the shapes that it refers to is in this collection; {_ADVICE}")
-        return kept | {decision.shape: decision.R_common_shape for decision in self.decisions}
+        return kept | self.decisions
 
 
 def fixed_by(files: Sequence[Corrections], names: Sequence[str]) -> dict[str, FloatArray]:
@@ -100,10 +83,9 @@ def fixed_by(files: Sequence[Corrections], names: Sequence[str]) -> dict[str, Fl
     decided: dict[str, FloatArray] = {}
     for one in files:
         fixed |= one.fixed(names)
-        for decision in one.decisions:
-            if decision.shape in decided:
-                raise InputError(f"{one.source}: another file decides about {decision.shape!r} as well; keep one")
-            decided[decision.shape] = decision.R_common_shape
+        if both := sorted(one.decisions.keys() & decided.keys()):
+            raise InputError(f"{one.source}: another file decides about {both[0]!r} as well; keep one")
+        decided |= one.decisions
     return fixed | decided
 
 
@@ -129,20 +111,20 @@ def read_corrections(path: Path | str) -> Corrections:
     entries, frame = record.get("decisions"), record.get("frame")
     if not isinstance(entries, list) or not isinstance(frame, dict):
         raise InputError(f"{source}: 'decisions' must be a list and 'frame' an object; download them again")
-    decisions = tuple(_decision(entry, f"{source}, decision {at}") for at, entry in enumerate(entries, start=1))
-    names = [decision.shape for decision in decisions]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InputError(f"{source}: two decisions about {twice[0]!r}; keep one")
+    decisions: dict[str, FloatArray] = {}
+    for at, entry in enumerate(entries, start=1):
+        shape, rotation = _decision(entry, f"{source}, decision {at}")
+        if shape in decisions:
+            raise InputError(f"{source}: two decisions about {shape!r}; keep one")
+        decisions[shape] = rotation
     poses = {str(name): _rotation(matrix, f"{source}, frame of {name!r}") for name, matrix in frame.items()}
     return Corrections(decisions=decisions, frame=poses, source=str(source))
 
 
-def _decision(entry: Any, where: str) -> Decision:
+def _decision(entry: Any, where: str) -> tuple[str, FloatArray]:
     if not isinstance(entry, dict) or not isinstance(entry.get("shape"), str) or entry.get("decision") not in _KINDS:
         raise InputError(f"{where}: expected 'shape', 'decision' ({' or '.join(_KINDS)}) and 'rotation'")
-    matrix = _rotation(entry.get("rotation"), f"{where} ({entry['shape']})")
-    return Decision(shape=entry["shape"], kind=entry["decision"], R_common_shape=matrix)
+    return entry["shape"], _rotation(entry.get("rotation"), f"{where} ({entry['shape']})")
 
 
 def _rotation(matrix: Any, where: str) -> FloatArray:
