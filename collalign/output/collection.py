@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Excluded
 from collalign.products.trust import DOUBT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.checks import check_choice
 from data_tools.errors import CollalignError, InputError
 from data_tools.io.listing import parts_of
 from data_tools.io.output_folder import OutputFolder, file_stems
@@ -376,3 +377,10 @@ class Collection:
         """
         chosen = [self.index(shape) for shape in (self.names if shapes is None else shapes)]
         return {self.names[at]: trimesh_of(self._shape(at, aligned=True)) for at in chosen}
+
+    def to_dataframe(self, of: Literal["shapes", "pairs"] = "shapes") -> Any:
+        """Return a ``pandas.DataFrame`` with one row per shape, or per matched pair."""
+        import pandas
+
+        check_choice("of", of, ("shapes", "pairs"))
+        return pandas.DataFrame(list(self if of == "shapes" else self.pairs))

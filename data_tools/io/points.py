@@ -1,4 +1,4 @@
-"""Point formats: text tables and NPZ archives."""
+"""Point formats: text tables, NPZ archives and, by Open3D, PCD files."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.io.archives import load_arrays
+from data_tools.io.pcd import read_pcd
 from data_tools.io.source import Source
 from data_tools.io.text_tables import read_points_table
 
@@ -38,4 +39,5 @@ READERS = {
     ".txt": read_text_points,
     ".csv": read_text_points,
     ".npz": read_npz,
+    ".pcd": read_pcd,
 }

@@ -4,7 +4,6 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
-import pandas
 import pytest
 
 import collalign
@@ -114,7 +113,7 @@ def test_it_introduces_itself_in_a_line_and_in_a_picture(result):
 
 
 def test_lists_of_shapes_and_pairs_are_tables(result):
-    shapes, pairs = pandas.DataFrame(list(result)), pandas.DataFrame(list(result.pairs))
+    shapes, pairs = result.to_dataframe(), result.to_dataframe("pairs")
     assert shapes["name"].tolist() == list(result.names)
     assert shapes["confidence"][result.index("two")] == result["two"].confidence
     assert pairs["energy"].tolist() == [pair.energy for pair in result.pairs]
