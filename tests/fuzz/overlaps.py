@@ -123,7 +123,7 @@ def _prepare(project, command, place):
             os.link(project / "meshes" / "chair1.ply", to / name) for name in ("chair1.ply", "match.json")
         ],
         "apart/mine": lambda to: [
-            (to / name).write_text("mine") for name in ("report.html", "pairs.csv", "map.npz", "stability.csv")
+            (to / name).write_text("mine") for name in ("report.html", "landmarks.csv", "map.npz", "stability.csv")
         ],
     }
     if place in makers:
