@@ -72,8 +72,6 @@ class Registration:
         Similarity that lays the source, once it is bent, onto the target. Read-only.
     field : SmoothField
         Bends the source where it was; the pose comes after it.
-    stiffness : float
-        So many times the noise was needed to keep space from folding; 1 is none.
     """
 
     vertices: FloatArray
@@ -81,7 +79,6 @@ class Registration:
     quality: FloatArray
     pose: FloatArray
     field: SmoothField
-    stiffness: float
 
 
 @one_blas_thread()
@@ -184,7 +181,6 @@ class _Fit:
             quality=read_only(quality),
             pose=read_only(self.pose),
             field=self.field,
-            stiffness=self.stiffness,
         )
 
 
