@@ -110,12 +110,6 @@ def page_path(number: int) -> str:
     return f"{PAGES_FOLDER}/page-{number:03d}.html"
 
 
-@one_blas_thread()
-def render_report(collection: Collection, *, title: str = "Aligned collection") -> str:
-    """Return the report as HTML text; of a large collection its first page."""
-    return _first_page(collection, Path("report.html"), title).text()
-
-
 def _first_page(collection: Collection, path: Path, title: str) -> Page:
     shown = shown_part(collection)
     every = _every_shape(collection) if len(collection) > MOST_SHOWN else ""

@@ -30,7 +30,7 @@ def stability(
     Parameters
     ----------
     result
-        Folder that ``collalign align`` wrote; stability.html, .csv and .png are written into it.
+        Folder that ``collalign align`` wrote; stability.html and .csv are written into it.
     """
     files = load(result).source_files()
     store = run.store or result / STORE_FILE

@@ -1,4 +1,4 @@
-"""Page, table and picture of how stable a result is, beside the result."""
+"""Page and table of how stable a result is, beside the result."""
 
 from __future__ import annotations
 
@@ -20,11 +20,7 @@ from data_tools.percent import percent
 
 #: The command whose files these are, in the manifest of an output folder.
 WRITER = "stability"
-CSV_FILE, PLOT_FILE, PAGE_FILE = FILES = (
-    "stability.csv",
-    "stability.png",
-    "stability.html",
-)
+CSV_FILE, PAGE_FILE = FILES = ("stability.csv", "stability.html")
 _TITLES = {
     "shape": "shape",
     "confidence": "confidence",
@@ -43,7 +39,7 @@ _MAX_NAMES = 8
 
 
 def write_stability(stability: Stability, output: OutputFolder) -> tuple[Path, ...]:
-    """Write ``stability.csv``, ``.png`` and ``.html`` and return the paths.
+    """Write ``stability.csv`` and ``stability.html`` and return the paths.
 
     Parameters
     ----------
@@ -57,8 +53,7 @@ def write_stability(stability: Stability, output: OutputFolder) -> tuple[Path, .
         If somebody else's file is in the way; nothing has been written then.
     """
     write_atomic(output.stage(CSV_FILE), csv_text(_rows(stability)).encode())
-    plot = draw_stability(stability, output.stage(PLOT_FILE))
-    write_stability_page(stability, plot.read_bytes(), output.stage(PAGE_FILE))
+    write_stability_page(stability, draw_stability(stability), output.stage(PAGE_FILE))
     return output.publish(complete=True)
 
 
@@ -130,8 +125,8 @@ def least_stable(stability: Stability) -> IntArray:
     return np.asarray(order[~np.isnan(poses[order])])
 
 
-def draw_stability(stability: Stability, path: Path) -> Path:
-    """Draw the change of every shape's pose in every repetition, the least stable shapes first."""
+def draw_stability(stability: Stability) -> bytes:
+    """Draw the change of every shape's pose in every repetition, the least stable shapes first, as PNG."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -154,7 +149,7 @@ def draw_stability(stability: Stability, path: Path) -> Path:
     bar.set_label(f"change of pose, deg ({stability.stay_deg:.0f}: that or more; grey: took no part)", fontsize=8)
     content = io.BytesIO()
     figure.savefig(content, format="png", metadata={"Software": None})
-    return write_atomic(path, content.getvalue())
+    return content.getvalue()
 
 
 def _rows(stability: Stability) -> list[tuple[object, ...]]:

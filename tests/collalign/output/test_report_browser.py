@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.output.corrections import read_corrections
-from collalign.output.report import write_report
 from collalign.output.report.content import build_content
+from collalign.output.report.page import write_report
 from tests.browser import Page, launched
 from tests.collalign.output.test_report_incomplete import broken_view
 from tests.collalign.output.test_report_places import mapped_view

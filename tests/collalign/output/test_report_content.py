@@ -14,9 +14,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.output import report
+from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.output.evidence.members import statistics_members
-from collalign.output.report import display_mesh, faces_per_shape, render_report, write_report
 from collalign.output.report.content import build_content, categories
+from collalign.output.report.page import report_pages, write_report
 from collalign.output.report.payload import MISSING, pack_mesh, quaternions
 from collalign.output.report.poses import offered_poses
 from collalign.output.report.shown import page_members, shown_part
@@ -37,6 +38,10 @@ def unpack(fields, text):
         at = end
     assert at == len(raw)
     return found
+
+
+def rendered(view, title="Aligned collection"):
+    return next(report_pages(view, Path("report.html"), title=title)).text()
 
 
 def data_of(page):
@@ -181,7 +186,7 @@ def test_report_is_the_same_each_time_and_needs_no_network(tmp_path):
     path = write_report(view_of(5), tmp_path / "out")
     assert path == tmp_path / "out" / "report.html"
     page = path.read_text(encoding="utf-8")
-    assert page == render_report(view_of(5))
+    assert page == rendered(view_of(5))
     without_script = page[: page.rindex("<script>")]
     assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", without_script)
     assert "default-src 'none'" in page
@@ -191,7 +196,7 @@ def test_report_is_the_same_each_time_and_needs_no_network(tmp_path):
 def test_names_cannot_become_markup():
     bad = "</script><img src=x onerror=alert(1)>"
     view = dataclasses.replace(view_of(3), names=(bad, "a & b", "<!--"), notes=(bad,))
-    page = render_report(view, title=bad)
+    page = rendered(view, title=bad)
     assert bad not in page
     assert [shape["name"] for shape in data_of(page)["shapes"]] == [bad, "a & b", "<!--"]
 

@@ -5,12 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from collalign.output.report import render_report
 from collalign.output.report.content import build_content
 from collalign.output.report.coverage import incomplete_content
 from collalign.output.write import _incomplete
 from collalign.products.incomplete import Incomplete
-from tests.collalign.output.test_report_content import unpack
+from tests.collalign.output.test_report_content import rendered, unpack
 from tests.view_problems import view_of
 
 BROKEN = 3
@@ -77,8 +76,8 @@ def test_where_no_shape_is_complete_none_is_typical():
 def test_complete_collections_say_nothing():
     assert incomplete_content(view_of(4)) == ({}, {})
     assert build_content(view_of(4))[0]["incomplete"] == {}
-    assert "1 of them incomplete" in render_report(broken_view())
-    assert "of them incomplete" not in render_report(view_of(4))
+    assert "1 of them incomplete" in rendered(broken_view())
+    assert "of them incomplete" not in rendered(view_of(4))
 
 
 def test_the_record_counts_what_the_arrays_hold():
