@@ -76,48 +76,22 @@ class PairProof:
     region_radii_rad: Annotated[FloatArray, Holds(shape="r")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CertificationReport:
-    """What was proven.
-
-    Attributes
-    ----------
-    num_wanted : int
-        Pairs worth proving.
-    num_tried : int
-        As many as the budget allowed.
-    num_proven : int
-        Pairs whose best pose is proven.
-    num_chiralities : int
-        Pairs whose mirror decision is proven.
-    num_improved : int
-        Pairs for which the proof found a better pose.
-    num_complete : int
-        Pairs whose poses of nearly the best energy are listed completely.
-    num_alone : int
-        Of these, pairs with no second such pose.
-    """
-
-    num_wanted: int
-    num_tried: int
-    num_proven: int
-    num_chiralities: int
-    num_improved: int
-    num_complete: int
-    num_alone: int
-
-    def __str__(self) -> str:
-        text = f"{self.num_proven} of {self.num_tried} pairs proven optimal"
-        if self.num_tried < self.num_wanted:
-            text += f" ({self.num_wanted} were worth proving, the budget ended)"
-        if self.num_chiralities:
-            text += f", {self.num_chiralities} mirror decisions proven"
-        if self.num_improved:
-            text += f", {self.num_improved} better poses found"
-        return (
-            f"{text}; of {self.num_complete} all poses within {percent(LISTED_WITHIN - 1)} of the best energy are "
-            f"known, {self.num_alone} have no second one."
-        )
+def statement(former: Sequence[Pair], proven: Sequence[Pair], num_wanted: int) -> str:
+    """Return what proofs of pairs came to: these before and after, of so many that were worth one."""
+    num_optimal = sum(pair.status == Status.PROVEN_OPTIMAL.name for pair in proven)
+    num_improved = sum(new.energies[0] < old.energies[0] for old, new in zip(former, proven, strict=True))
+    complete = [pair for pair in proven if not np.isnan(pair.complete_within)]
+    text = f"{num_optimal} of {len(proven)} pairs proven optimal"
+    if len(proven) < num_wanted:
+        text += f" ({num_wanted} were worth proving, the budget ended)"
+    if num_chiralities := sum(pair.chirality_proven for pair in proven):
+        text += f", {num_chiralities} mirror decisions proven"
+    if num_improved:
+        text += f", {num_improved} better poses found"
+    return (
+        f"{text}; of {len(complete)} all poses within {percent(LISTED_WITHIN - 1)} of the best energy are "
+        f"known, {sum(len(pair.regions) == 1 for pair in complete)} have no second one."
+    )
 
 
 def prove_pair(
@@ -163,7 +137,7 @@ PROVING = Job(kind="proofs", version="proof-5", run=prove_pair, reader=PairProof
 
 def certify_pairs(
     session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], solution: SynchronizationResult | None
-) -> tuple[list[Pair], SynchronizationResult | None, CertificationReport]:
+) -> tuple[list[Pair], SynchronizationResult | None, str]:
     """Prove the pairs that matter, the least settled first, within ``options.certify_budget_s``.
 
     Parameters
@@ -180,7 +154,8 @@ def certify_pairs(
         With bounds and with all poses of nearly the best energy among the candidates.
     solution : SynchronizationResult or None
         Of the returned pairs; None where a new pose changed them.
-    report : CertificationReport
+    statement : str
+        What was proven.
 
     Raises
     ------
@@ -200,17 +175,9 @@ def certify_pairs(
     proven, tried = list(pairs), list(found)
     for e, proof in found.items():
         proven[e] = with_proof(pairs[e], proof)
-    report = CertificationReport(
-        num_wanted=len(wanted),
-        num_tried=len(tried),
-        num_proven=sum(proven[e].status == Status.PROVEN_OPTIMAL.name for e in tried),
-        num_chiralities=sum(proven[e].chirality_proven for e in tried),
-        num_improved=sum(proven[e].energies[0] < pairs[e].energies[0] for e in tried),
-        num_complete=sum(not np.isnan(proven[e].complete_within) for e in tried),
-        num_alone=sum(len(proven[e].regions) == 1 for e in tried if not np.isnan(proven[e].complete_within)),
-    )
+    said = statement([pairs[e] for e in tried], [proven[e] for e in tried], len(wanted))
     is_changed = any(len(proven[e].energies) > len(pairs[e].energies) for e in tried)
-    return proven, None if is_changed else solution, report
+    return proven, None if is_changed else solution, said
 
 
 def worth_proving(pairs: Sequence[Pair], inlier: BoolArray) -> list[int]:

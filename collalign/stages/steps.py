@@ -112,8 +112,8 @@ def prove(run: Run, matched: Matched) -> Matched:
     if not run.session.options.certify:
         return matched
     with run.stage("proofs"):
-        pairs, solution, report = certify_pairs(run.session, run.shapes, matched.pairs, matched.solution)
-    return replace(matched, pairs=pairs, solution=solution, notes=(*matched.notes, str(report)))
+        pairs, solution, statement = certify_pairs(run.session, run.shapes, matched.pairs, matched.solution)
+    return replace(matched, pairs=pairs, solution=solution, notes=(*matched.notes, statement))
 
 
 def weigh(run: Run, matched: Matched) -> Matched:

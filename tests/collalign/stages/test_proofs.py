@@ -12,10 +12,10 @@ from collalign.engine.store.typed import from_record, to_record
 from collalign.products.pair import Pair
 from collalign.stages.proofs import (
     LISTED_WITHIN,
-    CertificationReport,
     PairProof,
     contradictions,
     pair_proof,
+    statement,
     with_proof,
     worth_proving,
 )
@@ -129,12 +129,14 @@ def test_the_record_of_a_list_is_checked_and_says_whether_it_is_complete() -> No
         from_record(PairProof, record | {"certificate": record["certificate"] | {"bound": "0"}}, "pair")
 
 
-def test_the_report_says_when_the_budget_ended() -> None:
-    counts = {"num_tried": 3, "num_chiralities": 1, "num_improved": 0, "num_complete": 2, "num_alone": 1}
-    text = str(CertificationReport(num_wanted=5, num_proven=2, **counts))
-    assert "2 of 3" in text
-    assert "budget" in text
-    assert text.endswith("of 2 all poses within 20 % of the best energy are known, 1 have no second one.")
-    full = str(CertificationReport(num_wanted=3, num_proven=3, **counts))
-    assert "budget" not in full
-    assert "1 mirror" in full
+def test_what_is_said_of_proofs_counts_them_and_says_when_the_budget_ended():
+    optimal, regions = Status.PROVEN_OPTIMAL.name, np.eye(3)[None]
+    proven = [
+        replace(pair(1.0), status=optimal, chirality_proven=True, complete_within=1.2, regions=regions),
+        replace(pair(1.0), status=optimal, complete_within=1.2, regions=np.repeat(regions, 2, axis=0)),
+        pair(2.0),
+    ]
+    said = statement([pair(1.0), pair(1.5), pair(2.0)], proven, 5)
+    assert said.startswith("2 of 3 pairs proven optimal (5 were worth proving, the budget ended), 1 mirror decisions")
+    assert "1 better poses found; of 2 all poses within 20 % of the best energy are known, 1 have no" in said
+    assert "budget" not in statement(proven, proven, 3)
