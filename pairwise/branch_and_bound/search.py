@@ -158,9 +158,15 @@ class RotationSearch:
         )
 
     def _parts(self, chosen: OpenCells, threshold: float) -> Cells:
-        """Split cells so often that a bound may exceed the threshold: three splits leave a fourth of the loss."""
+        """Split cells so often that a bound may exceed the threshold: three splits leave a fourth of the loss.
+
+        Cells that are only collected are not split further than that takes.
+        """
         left = np.maximum(chosen.bounds + chosen.losses - threshold, 1e-9 * chosen.losses)
-        times, cells = np.clip(1.5 * np.log2(chosen.losses / left), 1, _MOST_SPLITS).astype(np.int64), chosen.cells
+        useful = 1.5 * np.log2(chosen.losses / left)
+        small_enough = np.ceil(3.0 * np.log2(chosen.radii / max(self._resolution_rad, 1e-9)))
+        times = np.clip(np.minimum(useful, small_enough), 1, _MOST_SPLITS).astype(np.int64)
+        cells = chosen.cells
         for done in range(_MOST_SPLITS):
             ready, again = np.flatnonzero(times <= done), np.flatnonzero(times > done)
             cells = cells.take(ready).join(cells.take(again).split())
