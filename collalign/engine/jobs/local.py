@@ -13,13 +13,14 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import chain
 from multiprocessing import resource_tracker
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from joblib import Parallel, delayed
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import ShutdownExecutorError
 
-from collalign.engine.jobs.scratch import remove_scratch, scratch_directory
 from collalign.engine.jobs.worker import Call, Guard, Outcome, Task, end_with_parent, run_guarded
 from data_tools.errors import CollalignError
 
@@ -41,14 +42,10 @@ def run_local(
     A dead worker ends joblib's whole call. The tasks that had started but not ended are suspects; the rest goes on in
     fresh workers, and the suspects run at the end, one at a time, where a second death is theirs beyond doubt.
     """
-    directory = scratch_directory()
-    try:
-        with _silent_pool():
-            run = _LocalRun(call, Guard(directory=directory), num_jobs, batch_size)
-            yield from run.rounds(tasks)
-            yield from run.suspects_alone()
-    finally:
-        remove_scratch(directory)
+    with TemporaryDirectory(prefix="collalign-", ignore_cleanup_errors=True) as directory, _silent_pool():
+        run = _LocalRun(call, Guard(directory=Path(directory)), num_jobs, batch_size)
+        yield from run.rounds(tasks)
+        yield from run.suspects_alone()
 
 
 class _Round:

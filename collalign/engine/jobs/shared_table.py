@@ -12,9 +12,9 @@ from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from io import FileIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
-from collalign.engine.jobs.scratch import remove_scratch, scratch_directory
 from collalign.engine.store.records import Record, decode, encode
 from collalign.engine.store.typed import Reader, from_record
 from data_tools.errors import StoreError
@@ -40,27 +40,27 @@ class SharedTable(Mapping[str, Record]):
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._owned: Path | None = None
+        self._owned: TemporaryDirectory[str] | None = None
         self._file: FileIO | None = None
         self._index: dict[str, list[int]] = {}
         self._kept_bytes = 0.0
         self._cache: OrderedDict[tuple[str, Reader[Any]], tuple[Any, float]] = OrderedDict()
 
     @classmethod
-    def create(cls, records: Iterable[tuple[str, Record]], *, directory: Path | None = None) -> SharedTable:
+    def create(cls, records: Iterable[tuple[str, Record]]) -> SharedTable:
         """Write records, one at a time, into a new temporary file.
 
         Parameters
         ----------
         records : iterable of (key, record)
             Keys are unique strings; see :mod:`collalign.engine.store.records` for what a record holds.
-        directory : Path, optional
-            Where it goes, in a directory of its own; the system's place for temporary files by default.
         """
-        path = scratch_directory(directory) / "records.table"
+        owned = TemporaryDirectory(prefix="collalign-", ignore_cleanup_errors=True)
+        table = cls(Path(owned.name) / "records.table")
+        table._owned = owned
         index: dict[str, list[int]] = {}
         try:
-            with path.open("wb") as file:
+            with table.path.open("wb") as file:
                 for key, record in records:
                     data = encode(record)
                     index[key] = [file.tell(), len(data)]
@@ -69,10 +69,8 @@ class SharedTable(Mapping[str, Record]):
                 start = file.tell()
                 file.write(footer + _FOOTER.pack(start, len(footer)))
         except BaseException:
-            remove_scratch(path.parent)
+            table.close()
             raise
-        table = cls(path)
-        table._owned = path.parent
         return table
 
     def __getitem__(self, key: str) -> Record:
@@ -119,7 +117,7 @@ class SharedTable(Mapping[str, Record]):
             self._file.close()
             self._file = None
         if self._owned is not None:
-            remove_scratch(self._owned)
+            self._owned.cleanup()
 
     def __enter__(self) -> SharedTable:
         return self

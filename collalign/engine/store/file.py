@@ -1,11 +1,10 @@
-"""Opening the SQLite file of a store so that a damaged or hostile one is refused and a network disk is survived."""
+"""Opening the SQLite file of a store so that a damaged or hostile one is refused."""
 
 from __future__ import annotations
 
 import os
 import sqlite3
 import sys
-import warnings
 from contextlib import closing
 from pathlib import Path
 
@@ -22,9 +21,6 @@ _JOURNALS = {
     "-journal": (bytes.fromhex("d9d505f920a163d7"), bytes(8)),
     "-shm": ((3_007_000).to_bytes(4, "little"), (3_007_000).to_bytes(4, "big"), bytes(4)),
 }
-_NETWORK_FILE_SYSTEMS = frozenset(
-    ("9p", "afs", "beegfs", "ceph", "cifs", "fuse.glusterfs", "fuse.sshfs", "gpfs", "lustre", "nfs", "nfs4", "smb3")
-)
 
 
 def open_connection(path: Path, *, read_only: bool) -> sqlite3.Connection:
@@ -47,7 +43,8 @@ def open_connection(path: Path, *, read_only: bool) -> sqlite3.Connection:
         _harden(connection)
         if not read_only:
             _check_layout(connection, path)  # before anything is written to a file that may be somebody else's
-            _set_journal(connection, path)
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = NORMAL")
         _check_layout(connection, path)
     except (sqlite3.Error, UnicodeError) as error:  # SQLite quotes damaged text in its messages
         connection.close()
@@ -67,27 +64,6 @@ def open_memory() -> sqlite3.Connection:
     connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
     connection.execute(f"PRAGMA user_version = {FORMAT_VERSION}")
     return connection
-
-
-def file_system_of(path: Path, mounts: str) -> str:
-    r"""Return the type of the file system that a path lies on, or "" where it is not known.
-
-    Parameters
-    ----------
-    path : Path
-        Absolute.
-    mounts : str
-        Lines as in ``/proc/mounts``: device, mount point, type, ... with blanks written as ``\040``.
-    """
-    best, kind = -1, ""
-    for line in mounts.splitlines():
-        words = line.split()
-        if len(words) < 3:
-            continue
-        mount_point = Path(words[1].replace("\\040", " "))
-        if path.is_relative_to(mount_point) and len(mount_point.parts) >= best:
-            best, kind = len(mount_point.parts), words[2]
-    return kind
 
 
 def reason_of(error: Exception) -> str:
@@ -148,28 +124,6 @@ def _harden(connection: sqlite3.Connection) -> None:
     connection.execute("PRAGMA trusted_schema = OFF")
     connection.execute("PRAGMA cell_size_check = ON")
     connection.execute("PRAGMA mmap_size = 0")
-
-
-def _set_journal(connection: sqlite3.Connection, path: Path) -> None:
-    if _on_network(path):
-        warnings.warn(
-            f"{path}: lies on a network file system, where SQLite's write-ahead log does not work; the slower "
-            "rollback journal is used. Put the store on a local disk if you can.",
-            stacklevel=4,
-        )
-        connection.execute("PRAGMA journal_mode = DELETE")
-        connection.execute("PRAGMA synchronous = FULL")
-        return
-    connection.execute("PRAGMA journal_mode = WAL")
-    connection.execute("PRAGMA synchronous = NORMAL")
-
-
-def _on_network(path: Path) -> bool:
-    try:
-        mounts = Path("/proc/mounts").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return False
-    return file_system_of(path.resolve(), mounts) in _NETWORK_FILE_SYSTEMS
 
 
 def _check_layout(connection: sqlite3.Connection, path: Path) -> None:

@@ -56,11 +56,6 @@ class Store:
         ------
         StoreError
             If another run has it open for writing, it is no store, or it is of another format version.
-
-        Warns
-        -----
-        UserWarning
-            If it lies on a network file system, where the faster journal does not work.
         """
         path = Path(path).absolute()
         lock = None if read_only else StoreLock.acquire(path)

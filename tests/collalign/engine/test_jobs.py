@@ -181,9 +181,12 @@ def test_what_is_made_of_records_is_kept_while_they_fit(monkeypatch: pytest.Monk
         assert table["1"]["positions"].shape == (1000,)  # kept apart from what is made of it
 
 
-def test_a_table_that_cannot_be_written_leaves_no_file(tmp_path: Path) -> None:
+def test_a_table_that_cannot_be_written_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with SharedTable.create([("a", {"f": 1})]) as table:
+        assert table.path.is_relative_to(tmp_path)
     with pytest.raises(TypeError):
-        SharedTable.create([("a", {"f": print})], directory=tmp_path)
+        SharedTable.create([("a", {"f": print})])
     assert list(tmp_path.iterdir()) == []
 
 

@@ -3,7 +3,6 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import warnings
 from contextlib import closing, suppress
 from pathlib import Path
 
@@ -11,8 +10,6 @@ import numpy as np
 import pytest
 
 from collalign.cli import main
-from collalign.engine.store import file as store_file
-from collalign.engine.store.file import file_system_of
 from collalign.engine.store.layout import FORMAT_VERSION, Counts
 from collalign.engine.store.store import Store
 from data_tools.errors import StoreError
@@ -195,27 +192,6 @@ def test_impossible_keys_and_kinds_are_refused(key: object) -> None:
             store.put("pairs", key, RECORD)  # type: ignore[arg-type]
         with pytest.raises(ValueError, match="kind"):
             store.get("pairs; DROP TABLE pairs", "k")
-
-
-def test_the_file_system_of_a_path_is_that_of_the_deepest_mount() -> None:
-    mounts = "/dev/a / ext4 rw 0 0\nserver:/x /home nfs4 rw 0 0\n/dev/b /home/local\\040disk xfs rw 0 0\n"
-    assert file_system_of(Path("/tmp/a"), mounts) == "ext4"
-    assert file_system_of(Path("/home/me/a"), mounts) == "nfs4"
-    assert file_system_of(Path("/homes/a"), mounts) == "ext4"
-    assert file_system_of(Path("/home/local disk/a"), mounts) == "xfs"
-    assert file_system_of(Path("/a"), "") == ""
-
-
-def test_a_network_disk_is_said_and_gets_the_safe_journal(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        Store.open(path).close()
-    monkeypatch.setattr(store_file, "file_system_of", lambda path, mounts: "nfs4")
-    with pytest.warns(UserWarning, match="network file system"):
-        store = Store.open(path)
-    with store:
-        store.put("pairs", "k", RECORD)
-        assert not path.with_name(path.name + "-wal").exists()
 
 
 def test_names_that_are_not_unicode_are_stored_readably() -> None:
