@@ -206,7 +206,7 @@ class Bench:
             self.store, None, RunOptions(jobs=1 if apart else self.num_workers), None if self.quiet else ProgressBar
         )
         self.num_reused += session.num_reused("measurements", {one.key for one in wanted.values()})
-        found = session.compute(job, wanted, time_limit_s=None, retry="all")
+        found = session.compute(job, wanted, time_limit_s=None, again=True)
         if found.failures:
             lines = "".join(f"\n  {label}: {reason}" for label, reason in found.failures.items())
             raise CollectionError(f"cells that failed:{lines}")

@@ -117,17 +117,6 @@ def group_flip(
     return Planted(edges=edges, rotations=rotations, energies=None, truth=problem.truth), block
 
 
-def symmetric_pairs(rng: np.random.Generator, edges: IntArray, num_shapes: int) -> Planted:
-    """Shapes that are symmetric under one flip: two candidates per pair, their energies equal up to small noise."""
-    truth = random_rotations(rng, num_shapes)
-    left, right = np.swapaxes(truth[edges[:, 0]], 1, 2), truth[edges[:, 1]]
-    noise = small_rotations(rng, (len(edges), 2), 5.0)
-    flips = D2_FLIPS[rng.permuted(np.tile([0, 2], (len(edges), 1)), axis=1)]
-    rotations = left[:, None] @ flips @ right[:, None] @ noise
-    energies = 1.0 + 0.01 * rng.standard_normal((len(edges), 2))
-    return Planted(edges=edges, rotations=rotations, energies=energies, truth=truth)
-
-
 def mixed_collection(rng: np.random.Generator, sizes: tuple[int, ...], *, wrong: float) -> tuple[Planted, np.ndarray]:
     """All pairs of shapes of several kinds: within a kind as :func:`flipped_pairs`, between kinds anything."""
     labels = rng.permutation(np.repeat(np.arange(len(sizes)), sizes))

@@ -49,7 +49,6 @@ _COMMANDS = {
         "Align many folders; one that fails does not stop the others.",
     ),
     "status": ("collalign.cli.status:status", "Say how much of a run is done, failed and left."),
-    "repair": ("collalign.cli.status:repair", "Discard the damaged records of a store."),
     "verify": ("collalign.cli.results:verify", "Check the certificates of a result made with --certify."),
     **{name: (f"collalign.tools.{function}", line) for name, (function, line) in TOOLS.items()},
 }

@@ -28,7 +28,7 @@ def batch(
     file
         TOML file: [options] for all, and one [[jobs]] with folder, out and perhaps options for each folder.
     dry_run
-        Only estimate time, disk space and memory of all stages, from a trial with the first shapes of each folder.
+        Only estimate the time of all stages, from a trial with the first shapes of each folder.
     """
     failed, jobs = False, []
     for job in read_batch(file):

@@ -1,4 +1,4 @@
-"""``collalign status`` and ``repair``: how far a run is, and what to do about a store with damaged records."""
+"""``collalign status``: how far a run is."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from collalign.cli.interruption import INCOMPLETE, UNFINISHED
 from collalign.cli.talk import say, tell
 from collalign.engine.store.layout import FINISHED, NUM_FILES, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
-from data_tools.errors import StoreError
 
 
 def status(result: Path) -> int:
@@ -47,25 +46,3 @@ def status(result: Path) -> int:
         say("Not finished: if it does not run any more, run the same command to go on.")
         return UNFINISHED
     return INCOMPLETE if counts["shapes"].failed or counts["pairs"].failed else 0
-
-
-def repair(result: Path) -> int:
-    """Discard the damaged records of a run; the next one makes them again.
-
-    Parameters
-    ----------
-    result
-        The output folder of the run, or its store file where ``--store`` named another.
-    """
-    store = result / STORE_FILE if result.is_dir() else result
-    if not store.is_file():
-        raise StoreError(f"{store}: there is no such store")
-    with Store.open(store) as opened:
-        discarded = opened.discard_damaged()
-    for kind, labels in discarded.items():
-        for label in labels:
-            say(f"discarded from {kind}: {label}")
-    tell(discarded=discarded)
-    num = sum(len(labels) for labels in discarded.values())
-    say(f"{num} damaged records discarded; run the same command again to make them" if num else "No damage found.")
-    return 0

@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import takewhile
-from typing import Any, Generic, Literal, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from collalign.engine.jobs.job import Job, K, Results, Runner, T, Wanted, table_of_stored
 from collalign.engine.jobs.progress import STAGES, ProgressBar, is_watched
-from collalign.engine.jobs.run import JobResult, SharedTable, end_runs, run_jobs
+from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import KINDS, STAGE
 from collalign.engine.store.store import Store
@@ -23,12 +23,6 @@ from data_tools.errors import InputError, SolveFailed
 ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[[JobResult], None]]]
 
 OptionsT = TypeVar("OptionsT")
-
-#: Messages that each worker gets of a stage whose tasks are short and many, and tasks in one of them at most.
-_BATCHES_PER_WORKER, _MAX_BATCH = 16, 64
-#: Messages to all workers of a cluster, some of whom may come later, and tasks in one of them at least: each message
-#: costs the scheduler 4 ms.
-_BATCHES_OF_CLUSTER, _LEAST_CLUSTER_BATCH = 512, 8
 
 
 def progress_display(progress: ProgressFactory | bool) -> ProgressFactory | None:
@@ -91,7 +85,6 @@ class Session(Generic[OptionsT]):
         """
         with Store.open(run.store) if run.store else Store.memory() as store:
             yield cls.around(store, options, run, progress)
-            end_runs(run.scheduler)
 
     def with_options(self, options: OptionsT) -> Session[OptionsT]:
         """Return the same session with other options."""
@@ -125,7 +118,7 @@ class Session(Generic[OptionsT]):
         *,
         time_limit_s: float | None,
         shared: SharedTable | None = None,
-        retry: Literal["crashed", "all"] = "crashed",
+        again: bool = False,
         strict: bool = False,
         until: float = math.inf,
     ) -> Results[K, T]:
@@ -140,8 +133,9 @@ class Session(Generic[OptionsT]):
             Per task; None for neither this limit nor that of the memory, and so inside this process with one worker.
         shared : SharedTable, optional
             Where arguments are not of the store.
-        retry : {"crashed", "all"}
-            Which failures of earlier runs are tried again; all with ``strict``.
+        again : bool
+            Whether all failures of earlier runs are tried again, and not only those of the machine; so they are with
+            ``strict``.
         strict : bool
             Raise at the first failure; what is finished stays in the store.
         until : float
@@ -155,7 +149,7 @@ class Session(Generic[OptionsT]):
         """
         by_key = {one.key: one for one in wanted.values()}
         self.store.plan(job.kind, {key: one.label for key, one in by_key.items()})
-        missing = self.store.missing(job.kind, by_key, retry="all" if strict else retry)
+        missing = self.store.missing(job.kind, by_key, again=again or strict)
         own = table_of_stored(self.store, (by_key[key].arguments for key in missing)) if shared is None else None
         with nullcontext() if own is None else own, self._display(job.kind, len(by_key), len(missing)) as report:
             outcomes = run_jobs(
@@ -214,7 +208,6 @@ class Session(Generic[OptionsT]):
                 num_jobs=self.run.num_workers,
                 scheduler=self.run.scheduler,
                 shared=own if shared is None else shared,
-                batch_size=self._batch_size(len(tasks)),
                 progress=report,
             )
             for outcome in outcomes:
@@ -223,12 +216,6 @@ class Session(Generic[OptionsT]):
                     raise SolveFailed(f"{kind}, {outcome.key}: {outcome.failure}")
                 results[names[outcome.key]] = outcome.value
         return {name: results[name] for name in tasks}
-
-    def _batch_size(self, num_tasks: int) -> int:
-        """Return how many short tasks go to a worker in one message."""
-        if self.run.scheduler is not None:
-            return min(max(num_tasks // _BATCHES_OF_CLUSTER, _LEAST_CLUSTER_BATCH), _MAX_BATCH)
-        return min(max(num_tasks // (_BATCHES_PER_WORKER * self.run.num_workers), 1), _MAX_BATCH)
 
     def _display(
         self, kind: str, total: int, missing: int

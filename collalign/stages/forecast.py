@@ -1,4 +1,4 @@
-"""What a run will cost: time, disk and memory, by what shapes and pairs took so far, and fixed rates for the rest."""
+"""How long a run will take, by what shapes and pairs took so far, and fixed rates for the rest."""
 
 from __future__ import annotations
 
@@ -33,14 +33,9 @@ NUM_TRIAL_SHAPES = 5
 SYNCHRONIZATION, PILOT, LOCAL, CONFIDENCE, MISSING, TILE = 0.1, 2.5, 4.0, 1.0, 1.65, 0.5
 #: Outputs of a shape, in times of preparing one; so many shapes have tiles.
 OUTPUT, MOST_TILES = 0.13, 100
-#: Bytes of a row beside its record (key, label, digest, index entry), and pages per filled page (1.1 to 1.4).
-_ROW_OVERHEAD_BYTES, _PAGE_FACTOR = 220, 1.2
 #: Share of its ideal speed that each further worker reaches (1.8 to 1.98 of 2 measured).
 _EFFICIENCY = 0.95
-#: Memory of a process that has loaded the libraries, and of each byte of a record while it is in use (measured at 100
-#: and 300 shapes by tests/benchmarks/bench_scale.py).
-_BASE_BYTES, _MEMORY_FACTOR = 2.4e8, 1.5
-_MINUTE_S, _MIB = 60.0, 2.0**20
+_MINUTE_S = 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,17 +48,11 @@ class RunEstimate:
         Still to be computed.
     stages_s : mapping of str to float
         Wall-clock seconds of each stage with the given workers; NaN where nothing similar has been timed yet.
-    disk_bytes : float
-        What the store will grow by, to some 20 %; NaN where nothing similar has been stored yet.
-    memory_bytes : float
-        Peak of the parent process.
     """
 
     num_shapes: int
     num_pairs: int
     stages_s: Mapping[str, float]
-    disk_bytes: float
-    memory_bytes: float
 
     @property
     def seconds(self) -> float:
@@ -72,15 +61,8 @@ class RunEstimate:
 
     def __str__(self) -> str:
         stages = ", ".join(f"{stage} {seconds / _MINUTE_S:.1f}" for stage, seconds in self.stages_s.items())
-        seconds = "unknown" if math.isnan(self.seconds) else f"{self.seconds / _MINUTE_S:.1f} min ({stages})"
-        disk, memory = (
-            "unknown" if math.isnan(size) else f"{size / _MIB:.1f} MiB"
-            for size in (self.disk_bytes, self.memory_bytes)
-        )
-        return (
-            f"{self.num_shapes} shapes and {self.num_pairs} pairs to compute: time {seconds}, disk {disk}, "
-            f"memory {memory}"
-        )
+        known = "unknown" if math.isnan(self.seconds) else f"{self.seconds / _MINUTE_S:.1f} min ({stages})"
+        return f"{self.num_shapes} shapes and {self.num_pairs} pairs to compute: time {known}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,11 +145,6 @@ def forecast(
         shared["incomplete shapes"] = refines * MISSING * num * match_s
     shared["outputs"] = OUTPUT * prepare_s * num
     speed = 1.0 + _EFFICIENCY * (num_jobs - 1)
-    sizes = [
-        _times(number, costs[kind].mean_bytes)
-        for kind, number in (("shapes", work.missing_shapes), ("pairs", work.missing_pairs))
-    ]
-    rows = work.missing_shapes + work.missing_pairs
     return RunEstimate(
         num_shapes=work.missing_shapes,
         num_pairs=work.missing_pairs,
@@ -175,8 +152,6 @@ def forecast(
             stage: shared.get(stage, 0.0) / speed + alone.get(stage, 0.0)
             for stage in dict.fromkeys([*shared, *alone])
         },
-        disk_bytes=(sum(sizes) + rows * _ROW_OVERHEAD_BYTES) * _PAGE_FACTOR,
-        memory_bytes=_BASE_BYTES + _MEMORY_FACTOR * sum(sizes),
     )
 
 

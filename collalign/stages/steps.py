@@ -162,7 +162,7 @@ def pose(run: Run, matched: Matched) -> Posed:
     with run.stage("synchronization"):
         with session.alone("synchronization"):
             parts, linked = split_shapes(options, samples, matched.pairs)
-            known = matched.solution if not parts else None
+            known = matched.solution if parts is None else None
             first = synchronize_shapes(options, samples, linked, constraints, known=known)
         pairs, solution = join_parts(options, parts, matched.pairs, linked, first, constraints)
         rotations = refine_poses(session, samples, pairs, solution, constraints)

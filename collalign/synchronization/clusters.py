@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.cluster.vq import kmeans2
 from scipy.linalg import eigh
 
 from collalign.synchronization.problem.frames import transposed
 from collalign.synchronization.problem.graph import PairGraph
-from collalign.synchronization.result import SynchronizationResult
-from collalign.synchronization.solve import synchronize_graph
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import OptionsError
 from data_tools.threads import one_blas_thread
 
@@ -38,27 +34,9 @@ MAX_PARTS = 12
 MAX_TRIANGLES = 64
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ClusteredSynchronization:
-    """A heterogeneous collection in parts, each aligned on its own.
-
-    Attributes
-    ----------
-    labels : ndarray of int, shape (N,)
-        Part of each shape, numbered by first member.
-    parts : tuple of ndarray of int
-    rotations : ndarray, shape (N, d, d)
-        ``R_common_i`` of all shapes, parts turned to each other as most of the pairs between them ask for.
-    """
-
-    labels: IntArray
-    parts: tuple[IntArray, ...]
-    rotations: FloatArray
-
-
 @one_blas_thread()
-def synchronize_clusters(graph: PairGraph, *, num_clusters: int | None = None) -> ClusteredSynchronization:
-    """Split the shapes into parts whose pairs are consistent, synchronize each, and align the parts to each other.
+def find_parts(graph: PairGraph, *, num_parts: int | None = None) -> IntArray:
+    """Split the shapes into parts whose pairs are consistent, shape (N,), parts numbered by first member.
 
     The affinity of a pair is the share of the triangles over it that close, times how low its energy is. Spectral
     clustering (von Luxburg 2007) finds the parts, their number by the eigenvalues of the normalised affinity.
@@ -66,24 +44,17 @@ def synchronize_clusters(graph: PairGraph, *, num_clusters: int | None = None) -
     Parameters
     ----------
     graph : PairGraph
-    num_clusters : int, optional
-        Number of parts; found by the eigenvalues by default.
+    num_parts : int, optional
+        Found by the eigenvalues by default.
 
     Raises
     ------
     OptionsError
         If a number of parts is impossible.
     """
-    if num_clusters is not None and not 1 <= num_clusters <= graph.num_shapes:
-        raise OptionsError(f"num_clusters: expected 1 to {graph.num_shapes}, got {num_clusters}")
-    labels = spectral_clusters(pair_affinity(graph), num_clusters)
-    parts = tuple(np.flatnonzero(labels == part) for part in range(labels.max() + 1))
-    results = tuple(synchronize_graph(graph.subgraph(part)[0]) for part in parts)
-    return ClusteredSynchronization(
-        labels=read_only(labels),
-        parts=parts,
-        rotations=read_only(_aligned_parts(graph, parts, results)),
-    )
+    if num_parts is not None and not 1 <= num_parts <= graph.num_shapes:
+        raise OptionsError(f"num_parts: expected 1 to {graph.num_shapes}, got {num_parts}")
+    return spectral_clusters(pair_affinity(graph), num_parts)
 
 
 def pair_affinity(graph: PairGraph) -> FloatArray:
@@ -161,31 +132,37 @@ def _spread_rows(rows: FloatArray, count: int) -> FloatArray:
     return rows[chosen].copy()
 
 
-def _aligned_parts(
-    graph: PairGraph, parts: tuple[IntArray, ...], results: tuple[SynchronizationResult, ...]
-) -> FloatArray:
-    """Return all poses with the parts turned to each other.
+def part_turns(graph: PairGraph, labels: IntArray, rotations: FloatArray, stay: set[int]) -> FloatArray:
+    """Return the turn of each shape that brings its part where the pairs to the parts before it ask for.
 
-    The turn of a part is the mode of what the pairs to the parts already turned ask for.
+    Parameters
+    ----------
+    graph : PairGraph
+    labels : ndarray of int, shape (N,)
+    rotations : ndarray, shape (N, d, d)
+        ``R_common_i``, of each part in a frame of its own.
+    stay : set of int
+        Parts that are not turned.
+
+    Returns
+    -------
+    ndarray, shape (N, d, d)
+        The mode of what the pairs ask for, the same for all shapes of a part.
     """
-    poses = np.zeros((graph.num_shapes, graph.dim, graph.dim))
-    turned = np.zeros(graph.num_shapes, dtype=bool)
+    turns = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
+    turned = np.isin(labels, list(stay))
+    i, j = np.concatenate([graph.edges, graph.edges[:, ::-1]]).T
     chosen = graph.chosen(graph.best_choice)
-    for members, result in zip(parts, results, strict=True):
-        poses[members] = result.rotations
-        inside = np.zeros(graph.num_shapes, dtype=bool)
-        inside[members] = True
-        out = np.flatnonzero(turned[graph.edges[:, 0]] & inside[graph.edges[:, 1]])
-        back = np.flatnonzero(inside[graph.edges[:, 0]] & turned[graph.edges[:, 1]])
-        i = np.concatenate([graph.edges[out, 0], graph.edges[back, 1]])
-        j = np.concatenate([graph.edges[out, 1], graph.edges[back, 0]])
-        measured = np.concatenate([chosen[out], transposed(chosen[back])])
-        if len(i):
-            turns = poses[i] @ measured @ transposed(poses[j])
-            flat = turns.reshape(len(turns), -1)
+    measured = np.concatenate([chosen, transposed(chosen)])
+    for part in range(labels.max() + 1):
+        inside = labels == part
+        across = turned[i] & inside[j]
+        if across.any() and part not in stay:
+            placed = turns[i[across]] @ rotations[i[across]]
+            asked = placed @ measured[across] @ transposed(rotations[j[across]])
+            flat = asked.reshape(len(asked), -1)
             close = ((flat[:, None] - flat[:: max(1, len(flat) // MAX_MODES)]) ** 2).sum(axis=2) <= CLOSED
             mode = int(np.argmax(close.sum(axis=0)))
-            turn = graph.pattern.project(turns[close[:, mode]].sum(axis=0))
-            poses[members] = turn @ poses[members]
+            turns[inside] = graph.pattern.project(asked[close[:, mode]].sum(axis=0))
         turned |= inside
-    return poses
+    return turns

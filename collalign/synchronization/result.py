@@ -64,8 +64,6 @@ class SynchronizationResult:
         For each shape its best other poses, most probable first.
     warnings : tuple of str
         Which poses cannot be compared, one sentence each.
-    doubts : tuple of str
-        What the pairs leave open about the poses, one sentence each.
     """
 
     rotations: FloatArray
@@ -77,6 +75,5 @@ class SynchronizationResult:
     weak_cuts: tuple[WeakCut, ...]
     alternatives: tuple[tuple[Alternative, ...], ...]
     warnings: tuple[str, ...]
-    doubts: tuple[str, ...]
 
     __repr__ = one_line

@@ -154,7 +154,6 @@ def _baseline(
         weak_cuts=(),
         alternatives=((),) * graph.num_shapes,
         warnings=connectivity_warnings(len(components)),
-        doubts=(),
     )
 
 

@@ -117,7 +117,7 @@ def test_one_bad_folder_does_not_stop_the_others(folder):
     ("incomplete", "num_shapes", "looked_for"), [("auto", 40, True), ("auto", 2, False), ("none", 40, False)]
 )
 def test_incomplete_shapes_cost_where_they_are_looked_for(incomplete, num_shapes, looked_for):
-    costs = Costs(num_records=3, mean_seconds=1.0, mean_bytes=1.0)
+    costs = Costs(num_records=3, mean_seconds=1.0)
     kinds = dict.fromkeys(("shapes", "pairs", "surfaces", "evidence"), costs)
     work = Workload(num_shapes=num_shapes, num_pairs=10, missing_pairs=10)
     estimate = forecast(kinds, work, AlignOptions(incomplete=incomplete), 1)

@@ -39,10 +39,9 @@ COMMANDS: dict[str, list[str]] = {
     "add from": ["add", "out", "{}", "--jobs", "1"],
     "stability": ["stability", "{}", "--num-points", "12", "--num-seeds", "0", "--num-subsets", "0", "--jobs", "1"],
     "certify": ["certify", "{}", "--jobs", "1"],
-    "repair": ["repair", "{}"],
 }
 #: The commands whose place is a result: it is moved or copied there first.
-ON_RESULTS = ("add", "stability", "certify", "repair")
+ON_RESULTS = ("add", "stability", "certify")
 #: Where the output is told to be, in a project; ``linked`` and ``mounted`` lead to ``meshes``.
 PLACES = (
     "meshes", "meshes/new", "meshes/a/b", ".", "..", "meshes/..", "meshes/../meshes", "linked", "linked/new",

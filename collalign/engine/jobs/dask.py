@@ -3,7 +3,7 @@
 Dask replaces dead workers and repeats their tasks by itself; after several deaths it gives a task up together with
 innocent ones that ran beside it, so these suspects run one at a time at the end. A table of shared records goes to
 each worker once, as a worker plugin, which later and restarted workers get as well (scattered data would be lost with
-its holder), and stays there for later runs of the session that share the same records.
+its holder), and goes when the run ends.
 """
 
 from __future__ import annotations
@@ -36,16 +36,13 @@ _MIN_AHEAD = 4
 _MAX_RESUBMISSIONS = 10
 #: Without a result for so long, the scheduler is asked whether it is still there.
 _PATIENCE_S = 2.0
-
-#: Tables that workers keep on their disks: stages take turns with those of all shapes, by keys and by positions.
-_MOST_PUBLISHED = 3
-#: Names of the tables that this process has sent to the workers of each scheduler, those of the last ones last.
-_PUBLISHED: dict[str, list[str]] = {}
+#: Tasks per message: each costs the scheduler 4 ms.
+_BATCH = 8
 
 Batch: TypeAlias = tuple[Task, ...]
 
 
-def run_dask(call: Call, tasks: Iterator[Task], *, scheduler: str, batch_size: int) -> Generator[Outcome]:
+def run_dask(call: Call, tasks: Iterator[Task], *, scheduler: str) -> Generator[Outcome]:
     """Run tasks on a Dask cluster; see :func:`collalign.engine.jobs.run.run_jobs`.
 
     Raises
@@ -58,18 +55,10 @@ def run_dask(call: Call, tasks: Iterator[Task], *, scheduler: str, batch_size: i
         If the workers have other versions installed or cannot run the tasks.
     """
     with Cluster.connect(scheduler) as cluster:
-        run = _DaskRun(cluster, call, _PUBLISHED.setdefault(scheduler, []))
-        yield from run.batches(iter(lambda: tuple(islice(tasks, batch_size)), ()))
+        run = _DaskRun(cluster, call)
+        yield from run.batches(iter(lambda: tuple(islice(tasks, _BATCH)), ()))
         yield from run.suspects_alone()
-
-
-def withdraw_tables(scheduler: str) -> None:
-    """Take the tables that this process has published from the workers of a cluster, if it is still there."""
-    names = _PUBLISHED.pop(scheduler, [])
-    if names:
-        with suppress(CollalignError), Cluster.connect(scheduler) as cluster:
-            for name in names:
-                _withdraw(cluster, name)
+        run.withdraw()
 
 
 class TableMissing(RuntimeError):
@@ -126,16 +115,14 @@ def run_batch(call: Call, table_name: str | None, batch: Batch) -> list[Outcome]
 class _DaskRun:
     """The state of one run on a cluster."""
 
-    def __init__(self, cluster: Cluster, call: Call, published: list[str]) -> None:
+    def __init__(self, cluster: Cluster, call: Call) -> None:
         self._cluster = cluster
-        self._published = published
         self._plugin = None if call.table is None else _plugin_for(call.table)
         self._call = Call(function=call.function, limits=call.limits, table=None)
         self._ended: SimpleQueue[Future] = SimpleQueue()
         self._suspects: list[Task] = []
         self._resubmissions: dict[int, int] = {}  # by the first task's token
-        if self._plugin is not None and self._plugin.name not in published:
-            self._publish()
+        self._publish()
 
     def batches(self, batches: Iterator[Batch]) -> Generator[Outcome]:
         """Run all batches, a few ahead of the workers, and yield outcomes as they come."""
@@ -219,14 +206,9 @@ class _DaskRun:
         return None
 
     def _publish(self) -> None:
-        """Send the table to all workers, also where they should have it; those that were not used for long go."""
+        """Send the table to all workers, also where they should have it."""
         if self._plugin is None:
             return
-        if self._plugin.name not in self._published:
-            self._published.append(self._plugin.name)
-            for name in self._published[:-_MOST_PUBLISHED]:
-                _withdraw(self._cluster, name)
-                self._published.remove(name)
         try:
             num_bytes = len(self._plugin.data) * self._cluster.num_cores()
             self._cluster.ask(self._cluster.client.register_plugin, self._plugin, num_bytes=num_bytes)
@@ -238,13 +220,14 @@ class _DaskRun:
             self._cluster.check()
             raise CollalignError(f"the cluster cannot run this program: {type(error).__name__}: {error}") from error
 
+    def withdraw(self) -> None:
+        """Take the table from the workers, if they are still there."""
+        if self._plugin is not None:
+            with suppress(OSError, CollalignError):  # a worker that dies meanwhile needs no cleaning
+                self._cluster.ask(self._cluster.client.unregister_worker_plugin, self._plugin.name)
+
     def _ahead(self) -> int:
         return max(_MIN_AHEAD, _AHEAD_PER_CORE * self._cluster.num_cores())
-
-
-def _withdraw(cluster: Cluster, name: str) -> None:
-    with suppress(OSError):  # a worker that dies meanwhile needs no cleaning
-        cluster.ask(cluster.client.unregister_worker_plugin, name)
 
 
 def _plugin_for(table: SharedTable) -> TablePlugin:

@@ -34,16 +34,14 @@ _MAX_STALLS_KILLED = 50
 _KILLED = "SIGKILL"
 
 
-def run_local(
-    call: Call, tasks: Iterator[Task], *, num_jobs: int, batch_size: int | str = "auto"
-) -> Generator[Outcome]:
+def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int) -> Generator[Outcome]:
     """Run tasks on worker processes of this machine; see :func:`collalign.engine.jobs.run.run_jobs`.
 
     A dead worker ends joblib's whole call. The tasks that had started but not ended are suspects; the rest goes on in
     fresh workers, and the suspects run at the end, one at a time, where a second death is theirs beyond doubt.
     """
     with TemporaryDirectory(prefix="collalign-", ignore_cleanup_errors=True) as directory, _silent_pool():
-        run = _LocalRun(call, Guard(directory=Path(directory)), num_jobs, batch_size)
+        run = _LocalRun(call, Guard(directory=Path(directory)), num_jobs)
         yield from run.rounds(tasks)
         yield from run.suspects_alone()
 
@@ -91,11 +89,10 @@ class _Round:
 class _LocalRun:
     """The state of one run: which tasks are suspects, and how often each lost its worker."""
 
-    def __init__(self, call: Call, guard: Guard, num_jobs: int, batch_size: int | str) -> None:
+    def __init__(self, call: Call, guard: Guard, num_jobs: int) -> None:
         self._call = call
         self._guard = guard
         self._num_jobs = num_jobs
-        self._batch_size = batch_size
         self._suspects: dict[int, Task] = {}
 
     def rounds(self, tasks: Iterator[Task]) -> Generator[Outcome]:
@@ -104,7 +101,7 @@ class _LocalRun:
         while True:
             feed = _Round(tasks)
             try:
-                with _closing(self._parallel(feed, self._num_jobs, self._batch_size)) as outcomes:
+                with _closing(self._parallel(feed, self._num_jobs)) as outcomes:
                     for outcome in outcomes:
                         feed.received(outcome.token)
                         stalls = 0
@@ -131,7 +128,7 @@ class _LocalRun:
         while True:
             self._guard.ledger.unlink(missing_ok=True)
             try:
-                (outcome,) = self._parallel(iter([task]), 1, 1)
+                (outcome,) = self._parallel(iter([task]), 1)
                 return outcome
             except BrokenProcessPool as error:
                 pid = self._started_and_not_ended().get(task.token)
@@ -143,14 +140,13 @@ class _LocalRun:
                 if _too_often(deaths, stalls, cause):
                     return _crash(task, f"{cause}, {deaths} times in a row")
 
-    def _parallel(self, tasks: Iterable[Task], num_jobs: int, batch_size: int | str) -> Generator[Outcome]:
+    def _parallel(self, tasks: Iterable[Task], num_jobs: int) -> Generator[Outcome]:
         """Start one joblib call. One job still means a worker process: joblib's own one-job mode isolates nothing."""
         limited: dict[str, Any] = {"pre_dispatch": 1} if num_jobs == 1 else {}
         pool = Parallel(
             n_jobs=max(2, num_jobs),
             backend="loky",
             return_as="generator_unordered",
-            batch_size=batch_size,
             max_nbytes=None,
             initializer=end_with_parent,
             initargs=(os.getpid(),),

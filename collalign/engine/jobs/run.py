@@ -7,7 +7,6 @@ place in the order. So one process, two workers and a cluster of the same machin
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any, TypeAlias
 
@@ -16,7 +15,7 @@ from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.jobs.worker import Call, Limits, Outcome, Task, run_in_process
 from data_tools.errors import OptionsError
 
-__all__ = ["JobResult", "SharedTable", "end_runs", "run_jobs"]
+__all__ = ["JobResult", "SharedTable", "run_jobs"]
 
 #: What became of one task: ``key``, ``value`` (None after a failure), ``failure`` (None or a sentence), ``seconds``
 #: and ``crashed`` (whether its worker died or hung rather than the function raising an error).
@@ -32,7 +31,6 @@ def run_jobs(
     memory_limit_bytes: int | None = None,
     scheduler: str | None = None,
     shared: SharedTable | None = None,
-    batch_size: int | None = None,
     progress: Callable[[JobResult], None] | None = None,
 ) -> Generator[JobResult]:
     """Run ``function`` on every task and yield each result as soon as it is there, in no particular order.
@@ -57,9 +55,6 @@ def run_jobs(
         Address of a Dask scheduler, ``tcp://host:port``; its workers need the same versions installed.
     shared : SharedTable, optional
         Records that tasks look up by key; sent once per machine, or per Dask worker, and read on demand.
-    batch_size : int, optional
-        Tasks per message, whose results come back together. By default 1 for tasks of .2 s and more, and on one
-        machine so many shorter ones as make some tenths of a second (joblib's "auto"); 8 with Dask.
     progress : callable, optional
         Called with each result, for instance a :class:`collalign.engine.jobs.progress.ProgressBar`.
 
@@ -76,31 +71,21 @@ def run_jobs(
     CollalignError
         If workers cannot be started at all.
     """
-    _check(num_jobs, time_limit_s, memory_limit_bytes, batch_size)
+    _check(num_jobs, time_limit_s, memory_limit_bytes)
     limits = Limits(time_limit_s=time_limit_s, memory_limit_bytes=memory_limit_bytes)
     call = Call(function=function, limits=limits, table=shared)
     numbered = (Task(token=token, key=key, payload=payload) for token, (key, payload) in enumerate(tasks))
-    return _stream(_outcomes(call, numbered, num_jobs, scheduler, batch_size), progress)
+    return _stream(_outcomes(call, numbered, num_jobs, scheduler), progress)
 
 
-def end_runs(scheduler: str | None) -> None:
-    """Leave nothing behind on a cluster; call it after the last run of a session."""
-    if scheduler is not None and "collalign.engine.jobs.dask" in sys.modules:
-        from collalign.engine.jobs.dask import withdraw_tables
-
-        withdraw_tables(scheduler)
-
-
-def _outcomes(
-    call: Call, tasks: Iterator[Task], num_jobs: int, scheduler: str | None, batch_size: int | None
-) -> Generator[JobResult]:
+def _outcomes(call: Call, tasks: Iterator[Task], num_jobs: int, scheduler: str | None) -> Generator[JobResult]:
     if scheduler is not None:
         from collalign.engine.jobs.dask import run_dask  # an optional dependency
 
-        return run_dask(call, tasks, scheduler=scheduler, batch_size=batch_size or 8)
+        return run_dask(call, tasks, scheduler=scheduler)
     if num_jobs == 1 and call.limits == Limits():
         return (run_in_process(call, task) for task in tasks)
-    return run_local(call, tasks, num_jobs=num_jobs, batch_size=batch_size or "auto")
+    return run_local(call, tasks, num_jobs=num_jobs)
 
 
 def _stream(outcomes: Generator[JobResult], progress: Callable[[JobResult], None] | None) -> Generator[JobResult]:
@@ -113,12 +98,10 @@ def _stream(outcomes: Generator[JobResult], progress: Callable[[JobResult], None
         outcomes.close()
 
 
-def _check(num_jobs: int, time_limit_s: float | None, memory_limit_bytes: int | None, batch_size: int | None) -> None:
+def _check(num_jobs: int, time_limit_s: float | None, memory_limit_bytes: int | None) -> None:
     if num_jobs < 1:
         raise OptionsError(f"num_jobs: expected at least 1, got {num_jobs}")
     if time_limit_s is not None and not 0 < time_limit_s < float("inf"):
         raise OptionsError(f"time_limit_s: expected a positive number of seconds or None, got {time_limit_s}")
     if memory_limit_bytes is not None and memory_limit_bytes < 2**20:
         raise OptionsError(f"memory_limit_bytes: expected at least 1 MiB or None, got {memory_limit_bytes}")
-    if batch_size is not None and batch_size < 1:
-        raise OptionsError(f"batch_size: expected at least 1 or None, got {batch_size}")

@@ -62,11 +62,10 @@ class Counts:
 
 @dataclass(frozen=True, kw_only=True)
 class Costs:
-    """What the finished records of one kind took: how many, mean seconds (NaN where unknown), mean bytes."""
+    """What the finished records of one kind took: how many, mean seconds (NaN where unknown)."""
 
     num_records: int
     mean_seconds: float
-    mean_bytes: float
 
 
 def table_of(kind: str) -> str:

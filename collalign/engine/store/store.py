@@ -100,7 +100,7 @@ class Store:
         for label, digest, data in rows:
             name = f"{self._name}: {kind} {key} ({str(label)[:80]!r})"
             if not isinstance(data, bytes) or digest != _digest(kind, key, data):
-                raise StoreError(f"{name}: damaged; `collalign repair {self._name}` discards it, then run again")
+                raise StoreError(f"{name}: damaged; remove the store, and the next run makes all of it anew")
             return decode(data, name)
         return None
 
@@ -139,30 +139,6 @@ class Store:
         with self._transaction() as connection:
             connection.execute(f"INSERT OR REPLACE INTO {table} VALUES (?, ?, ?, ?, ?)", row)
             connection.execute("DELETE FROM failures WHERE kind = ? AND key = ?", (kind, key))
-
-    def discard(self, kind: str, key: str) -> None:
-        """Forget a record, damaged ones included."""
-        with self._transaction() as connection:
-            connection.execute(f"DELETE FROM {table_of(kind)} WHERE key = ?", (key,))
-
-    def discard_damaged(self) -> dict[str, list[str]]:
-        """Forget every record that is damaged, so that the next run makes it again.
-
-        Returns
-        -------
-        dict
-            Labels of the discarded records, by kind.
-        """
-        found: dict[str, list[str]] = {}
-        for kind in KINDS:
-            for key in sorted(self.keys(kind)):
-                try:
-                    self.get(kind, key)
-                except StoreError:
-                    ((label,),) = self._query(f"SELECT label FROM {table_of(kind)} WHERE key = ?", (key,))
-                    self.discard(kind, key)
-                    found.setdefault(kind, []).append(str(label))
-        return found
 
     def keys(self, kind: str) -> frozenset[str]:
         """Return the keys of all records of a kind."""
@@ -206,24 +182,20 @@ class Store:
         """Return the texts of :meth:`set_note` by name."""
         return {str(name): str(value) for name, value in self._query("SELECT name, value FROM meta ORDER BY name")}
 
-    def missing(self, kind: str, keys: Iterable[str], *, retry: str = "crashed") -> list[str]:
+    def missing(self, kind: str, keys: Iterable[str], *, again: bool = False) -> list[str]:
         """Return the keys that are still to be computed, in the given order.
 
         Parameters
         ----------
         kind : {"shapes", "pairs"}
         keys : iterable of str
-        retry : {"crashed", "all", "none"}
-            Which recorded failures to try again: those that another run may survive (a worker died or hung, the
-            machine failed it), all, or none. An error that the content causes comes back each time, so it is not
-            tried again by default.
+        again : bool
+            Whether all failures are tried again, and not only those that another run may survive (a worker died or
+            hung, the machine failed it): an error that the content causes comes back each time.
         """
-        if retry not in ("crashed", "all", "none"):
-            raise ValueError(f"retry: expected 'crashed', 'all' or 'none', got {retry!r}")
-        done = self.keys(kind)
-        failures = {} if retry == "all" else self.failures(kind)
-        settled = {key for key, failure in failures.items() if retry == "none" or not failure.crashed}
-        return [key for key in keys if key not in done and key not in settled]
+        failures = {} if again else self.failures(kind)
+        settled = self.keys(kind).union(key for key, failure in failures.items() if not failure.crashed)
+        return [key for key in keys if key not in settled]
 
     def status(self) -> dict[str, Counts]:
         """Return, for each kind, how much of the plan is done, failed and left."""
@@ -232,14 +204,9 @@ class Store:
     def costs(self, kind: str) -> Costs:
         """Return what the finished records of a kind took on average, for estimates of further runs."""
         table = table_of(kind)
-        sql = f"SELECT count(*), avg(seconds), avg(length(record)) FROM {table}"
-        ((number, seconds, size),) = self._query(sql)
-        nan = float("nan")
-        return Costs(
-            num_records=int(number),
-            mean_seconds=nan if seconds is None else float(seconds),
-            mean_bytes=nan if size is None else float(size),
-        )
+        sql = f"SELECT count(*), avg(seconds) FROM {table}"
+        ((number, seconds),) = self._query(sql)
+        return Costs(num_records=int(number), mean_seconds=float("nan") if seconds is None else float(seconds))
 
     @property
     def _name(self) -> str:

@@ -12,24 +12,23 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.frame import turned
 from collalign.stages.poses.synchronize import pair_graph
-from collalign.synchronization import ClusteredSynchronization, SynchronizationResult, synchronize_clusters
-from data_tools.arrays import FloatArray, IntArray, read_only
+from collalign.synchronization import SynchronizationResult, find_parts, part_turns
+from data_tools.arrays import IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError
 from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
-from pairwise.problem.pattern import RotationPattern
 
 
 def split_shapes(
     options: AlignOptions, samples: Sequence[Samples], pairs: Sequence[Pair]
-) -> tuple[ClusteredSynchronization | None, list[Pair]]:
+) -> tuple[IntArray | None, list[Pair]]:
     """Split the shapes into parts whose pairs agree; ``options.clusters`` is their number, 0 to find it.
 
     Returns
     -------
-    split : ClusteredSynchronization or None
-        None where all shapes are aligned together.
+    labels : ndarray of int, shape (N,), or None
+        Part of each shape; None where all shapes are aligned together.
     linked : list of Pair
         The pairs within a part.
 
@@ -40,17 +39,16 @@ def split_shapes(
     """
     if options.clusters == 1:
         return None, list(pairs)
-    graph = pair_graph(pairs, len(samples), options.group)
-    split = synchronize_clusters(graph, num_clusters=options.clusters or None)
-    linked = [pairs[e] for e in _within(split, pairs)]
+    labels = find_parts(pair_graph(pairs, len(samples), options.group), num_parts=options.clusters or None)
+    linked = [pairs[e] for e in _within(labels, pairs)]
     if not linked:
-        raise CollectionError(f"clusters: {len(split.parts)} parts leave every shape alone; ask for fewer")
-    return split, linked
+        raise CollectionError(f"clusters: {labels.max() + 1} parts leave every shape alone; ask for fewer")
+    return labels, linked
 
 
 def join_parts(
     options: AlignOptions,
-    split: ClusteredSynchronization | None,
+    labels: IntArray | None,
     pairs: Sequence[Pair],
     linked: Sequence[Pair],
     solution: SynchronizationResult,
@@ -64,7 +62,7 @@ def join_parts(
     ----------
     options : AlignOptions
         With a decided group.
-    split : ClusteredSynchronization or None
+    labels : ndarray of int, shape (N,), or None
         From :func:`split_shapes`.
     pairs : sequence of Pair
         All pairs.
@@ -81,39 +79,27 @@ def join_parts(
     solution : SynchronizationResult
         Of all shapes and pairs; its ``parts`` are those of the split, or smaller.
     """
-    if split is None:
+    if labels is None:
         return list(linked), solution
-    within, merged = _within(split, pairs), list(pairs)
+    within, merged = _within(labels, pairs), list(pairs)
     for e, pair in zip(within, linked, strict=True):
         merged[e] = pair
-    fixed = {constraints.reference, *constraints.fixed}
-    solution = turned(solution, _turns(split, solution.rotations, options.group, fixed))
-    return merged, _with_all_pairs(solution, merged, np.array(within), split)
+    stay = set(labels[[constraints.reference, *constraints.fixed]].tolist())
+    graph = pair_graph(pairs, len(labels), options.group)
+    solution = turned(solution, part_turns(graph, labels, solution.rotations, stay))
+    return merged, _with_all_pairs(solution, merged, np.array(within), labels)
 
 
-def _within(split: ClusteredSynchronization, pairs: Sequence[Pair]) -> list[int]:
+def _within(labels: IntArray, pairs: Sequence[Pair]) -> list[int]:
     """Return the pairs within a part."""
-    return [e for e, pair in enumerate(pairs) if split.labels[pair.target] == split.labels[pair.source]]
-
-
-def _turns(split: ClusteredSynchronization, rotations: FloatArray, group: str, fixed: set[int]) -> FloatArray:
-    """Return the turn of each shape that puts its part where the split has it, as seen from the parts that stay."""
-    pattern = RotationPattern.from_user(None, 3, group)
-    stays = np.isin(split.labels, split.labels[sorted(fixed)])
-    common = pattern.project((rotations[stays] @ split.rotations[stays].transpose(0, 2, 1)).sum(axis=0))
-    turns = np.tile(np.eye(3), (len(rotations), 1, 1))
-    for members in split.parts:
-        if not stays[members[0]]:
-            asked = common @ split.rotations[members] @ rotations[members].transpose(0, 2, 1)
-            turns[members] = pattern.project(asked.sum(axis=0))
-    return turns
+    return [e for e, pair in enumerate(pairs) if labels[pair.target] == labels[pair.source]]
 
 
 def _with_all_pairs(
     solution: SynchronizationResult,
     pairs: Sequence[Pair],
     within: IntArray,
-    split: ClusteredSynchronization,
+    labels: IntArray,
 ) -> SynchronizationResult:
     """Return the solution with the pairs between parts beside those within, and with words about the split."""
     frames = solution.rotations
@@ -125,16 +111,17 @@ def _with_all_pairs(
         choice[e], misfit_deg[e] = np.argmin(angles), np.min(angles)
     inlier = misfit_deg <= APART_DEG
     choice[within], inlier[within] = solution.edge_choice, solution.edge_inlier
-    sizes = ", ".join(str(len(part)) for part in split.parts)
+    counts = np.bincount(labels)
+    sizes = ", ".join(map(str, counts))
     words = (
-        f"Split into {len(split.parts)} parts of {sizes} shapes: poses are comparable within each part; how the "
+        f"Split into {len(counts)} parts of {sizes} shapes: poses are comparable within each part; how the "
         "parts are turned to each other is a vote of the pairs between them."
     )
     # The first sentence counts the parts as unconnected, unless one of them fell apart further.
-    own = solution.warnings[1:] if len(split.parts) == len(solution.components) > 1 else solution.warnings
+    own = solution.warnings[1:] if len(counts) == len(solution.components) > 1 else solution.warnings
     return replace(
         solution,
         edge_choice=read_only(choice),
         edge_inlier=read_only(inlier),
-        warnings=(words, *own) if len(split.parts) > 1 else own,
+        warnings=(words, *own) if len(counts) > 1 else own,
     )

@@ -8,7 +8,6 @@ import numpy as np
 
 from collalign.products.pair import Alternative
 from collalign.synchronization.result import WeakCut
-from collalign.synchronization.solvers.blocks import symmetric_turns
 from collalign.synchronization.solvers.search import State
 from collalign.synchronization.solvers.turns import SAME_TURN
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -49,18 +48,12 @@ class Doubts:
         Weak blocks, doubted ones first.
     parts : list of ndarray of int
         Parts that the doubted blocks leave.
-    symmetries : list of ndarray (d, d)
-        Turns of the common frame that the pairs do not see.
-    signal : float
-        Strength of the pairs' evidence: below one no method can do better than chance (Kesten and Stigum 1966).
     """
 
     confidence: FloatArray
     alternatives: list[tuple[Alternative, ...]]
     cuts: list[WeakCut]
     parts: list[IntArray]
-    symmetries: list[FloatArray]
-    signal: float
 
 
 def assess(states: list[State], cuts: list[WeakCut], frames: FloatArray, free: BoolArray) -> Doubts:
@@ -78,9 +71,8 @@ def assess(states: list[State], cuts: list[WeakCut], frames: FloatArray, free: B
         Shapes that are not fixed by hand; the others are certain.
     """
     best = states[0]
-    graph, common = best.model.graph, best.alternatives.common
-    signal = evidence_signal(best)
-    confidence = beliefs_of_answers(states) * (0.5 + 0.5 * min(1.0, signal / ENOUGH_SIGNAL))
+    graph = best.model.graph
+    confidence = beliefs_of_answers(states) * (0.5 + 0.5 * min(1.0, evidence_signal(best) / ENOUGH_SIGNAL))
     for cut in cuts:
         votes = max(cut.pairs_for + cut.pairs_against, 1)
         cap = 1.0 / (1.0 + np.exp(-cut.log_odds)) if not cut.structured else cut.pairs_for / votes
@@ -93,32 +85,15 @@ def assess(states: list[State], cuts: list[WeakCut], frames: FloatArray, free: B
         alternatives=pose_alternatives(best, frames),
         cuts=cuts,
         parts=_parts(graph.num_shapes, [cut.members for cut in cuts if cut.doubted and len(cut.members) >= large]),
-        symmetries=symmetric_turns(graph, best.turn_differences, common),
-        signal=signal,
     )
-
-
-def doubt_sentences(doubts: Doubts) -> list[str]:
-    """Return the doubts that a user must know of, one sentence each."""
-    found = []
-    if doubts.signal < ENOUGH_SIGNAL:
-        found.append(
-            "The pairs agree too seldom, or are too few, to be sure of any pose: match more of them (--pairs all) "
-            "or look at the shapes of least confidence."
-        )
-    if len(doubts.parts) > 1:
-        sizes = ", ".join(str(len(group)) for group in doubts.parts)
-        found.append(f"Blocks of shapes may be turned against each other: parts of {sizes} shapes are consistent.")
-    if doubts.symmetries:
-        found.append("The whole collection looks nearly the same turned: its poses are known up to that symmetry.")
-    return found
 
 
 def evidence_signal(state: State) -> float:
     """Return the mean degree less one times the squared correlation between what a pair says and what is right.
 
     With m alternatives of probabilities ``pi`` a pair's correlation is ``(m sum pi^2 - 1) / (m - 1)``: the second
-    eigenvalue, squared, of the channel that it is. The alternatives are its candidates, or the common turns.
+    eigenvalue, squared, of the channel that it is. The alternatives are its candidates, or the common turns. Below
+    one no method can do better than chance (Kesten and Stigum 1966).
     """
     model = state.model
     graph = model.graph

@@ -21,9 +21,6 @@ DOUBTED_SHARE, SPIN_GLASS = 0.25, 0.76
 #: Or when the pairs across the cut prefer the reported pose by less than this, nats.
 DOUBTED_LOG_ODDS = 6.0
 
-#: A pair offers a turn when it costs less than this, nats. Half of the pairs must offer a turn of the collection.
-OFFERED_COST, OFFERED_SHARE = 4.0, 0.5
-
 #: Orders of the shapes, by slow vectors of the signed Laplacian, along which blocks are looked for.
 NUM_SLOW = 4
 
@@ -79,23 +76,6 @@ def weak_cuts(graph: PairGraph, differences: FloatArray, common: FloatArray, fix
             if side is not None and side.sum() > 1:
                 cuts.append(_judged(graph, costs, turn, side))
     return sorted(cuts, key=lambda cut: (not cut.doubted, -len(cut.members) if cut.doubted else cut.log_odds))
-
-
-def symmetric_turns(graph: PairGraph, differences: FloatArray, common: FloatArray) -> list[FloatArray]:
-    """Return the common turns under which the whole collection looks the same to its pairs.
-
-    Most pairs offer such a turn, and those that prefer the pose as it is outnumber the others by no more than the
-    best choice of poses reaches where all preferences are random: ``1.08 sqrt(N)`` standard deviations, again by the
-    ground state of the Sherrington-Kirkpatrick model.
-    """
-    found = []
-    for costs, turn in zip(differences, common, strict=True):
-        offered = int((costs < OFFERED_COST).sum())
-        balance = int((costs > CLEAR_VOTE).sum()) - int((costs < -CLEAR_VOTE).sum())
-        chance = np.sqrt(2.0) * SPIN_GLASS * np.sqrt(graph.num_shapes * offered)
-        if offered >= OFFERED_SHARE * graph.num_edges and balance <= chance:
-            found.append(turn)
-    return found
 
 
 def _slow_orders(edges: IntArray, costs: FloatArray, num_shapes: int) -> IntArray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from collalign.products.pair import Alternative
-from collalign.synchronization.doubt.confidence import Doubts, assess, doubt_sentences
+from collalign.synchronization.doubt.confidence import Doubts, assess
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.frames import transposed
 from collalign.synchronization.problem.graph import PairGraph
@@ -158,7 +158,6 @@ class _Draft:
     alternatives: list[tuple[Alternative, ...]]
     parts: list[IntArray] = field(default_factory=list)
     cuts: list[WeakCut] = field(default_factory=list)
-    doubts: list[str] = field(default_factory=list)
 
     @classmethod
     def empty(cls, graph: PairGraph) -> _Draft:
@@ -194,7 +193,6 @@ def _note_doubts(draft: _Draft, doubts: Doubts, members: IntArray) -> None:
         draft.alternatives[shape] = alternatives
     draft.parts.extend(members[part] for part in doubts.parts)
     draft.cuts.extend(replace(cut, members=members[cut.members], rotation=cut.rotation.T) for cut in doubts.cuts)
-    draft.doubts.extend(s for s in doubt_sentences(doubts) if s not in draft.doubts)
 
 
 def _result(
@@ -221,7 +219,6 @@ def _result(
         weak_cuts=tuple(cuts),
         alternatives=_posed_alternatives(draft, poses, gauge, index),
         warnings=connectivity_warnings(len(components)),
-        doubts=tuple(draft.doubts),
     )
 
 

@@ -108,7 +108,7 @@ def test_a_scheduler_that_hangs_or_dies_ends_the_run_in_good_time(
     monkeypatch.setattr("collalign.engine.jobs.cluster._ANSWER_TIMEOUT_S", 4.0)
     with own_cluster(tmp_path) as cluster:
         for number in (signal.SIGSTOP, signal.SIGKILL):
-            results = run_jobs(spectrum, [(str(i), i) for i in range(300)], scheduler=cluster.address, batch_size=1)
+            results = run_jobs(spectrum, [(str(i), i) for i in range(300)], scheduler=cluster.address)
             assert next(results).failure is None
             cluster.scheduler.send_signal(number)
             hit_s = time.monotonic()

@@ -36,7 +36,7 @@ def test_serial_workers_and_any_order_give_the_same_bytes() -> None:
     serial = {key: result.value.tobytes() for key, result in collect(spectrum, SPECTRA).items()}
     runs = [
         collect(spectrum, SPECTRA, num_jobs=2),
-        collect(spectrum, SPECTRA[::-1], num_jobs=2, batch_size=4),
+        collect(spectrum, SPECTRA[::-1], num_jobs=2),
         collect(spectrum, SPECTRA, num_jobs=1, time_limit_s=60.0),
     ]
     for run in runs:
@@ -207,7 +207,6 @@ def test_progress_is_told_of_every_result() -> None:
         {"time_limit_s": float("nan")},
         {"time_limit_s": float("inf")},
         {"memory_limit_bytes": 5},
-        {"batch_size": 0},
     ],
 )
 def test_impossible_options_are_refused(options: dict[str, Any]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.engine.jobs.run import JobResult, SharedTable, end_runs, run_jobs
+from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import CollalignError
 from data_tools.options import SamplingOptions
@@ -58,7 +58,7 @@ def test_restarted_workers_have_the_shared_records(cluster: Any) -> None:
     found = {}
     with SharedTable.create((str(i), {"positions": np.full((4, 3), float(i))}) for i in range(10)) as table:
         tasks = [(f"{i} {j}", str(i)) for i in range(10) for j in range(20)]
-        for result in run_jobs(look_up, tasks, scheduler=cluster.scheduler_address, shared=table, batch_size=4):
+        for result in run_jobs(look_up, tasks, scheduler=cluster.scheduler_address, shared=table):
             assert result.failure is None
             found[result.key] = result.value
             if len(found) == 20:
@@ -82,7 +82,7 @@ def test_results_that_are_lost_on_their_way_are_asked_for_again(
 
     monkeypatch.setattr(distributed.Future, "result", lose_three)
     tasks = [(str(i), ("return", i)) for i in range(20)]
-    results = list(run_jobs(misbehave, tasks, scheduler=cluster.scheduler_address, batch_size=4))
+    results = list(run_jobs(misbehave, tasks, scheduler=cluster.scheduler_address))
     assert sorted(result.value for result in results) == list(range(20))
     assert next(lost, None) is None
 
@@ -97,25 +97,13 @@ def tables_of_workers(cluster: Any) -> list[set[str]]:
         return list(client.run(names).values())
 
 
-def test_equal_tables_are_sent_once_and_taken_away_at_the_end(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    sent = []
-    publish = dask_jobs._DaskRun._publish
-    monkeypatch.setattr(dask_jobs._DaskRun, "_publish", lambda run: (sent.append(run._plugin.name), publish(run)))
-
-    def run(number: float) -> list[float]:
-        records = ((str(i), {"positions": np.full(3, number)}) for i in range(4))
-        with SharedTable.create(records) as table:
-            tasks = [(str(i), str(i)) for i in range(4)]
-            return [r.value for r in run_jobs(look_up, tasks, scheduler=cluster.scheduler_address, shared=table)]
-
-    end_runs(cluster.scheduler_address)
-    assert [run(number)[0] for number in (1.0, 2.0, 1.0, 2.0, 1.0)] == [3.0, 6.0, 3.0, 6.0, 3.0]
-    assert len(sent) == len(set(sent)) == 2
-    assert all(names == set(sent) for names in tables_of_workers(cluster))
-    assert [run(number)[0] for number in (3.0, 4.0, 1.0)] == [9.0, 12.0, 3.0]
-    assert len(sent) == 5  # the first of four tables had to go
-    assert all(names == set(sent[-3:]) for names in tables_of_workers(cluster))
-    end_runs(cluster.scheduler_address)
+def test_a_table_is_taken_from_the_workers_when_its_run_ends(cluster: Any) -> None:
+    with SharedTable.create((str(i), {"positions": np.full(3, 1.0)}) for i in range(4)) as table:
+        tasks = [(str(i), str(i)) for i in range(4)]
+        results = run_jobs(look_up, tasks, scheduler=cluster.scheduler_address, shared=table)
+        assert next(results).value == 3.0
+        assert all(len(names) == 1 for names in tables_of_workers(cluster))
+        assert [result.value for result in results] == [3.0] * 3
     assert not any(tables_of_workers(cluster))
 
 
@@ -130,7 +118,6 @@ def test_tasks_that_kill_workers_cost_only_themselves(cluster: Any) -> None:
             scheduler=cluster.scheduler_address,
             time_limit_s=300.0,
             memory_limit_bytes=2**31,
-            batch_size=3,
         )
     }
     assert results.keys() == dict(tasks).keys()

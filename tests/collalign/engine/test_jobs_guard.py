@@ -21,7 +21,7 @@ class DeadlyRun(_LocalRun):
     """A run whose workers all die of the same cause, after they have started the task or before."""
 
     def __init__(self, directory: Path, cause: str, *, has_started: bool) -> None:
-        super().__init__(call_of(abs), Guard(directory=directory), 1, 1)
+        super().__init__(call_of(abs), Guard(directory=directory), 1)
         self.cause, self.has_started, self.num_calls = cause, has_started, 0
 
     def _parallel(self, *_: object) -> None:
@@ -54,7 +54,7 @@ def test_the_ledger_says_that_a_task_started_and_ended_however_it_did(tmp_path: 
     outcome = run_guarded(call_of(function, time_limit_s=60.0), TASK, guard)
     assert (outcome.failure is None) == (function is abs)
     assert [line.split()[:2] for line in guard.ledger.read_text().splitlines()] == [["S", "7"], ["E", "7"]]
-    assert _LocalRun(call_of(abs), guard, 1, 1)._started_and_not_ended() == {}
+    assert _LocalRun(call_of(abs), guard, 1)._started_and_not_ended() == {}
 
 
 def test_the_watchdog_is_called_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -72,7 +72,7 @@ def test_a_thread_of_the_pool_that_comes_too_late_prints_nothing(
         return submit(backend, *arguments, **options)
 
     monkeypatch.setattr(LokyBackend, "submit", submit_late)
-    results = run_jobs(misbehave, ((str(i), ("return", i)) for i in count()), num_jobs=2, batch_size=1)
+    results = run_jobs(misbehave, ((str(i), ("return", i)) for i in count()), num_jobs=2)
     next(results)
     received.set()
     late.wait()

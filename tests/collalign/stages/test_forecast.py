@@ -3,7 +3,6 @@
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from collalign.engine.store.layout import Costs
@@ -11,8 +10,8 @@ from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
 from collalign.stages.forecast import RunEstimate, Workload, costs_of, forecast
 
-NOTHING = Costs(num_records=0, mean_seconds=math.nan, mean_bytes=math.nan)
-COSTS = Costs(num_records=5, mean_seconds=2.0, mean_bytes=1e5)
+NOTHING = Costs(num_records=0, mean_seconds=math.nan)
+COSTS = Costs(num_records=5, mean_seconds=2.0)
 KINDS = {"shapes": COSTS, "pairs": COSTS, "surfaces": NOTHING, "evidence": NOTHING}
 
 
@@ -20,18 +19,12 @@ def estimate(num_jobs: int = 1, costs: dict[str, Costs] = KINDS, pilot: bool = F
     return forecast(costs, Workload(num_shapes=10, num_pairs=45, pilot=pilot, **work), AlignOptions(), num_jobs)
 
 
-def test_time_and_disk_follow_what_a_store_holds(tmp_path: Path, rng: np.random.Generator) -> None:
-    def fill(store: Store, first: int, last: int) -> None:
-        for i in range(first, last):
-            store.put("pairs", f"{i:040x}", {"R": rng.standard_normal(300)}, label=f"a{i} ~ b{i}", seconds=0.5)
-
-    path = tmp_path / "store"
-    with Store.open(path) as store:
-        fill(store, 0, 20)
+def test_time_follows_what_a_store_holds(tmp_path: Path) -> None:
+    with Store.open(tmp_path / "store") as store:
+        for i in range(20):
+            store.put("pairs", f"{i:040x}", {"energy": 0.5}, label=f"a{i} ~ b{i}", seconds=0.5)
         found = estimate(costs=costs_of(store), missing_pairs=2000)
-        fill(store, 20, 2020)
     assert found.stages_s["pairs"] == pytest.approx(1000.0)
-    assert found.disk_bytes == pytest.approx(path.stat().st_size, rel=0.25)
     assert "2000 pairs" in str(found)
     assert "time unknown" in str(found)  # nothing is known of shapes, whose outputs take time
     assert "pairs 3.0" in str(estimate(missing_pairs=90))
@@ -49,8 +42,3 @@ def test_workers_divide_the_time_of_what_they_share() -> None:
 def test_the_pilot_costs_pairs() -> None:
     assert estimate(pilot=True).stages_s["pairs"] == pytest.approx(50.0)
     assert estimate().stages_s["pairs"] == 0.0
-
-
-def test_memory_grows_with_the_records() -> None:
-    small, large = (estimate(missing_shapes=num).memory_bytes for num in (100, 10_100))
-    assert 1e9 <= large - small <= 2e9

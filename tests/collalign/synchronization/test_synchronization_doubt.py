@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.synchronization import PairGraph, synchronize, synchronize_clusters
+from collalign.synchronization import PairGraph, find_parts, synchronize
 from collalign.synchronization.doubt.confidence import agreement
 from collalign.synchronization.solvers.blocks import turn_differences, weak_cuts
 from data_tools.errors import OptionsError
@@ -19,7 +19,6 @@ from tests.synchronization_problems import (
     random_rotations,
     regular_edges,
     small_rotations,
-    symmetric_pairs,
 )
 
 
@@ -35,7 +34,6 @@ def test_a_block_flipped_by_most_of_its_pairs_is_flagged() -> None:
     assert set(cut.members) == set(np.flatnonzero(block))
     assert len(found.parts) == 2
     assert found.confidence[block].max() < 0.95
-    assert any("Blocks" in line for line in found.doubts)
     turned = found.rotations.copy()
     turned[cut.members] = cut.rotation @ turned[cut.members]
     assert pose_errors_deg(turned, problem.truth).max() < 20.0
@@ -83,22 +81,6 @@ def test_confidence_is_calibrated_and_ranks_wrong_shapes() -> None:
     assert confidence[is_right].mean() > confidence[~is_right].mean() + 0.1
 
 
-def test_too_few_pairs_for_the_flips_are_called_unreliable() -> None:
-    problem = flipped_pairs(np.random.default_rng(3), complete_edges(8), 8, wrong=0.5)
-    found = _solve(problem)
-    assert any("to be sure of any pose" in line for line in found.doubts)
-    clean = flipped_pairs(np.random.default_rng(3), complete_edges(8), 8, wrong=0.0)
-    assert not _solve(clean).doubts
-
-
-def test_a_symmetric_collection_is_reported() -> None:
-    problem = symmetric_pairs(np.random.default_rng(4), regular_edges(30, 8, 0), 30)
-    found = _solve(problem)
-    assert any("nearly the same turned" in line for line in found.doubts)
-    clean = flipped_pairs(np.random.default_rng(4), regular_edges(30, 8, 0), 30, wrong=0.2, num_candidates=4)
-    assert not _solve(clean).doubts
-
-
 def test_mirrored_shapes_are_found_among_wrong_signs() -> None:
     rng = np.random.default_rng(6)
     edges = regular_edges(60, 10, 0)
@@ -120,21 +102,16 @@ def _mirrors(rng: np.random.Generator, count: int) -> np.ndarray:
 @pytest.mark.parametrize(("sizes", "seed"), [((20, 20, 20), 0), ((10, 14, 8, 12), 1)])
 def test_mixed_folders_are_split(sizes: tuple[int, ...], seed: int) -> None:
     problem, labels = mixed_collection(np.random.default_rng(seed), sizes, wrong=0.2)
-    found = synchronize_clusters(PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies))
-    assert len(found.parts) == len(sizes)
-    assert all(len(np.unique(labels[part])) == 1 for part in found.parts)
-    for part in found.parts:
-        assert (pose_errors_deg(found.rotations[part], problem.truth[part]) < 20.0).mean() > 0.95
+    found = find_parts(PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies))
+    assert len(np.unique(np.stack([found, labels]), axis=1).T) == found.max() + 1 == len(sizes)
 
 
 def test_one_kind_of_shapes_is_not_split() -> None:
     problem = flipped_pairs(np.random.default_rng(8), complete_edges(20), 20, wrong=0.2)
     graph = PairGraph.from_user(problem.edges, problem.rotations)
-    found = synchronize_clusters(graph)
-    assert len(found.parts) == 1
-    assert pose_errors_deg(found.rotations, problem.truth).max() < 20.0
-    with pytest.raises(OptionsError, match="num_clusters"):
-        synchronize_clusters(graph, num_clusters=21)
+    assert not find_parts(graph).any()
+    with pytest.raises(OptionsError, match="num_parts"):
+        find_parts(graph, num_parts=21)
 
 
 @pytest.mark.parametrize("compared", [1, 45, 2048**2])

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
-from collalign.synchronization.clusters import _aligned_parts, pair_affinity, spectral_clusters
+from collalign.synchronization.clusters import pair_affinity, part_turns, spectral_clusters
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.frames import relative, transposed
 from collalign.synchronization.problem.model import (
@@ -238,19 +238,15 @@ def test_parts_are_numbered_by_their_first_shape() -> None:
     assert spectral_clusters(affinity, 3).tolist() == expected
 
 
-def test_parts_are_turned_to_each_other() -> None:
+def test_parts_are_turned_to_each_other_and_some_stay() -> None:
     edges = complete_edges(6)
     truth = random_rotations(np.random.default_rng(6), 6)
     graph = PairGraph.from_user(edges, exact_pairs(truth, edges))
-    parts = (np.arange(3), np.arange(3, 6))
-    results = tuple(synchronize(*_within(graph, part)) for part in parts)
-    poses = _aligned_parts(graph, parts, results)
-    np.testing.assert_allclose(exact_pairs(poses, edges), graph.candidates[:, 0], atol=1e-8)
-
-
-def _within(graph: PairGraph, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    sub, _ = graph.subgraph(part)
-    return sub.edges, sub.candidates[:, 0]
+    labels, own = np.repeat([0, 1], 3), np.repeat(random_rotations(np.random.default_rng(7), 2), 3, axis=0)
+    for stay in (0, 1):
+        turns = part_turns(graph, labels, own @ truth, {stay})
+        np.testing.assert_array_equal(turns[labels == stay], np.tile(np.eye(3), (3, 1, 1)))
+        np.testing.assert_allclose(exact_pairs(turns @ own @ truth, edges), graph.candidates[:, 0], atol=1e-8)
 
 
 def test_last_weights_fall_with_the_square_of_the_relative_variance() -> None:
