@@ -368,10 +368,10 @@ def test_a_shape_is_turned_by_hand(opened, small, tmp_path):
     with opened.page.expect_download() as download:
         opened.page.get_by_role("button", name="Download decisions").click()
     download.value.save_as(tmp_path / "corrections.json")
-    (decision,) = read_corrections(tmp_path / "corrections.json").decisions
+    (rotation,) = read_corrections(tmp_path / "corrections.json").decisions.values()
     view = np.array(build_content(small)[0]["camera"]["R"])
     turn = view.T @ Rotation.from_euler("y", 22.5, degrees=True).as_matrix() @ view
-    np.testing.assert_allclose(decision.R_common_shape, turn @ small.rotations[1], atol=1e-9)
+    np.testing.assert_allclose(rotation, turn @ small.rotations[1], atol=1e-9)
 
 
 def test_charts_fit_a_narrow_window(browser, small_file):
