@@ -11,12 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.io.source import Source
 
 #: Archives that unpack to more are refused, in bytes.
 MAX_UNPACKED_BYTES = 2**30
 #: Longest header of an array, in bytes.
 _MAX_HEADER_BYTES = 2**16
+#: Names of the points in an NPZ archive of a shape, the first found is read.
+POINT_KEYS = ("vertices", "points", "positions", "xyz")
 _DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, NotImplementedError, RuntimeError)
 _HEADER_READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
@@ -50,6 +54,15 @@ def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
         raise
     except _DAMAGE as error:
         raise InputError(f"{name}: damaged archive") from error
+
+
+def read_npz(source: Source) -> tuple[FloatArray, IntArray]:
+    """Return ``vertices`` (or ``points``, ``positions``, ``xyz``) and ``faces`` if there are any; no pickles."""
+    arrays = load_arrays(source.content, str(source.path))
+    key = next((k for k in POINT_KEYS if k in arrays), None)
+    if key is None:
+        raise InputError(f"{source.path}: holds none of the arrays {', '.join(POINT_KEYS)}")
+    return arrays[key], arrays.get("faces", np.empty((0, 3), dtype=np.int64))
 
 
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str) -> NDArray[Any]:

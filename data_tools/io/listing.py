@@ -12,13 +12,20 @@ from pathlib import Path
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.io.archives import read_npz
 from data_tools.io.files import natural_key, read_text, readable_name
 from data_tools.io.mesh_formats import READERS as MESH_READERS
-from data_tools.io.points import READERS as POINT_READERS
+from data_tools.io.pcd import read_pcd
 from data_tools.io.source import DIGEST_LENGTH, Origin, Source, hash_source
+from data_tools.io.text_tables import read_text_points
 
 #: Reader of each suffix: (vertices, faces) from a file.
-READERS: dict[str, Callable[[Source], tuple[FloatArray, IntArray]]] = {**MESH_READERS, **POINT_READERS}
+READERS: dict[str, Callable[[Source], tuple[FloatArray, IntArray]]] = {
+    **MESH_READERS,
+    **dict.fromkeys((".xyz", ".txt", ".csv"), read_text_points),
+    ".npz": read_npz,
+    ".pcd": read_pcd,
+}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.io.source import Source
 
 #: Rows from which the columns of a table without a heading are tried for being numbered.
 _MIN_NUMBERED_ROWS = 3
@@ -71,6 +72,15 @@ def parse_table(text: str, *, num_rows: int) -> FloatArray | None:
     except (ValueError, DeprecationWarning):
         return None
     return values.reshape(num_rows, -1) if len(values) == counts.sum() else None
+
+
+def read_text_points(source: Source) -> tuple[FloatArray, IntArray]:
+    """Return the points of a table of numbers; further columns (colours, normals) are ignored.
+
+    Columns called x, y and z are taken where the first line is a heading, else the first three; see
+    :func:`read_points_table` for what is understood and what is refused.
+    """
+    return read_points_table(source.text("utf-8-sig"), str(source.path)), np.empty((0, 3), dtype=np.int64)
 
 
 def read_points_table(text: str, name: str) -> FloatArray:
