@@ -229,7 +229,6 @@ def _pose(run: Run) -> _Answer:
     decided, matched = steps.match(run)
     matched = steps.prove(decided, matched)
     matched = steps.weigh(decided, matched)
-    decided = steps.expecting(decided, matched)
     return decided, matched, steps.pose(decided, matched)
 
 

@@ -52,8 +52,6 @@ class Session(Generic[OptionsT]):
         Makes a progress display per stage.
     stored : mapping of kind to set of keys
         What the store held before this run.
-    end_s : float or None
-        When everything is expected to be done, by :func:`time.monotonic`; displays say it.
     """
 
     options: OptionsT
@@ -61,7 +59,6 @@ class Session(Generic[OptionsT]):
     store: Store
     progress: ProgressFactory | None
     stored: Mapping[str, frozenset[str]]
-    end_s: float | None = None
 
     @classmethod
     def around(
@@ -90,10 +87,6 @@ class Session(Generic[OptionsT]):
         """Return the same session with other options."""
         return replace(self, options=options)
 
-    def expecting(self, seconds: float) -> Session[OptionsT]:
-        """Return the same session, whose displays say that all is done after so many seconds from now."""
-        return replace(self, end_s=time.monotonic() + seconds)
-
     def enter(self, stage: str) -> None:
         """Note in the store what the run does now."""
         self.store.set_note(STAGE, stage)
@@ -104,7 +97,7 @@ class Session(Generic[OptionsT]):
         if self.progress is None:
             yield lambda: None
             return
-        with self.progress(self._words(kind), total, done=0) as report:
+        with self.progress(kind, total, done=0) as report:
             yield lambda: report(_STEP)
 
     def num_reused(self, kind: str, keys: Iterable[str]) -> int:
@@ -222,14 +215,7 @@ class Session(Generic[OptionsT]):
     ) -> AbstractContextManager[Callable[[JobResult], None] | None]:
         if self.progress is None or not missing:
             return nullcontext()
-        return self.progress(self._words(kind), total, done=total - missing)
-
-    def _words(self, kind: str) -> str:
-        """Return what a display says: what is counted, and when all is expected to be done."""
-        if self.end_s is None:
-            return kind
-        left_s = max(self.end_s - time.monotonic(), 0.0)
-        return f"{kind} (report in about {f'{left_s:.0f} s' if left_s < 100 else f'{left_s / 60:.0f} min'})"
+        return self.progress(kind, total, done=total - missing)
 
     def _keep(self, kind: str, label: str, job: JobResult) -> None:
         if job.failure is None:

@@ -13,8 +13,7 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.engine.store.layout import Costs
 from collalign.engine.store.store import Store
-from collalign.options import AUTO, AlignOptions, AlignSession
-from collalign.products.pair import Pair
+from collalign.options import AUTO, AlignOptions
 from collalign.stages.chirality.pilot import MOST_SHAPES
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.weigh import weigh_pairs
@@ -106,12 +105,6 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
 def costs_of(store: Store) -> dict[str, Costs]:
     """Return what each kind of record that the forecast reckons with cost on average."""
     return {kind: store.costs(kind) for kind in ("shapes", "pairs", "surfaces", "evidence")}
-
-
-def rest_s(session: AlignSession, num_shapes: int, pairs: list[Pair]) -> float:
-    """Return how many seconds are left to the outputs once all pairs are matched, from what the run took so far."""
-    work = Workload(num_shapes=num_shapes, num_pairs=len(pairs))
-    return forecast(costs_of(session.store), work, session.options, session.run.num_workers).seconds
 
 
 def forecast(

@@ -23,7 +23,6 @@ from collalign.stages.deformation.deform import map_vertices, vertex_notes
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.rivals import try_rivals
 from collalign.stages.evidence.weigh import weigh_pairs
-from collalign.stages.forecast import rest_s
 from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs, match_chosen
 from collalign.stages.poses.agreement import with_common_match
 from collalign.stages.poses.frame import fix_frame
@@ -124,13 +123,6 @@ def weigh(run: Run, matched: Matched) -> Matched:
         search = try_rivals(run.session, run.shapes, weigh_pairs(run.session, run.shapes, matched.pairs))
     # Mirrored energies cannot tell a mirrored body from one in another posture; maps can.
     return replace(matched, pairs=search.pairs, solution=search.solution, search_gain=search.gain, may_be_mirrored=())
-
-
-def expecting(run: Run, matched: Matched) -> Run:
-    """Return the run with how long the rest may take, where somebody watches."""
-    if run.session.progress is None:
-        return run
-    return replace(run, session=run.session.expecting(rest_s(run.session, len(run.shapes.names), matched.pairs)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
