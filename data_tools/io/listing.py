@@ -15,7 +15,6 @@ from data_tools.errors import InputError
 from data_tools.io.archives import read_npz
 from data_tools.io.files import natural_key, read_text, readable_name
 from data_tools.io.mesh_formats import READERS as MESH_READERS
-from data_tools.io.pcd import read_pcd
 from data_tools.io.source import DIGEST_LENGTH, Origin, Source, hash_source
 from data_tools.io.text_tables import read_text_points
 
@@ -24,7 +23,6 @@ READERS: dict[str, Callable[[Source], tuple[FloatArray, IntArray]]] = {
     **MESH_READERS,
     **dict.fromkeys((".xyz", ".txt", ".csv"), read_text_points),
     ".npz": read_npz,
-    ".pcd": read_pcd,
 }
 
 

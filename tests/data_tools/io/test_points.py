@@ -48,27 +48,3 @@ def test_npz_arrays_are_checked(tmp_path, arrays, reason):
     with pytest.raises(InputError, match=reason) as caught:
         read_shape(path)
     assert str(path) in str(caught.value)
-
-
-def test_pcd_asks_for_the_missing_package(tmp_path, monkeypatch):
-    (tmp_path / "a.pcd").write_text("VERSION .7\n")
-    monkeypatch.setitem(__import__("sys").modules, "open3d", None)
-    with pytest.raises(InputError, match=r"collalign\[open3d\]"):
-        read_shape(tmp_path / "a.pcd")
-
-
-def test_pcd_is_read_by_open3d(tmp_path, rng, open3d):
-    points = rng.standard_normal((50, 3))
-    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
-    for name, options in (("z", {"compressed": True}), ("b", {}), ("a", {"write_ascii": True})):
-        path = tmp_path / f"{name}.pcd"
-        assert open3d.io.write_point_cloud(str(path), cloud, **options)
-        np.testing.assert_allclose(read_shape(path).vertices, points, atol=1e-6)
-    for damaged in (
-        b"not a cloud",
-        path.read_bytes()[:60],
-        path.read_bytes().replace(b"POINTS 50", b"POINTS 999999999"),
-    ):
-        (tmp_path / "damaged.pcd").write_bytes(damaged)
-        with pytest.raises(InputError, match=r"damaged\.pcd"):
-            read_shape(tmp_path / "damaged.pcd")
