@@ -89,10 +89,5 @@ def is_symmetric(tied: BoolArray) -> bool:
 
 
 def tied_rivals(trust: Trust) -> list[BoolArray]:
-    """Return which rivals of each shape are as good as its pose, each (r,).
-
-    Parameters
-    ----------
-    trust : Trust
-    """
+    """Return which rivals of each shape are as good as its pose, each (r,)."""
     return [(excess < TIED) & (leads < TIED_LEAD) for excess, leads in zip(trust.excess, trust.leads, strict=True)]

@@ -56,12 +56,7 @@ def _principal_axes(points: FloatArray) -> FloatArray:
 
 
 class PoseMapper:
-    """Maps between two surfaces from any number of poses.
-
-    Parameters
-    ----------
-    target, source : PosedSurface
-    """
+    """Maps between two surfaces from any number of poses."""
 
     def __init__(self, target: PosedSurface, source: PosedSurface) -> None:
         self.target, self.source = target, source

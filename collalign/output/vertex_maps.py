@@ -72,12 +72,7 @@ def load_vertex_maps(folder: Path | str) -> VertexMaps:
 
 
 class PlaceColours:
-    """Colours of all shapes' vertices by their places on the reference.
-
-    Parameters
-    ----------
-    maps : VertexMaps
-    """
+    """Colours of all shapes' vertices by their places on the reference."""
 
     def __init__(self, maps: VertexMaps) -> None:
         self._maps = maps

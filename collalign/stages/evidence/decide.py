@@ -50,12 +50,7 @@ def wants_maps(options: AlignOptions, pairs: Sequence[Pair]) -> bool:
 
 
 def closing_share(pairs: Sequence[Pair]) -> float:
-    """Return the share of cycles of three pairs whose likeliest poses compose to nearly nothing; 0 without cycles.
-
-    Parameters
-    ----------
-    pairs : sequence of Pair
-    """
+    """Return the share of cycles of three pairs whose likeliest poses compose to nearly nothing; 0 without cycles."""
     best = {}
     for pair in pairs:
         rotation = pair.rotations[int(np.argmin(pair.energies)), :3, :3]

@@ -25,10 +25,6 @@ def near_symmetries(samples: Samples) -> FloatArray:
     """Return the turns that bring a shape's surface nearest to itself, the best first, shape (m, 3, 3).
 
     Every second dense point is compared with the others, so that no point finds itself.
-
-    Parameters
-    ----------
-    samples : Samples
     """
     fixed, moving = surface_points(samples, first=0), surface_points(samples, first=1)
     turns = quaternions_to_rotations(super_fibonacci(NUM_TURNS))
