@@ -21,7 +21,7 @@ from tests.data_tools.io.test_text_tables import AMBIGUOUS
 from tests.fuzz.harness import damaged
 from tests.fuzz.seeds import shape_files
 
-NUM_GOOD, NUM_DAMAGED = 3, 180
+NUM_GOOD, NUM_DAMAGED = 3, 200
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0), pairs="sparse", refine=False)
 
 #: Contents by suffix beside those that the tests of the readers name; each is bad in its own way.

@@ -1,6 +1,6 @@
 """One consistent pose per shape from many pairs that are partly wrong, with doubts."""
 
-from collalign.synchronization.clusters import find_parts, part_turns
+from collalign.synchronization.clusters import find_parts
 from collalign.synchronization.gauge import principal_axes_gauge
 from collalign.synchronization.permutations import synchronize_maps
 from collalign.synchronization.problem.graph import PairGraph
@@ -14,7 +14,6 @@ __all__ = [
     "WeakCut",
     "alternate_assignments",
     "find_parts",
-    "part_turns",
     "principal_axes_gauge",
     "synchronize",
     "synchronize_graph",

@@ -122,6 +122,12 @@ def synchronize_graph(
     method : {"robust", "spectral"}
     fixed : mapping of int to ndarray (d, d), optional
     reference : int
+
+    Examples
+    --------
+    >>> graph = collalign.PairGraph.from_user([(0, 1)], [np.eye(3)])
+    >>> collalign.synchronize_graph(graph).rotations.shape
+    (2, 3, 3)
     """
     if method in BASELINES:
         return _baseline(graph, BASELINES[method], fixed or {}, reference)

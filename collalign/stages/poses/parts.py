@@ -12,7 +12,8 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.frame import turned
 from collalign.stages.poses.synchronize import pair_graph
-from collalign.synchronization import SynchronizationResult, find_parts, part_turns
+from collalign.synchronization import SynchronizationResult, find_parts
+from collalign.synchronization.clusters import part_turns
 from data_tools.arrays import IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError

@@ -18,9 +18,11 @@ from collalign.synchronization import (
 )
 from data_tools.arrays import read_only
 from data_tools.embedding.embedding import Samples
+from data_tools.threads import one_blas_thread
 from pairwise.problem.pattern import RotationPattern
 
 
+@one_blas_thread()
 def pair_graph(
     pairs: Sequence[Pair],
     num_shapes: int,
@@ -40,6 +42,13 @@ def pair_graph(
         Blocks of the embedding that are kept, from the first on; the rotations of space alone by default.
     energies_alone : bool
         Leave out what dense points say of the candidates, as the paper does.
+
+    Examples
+    --------
+    >>> found = {"rotations": np.eye(3)[None], "maps": np.arange(6)[None], "energies": np.zeros(1)}
+    >>> pair = collalign.Pair(target=0, source=1, **found, lower_bound=0.0, status="PROVEN_OPTIMAL")
+    >>> collalign.pair_graph([pair], 2, "SO").num_edges
+    1
     """
     dim = sum(block_sizes)
     is_weighed = any(len(pair.log_odds) for pair in pairs)

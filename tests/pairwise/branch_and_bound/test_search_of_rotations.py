@@ -31,7 +31,7 @@ def test_the_balls_that_are_bounded_cover_all_rotations_and_open_cells_go_on_to(
     corners = np.array([(1.0, *signs) for signs in itertools.product([-1.0, 1.0], repeat=3)]) / 2.0
     rotations = np.concatenate([quaternions_to_rotations(corners), random_rotations(3, 300, rng)])
     for _ in range(3):
-        search._split(5, -np.inf)
+        search._split(5, -1e9)
         centres, radii = search._open.cells.balls()
         assert (rotation_angles(rotations[:, None], centres) <= radii).any(axis=1).all()
     centres, radii = balls[0]  # of all cells
