@@ -25,7 +25,7 @@ NUM_GOOD, NUM_DAMAGED = 3, 200
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0), pairs="sparse", refine=False)
 
 #: Contents by suffix beside those that the tests of the readers name; each is bad in its own way.
-CONTENTS: dict[str, list[str]] = {
+CONTENTS = {
     "glb": [
         "glTF",
         "glTF\x02\x00\x00\x00",

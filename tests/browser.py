@@ -34,8 +34,8 @@ class Page:
         self.context = browser.new_context(**context)
         self.page = self.context.new_page()
         self.page.set_default_timeout(300_000)
-        self.problems: list[str] = []
-        self.requests: list[str] = []
+        self.problems = []
+        self.requests = []
         self.page.on("console", self.note)
         self.page.on("pageerror", lambda error: self.problems.append(str(error)))
         self.page.on("request", lambda request: self.requests.append(request.url))

@@ -127,7 +127,7 @@ def isometries(target, source, tol=1e-6):
     """Every map under which distances among the points and to the origin agree, by backtracking."""
     q, p = (np.vstack([np.zeros(points.shape[1]), points]) for points in (target, source))
     of_target, of_source = (np.linalg.norm(x[:, None] - x[None], axis=2) for x in (q, p))
-    found: list[NDArray[np.int64]] = []
+    found = []
 
     def extend(images):
         point = len(images)

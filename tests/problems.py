@@ -2,12 +2,9 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pairwise.local.local_search import LocalMinima
 from pairwise.local.rotation_search import explore, look_around
 from pairwise.problem.problem import Problem
 
@@ -25,7 +22,7 @@ class KnownProblem:
     num_solutions: int
 
 
-def random_rotation(rng: np.random.Generator, dim: int, *, reflected: bool = False) -> NDArray[np.float64]:
+def random_rotation(rng, dim, *, reflected=False):
     """A matrix drawn uniformly from SO(d), or from the reflections."""
     matrix, upper = np.linalg.qr(rng.standard_normal((dim, dim)))
     matrix = matrix * np.sign(np.diag(upper))
@@ -34,20 +31,12 @@ def random_rotation(rng: np.random.Generator, dim: int, *, reflected: bool = Fal
     return matrix
 
 
-def search(problem: Problem) -> LocalMinima:
+def search(problem):
     """The local minima that :func:`pairwise.match` finds of rigid poses."""
     return look_around(problem, explore(problem))
 
 
-def planted(
-    rng: np.random.Generator,
-    points: NDArray[np.float64],
-    *,
-    num_source: int | None = None,
-    rotation: NDArray[np.float64] | None = None,
-    noise: float = 0.0,
-    **options: Any,
-) -> Problem:
+def planted(rng, points, *, num_source=None, rotation=None, noise=0.0, **options):
     """A problem whose source is a rotated, relabelled, noisy part of the target; the map is drawn at random."""
     rotation = random_rotation(rng, points.shape[1]) if rotation is None else rotation
     kept = rng.permutation(len(points))[: num_source or len(points)]
@@ -55,24 +44,24 @@ def planted(
     return Problem.from_user(points, source, **options)
 
 
-def chair(rng: np.random.Generator, num_half: int = 3) -> NDArray[np.float64]:
+def chair(rng, num_half=3):
     """Points with one mirror plane and no other symmetry, shape (2 * num_half, 3)."""
     half = rng.random((num_half, 3)) + np.array([0.2, 0.0, 0.0])
     return np.concatenate([half, half * [-1.0, 1.0, 1.0]])
 
 
-def table(rng: np.random.Generator, num_quarter: int = 2) -> NDArray[np.float64]:
+def table(rng, num_quarter=2):
     """Points with two mirror planes and the half turn that they compose to, shape (4 * num_quarter, 3)."""
     quarter = rng.random((num_quarter, 3)) + np.array([0.2, 0.5, 0.0])
     return np.concatenate([quarter * [a, b, 1.0] for a in (1.0, -1.0) for b in (1.0, -1.0)])
 
 
-def catalogue(seed: int = 7) -> list[KnownProblem]:
+def catalogue(seed=7):
     """Every kind of problem once: groups, patterns, masks, weights, constants, symmetric and degenerate shapes."""
     return [*_exact(seed), *_degenerate(seed), *_noisy(seed)]
 
 
-def _exact(seed: int) -> list[KnownProblem]:
+def _exact(seed):
     rng = np.random.default_rng(seed)
     cloud, flat, deep = rng.standard_normal((6, 3)), rng.standard_normal((5, 2)), rng.standard_normal((6, 5))
     diagonal = np.diag(rng.choice([-1.0, 1.0], 4))
@@ -94,7 +83,7 @@ def _exact(seed: int) -> list[KnownProblem]:
     ]
 
 
-def _degenerate(seed: int) -> list[KnownProblem]:
+def _degenerate(seed):
     rng = np.random.default_rng(seed + 1)
     cloud = rng.standard_normal((5, 3))
     coplanar, collinear = cloud * [1.0, 1.0, 0.0], cloud * [1.0, 0.0, 0.0]
@@ -109,13 +98,13 @@ def _degenerate(seed: int) -> list[KnownProblem]:
     ]
 
 
-def _noisy(seed: int) -> list[KnownProblem]:
+def _noisy(seed):
     rng = np.random.default_rng(seed + 2)
     cloud, deep = rng.random((5, 3)), rng.random((5, 4))
     mask = np.ones((5, 4), bool)
     mask[rng.permutation(5)[:2], [0, 2]] = False
     invariants = (rng.random((5, 2)), rng.random((5, 2)))
-    options: dict[str, dict[str, Any]] = {
+    options = {
         "noise": {},
         "noise O": {"group": "O"},
         "noise injective": {"num_source": 3},

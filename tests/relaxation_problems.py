@@ -11,7 +11,7 @@ from pairwise.reference.pm_sdp import solve_reference
 from pairwise.relaxations import solve_pm_sdp
 
 #: Patterns of R by dimension: full, diagonal, band, blocks with the rotation block first.
-PATTERNS: dict[int, list[int | list[int] | None]] = {
+PATTERNS = {
     2: [None, 0],
     3: [None, None, 0, 1, [2, 1]],
     4: [0, 1, [3, 1], [2, 2]],
@@ -29,7 +29,7 @@ class Variant:
 
 
 @st.composite
-def variants(draw: st.DrawFn, max_points: int = 7) -> Variant:
+def variants(draw, max_points=7):
     """Draw the shape of a problem from Hypothesis and its numbers from a seeded generator."""
     dim = draw(st.sampled_from([2, 3, 3, 3, 4, 5]))
     pattern = draw(st.sampled_from(PATTERNS[dim]))
@@ -72,7 +72,7 @@ class Comparison:
     gap: float
     may_exceed: bool
 
-    def faults(self, tol: float) -> list[str]:
+    def faults(self, tol):
         """Return what is wrong, in words; nothing where both solvers agree."""
         faults = []
         if self.excess < -tol or (self.excess > tol and not self.may_exceed):
@@ -82,7 +82,7 @@ class Comparison:
         return faults
 
 
-def compare_with_reference(variant: Variant) -> Comparison:
+def compare_with_reference(variant):
     """Solve a problem with both solvers and verify the certificate.
 
     The dual solver writes SO(2) blocks as (c, s) in the second moments too, so it may exceed the reference there.

@@ -21,7 +21,7 @@ def small_problem(seed, *, max_target=6):
     rotation = np.linalg.qr(rng.standard_normal((dim, dim)))[0]
     noise = 0.0 if shape == "noise-free" else rng.choice([0.02, 0.1, 0.3])
     source = (target[rng.permutation(n)[:k]] + noise * rng.standard_normal((k, dim))) @ rotation
-    optional: dict[str, object] = {"group": str(rng.choice(["SO", "O"]))}
+    optional = {"group": str(rng.choice(["SO", "O"]))}
     if rng.random() < 0.3:
         allowed = rng.random((n, k)) < 0.6
         allowed[rng.permutation(n)[:k], np.arange(k)] = True

@@ -21,7 +21,7 @@ class Planted:
     truth: FloatArray
 
 
-def random_rotations(rng: np.random.Generator, count: int, dim: int = 3, *, group: str = "SO") -> FloatArray:
+def random_rotations(rng, count, dim=3, *, group="SO"):
     """Uniform random orthogonal matrices, of determinant +1 for ``group="SO"``."""
     q, r = np.linalg.qr(rng.standard_normal((count, dim, dim)))
     q = q * np.sign(np.einsum("nii->ni", r))[:, None, :]
@@ -30,7 +30,7 @@ def random_rotations(rng: np.random.Generator, count: int, dim: int = 3, *, grou
     return q
 
 
-def small_rotations(rng: np.random.Generator, shape: tuple[int, ...], rms_deg: float, dim: int = 3) -> FloatArray:
+def small_rotations(rng, shape, rms_deg, dim=3):
     """Random rotations of the given root-mean-square angle (normal in the tangent space)."""
     rows, cols = np.triu_indices(dim, 1)
     tangent = rng.standard_normal((*shape, len(rows))) * np.deg2rad(rms_deg) / np.sqrt(len(rows))
@@ -40,11 +40,11 @@ def small_rotations(rng: np.random.Generator, shape: tuple[int, ...], rms_deg: f
     return np.linalg.solve(unit - skew / 2, unit + skew / 2)
 
 
-def complete_edges(num_shapes: int) -> IntArray:
+def complete_edges(num_shapes):
     return np.stack(np.triu_indices(num_shapes, 1), axis=1).astype(np.int64)
 
 
-def regular_edges(num_shapes: int, degree: int, seed: int) -> IntArray:
+def regular_edges(num_shapes, degree, seed):
     """Edges of a connected random regular graph."""
     for attempt in range(100):
         graph = networkx.random_regular_graph(degree, num_shapes, seed=seed + 1000 * attempt)
@@ -53,21 +53,11 @@ def regular_edges(num_shapes: int, degree: int, seed: int) -> IntArray:
     raise RuntimeError("no connected graph found")
 
 
-def exact_pairs(truth: FloatArray, edges: IntArray) -> FloatArray:
+def exact_pairs(truth, edges):
     return np.swapaxes(truth[edges[:, 0]], 1, 2) @ truth[edges[:, 1]]
 
 
-def flipped_pairs(
-    rng: np.random.Generator,
-    edges: IntArray,
-    num_shapes: int,
-    *,
-    wrong: float,
-    noise_deg: float = 10.0,
-    num_candidates: int = 1,
-    kind: str = "flips",
-    informative: bool = True,
-) -> Planted:
+def flipped_pairs(rng, edges, num_shapes, *, wrong, noise_deg=10.0, num_candidates=1, kind="flips", informative=True):
     """Pairs of which a share is wrong: off by a 180 degree flip about an axis of the common frame, or anything.
 
     With four candidates every pair has all flips, each with its own noise, and the lowest energy is wrong with
@@ -98,15 +88,13 @@ def flipped_pairs(
     return Planted(edges=edges, rotations=measured, energies=energies, truth=truth)
 
 
-def _flip_margin(wrong: float) -> float:
+def _flip_margin(wrong):
     """Margin m such that the least of three normals around m is below one around 0 with the given probability."""
     draws = np.random.default_rng(0).standard_normal((200_000, 4))
     return float(np.quantile(draws[:, 0] - draws[:, 1:].min(axis=1), 1.0 - wrong))
 
 
-def group_flip(
-    rng: np.random.Generator, edges: IntArray, num_shapes: int, *, share: float, chance: float, wrong: float = 0.0
-) -> tuple[Planted, np.ndarray]:
+def group_flip(rng, edges, num_shapes, *, share, chance, wrong=0.0):
     """Pairs between a block of shapes and the rest are off by one and the same flip with the given chance."""
     problem = flipped_pairs(rng, edges, num_shapes, wrong=wrong)
     block = np.isin(np.arange(num_shapes), rng.permutation(num_shapes)[: round(share * num_shapes)])
@@ -117,7 +105,7 @@ def group_flip(
     return Planted(edges=edges, rotations=rotations, energies=None, truth=problem.truth), block
 
 
-def mixed_collection(rng: np.random.Generator, sizes: tuple[int, ...], *, wrong: float) -> tuple[Planted, np.ndarray]:
+def mixed_collection(rng, sizes, *, wrong):
     """All pairs of shapes of several kinds: within a kind as :func:`flipped_pairs`, between kinds anything."""
     labels = rng.permutation(np.repeat(np.arange(len(sizes)), sizes))
     edges = complete_edges(len(labels))
@@ -129,7 +117,7 @@ def mixed_collection(rng: np.random.Generator, sizes: tuple[int, ...], *, wrong:
     return Planted(edges=edges, rotations=rotations, energies=energies[:, None], truth=problem.truth), labels
 
 
-def pose_errors_deg(rotations: FloatArray, truth: FloatArray) -> FloatArray:
+def pose_errors_deg(rotations, truth):
     """Angle of each pose to the truth after the best common rotation (robust: the mode over anchor shapes)."""
     turns = np.swapaxes(truth, 1, 2) @ rotations
     turns = truth @ np.swapaxes(rotations, 1, 2)

@@ -25,7 +25,7 @@ SHELL_SYNTAX = re.compile(r"""[|&;<>$`*?\\#'"]""")
 def run_page(text, folder, monkeypatch, *, in_shell=False):
     """Run the bash and python blocks of a page in order and return how many there were."""
     monkeypatch.chdir(folder)
-    names: dict[str, object] = {"__name__": "page"}
+    names = {"__name__": "page"}
     blocks = BLOCK.findall(text)
     for language, code in blocks:
         if language == "python":
@@ -61,7 +61,7 @@ def test_every_block_runs(page, tmp_path, monkeypatch):
 @pytest.mark.parametrize("notebook", sorted((ROOT / "docs").rglob("*.ipynb")), ids=lambda page: page.stem)
 def test_every_notebook_runs(notebook, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {"__name__": "notebook"}
+    names = {"__name__": "notebook"}
     cells = json.loads(notebook.read_text("utf-8"))["cells"]
     code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
     assert code

@@ -5,7 +5,6 @@ import pydoc
 from importlib import import_module
 from pkgutil import walk_packages
 from types import FunctionType
-from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +36,7 @@ def examples_of(package):
 
 def complaints(test):
     """Return what is wrong with an example; nothing where it runs as it says."""
-    said: list[str] = []
+    said = []
     doctest.DocTestRunner(verbose=False).run(test, out=said.append)
     return "".join(said)
 
@@ -57,7 +56,7 @@ def test_a_wrong_example_is_noticed():
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_public_function_explains_itself(name):
-    function: Any = FUNCTIONS[name]
+    function = FUNCTIONS[name]
     text = pydoc.plain(pydoc.render_doc(function))
     assert ">>> " in text
     assert len(text.splitlines()) <= SCREEN

@@ -105,7 +105,7 @@ def test_every_type_that_a_signature_names_is_imported_from_the_top():
 
 
 def test_a_type_that_is_missing_at_the_top_is_noticed(monkeypatch):
-    def stray(shape: list[WorkingSurface] | None) -> None: ...
+    def stray(shape: WorkingSurface): ...
 
     monkeypatch.setattr(collalign, "stray", stray, raising=False)
     assert not_at_the_top(["stray"]) == {"WorkingSurface"}

@@ -7,7 +7,6 @@ the worst error, for both methods on the same data; then flipped blocks and chir
 """
 
 import argparse
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,7 +74,7 @@ CELLS = [
 def poses(seeds):
     """Errors of both methods, and how far the confidence can be believed."""
     for cell in CELLS:
-        rows: dict[str, list[np.ndarray]] = {"robust": [], "spectral": []}
+        rows = {"robust": [], "spectral": []}
         confidence = []
         for seed in range(seeds):
             problem = cell.problem(seed)
@@ -125,7 +124,7 @@ def blocks(seeds):
 
 
 def chirality(seeds):
-    rows: dict[str, list[bool]] = {"robust": [], "spectral": []}
+    rows = {"robust": [], "spectral": []}
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
         edges = regular_edges(100, 10, seed)
@@ -146,7 +145,7 @@ def chirality(seeds):
     )
 
 
-PARTS: dict[str, Callable[[int], None]] = {
+PARTS = {
     "poses": poses,
     "blocks": blocks,
     "chirality": chirality,

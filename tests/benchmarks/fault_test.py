@@ -30,7 +30,7 @@ class Watch:
     def __init__(self, shapes, out):
         self._shapes, self._out = shapes, out
         self._originals = snapshot(shapes)
-        self._done: dict[str, frozenset[str]] = dict.fromkeys(KINDS, frozenset())
+        self._done = dict.fromkeys(KINDS, frozenset())
         out.mkdir(exist_ok=True)
         (out / "meshes").mkdir(exist_ok=True)
         self._notes = (out / "notes.txt", out / "meshes" / "mine.ply")

@@ -5,7 +5,6 @@ import itertools
 import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
 from collalign.output.evidence.loading import load
 from collalign.output.verify import verify_result
-from collalign.output.verify_collection import CheckedCollection
 from collalign.tools.certify.files import certification_summary
 from data_tools.errors import InputError, OptionsError
 from data_tools.options import SamplingOptions
@@ -27,14 +25,12 @@ OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def result(tmp_path_factory):
     """A finished result of four chairs, with its store."""
     return finished_run(tmp_path_factory.mktemp("certify"), chairs(4), OPTIONS, report=True)
 
 
-def test_the_command_proves_most_of_the_energy_and_goes_on_from_the_store(
-    result: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_proves_most_of_the_energy_and_goes_on_from_the_store(result, capsys):
     assert main(["certify", str(result), "--jobs", "1"]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0].startswith("Proven: no consistent arrangement of these 4 shapes is cheaper than the result by ")
@@ -59,7 +55,7 @@ def test_the_command_proves_most_of_the_energy_and_goes_on_from_the_store(
         assert len(store.keys("proofs")) == num_proofs
 
 
-def test_a_part_is_named_and_a_shape_that_stands_on_its_head_is_found(result: Path, tmp_path: Path) -> None:
+def test_a_part_is_named_and_a_shape_that_stands_on_its_head_is_found(result, tmp_path):
     view, run = load(result), collalign.RunOptions(jobs=1, store=result / "store.sqlite")
     few = collalign.CertifyOptions(max_rounds=1)
     part = collalign.certify_collection(result, shapes=view.names[1:3], options=few, run=run, progress=False)
@@ -76,9 +72,7 @@ def test_a_part_is_named_and_a_shape_that_stands_on_its_head_is_found(result: Pa
     assert f"Refuted: turning {view.names[2]} costs" in certification_summary(found)[1]
 
 
-def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(
-    result: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(result, monkeypatch):
     monkeypatch.setattr("collalign.tools.certify.rounds._SETTLED", -1.0)
     run = collalign.RunOptions(jobs=1, store=result / "store.sqlite")
     ended = {}
@@ -98,9 +92,7 @@ def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(
     assert (found.bound, found.ended) == (0.0, "the time ended")
 
 
-def test_what_a_part_of_the_pairs_proves_passes_verification(
-    result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_part_of_the_pairs_proves_passes_verification(result, tmp_path, monkeypatch):
     shutil.copytree(result, tmp_path / "out")
     monkeypatch.setattr("collalign.engine.session.takewhile", lambda _, tasks: itertools.islice(tasks, 5))
     store = str(tmp_path / "other.sqlite")
@@ -113,7 +105,7 @@ def test_what_a_part_of_the_pairs_proves_passes_verification(
     assert stated > 0.0
 
 
-def test_wrong_names_files_and_options_are_refused(result: Path, tmp_path: Path) -> None:
+def test_wrong_names_files_and_options_are_refused(result, tmp_path):
     with pytest.raises(InputError, match="no aligned shape is called 'nobody'"):
         collalign.certify_collection(result, shapes=["nobody"])
     with pytest.raises(InputError, match="holds no pair of these shapes"):
@@ -131,14 +123,14 @@ def test_wrong_names_files_and_options_are_refused(result: Path, tmp_path: Path)
 
 
 @pytest.fixture
-def proof(result: Path, tmp_path: Path) -> Path:
+def proof(result, tmp_path):
     """The result with a fresh certification, to be damaged."""
     assert main(["certify", str(result), "--jobs", "1"]) == 0
     shutil.copytree(result, tmp_path / "out")
     return tmp_path / "out"
 
 
-def rewritten(folder: Path, **changes: object) -> CheckedCollection:
+def rewritten(folder, **changes):
     """What is said of the proof once some of its arrays are others."""
     with np.load(folder / "certification.npz") as archive:
         arrays = {name: archive[name] for name in archive.files}
@@ -151,7 +143,7 @@ def rewritten(folder: Path, **changes: object) -> CheckedCollection:
     return found
 
 
-def test_verify_proves_the_bound_again_from_the_file_alone(proof: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_verify_proves_the_bound_again_from_the_file_alone(proof, capsys):
     record = json.loads((proof / "certification.json").read_bytes())
     capsys.readouterr()
     assert main(["verify", str(proof)]) == 0
@@ -164,7 +156,7 @@ def test_verify_proves_the_bound_again_from_the_file_alone(proof: Path, capsys: 
     assert main(["verify", str(proof)]) == 2
 
 
-def test_a_forged_proof_is_refused_or_proves_no_more(proof: Path) -> None:
+def test_a_forged_proof_is_refused_or_proves_no_more(proof):
     with np.load(proof / "certification.npz") as archive:
         arrays = {name: archive[name] for name in archive.files}
     true = rewritten(proof)

@@ -13,7 +13,6 @@ from collalign.cli import main
 from collalign.output.evidence.loading import load
 from collalign.tools.export.run import export
 from collalign.tools.transfer.result import CARRIED, MISSING_PLACE
-from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.errors import CollectionError
@@ -37,7 +36,7 @@ class Teeth:
         rng = np.random.default_rng(5)
         teeth = deformed_family(crown(rng, num_vertices=800), NUM_SHAPES, rng, rms=0.01)
         (folder / "shapes").mkdir()
-        self.whole: dict[str, FloatArray] = {}
+        self.whole = {}
         for number, tooth in enumerate(teeth):
             name, turn = f"tooth{number}", random_rotation(rng)
             scale, shift = rng.uniform(0.7, 1.5), rng.standard_normal(3)

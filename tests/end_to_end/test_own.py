@@ -1,16 +1,14 @@
 """What a caller knows goes into a run where the pipeline has its own, and is judged like that."""
 
 import json
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import collalign
-from collalign import Collection, align_collection
+from collalign import align_collection
 from collalign.cli import main
-from data_tools.datasets.synthetic import PlantedCollection, write_collection
+from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from tests.finished_runs import chairs
@@ -20,25 +18,25 @@ OPTIONS = {"sampling": {"num_points": 24, "num_dense_points": 0}, "incomplete": 
 
 
 @pytest.fixture(scope="module")
-def planted() -> PlantedCollection:
+def planted():
     return chairs(NUM)
 
 
-def align(planted: PlantedCollection, **keywords: Any) -> Collection:
+def align(planted, **keywords):
     shapes = {shape.name: shape for shape in planted.shapes}
     return align_collection(shapes, options=OPTIONS, progress=False, **{"jobs": 1} | keywords)
 
 
 @pytest.fixture(scope="module")
-def plain(planted: PlantedCollection) -> Collection:
+def plain(planted):
     return align(planted)
 
 
-def names(planted: PlantedCollection, *positions: int) -> Any:
+def names(planted, *positions):
     return tuple(planted.shapes[i].name for i in positions)
 
 
-def test_a_pose_of_its_own_becomes_a_candidate_and_is_judged_by_its_energy(planted: PlantedCollection) -> None:
+def test_a_pose_of_its_own_becomes_a_candidate_and_is_judged_by_its_energy(planted):
     first, second = names(planted, 0, 1)
     # One pose of a pair finds few candidates: the right pose is new to it, and a wrong one is never believed.
     few = {"matching": {"strategy": "search", "max_candidates": 1}}
@@ -58,7 +56,7 @@ def test_a_pose_of_its_own_becomes_a_candidate_and_is_judged_by_its_energy(plant
     assert any("poses of 1 pairs, 0 within" in note for note in alone.notes)
 
 
-def test_a_pair_of_no_weight_is_left_out_and_others_weigh_in_the_graph(planted: PlantedCollection) -> None:
+def test_a_pair_of_no_weight_is_left_out_and_others_weigh_in_the_graph(planted):
     first, second, third = names(planted, 0, 1, 2)
     found = align(planted, pair_weights={(second, first): 0, (first, third): 0.25})
     assert (first, second) not in found.pairs
@@ -70,7 +68,7 @@ def test_a_pair_of_no_weight_is_left_out_and_others_weigh_in_the_graph(planted: 
         assert rotation_angle_deg(again[0].T @ again[i], found.rotations[0].T @ found.rotations[i]) < 10
 
 
-def test_stages_of_ones_own_give_the_result_of_the_pipeline(planted: PlantedCollection, plain: Collection) -> None:
+def test_stages_of_ones_own_give_the_result_of_the_pipeline(planted, plain):
     samples = dict(zip(plain.names, plain.samples, strict=True))
     again = align(planted, samples=samples, embedding={"kind": "xyz"})
     np.testing.assert_array_equal(again.samples, plain.samples)
@@ -80,7 +78,7 @@ def test_stages_of_ones_own_give_the_result_of_the_pipeline(planted: PlantedColl
     np.testing.assert_allclose(align(planted, fixed=poses).transforms, plain.transforms, atol=1e-9)
 
 
-def test_own_samples_may_be_others_than_asked_for(planted: PlantedCollection, plain: Collection) -> None:
+def test_own_samples_may_be_others_than_asked_for(planted, plain):
     found = align(
         planted, samples={name: row[::-1][:12] for name, row in zip(plain.names, plain.samples, strict=True)}
     )
@@ -88,12 +86,12 @@ def test_own_samples_may_be_others_than_asked_for(planted: PlantedCollection, pl
     assert found.options.sampling.num_points == 12
 
 
-def heights(shape: Any) -> Any:
+def heights(shape):
     """What a rotation does not change: how far each vertex is from the centroid."""
     return np.linalg.norm(shape.vertices - shape.vertices.mean(axis=0), axis=1)[:, None]
 
 
-def test_invariants_take_the_place_of_descriptors_at_the_samples(planted: PlantedCollection, tmp_path: Path) -> None:
+def test_invariants_take_the_place_of_descriptors_at_the_samples(planted, tmp_path):
     store = tmp_path / "store.sqlite"
     plain = align(planted, store=store)
     found = align(planted, invariants=heights, invariants_weight=0.3, store=store)
@@ -110,9 +108,7 @@ def test_invariants_take_the_place_of_descriptors_at_the_samples(planted: Plante
         assert np.corrcoef(rows[:, 0], heights(shape)[at, 0])[0, 1] > 1 - 1e-9
 
 
-def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(
-    planted: PlantedCollection, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(planted, tmp_path, capsys):
     write_collection(tmp_path / "shapes", planted)
     (tmp_path / "values").mkdir()
     for shape in planted.shapes:
@@ -172,13 +168,13 @@ def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(
         ({"candidate": {}}, "there is no option 'candidate'; did you mean 'candidates'"),
     ],
 )
-def test_what_cannot_be_meant_is_refused_by_its_name(given: dict[str, Any], words: str) -> None:
+def test_what_cannot_be_meant_is_refused_by_its_name(given, words):
     points = np.random.default_rng(0).random((40, 3))
     with pytest.raises((InputError, OptionsError), match=words):
         align_collection({"a": points, "b": points[::-1]}, progress=False, **given)
 
 
-def test_the_order_in_which_things_are_given_changes_nothing(planted: PlantedCollection) -> None:
+def test_the_order_in_which_things_are_given_changes_nothing(planted):
     given = {
         names(planted, i, j): random_rotation(np.random.default_rng(i + 9 * j)) for i, j in ((0, 1), (2, 1), (3, 4))
     }

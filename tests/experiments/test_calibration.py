@@ -23,7 +23,7 @@ def test_every_calibration_names_a_module_and_its_constants(name):
 
 
 def test_both_values_stand_side_by_side(monkeypatch):
-    used: list[tuple[str, ...]] = []
+    used = []
 
     def measure(_, collections, quick):
         used.append(collections)

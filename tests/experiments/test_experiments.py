@@ -17,7 +17,7 @@ from experiments.tables import Column, Table, differences
 from experiments.write import write_experiment, write_page
 
 ROOT = Path(__file__).resolve().parents[2]
-CALLS: list[int] = []
+CALLS = []
 
 
 def square(cell):

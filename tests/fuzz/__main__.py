@@ -7,14 +7,13 @@
 import argparse
 import tempfile
 import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from tests.fuzz import seeds, targets
 from tests.fuzz.forgeries import attack_folders, honest_result
 from tests.fuzz.harness import fuzz
-from tests.fuzz.hostile import Attack, attack
+from tests.fuzz.hostile import attack
 from tests.fuzz.overlaps import attack_overlaps
 
 FILES = ("shapes", "stores", "records", "certificate-files", "configs")
@@ -31,7 +30,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         bad = [run(kind, options, Path(folder)) for kind in FILES]
         project = honest_result(Path(folder)) if options.folders or options.overlaps else Path(folder)
-        attacks: dict[str, Callable[..., Attack]] = {
+        attacks = {
             "certificates": attack,
             "folders": partial(attack_folders, project),
             "overlaps": partial(attack_overlaps, project.parent),

@@ -12,10 +12,8 @@ import shutil
 import signal
 import tempfile
 import zipfile
-from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -123,7 +121,7 @@ def false_claim(folder, found):
 
 def forge(folder, rng):
     """Change one thing in a folder and return what was done."""
-    change: Callable[[Path, np.random.Generator], None] = drawn((_arrays, _arrays, _moved, _moved, _text, _file), rng)
+    change = drawn((_arrays, _arrays, _moved, _moved, _text, _file), rng)
     with np.errstate(all="ignore"), suppress(*NOT_FOR_THIS_TYPE, OSError, KeyError, EOFError, zipfile.BadZipFile):
         change(folder, rng)
     return change.__name__.strip("_")
@@ -191,7 +189,7 @@ def _file(folder, rng):
         (folder / "certificates" / f"{rng.integers(3)}-{rng.integers(3)}.npz").write_bytes(data)
         return
     file.unlink()
-    makers: dict[str, Callable[[], Any]] = {
+    makers = {
         "other": lambda: file.write_bytes(data),
         "cut": lambda: file.write_bytes(data[: int(rng.integers(len(data)))]),
         "empty": lambda: file.write_bytes(b""),

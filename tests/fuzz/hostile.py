@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from data_tools.errors import InputError
-from pairwise import Certificate, Problem, verify_certificate
+from pairwise import Problem, verify_certificate
 from pairwise.branch_and_bound.prove import prove
 from pairwise.certificates.certificate import hash_problem
 from pairwise.certificates.statement import build_problem, read_problem
@@ -35,12 +35,12 @@ class Attack:
     counts: Counter[str] = field(default_factory=Counter)
     bad: dict[str, str] = field(default_factory=dict)
 
-    def __str__(self) -> str:
+    def __str__(self):
         kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(self.counts.items()))
         return f"{self.counts.total()} forgeries or overlaps: {kinds}"
 
 
-def attack(num: int, *, seed: int = 0) -> Attack:
+def attack(num, *, seed=0):
     """Forge ``num`` certificates of every kind and judge what the verifier says; the same seed forges the same."""
     report, victims = Attack(), honest()
     for index in range(num):
@@ -55,7 +55,7 @@ def attack(num: int, *, seed: int = 0) -> Attack:
     return report
 
 
-def judge(problem: Problem, forged: Certificate, states_problem: bool) -> str:
+def judge(problem, forged, states_problem):
     """Return "refused", "true" (the bound holds), or what is wrong."""
     stated = problem if states_problem else None
     try:
@@ -76,7 +76,7 @@ def judge(problem: Problem, forged: Certificate, states_problem: bool) -> str:
     return "true"
 
 
-def in_own_unit(problem: Problem) -> tuple[int, Problem]:
+def in_own_unit(problem):
     """Return a power of two and the problem with energies in its unit, which brute force can add without overflow."""
     exponent = int(np.frexp(max(problem.weights.max(), np.abs(problem.constant_cost).max()))[1])
     return exponent, replace(
@@ -87,14 +87,14 @@ def in_own_unit(problem: Problem) -> tuple[int, Problem]:
 
 
 @cache
-def honest() -> tuple[tuple[Problem, Certificate], ...]:
+def honest():
     """Small problems of every kind and unit with their certificates."""
     rng = np.random.default_rng(20)
     mask = np.ones((5, 4), dtype=bool)
     mask[[0, 1, 4], [0, 0, 2]] = False
     narrow_mask = np.array([[1, 1, 1, 0], [1, 1, 1, 0], [0, 0, 1, 0], [1, 1, 1, 1]], dtype=bool)
     invariants = (rng.random((4, 2)), rng.random((4, 2)))
-    cases: list[tuple[int, int, int, float, dict[str, Any]]] = [
+    cases = [
         (4, 4, 3, 1.0, {}),
         (5, 4, 3, 1e-6, {"group": "O", "allowed": mask}),
         (4, 3, 3, 1e6, {"weights": [0.5, 2.0, 1.0]}),
@@ -115,10 +115,10 @@ def honest() -> tuple[tuple[Problem, Certificate], ...]:
     return tuple((problem, certificate) for problem, certificate in pairs if certificate is not None)
 
 
-def forge(problem: Problem, certificate: Certificate, rng: np.random.Generator) -> Certificate:
+def forge(problem, certificate, rng):
     """Return a certificate after one or a few changes, with a claim that the verifier need not believe."""
-    arrays: Arrays = dict(certificate.arrays)
-    kind: Any = certificate.kind
+    arrays = dict(certificate.arrays)
+    kind = certificate.kind
     is_careful = rng.random() < 0.3
     for _ in range(1 if is_careful else int(rng.geometric(0.4))):
         with warnings.catch_warnings(), np.errstate(all="ignore"), contextlib.suppress(*NOT_FOR_THIS_TYPE):
@@ -126,9 +126,9 @@ def forge(problem: Problem, certificate: Certificate, rng: np.random.Generator) 
             arrays = (_cancelling if is_careful else drawn(CHANGES, rng))(arrays, rng)
     if not is_careful and rng.random() < 0.05:
         kind = drawn(["pm-sdp", "cells", "exact", None, 3, ["cells"]], rng)
-    claims: list[Any] = [-1e300, -1.0, certificate.bound, certificate.bound * 1.5, 1e6, np.nan, np.inf, "1", None, 1j]
+    claims = [-1e300, -1.0, certificate.bound, certificate.bound * 1.5, 1e6, np.nan, np.inf, "1", None, 1j]
     claim = drawn(claims[:4] if rng.random() < 0.95 else claims, rng)
-    signature: Any = certificate.problem_hash
+    signature = certificate.problem_hash
     if rng.random() < 0.7:
         with contextlib.suppress(InputError):
             signature = hash_problem(build_problem(problem.target, problem.source, arrays))
@@ -137,32 +137,32 @@ def forge(problem: Problem, certificate: Certificate, rng: np.random.Generator) 
     return replace(certificate, kind=kind, arrays=arrays, bound=claim, problem_hash=signature)
 
 
-def drawn(choices: Any, rng: np.random.Generator) -> Any:
+def drawn(choices, rng):
     return choices[int(rng.integers(len(choices)))]
 
 
-def _array_name(arrays: Arrays, rng: np.random.Generator) -> str:
+def _array_name(arrays, rng):
     """Return the name of an array, of one of the dual variables nine times out of ten."""
     names = sorted(n for n, a in arrays.items() if isinstance(n, str) and isinstance(a, np.ndarray) and a.size)
     dual = [name for name in names if name not in ("weights", "constant_cost", "pattern", "special_blocks")]
     return str(drawn(dual if dual and rng.random() < 0.9 else names, rng)) if names else ""
 
 
-def _on_one(change: Callable[[np.ndarray, np.random.Generator], Any]) -> Change:
-    def apply(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+def _on_one(change):
+    def apply(arrays, rng):
         name = _array_name(arrays, rng)
         return {**arrays, name: change(arrays[name], rng)} if name else arrays
 
     return apply
 
 
-def _other_type(values: np.ndarray, rng: np.random.Generator) -> Any:
+def _other_type(values, rng):
     names = ["f2", "f4", "f8", ">f8", ">f4", "g", "i4", "i8", "u1", ">i8", "c16", "?", "O", "U8", "S4", "m8[s]"]
     return values.astype(drawn(names, rng))
 
 
-def _other_class(values: np.ndarray, rng: np.random.Generator) -> Any:
-    makers: list[Callable[[np.ndarray], Any]] = [
+def _other_class(values, rng):
+    makers = [
         lambda a: a.tolist(),
         lambda a: np.ma.masked_array(a, mask=True),
         lambda a: np.matrix(a) if a.ndim <= 2 else a.view(np.recarray),
@@ -177,8 +177,8 @@ def _other_class(values: np.ndarray, rng: np.random.Generator) -> Any:
     return drawn(makers, rng)(values)
 
 
-def _other_shape(values: np.ndarray, rng: np.random.Generator) -> Any:
-    makers: list[Callable[[np.ndarray], Any]] = [
+def _other_shape(values, rng):
+    makers = [
         lambda a: a[:-1],
         lambda a: a[:0],
         lambda a: a[None],
@@ -191,7 +191,7 @@ def _other_shape(values: np.ndarray, rng: np.random.Generator) -> Any:
     return drawn(makers, rng)(values)
 
 
-def _one_value(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _one_value(values, rng):
     special = [
         np.nan,
         np.inf,
@@ -214,7 +214,7 @@ def _one_value(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return changed
 
 
-def _shifted(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _shifted(values, rng):
     size = 10.0 ** rng.uniform(-16, 16) * (1.0 if rng.random() < 0.5 else float(np.abs(values).max()))
     noise = size * rng.standard_normal(values.shape)
     if values.ndim >= 2 and values.shape[-1] == values.shape[-2] and rng.random() < 0.8:
@@ -224,19 +224,19 @@ def _shifted(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return (values + noise).astype(values.dtype)
 
 
-def _scaled(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _scaled(values, rng):
     factors = [-1.0, 2.0, 0.5, 1e8, 1e-8, 1e160, 1e-160, 1e300, 0.0, 1.0 + 1e-12]
     return values * drawn(factors, rng)
 
 
-def _flipped(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _flipped(values, rng):
     changed = values.copy()
     index = int(rng.integers(values.size))
     changed.flat[index] = not changed.flat[index] if values.dtype == bool else changed.flat[index] + 1
     return changed
 
 
-def _cancelling(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+def _cancelling(arrays, rng):
     """Add huge multipliers that cancel, and between them small ones that vanish in a sum of their type."""
     names = [n for n, a in arrays.items() if isinstance(a, np.ndarray) and a.dtype.kind == "f" and a.ndim > 1]
     name = drawn([n for n in names if arrays[n].size and len(arrays[n]) > 2 and n != "constant_cost"], rng)
@@ -249,12 +249,12 @@ def _cancelling(arrays: Arrays, rng: np.random.Generator) -> Arrays:
     return {**arrays, name: changed}
 
 
-def _removed(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+def _removed(arrays, rng):
     name = _array_name(arrays, rng)
     return {key: values for key, values in arrays.items() if key != name}
 
 
-def _added(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+def _added(arrays, rng):
     k = 4
     names = [
         ("unmatched_costs", np.full(k, drawn([0.0, -1e6, 999_999.0, 1e-3], rng))),
@@ -270,14 +270,14 @@ def _added(arrays: Arrays, rng: np.random.Generator) -> Arrays:
     return {**arrays, name: values}
 
 
-def _borrowed(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+def _borrowed(arrays, rng):
     """Take an array from a certificate of any problem and kind."""
     donor = drawn(honest(), rng)[1].arrays
     name = drawn(sorted(donor), rng)
     return {**arrays, name: donor[name]}
 
 
-def _repacked(arrays: Arrays, rng: np.random.Generator) -> Arrays:
+def _repacked(arrays, rng):
     """Store every array of floating-point numbers in one type."""
     kind = drawn(["f2", "f4", ">f8", "g"], rng)
     return {
@@ -286,7 +286,7 @@ def _repacked(arrays: Arrays, rng: np.random.Generator) -> Arrays:
     }
 
 
-CHANGES: tuple[Change, ...] = (
+CHANGES = (
     _on_one(_other_type),
     _on_one(_other_class),
     _on_one(_other_shape),

@@ -1,7 +1,5 @@
 """Random damage to the bytes of a file: what disks, editors, converters and attackers do."""
 
-from collections.abc import Callable
-
 #: What no message may quote.
 MARK = "Quoted17"
 #: Pieces of text and numbers that parsers stumble over.
@@ -106,7 +104,7 @@ def _splice(data, rng, others=None):
     return data[: _place(data, rng)] + other[_place(other, rng) :]
 
 
-CHANGES: tuple[Callable[..., bytes], ...] = (
+CHANGES = (
     _flip_bit,
     _set_byte,
     _truncate,

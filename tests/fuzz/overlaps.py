@@ -7,7 +7,6 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from tests.view_problems import write_result
 FEW = ["--sampling.num-points", "16", "--sampling.num-dense-points", "0", "--jobs", "1"]
 PAIR = ["meshes/chair1.ply", "meshes/chair2.ply"]
 #: Commands of a project with shapes in ``meshes`` and their result in ``out``; {} is where they are told to write.
-COMMANDS: dict[str, list[str]] = {
+COMMANDS = {
     "align": ["align", "meshes", "--out", "{}", *FEW],
     "batch": ["batch", "batch.toml", "--jobs", "1"],
     "demo": ["demo", "--num-shapes", "2", "--out", "{}", *FEW],
@@ -114,7 +113,7 @@ def _prepare(project, command, place):
     (project / "chair1.csv").write_text("tip,0,0,0\n")
     options = "[options.sampling]\nnum_points = 16\nnum_dense_points = 0\n"
     (project / "batch.toml").write_text(f'{options}[[jobs]]\nfolder = "meshes"\nout = "{place}"\n')
-    makers: dict[str, Callable[[Path], object]] = {
+    makers = {
         "apart/inner": lambda to: [
             (to / name).symlink_to(project / "meshes") for name in ("meshes", "specimens", "shapes")
         ],

@@ -96,7 +96,7 @@ def test_the_command_is_one_that_collalign_takes(tmp_path):
 
 
 def test_output_of_the_process_is_reported_and_failure_noticed():
-    lines: list[str] = []
+    lines = []
     assert running.run([sys.executable, "-c", "print('one'); raise SystemExit(3)"], lines.append)
     assert not running.run([sys.executable, "-c", "raise SystemExit(2)"], lines.append)
     assert lines == ["one"]

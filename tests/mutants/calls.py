@@ -11,8 +11,6 @@ import sys
 import threading
 from contextlib import contextmanager
 from pathlib import Path
-from types import CodeType
-from typing import Any
 
 import pytest
 
@@ -27,9 +25,9 @@ class Recorder:
     """Notes the code that every test and every fixture called, and what a test took."""
 
     def __init__(self):
-        self.tests: dict[str, dict[str, Any]] = {}
-        self._called: list[set[CodeType]] = [set()]
-        self._of_fixtures: dict[int, set[CodeType]] = {}
+        self.tests = {}
+        self._called = [set()]
+        self._of_fixtures = {}
 
     def _note(self, frame, event, _):
         if event == "call":

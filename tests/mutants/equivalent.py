@@ -3,7 +3,7 @@
 # ruff: noqa: E501
 
 #: By the text of the mutant.
-EQUIVALENT: dict[str, str] = {
+EQUIVALENT = {
     "pairwise/certificates/verify_pm_sdp.py _quadratic_upper_bounds: '    gamma = 2.0 * (len(F) + 4) * _EPS' -> '    gamma = 2.0 * (len(F) + 5) * _EPS'": "a wider allowance for rounding stays sound",
     "pairwise/certificates/verify_pm_sdp.py _cost_lower_bounds: '        error = (d + 8) * _EPS * (weights[j] * squares + np.abs(constant_cost[:, j]) + 2.0 * v_size[:, 0])' -> '        error = (d + 9) * _EPS * (weights[j] * squares + np.abs(constant_cost[:, j]) + 2.0 * v_size[:, 0])'": "a wider allowance for rounding stays sound",
     "data_tools/surface/closest.py SurfaceLocator.closest: '            left = np.flatnonzero(far[:, -1] < best.distances + reach) if num < len(group) else every[:0]' -> '            left = np.flatnonzero(far[:, -1] < best.distances + reach) if num < len(group) else every[:1]'": "a point that is asked for again gets the same answer",

@@ -48,7 +48,7 @@ def run_mutants(mutants, root, *, time_limit_s=TIME_LIMIT_S, known_to_pass=False
     """
     warm_up()
     with _copy(root) as copy:
-        passes: dict[tuple[str, ...], bool] = {}
+        passes = {}
         for mutant in mutants:
             start_s, ending = time.monotonic(), "no verdict"
             if mutant.tests not in passes:

@@ -19,7 +19,7 @@ from tests.problems import catalogue, planted
 
 
 @pytest.mark.parametrize("known", catalogue(), ids=lambda known: known.name)
-def test_the_best_pose_is_the_global_optimum(known) -> None:
+def test_the_best_pose_is_the_global_optimum(known):
     result = match_problem(known.problem, MatchOptions())
     best = brute_force(known.problem).energy
     assert result.energy == pytest.approx(best, rel=1e-5, abs=1e-9)
@@ -32,7 +32,7 @@ def test_the_best_pose_is_the_global_optimum(known) -> None:
     ("dim", "strategy"),
     [(d, s) for d in (2, 3) for s in ("search", "relaxation", "portfolio")] + [(5, "relaxation"), (7, "portfolio")],
 )
-def test_every_strategy_recovers_exactly_without_noise(dim: int, strategy) -> None:
+def test_every_strategy_recovers_exactly_without_noise(dim, strategy):
     rng = np.random.default_rng(dim)
     target = rng.random((9, dim)) - 0.5
     turn, point_map = random_rotations(dim, 1, rng)[0], rng.permutation(9)[:7]
@@ -42,7 +42,7 @@ def test_every_strategy_recovers_exactly_without_noise(dim: int, strategy) -> No
     assert result.energy == pytest.approx(0.0, abs=1e-12)
 
 
-def test_candidates_are_distinct_ordered_and_near_the_best() -> None:
+def test_candidates_are_distinct_ordered_and_near_the_best():
     rng = np.random.default_rng(3)
     problem = planted(rng, rng.random((20, 3)) - 0.5, noise=0.5)
     options = MatchOptions(max_candidates=5, candidate_factor=1.2)
@@ -58,7 +58,7 @@ def test_candidates_are_distinct_ordered_and_near_the_best() -> None:
         assert (rotation_angles(turns[:i], turn) >= np.deg2rad(SAME_DEG)).all()
 
 
-def test_symmetric_shapes_keep_every_pose() -> None:
+def test_symmetric_shapes_keep_every_pose():
     rng = np.random.default_rng(0)
     quarter = rng.random((3, 3)) + np.array([0.2, 0.5, 0.0])
     table = np.concatenate([quarter * [a, b, 1.0] for a in (1.0, -1.0) for b in (1.0, -1.0)])
@@ -68,7 +68,7 @@ def test_symmetric_shapes_keep_every_pose() -> None:
     assert sorted(c.reflected for c in exact) == [False, False, True, True]
 
 
-def test_both_chiralities_are_reported_apart() -> None:
+def test_both_chiralities_are_reported_apart():
     rng = np.random.default_rng(1)
     points = rng.random((14, 3)) - 0.5
     mirror = random_rotations(3, 1, rng)[0] @ np.diag([-1.0, 1.0, 1.0])
@@ -83,7 +83,7 @@ def test_both_chiralities_are_reported_apart() -> None:
 
 
 @pytest.mark.parametrize("group", ["SO", "O"])
-def test_a_proof_is_given_on_request(group: str) -> None:
+def test_a_proof_is_given_on_request(group):
     rng = np.random.default_rng(5)
     problem = planted(rng, rng.random((7, 3)), noise=0.1, group=group)
     result = match_problem(problem, MatchOptions(certify=True))
@@ -95,7 +95,7 @@ def test_a_proof_is_given_on_request(group: str) -> None:
 
 
 @pytest.mark.parametrize("pattern", [None, (3, 2), 0])
-def test_the_relaxation_bounds_the_energy(pattern) -> None:
+def test_the_relaxation_bounds_the_energy(pattern):
     rng = np.random.default_rng(6)
     dim = 5 if pattern == (3, 2) else 4
     turn = np.eye(dim) if pattern is not None else None
@@ -108,7 +108,7 @@ def test_the_relaxation_bounds_the_energy(pattern) -> None:
     assert result.certificate is not None
 
 
-def test_the_relaxation_is_solved_by_the_documented_rule() -> None:
+def test_the_relaxation_is_solved_by_the_documented_rule():
     rng = np.random.default_rng(0)
     rigid, deep = planted(rng, rng.random((6, 3))), planted(rng, rng.random((6, 4)))
     mixed = Problem.from_user(rng.random((6, 7)), rng.random((6, 7)), rotation_pattern=(3, 4))
@@ -120,7 +120,7 @@ def test_the_relaxation_is_solved_by_the_documented_rule() -> None:
     assert wants_relaxation(deep, MatchOptions(strategy="search", certify=True))
 
 
-def test_the_same_input_gives_the_same_bytes() -> None:
+def test_the_same_input_gives_the_same_bytes():
     rng = np.random.default_rng(9)
     target, source = rng.random((16, 4)), rng.random((12, 4))
     first, again = (match(target, source, seed=4) for _ in range(2))
@@ -132,7 +132,7 @@ def test_the_same_input_gives_the_same_bytes() -> None:
 
 
 @pytest.mark.parametrize("num_source", [None, 11])
-def test_relabelling_and_turning_change_labels_and_turns_only(num_source: int | None) -> None:
+def test_relabelling_and_turning_change_labels_and_turns_only(num_source):
     rng = np.random.default_rng(10)
     problem = planted(rng, rng.random((15, 3)) - 0.5, noise=0.2, num_source=num_source)
     turns = random_rotations(3, 2, rng)
@@ -145,7 +145,7 @@ def test_relabelling_and_turning_change_labels_and_turns_only(num_source: int | 
 
 
 @pytest.mark.parametrize("unit", [1e-20, 1e20])
-def test_units_change_energies_only(unit: float) -> None:
+def test_units_change_energies_only(unit):
     rng = np.random.default_rng(10)
     problem = planted(rng, rng.random((14, 3)) - 0.5, noise=0.2)
     plain, scaled = match(problem.target, problem.source), match(unit * problem.target, unit * problem.source)
@@ -153,7 +153,7 @@ def test_units_change_energies_only(unit: float) -> None:
     assert scaled.energy == pytest.approx(plain.energy * unit**2)
 
 
-def test_clouds_with_other_centroids_are_shifted_on_request() -> None:
+def test_clouds_with_other_centroids_are_shifted_on_request():
     rng = np.random.default_rng(13)
     points, turn, shift = rng.random((12, 3)), random_rotations(3, 1, rng)[0], np.array([5.0, -3.0, 1.0])
     source = (points - shift) @ turn
@@ -183,7 +183,7 @@ def test_clouds_with_other_centroids_are_shifted_on_request() -> None:
         ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "seed": -1}, "seed"),
     ],
 )
-def test_bad_input_is_refused_by_name(arguments, message: str) -> None:
+def test_bad_input_is_refused_by_name(arguments, message):
     with pytest.raises((InputError, OptionsError), match=message):
         match(arguments.pop("target"), arguments.pop("source"), **arguments)
 
@@ -196,14 +196,14 @@ def test_bad_input_is_refused_by_name(arguments, message: str) -> None:
         {"num_draws": -1},
     ],
 )
-def test_impossible_options_are_refused(fields) -> None:
+def test_impossible_options_are_refused(fields):
     with pytest.raises(OptionsError):
         MatchOptions(**fields)
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3, 1e6])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_points_at_the_origin_behind_a_mask_are_proven_in_every_unit(unit: float, dim: int) -> None:
+def test_points_at_the_origin_behind_a_mask_are_proven_in_every_unit(unit, dim):
     for seed in range(4):
         rng = np.random.default_rng(seed)
         target, source = unit * rng.random((5, dim)), unit * rng.random((5, dim))
@@ -216,7 +216,7 @@ def test_points_at_the_origin_behind_a_mask_are_proven_in_every_unit(unit: float
         assert optimum * (1 - 2e-3) <= result.lower_bound <= optimum * (1 + 1e-12)
 
 
-def test_centroids_that_a_pose_about_the_origin_cannot_bring_together_are_said(rng: np.random.Generator) -> None:
+def test_centroids_that_a_pose_about_the_origin_cannot_bring_together_are_said(rng):
     target = rng.random((20, 3))
     with pytest.warns(UserWarning, match="poses turn about the origin; translation=True"):
         match(target, target + np.array([3.0, 0.0, 0.0]))

@@ -15,12 +15,12 @@ from pairwise.status import Status
 
 
 @pytest.fixture(scope="module")
-def problem() -> Problem:
+def problem():
     rng = np.random.default_rng(3)
     return Problem.from_user(rng.random((6, 3)), rng.random((6, 3)))
 
 
-def judged(problem: Problem, bound: float, energy: float) -> tuple[float, Status]:
+def judged(problem, bound, energy):
     """What is said about a pose of that energy once a relaxation has that bound."""
     relaxation = replace(solve_pm_sdp(problem, max_iterations=1), lower_bound=bound)
     pose = Candidate(
@@ -29,7 +29,7 @@ def judged(problem: Problem, bound: float, energy: float) -> tuple[float, Status
     return _proven(problem, relaxation, pose)
 
 
-def test_a_pose_is_proven_to_the_tolerance_and_not_beyond(problem) -> None:
+def test_a_pose_is_proven_to_the_tolerance_and_not_beyond(problem):
     assert judged(problem, 0.9995, 1.0)[1] is Status.PROVEN_OPTIMAL
     assert judged(problem, 0.998, 1.0)[1] is Status.LOCAL_OPTIMUM
     assert judged(problem, 0.95, 1.0)[1] is Status.LOCAL_OPTIMUM
@@ -37,19 +37,19 @@ def test_a_pose_is_proven_to_the_tolerance_and_not_beyond(problem) -> None:
     assert judged(problem, float("nan"), 1.0)[1] is Status.LOCAL_OPTIMUM
 
 
-def test_only_rounding_is_forgiven_beside_the_tolerance(problem) -> None:
+def test_only_rounding_is_forgiven_beside_the_tolerance(problem):
     size = float((problem.source**2).sum() + (problem.target**2).sum())
     assert judged(problem, 0.0, 1e-10 * size)[1] is Status.PROVEN_OPTIMAL
     assert judged(problem, 0.0, 1e-4 * size)[1] is Status.LOCAL_OPTIMUM
 
 
-def test_bounds_are_reported_between_zero_and_the_energy(problem) -> None:
+def test_bounds_are_reported_between_zero_and_the_energy(problem):
     assert judged(problem, -3.0, 1.0)[0] == 0.0
     assert judged(problem, 0.4, 1.0)[0] == 0.4
     assert judged(problem, 1.0 + 1e-9, 1.0)[0] == 1.0
 
 
-def test_banded_patterns_have_no_bound_for_their_poses() -> None:
+def test_banded_patterns_have_no_bound_for_their_poses():
     rng = np.random.default_rng(4)
     banded = Problem.from_user(rng.random((6, 3)), rng.random((6, 3)), rotation_pattern=1, group="O")
     bound, status = judged(banded, 1.0, 1.0)
@@ -57,14 +57,14 @@ def test_banded_patterns_have_no_bound_for_their_poses() -> None:
     assert status is Status.LOCAL_OPTIMUM
 
 
-def test_the_relaxation_hands_its_certificate_on(problem) -> None:
+def test_the_relaxation_hands_its_certificate_on(problem):
     result = match(problem.target, problem.source, strategy="relaxation")
     assert verify_certificate(problem.target, problem.source, result.certificate, problem=problem) >= 0.0
     assert result.lower_bound == pytest.approx(max(result.certificate.bound, 0.0))
     assert match_function(problem.target, problem.source, strategy="search").certificate is None
 
 
-def test_a_loose_relaxation_proves_nothing() -> None:
+def test_a_loose_relaxation_proves_nothing():
     rng = np.random.default_rng(5)
     target, source = rng.random((8, 3)), rng.random((8, 3))
     result = match(target, source, strategy="relaxation")

@@ -11,7 +11,7 @@ from data_tools.errors import InputError
 
 def path_lengths(text, names):
     """Distances between the tips of a Newick tree whose names hold none of the format's own characters."""
-    graph: nx.Graph[str] = nx.Graph()
+    graph = nx.Graph()
     inner = 0
     while "(" in text:
         found = re.search(r"\(([^()]*)\)", text)

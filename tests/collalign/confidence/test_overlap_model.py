@@ -8,7 +8,7 @@ from collalign.confidence.overlap_model import MOST_CERTAIN, certainty, rival_ma
 FLIPPED = np.diag([1.0, -1.0, -1.0])
 
 
-def test_a_tie_is_even_odds_and_no_rival_the_most_that_is_said() -> None:
+def test_a_tie_is_even_odds_and_no_rival_the_most_that_is_said():
     assert certainty(0.0, 8) == 0.5
     assert certainty(np.inf) == pytest.approx(1.0 / (1.0 + np.exp(-MOST_CERTAIN)))
     chances = [certainty(margin) for margin in (0.0, 0.1, 0.2, 0.4)]
@@ -16,7 +16,7 @@ def test_a_tie_is_even_odds_and_no_rival_the_most_that_is_said() -> None:
     assert certainty(0.1, 8) > certainty(0.1, 2) > certainty(0.1, 1)
 
 
-def test_the_margin_is_that_of_the_best_rival_on_the_mean_of_all_targets() -> None:
+def test_the_margin_is_that_of_the_best_rival_on_the_mean_of_all_targets():
     near = np.array([[np.cos(0.1), -np.sin(0.1), 0], [np.sin(0.1), np.cos(0.1), 0], [0, 0, 1.0]])
     turns = np.stack([np.eye(3), near, FLIPPED, FLIPPED @ near])
     energies = np.exp([[0.0, 0.0], [0.01, 0.0], [0.3, 0.1], [0.5, 0.5]])

@@ -17,17 +17,17 @@ from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.surface.closest import SurfaceLocator
 
 
-def shown(num: int = 30, distance: float = 1.0, residual: float = 1.0) -> Evidence:
+def shown(num=30, distance=1.0, residual=1.0):
     """Return evidence of templates that agree."""
     return Evidence(spread=np.zeros(num), distance=distance, residual=np.full(num, residual), unit=1.0)
 
 
-def simulated(rng: np.random.Generator, num: int) -> np.ndarray:
+def simulated(rng, num):
     """Return errors of landmarks of very different difficulty, shape (num, 30)."""
     return np.abs(rng.standard_normal((num, 30))) * np.geomspace(0.05, 2, 30)
 
 
-def test_nine_of_ten_new_landmarks_lie_within_their_radius() -> None:
+def test_nine_of_ten_new_landmarks_lie_within_their_radius():
     rng = np.random.default_rng(0)
     inside = []
     for _ in range(40):
@@ -37,13 +37,13 @@ def test_nine_of_ten_new_landmarks_lie_within_their_radius() -> None:
     assert abs(np.mean(inside) - COVERAGE) < 0.03
 
 
-def test_radii_tell_hard_landmarks_from_easy_ones() -> None:
+def test_radii_tell_hard_landmarks_from_easy_ones():
     errors = simulated(np.random.default_rng(1), 8)
     radius = radii(calibrate(errors, [shown()] * len(errors)), shown())
     assert np.corrcoef(np.log(radius), np.arange(30))[0, 1] > 0.9
 
 
-def test_a_wrong_scale_would_be_noticed() -> None:
+def test_a_wrong_scale_would_be_noticed():
     """The check of the coverage fails for radii that are too small by half."""
     rng = np.random.default_rng(2)
     errors = simulated(rng, 8)
@@ -51,7 +51,7 @@ def test_a_wrong_scale_would_be_noticed() -> None:
     assert np.mean(simulated(rng, 400) <= 0.5 * radius) < COVERAGE - 0.1
 
 
-def test_specimens_unlike_the_templates_and_bad_fits_get_larger_radii() -> None:
+def test_specimens_unlike_the_templates_and_bad_fits_get_larger_radii():
     errors = simulated(np.random.default_rng(5), 8)
     calibration = calibrate(errors, [shown()] * 8)
     plain = radii(calibration, shown())
@@ -61,12 +61,12 @@ def test_specimens_unlike_the_templates_and_bad_fits_get_larger_radii() -> None:
     assert (radii(calibration, split) > plain).all()
 
 
-def test_too_few_templates_give_no_radius() -> None:
+def test_too_few_templates_give_no_radius():
     errors = simulated(np.random.default_rng(3), MIN_TEMPLATES - 1)
     assert np.isnan(radii(calibrate(errors, [shown()] * len(errors)), shown())).all()
 
 
-def test_missing_landmarks_count_for_nothing() -> None:
+def test_missing_landmarks_count_for_nothing():
     errors = simulated(np.random.default_rng(4), 8)
     errors[2, 5] = np.nan
     errors[:, 7] = np.nan
@@ -75,13 +75,13 @@ def test_missing_landmarks_count_for_nothing() -> None:
     assert np.isfinite(np.delete(radius, 7)).all()
 
 
-def test_the_spread_is_the_weighted_standard_deviation() -> None:
+def test_the_spread_is_the_weighted_standard_deviation():
     said = np.array([[[0.0, 0, 0]], [[1.0, 0, 0]], [[np.nan] * 3]])
     assert np.isclose(spread(said, np.array([[0.5], [0.5], [0.0]]))[0], 0.5)
     assert np.isclose(spread(said, np.array([[1.0], [0.0], [0.0]]))[0], 0.0)
 
 
-def test_templates_nearer_to_the_specimen_count_more() -> None:
+def test_templates_nearer_to_the_specimen_count_more():
     mean, faces = sphere_mesh(200)
     vertices = np.stack([mean, 1.1 * mean, 1.5 * mean])
     marks = mean[[3, 50]]
@@ -95,7 +95,7 @@ def test_templates_nearer_to_the_specimen_count_more() -> None:
     np.testing.assert_allclose(spreads, 0, atol=1e-6)
 
 
-def test_a_landmark_inside_keeps_its_offset_and_one_on_the_surface_is_put_there() -> None:
+def test_a_landmark_inside_keeps_its_offset_and_one_on_the_surface_is_put_there():
     mean, faces = sphere_mesh(200)
     marks = np.stack([0.5 * mean[7], 1.01 * mean[9], [np.nan] * 3])
     found = template(0, marks, mean, faces, 1.0)
@@ -106,7 +106,7 @@ def test_a_landmark_inside_keeps_its_offset_and_one_on_the_surface_is_put_there(
     assert (template_weights([found], 0, mean[None], np.ones((1, 200)))[:, 2] == 0).all()
 
 
-def test_a_fit_worse_than_on_any_template_is_out_of_range() -> None:
+def test_a_fit_worse_than_on_any_template_is_out_of_range():
     errors = simulated(np.random.default_rng(6), 8)
     calibration = calibrate(errors, [shown(residual=0.05)] * 8)
     bad = shown(residual=0.05)

@@ -7,13 +7,10 @@ import pytest
 
 from collalign.confidence.side_model import MIN_SHAPES, Sides, find_sides, preferences
 from collalign.stages.pairs.sparse_pairs import all_pairs
-from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import InputError
 
 
-def planted(
-    rng: np.random.Generator, mirrored: BoolArray, *, clear: float = 0.3, noise: float = 0.1
-) -> tuple[IntArray, FloatArray]:
+def planted(rng, mirrored, *, clear=0.3, noise=0.1):
     """Energies of all pairs whose preferences are ``clear`` for the sides, plus normal noise."""
     edges = all_pairs(len(mirrored))
     agree = np.where(mirrored[edges[:, 0]] == mirrored[edges[:, 1]], 1.0, -1.0)
@@ -21,12 +18,12 @@ def planted(
     return edges, 0.1 * np.exp(np.stack([-preference, preference], axis=1) / 2)
 
 
-def sides_of(mirrored: BoolArray, **strength: float) -> Sides:
+def sides_of(mirrored, **strength):
     return find_sides(*planted(np.random.default_rng(3), mirrored, **strength), len(mirrored))
 
 
 @pytest.mark.parametrize("share", [1, 3, 10])
-def test_planted_sides_are_found_and_clear(share: int) -> None:
+def test_planted_sides_are_found_and_clear(share):
     mirrored = np.roll(np.arange(20) < share, 7)
     found = sides_of(mirrored)
     assert found.are_suspected
@@ -39,7 +36,7 @@ def test_planted_sides_are_found_and_clear(share: int) -> None:
     assert found.median_between == pytest.approx(0.3, abs=0.1)
 
 
-def test_one_side_is_no_mix() -> None:
+def test_one_side_is_no_mix():
     found = sides_of(np.zeros(20, dtype=bool))
     assert not found.mirrored.any()
     assert not found.are_suspected
@@ -48,25 +45,25 @@ def test_one_side_is_no_mix() -> None:
 
 
 @pytest.mark.parametrize("num", [4, 6, 8, 12, 20, 40])
-def test_preferences_at_random_are_never_clear(num: int) -> None:
+def test_preferences_at_random_are_never_clear(num):
     rng = np.random.default_rng(num)
     for _ in range(25):
         edges, energies = planted(rng, np.zeros(num, dtype=bool), clear=0.0, noise=0.1)
         assert not find_sides(edges, energies, num).are_clear
 
 
-def test_strong_preferences_that_contradict_each_other_are_not_clear() -> None:
+def test_strong_preferences_that_contradict_each_other_are_not_clear():
     assert not sides_of(np.zeros(20, dtype=bool), clear=0.0, noise=0.6).are_clear
 
 
-def test_too_few_shapes_are_never_mirrored() -> None:
+def test_too_few_shapes_are_never_mirrored():
     few = np.arange(MIN_SHAPES - 1) < 2
     assert sides_of(few, clear=2.0).are_suspected
     assert not sides_of(few, clear=2.0).are_clear
     assert sides_of(np.arange(MIN_SHAPES) < 2, clear=2.0).are_clear
 
 
-def test_failed_pairs_are_left_out_and_parts_are_judged_apart() -> None:
+def test_failed_pairs_are_left_out_and_parts_are_judged_apart():
     mirrored = np.arange(16) % 8 == 2
     edges, energies = planted(np.random.default_rng(1), mirrored)
     energies[(edges[:, 0] < 8) & (edges[:, 1] >= 8), 1] = np.nan
@@ -77,12 +74,12 @@ def test_failed_pairs_are_left_out_and_parts_are_judged_apart() -> None:
     assert (nothing.num_pairs, nothing.are_suspected, nothing.are_clear) == (0, False, False)
 
 
-def test_preferences_are_antisymmetric_and_bounded() -> None:
+def test_preferences_are_antisymmetric_and_bounded():
     energies = np.array([[1.0, np.e], [np.e, 1.0], [0.0, 1.0], [0.0, 0.0]])
     assert preferences(energies) == pytest.approx([1.0, -1.0, 5.0, 0.0])
 
 
-def test_arrays_that_do_not_fit_are_refused() -> None:
+def test_arrays_that_do_not_fit_are_refused():
     with pytest.raises(InputError, match="energies"):
         find_sides([[0, 1]], [[1.0, 1.0], [1.0, 1.0]], 2)
     with pytest.raises(InputError, match="edges"):
@@ -100,7 +97,7 @@ CLEAR = Sides(
 )
 
 
-def test_each_condition_alone_decides_whether_sides_are_clear() -> None:
+def test_each_condition_alone_decides_whether_sides_are_clear():
     assert CLEAR.are_suspected
     assert CLEAR.are_clear
     assert CLEAR.are_obvious
@@ -118,7 +115,7 @@ def test_each_condition_alone_decides_whether_sides_are_clear() -> None:
     assert not replace(CLEAR, median_all=0.19, num_pairs=25).are_clear  # fewer pairs have to say more
 
 
-def test_few_or_weak_pairs_leave_room_for_more() -> None:
+def test_few_or_weak_pairs_leave_room_for_more():
     assert not replace(CLEAR, num_pairs=99).are_obvious
     assert not replace(CLEAR, median_all=0.19).are_obvious
     assert not replace(CLEAR, median_between=0.19).are_obvious
@@ -127,7 +124,7 @@ def test_few_or_weak_pairs_leave_room_for_more() -> None:
     assert not replace(CLEAR, median_between=0.04).are_suspected
 
 
-def test_sides_may_be_likely_without_being_clear() -> None:
+def test_sides_may_be_likely_without_being_clear():
     few = replace(CLEAR, mirrored=np.arange(4) < 1, num_pairs=5, num_between=3)
     assert few.are_likely
     assert not few.are_clear

@@ -5,10 +5,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -30,7 +27,7 @@ OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=16, num_d
 class OwnCluster:
     """A scheduler and perhaps a worker, in processes of their own."""
 
-    def __init__(self, folder: Path, *, with_worker: bool) -> None:
+    def __init__(self, folder, *, with_worker):
         file = folder / "scheduler.json"
         self._log = (folder / "cluster.log").open("wb")
         port = free_port()
@@ -43,15 +40,15 @@ class OwnCluster:
             flags = ("--nthreads", "1", "--no-dashboard", "--no-nanny", "--death-timeout", "60")
             self.worker = self._start("worker", "--scheduler-file", str(file), *flags)
 
-    def kill_worker(self) -> None:
+    def kill_worker(self):
         if self.worker is not None:
             self.worker.kill()
 
-    def _start(self, kind: str, *flags: str) -> subprocess.Popen[bytes]:
+    def _start(self, kind, *flags):
         command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *flags]
         return subprocess.Popen(command, stdout=self._log, stderr=self._log)
 
-    def close(self) -> None:
+    def close(self):
         for process in (self.worker, self.scheduler):
             if process is not None:
                 process.kill()
@@ -64,12 +61,12 @@ class Answering:
 
     status = "running"
 
-    def slow(self) -> int:
+    def slow(self):
         time.sleep(0.3)
         return 7
 
 
-def test_what_sends_much_may_take_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_sends_much_may_take_longer(monkeypatch):
     from collalign.engine.jobs import cluster as module
 
     monkeypatch.setattr(module, "_ANSWER_TIMEOUT_S", 0.05)
@@ -81,7 +78,7 @@ def test_what_sends_much_may_take_longer(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @contextmanager
-def own_cluster(folder: Path, *, with_worker: bool = True) -> Iterator[OwnCluster]:
+def own_cluster(folder, *, with_worker=True):
     cluster = OwnCluster(folder, with_worker=with_worker)
     try:
         yield cluster
@@ -89,22 +86,20 @@ def own_cluster(folder: Path, *, with_worker: bool = True) -> Iterator[OwnCluste
         cluster.close()
 
 
-def free_port() -> int:
+def free_port():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("cluster") / "chairs"
     write_collection(path, chairs(4))
     return path
 
 
-def test_a_scheduler_that_hangs_or_dies_ends_the_run_in_good_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scheduler_that_hangs_or_dies_ends_the_run_in_good_time(tmp_path, monkeypatch):
     monkeypatch.setattr("collalign.engine.jobs.cluster._ANSWER_TIMEOUT_S", 4.0)
     with own_cluster(tmp_path) as cluster:
         for number in (signal.SIGSTOP, signal.SIGKILL):
@@ -118,14 +113,12 @@ def test_a_scheduler_that_hangs_or_dies_ends_the_run_in_good_time(
             cluster.scheduler.send_signal(signal.SIGCONT)
 
 
-def test_without_workers_the_run_ends_and_what_is_finished_is_kept(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_workers_the_run_ends_and_what_is_finished_is_kept(folder, tmp_path, monkeypatch):
     monkeypatch.setattr("collalign.engine.jobs.cluster._WORKERLESS_END_S", 1.0)
     with own_cluster(tmp_path) as cluster:
         run = RunOptions(scheduler=cluster.address, store=tmp_path / "store.sqlite")
 
-        def progress(kind: str, total: int, *, done: int = 0) -> Any:
+        def progress(kind, total, *, done=0):
             for limit in ("_JOIN_TIMEOUT_S", "_ANSWER_TIMEOUT_S"):  # of the next stage
                 monkeypatch.setattr(f"collalign.engine.jobs.cluster.{limit}", 2.0)
             return nullcontext(lambda job: cluster.kill_worker())
@@ -150,16 +143,14 @@ def test_without_workers_the_run_ends_and_what_is_finished_is_kept(
         ("tcp://127.0.0.1:9", RunLost),
     ],
 )
-def test_addresses_without_a_scheduler_are_named(
-    address: str, error: type[Exception], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_addresses_without_a_scheduler_are_named(address, error, monkeypatch, capfd):
     monkeypatch.setattr("collalign.engine.jobs.cluster._LISTEN_TIMEOUT_S", 0.5)
     with pytest.raises(error, match=address or "''"):
         list(run_jobs(spectrum, [("a", 1)], scheduler=address))
     assert "Traceback" not in capfd.readouterr().err
 
 
-def test_another_program_at_the_address_is_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_program_at_the_address_is_no_scheduler(monkeypatch):
     monkeypatch.setattr("collalign.engine.jobs.cluster._CONNECT_TIMEOUT_S", 1.0)
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
@@ -167,7 +158,7 @@ def test_another_program_at_the_address_is_no_scheduler(monkeypatch: pytest.Monk
             list(run_jobs(spectrum, [("a", 1)], scheduler=address))
 
 
-def test_the_time_limits_together_keep_the_promise() -> None:
+def test_the_time_limits_together_keep_the_promise():
     from collalign.engine.jobs import cluster
 
     connecting = cluster._LISTEN_TIMEOUT_S + cluster._CONNECT_TIMEOUT_S

@@ -14,12 +14,12 @@ from tests.faults import run_with_kills, worker_processes
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def test_a_command_that_fails_is_not_taken_for_a_survivor() -> None:
+def test_a_command_that_fails_is_not_taken_for_a_survivor():
     with pytest.raises(RuntimeError, match="code 3"):
         run_with_kills([sys.executable, "-c", "import sys; sys.exit(3)"], 0, np.random.default_rng(0), delay_s=(1, 1))
 
 
-def test_processes_that_are_no_workers_are_not_listed() -> None:
+def test_processes_that_are_no_workers_are_not_listed():
     with subprocess.Popen(["sleep", "60"]) as process:
         parent = os.getpid()
         assert process.pid not in worker_processes(parent)
@@ -27,14 +27,14 @@ def test_processes_that_are_no_workers_are_not_listed() -> None:
         process.kill()
 
 
-def test_a_whole_run_that_is_killed_and_interrupted_loses_nothing(tmp_path: Path) -> None:
+def test_a_whole_run_that_is_killed_and_interrupted_loses_nothing(tmp_path):
     options = argparse.Namespace(kills=1, signals=1, shapes=4, points=16, delay=(0.5, 2.0), seed=1)
     log = fault_test.compare(tmp_path, options)
     assert (log.kills, log.signals) == (1, 1)
 
 
 @pytest.mark.parametrize("damage", ["original", "foreign", "record", "mesh", "staging"])
-def test_every_loss_would_be_noticed(tmp_path: Path, damage: str) -> None:
+def test_every_loss_would_be_noticed(tmp_path, damage):
     shapes, out = tmp_path / "shapes", tmp_path / "out"
     shapes.mkdir()
     (shapes / "a.ply").write_text("a")

@@ -1,7 +1,6 @@
 """What is concluded from deaths of workers and from the ledger, without any worker."""
 
 import faulthandler
-from pathlib import Path
 
 import pytest
 from joblib.externals.loky.process_executor import TerminatedWorkerError
@@ -13,18 +12,18 @@ from data_tools.errors import InputError
 TASK = Task(token=7, key="a", payload=3)
 
 
-def call_of(function, **limits) -> Call:
+def call_of(function, **limits):
     return Call(function=function, limits=Limits(**limits), table=None)
 
 
 class DeadlyRun(_LocalRun):
     """A run whose workers all die of the same cause, after they have started the task or before."""
 
-    def __init__(self, directory: Path, cause: str, *, has_started: bool) -> None:
+    def __init__(self, directory, cause, *, has_started):
         super().__init__(call_of(abs), Guard(directory=directory), 1)
         self.cause, self.has_started, self.num_calls = cause, has_started, 0
 
-    def _parallel(self, *_: object) -> None:
+    def _parallel(self, *_):
         self.num_calls += 1
         if self.has_started:
             self._guard.note("S", TASK.token)
@@ -32,9 +31,7 @@ class DeadlyRun(_LocalRun):
 
 
 @pytest.mark.parametrize(("cause", "retries"), [("SIGSEGV(-11)", 1), ("SIGKILL(-9)", 2)])
-def test_a_suspect_is_tried_once_more_and_twice_where_its_worker_was_killed(
-    tmp_path: Path, cause: str, retries: int
-) -> None:
+def test_a_suspect_is_tried_once_more_and_twice_where_its_worker_was_killed(tmp_path, cause, retries):
     run = DeadlyRun(tmp_path, cause, has_started=True)
     outcome = run._alone(TASK)
     assert run.num_calls == retries
@@ -42,14 +39,14 @@ def test_a_suspect_is_tried_once_more_and_twice_where_its_worker_was_killed(
     assert outcome.failure == f"the worker process died ({cause}), {retries + 1} times in a row"
 
 
-def test_deaths_before_the_task_has_started_are_not_its_own(tmp_path: Path) -> None:
+def test_deaths_before_the_task_has_started_are_not_its_own(tmp_path):
     run = DeadlyRun(tmp_path, "SIGSEGV(-11)", has_started=False)
     assert run._alone(TASK).crashed
     assert run.num_calls == 5
 
 
 @pytest.mark.parametrize("function", [abs, int.from_bytes])
-def test_the_ledger_says_that_a_task_started_and_ended_however_it_did(tmp_path: Path, function) -> None:
+def test_the_ledger_says_that_a_task_started_and_ended_however_it_did(tmp_path, function):
     guard = Guard(directory=tmp_path)
     outcome = run_guarded(call_of(function, time_limit_s=60.0), TASK, guard)
     assert (outcome.failure is None) == (function is abs)
@@ -57,14 +54,14 @@ def test_the_ledger_says_that_a_task_started_and_ended_however_it_did(tmp_path: 
     assert _LocalRun(call_of(abs), guard, 1)._started_and_not_ended() == {}
 
 
-def test_the_watchdog_is_called_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls: list[str] = []
+def test_the_watchdog_is_called_off(tmp_path, monkeypatch):
+    calls = []
     for name in ("dump_traceback_later", "cancel_dump_traceback_later"):
         monkeypatch.setattr(faulthandler, name, lambda *_, name=name, **__: calls.append(name))
     assert isinstance(run_guarded(call_of(abs, time_limit_s=60.0), TASK, Guard(directory=tmp_path)), Outcome)
     assert calls == ["dump_traceback_later", "cancel_dump_traceback_later"]
 
 
-def test_expected_errors_are_told_as_they_are_and_others_with_their_place() -> None:
+def test_expected_errors_are_told_as_they_are_and_others_with_their_place():
     assert describe(InputError("a.ply:\n truncated")) == "a.ply: truncated"
     assert describe(ValueError("no")) == "ValueError: no"

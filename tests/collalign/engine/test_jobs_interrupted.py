@@ -5,9 +5,7 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable
 from itertools import count
-from typing import Any
 
 import pytest
 from joblib._parallel_backends import LokyBackend
@@ -21,18 +19,16 @@ from tests.job_functions import misbehave, nothing
 
 
 @pytest.fixture
-def no_pool() -> None:
+def no_pool():
     """Workers start anew."""
     if reusable_executor._executor is not None:
         reusable_executor._executor.shutdown(wait=True, kill_workers=True)
 
 
-def test_workers_that_are_just_starting_end_without_a_word(
-    no_pool: None, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_workers_that_are_just_starting_end_without_a_word(no_pool, monkeypatch, capfd):
     start, started = fork_exec.fork_exec, []
 
-    def start_and_interrupt(*arguments: Any, **options: Any) -> int:
+    def start_and_interrupt(*arguments, **options):
         started.append(start(*arguments, **options))
         os.kill(os.getpid(), signal.SIGINT)  # before the worker is told what to do
         arrived.recv(1)
@@ -58,13 +54,11 @@ def test_workers_that_are_just_starting_end_without_a_word(
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_thread_of_the_pool_that_comes_too_late_prints_nothing(
-    no_pool: None, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_thread_of_the_pool_that_comes_too_late_prints_nothing(no_pool, monkeypatch, caplog):
     received, late = threading.Event(), threading.Event()
     submit = LokyBackend.submit
 
-    def submit_late(backend: LokyBackend, *arguments: Any, **options: Any) -> Any:
+    def submit_late(backend, *arguments, **options):
         if received.is_set() and not late.is_set():
             late.set()
             pool = reusable_executor._executor
@@ -80,20 +74,20 @@ def test_a_thread_of_the_pool_that_comes_too_late_prints_nothing(
     assert caplog.text == ""
 
 
-def test_what_else_goes_wrong_in_a_thread_of_the_pool_is_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_what_else_goes_wrong_in_a_thread_of_the_pool_is_told(caplog):
     from concurrent.futures import Future
 
     results = run_jobs(misbehave, [("a", ("return", 1)), ("b", ("return", 2))], num_jobs=2)
     next(results)
-    future: Future[int] = Future()
+    future = Future()
     future.add_done_callback(lambda _: 1 // 0)
     future.set_result(1)
     list(results)
     assert "exception calling callback" in caplog.text
 
 
-def test_after_ctrl_c_threads_of_the_pool_fail_without_a_word(capsys: pytest.CaptureFixture[str]) -> None:
-    def fail() -> None:
+def test_after_ctrl_c_threads_of_the_pool_fail_without_a_word(capsys):
+    def fail():
         thread = threading.Thread(target=lambda: {}[1])
         thread.start()
         thread.join()
@@ -107,7 +101,7 @@ def test_after_ctrl_c_threads_of_the_pool_fail_without_a_word(capsys: pytest.Cap
     assert threading.excepthook is before
 
 
-def wait_until(holds: Callable[[], bool]) -> None:
+def wait_until(holds):
     """Wait for what is certain to happen; give up after minutes."""
     deadline = time.monotonic() + 100.0
     while not holds():

@@ -12,7 +12,7 @@ class Options:
     weight: float = 0.5
 
 
-def test_a_key_changes_with_version_options_and_content_only() -> None:
+def test_a_key_changes_with_version_options_and_content_only():
     key = fingerprint("1", Options(), "aa", "bb")
     assert len(key) == KEY_LENGTH
     assert key == fingerprint("1", {"weight": 0.5, "num_points": np.int64(64)}, "aa", "bb")
@@ -26,17 +26,17 @@ def test_a_key_changes_with_version_options_and_content_only() -> None:
     assert len({key, *others}) == 6
 
 
-def test_whole_floats_count_as_integers_but_not_as_flags() -> None:
+def test_whole_floats_count_as_integers_but_not_as_flags():
     assert fingerprint("1", {"w": 1.0}) == fingerprint("1", {"w": 1})
     assert fingerprint("1", {"w": True}) != fingerprint("1", {"w": 1})
 
 
-def test_options_of_other_kinds_are_refused() -> None:
+def test_options_of_other_kinds_are_refused():
     with pytest.raises(TypeError):
         fingerprint("1", {"f": print})
 
 
-def test_pair_seeds_depend_on_seed_and_both_names_in_order() -> None:
+def test_pair_seeds_depend_on_seed_and_both_names_in_order():
     seeds = {pair_seed(0, "a", "b"), pair_seed(0, "b", "a"), pair_seed(1, "a", "b"), pair_seed(0, "ab", "")}
     assert len(seeds) == 4
     assert pair_seed(0, "a", "b") == pair_seed(0, "a", "b")

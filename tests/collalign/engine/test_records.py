@@ -13,20 +13,20 @@ from data_tools.errors import StoreError
 PLAIN = st.none() | st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False) | st.text()
 
 
-def array_bytes(code: int, shape: tuple[int, ...], raw: bytes) -> bytes:
+def array_bytes(code, shape, raw):
     body = struct.pack(f"<BB{len(shape)}Q", code, len(shape), *shape) + raw
     return msgpack.packb({"a": msgpack.ExtType(1, body)})
 
 
 @given(st.dictionaries(st.text(), PLAIN | st.binary() | st.lists(PLAIN)))
 @settings(max_examples=60, deadline=None, derandomize=True)
-def test_plain_values_come_back(record: dict[str, object]) -> None:
+def test_plain_values_come_back(record):
     assert decode(encode(record), "x") == record
 
 
 @pytest.mark.parametrize("dtype", ["f8", "f4", "i8", "i4", "u1", "?"])
 @pytest.mark.parametrize("shape", [(), (0,), (3,), (0, 3), (2, 3, 4)])
-def test_arrays_come_back_read_only(dtype: str, shape: tuple[int, ...], rng: np.random.Generator) -> None:
+def test_arrays_come_back_read_only(dtype, shape, rng):
     array = rng.integers(0, 2, shape).astype(dtype)
     back = decode(encode({"a": array}), "x")["a"]
     assert back.dtype == array.dtype
@@ -36,12 +36,12 @@ def test_arrays_come_back_read_only(dtype: str, shape: tuple[int, ...], rng: np.
     assert back.flags.c_contiguous
 
 
-def test_special_floats_keep_their_bits() -> None:
+def test_special_floats_keep_their_bits():
     array = np.array([np.nan, -0.0, np.inf, 5e-324])
     assert decode(encode({"a": array}), "x")["a"].tobytes() == array.tobytes()
 
 
-def test_bytes_depend_neither_on_order_of_keys_nor_on_layout(rng: np.random.Generator) -> None:
+def test_bytes_depend_neither_on_order_of_keys_nor_on_layout(rng):
     matrix = rng.standard_normal((4, 5))
     one = encode({"a": matrix, "b": {"x": 1, "y": (2, 3)}})
     other = encode({"b": {"y": [2, 3], "x": np.int64(1)}, "a": np.asfortranarray(matrix)})
@@ -51,13 +51,13 @@ def test_bytes_depend_neither_on_order_of_keys_nor_on_layout(rng: np.random.Gene
 @pytest.mark.parametrize(
     "value", [{"a": object()}, {"a": {1: 2}}, {"a": 1j}, {"a": np.array(["x"])}, {"a": np.array([None])}, [1]]
 )
-def test_what_a_record_cannot_hold_is_refused(value: object) -> None:
+def test_what_a_record_cannot_hold_is_refused(value):
     with pytest.raises(TypeError):
         encode(value)  # type: ignore[arg-type]
 
 
-def test_deep_nesting_is_refused_both_ways() -> None:
-    deep: object = 1
+def test_deep_nesting_is_refused_both_ways():
+    deep = 1
     for _ in range(10):
         deep = [deep]
     with pytest.raises(TypeError, match="nested"):
@@ -85,14 +85,14 @@ def test_deep_nesting_is_refused_both_ways() -> None:
         (b"\x81" * 600, "not a record"),
     ],
 )
-def test_malformed_bytes_are_refused(data: bytes, reason: str) -> None:
+def test_malformed_bytes_are_refused(data, reason):
     with pytest.raises(StoreError, match=reason):
         decode(data, "pair 7")
 
 
 @given(data=st.data())
 @settings(max_examples=150, deadline=None, derandomize=True)
-def test_mutated_records_are_refused_or_well_formed(data: st.DataObject) -> None:
+def test_mutated_records_are_refused_or_well_formed(data):
     raw = bytearray(encode({"R": np.eye(3), "map": np.arange(5), "n": {"x": [1.5, None, "text", True]}}))
     for _ in range(data.draw(st.integers(1, 4))):
         raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))

@@ -1,28 +1,25 @@
 """A session computes what its store lacks, keeps results and failures, and counts what it found there."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import pytest
 
 from collalign.engine.jobs.job import Job, Wanted, table_of_stored
-from collalign.engine.jobs.run import JobResult
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
-from collalign.engine.store.records import Record
 from collalign.engine.store.store import Store
 from data_tools.errors import InputError, SolveFailed
 from tests.job_functions import misbehave
 
 
-def root(value: float) -> dict[str, float]:
+def root(value):
     if value < 0:
         raise InputError("negative")
     return {"root": value**0.5}
 
 
-def whole(record: Record, name: str) -> Record:
+def whole(record, name):
     return record
 
 
@@ -33,11 +30,11 @@ WANTED = {
 }
 
 
-def session_around(store: Store) -> Session[None]:
+def session_around(store):
     return Session.around(store, None, RunOptions(jobs=1))
 
 
-def test_results_and_failures_are_kept_and_not_computed_again() -> None:
+def test_results_and_failures_are_kept_and_not_computed_again():
     with Store.memory() as store:
         first = session_around(store)
         found = first.compute(JOB, WANTED, time_limit_s=None)
@@ -55,7 +52,7 @@ def test_results_and_failures_are_kept_and_not_computed_again() -> None:
         assert again["one"] == {"root": 7.0}
 
 
-def test_nothing_begins_once_the_time_is_over_and_the_store_knows_nothing_of_it() -> None:
+def test_nothing_begins_once_the_time_is_over_and_the_store_knows_nothing_of_it():
     with Store.memory() as store:
         session = session_around(store)
         found = session.compute(JOB, WANTED, time_limit_s=None, until=0.0)
@@ -74,16 +71,16 @@ class Sum:
     total: float
 
 
-def add(root: Root, others: tuple[Root, ...], more: float) -> Sum:
+def add(root, others, more):
     return Sum(total=root.root + sum(other.root for other in others) + more)
 
 
-def record_fields(record: Record, name: str) -> list[str]:
+def record_fields(record, name):
     return sorted(record)
 
 
 @pytest.mark.parametrize("num_jobs", [1, 2])
-def test_results_of_one_job_are_arguments_of_another(num_jobs: int) -> None:
+def test_results_of_one_job_are_arguments_of_another(num_jobs):
     job = replace(JOB, reader=Root)
     adding = Job(kind="evidence", version="1", run=add, reader=Sum)
     with Session.open(None, RunOptions(jobs=num_jobs)) as session:
@@ -95,7 +92,7 @@ def test_results_of_one_job_are_arguments_of_another(num_jobs: int) -> None:
         assert session.store.require("evidence", "s") == {"total": 5.5}
 
 
-def test_a_table_holds_what_readers_ask_for_alone() -> None:
+def test_a_table_holds_what_readers_ask_for_alone():
     with Store.memory() as store:
         for key in ("a", "b"):
             store.put("shapes", key, {"root": 1.0, "total": 2.0, "large": 3.0})
@@ -117,14 +114,14 @@ def test_a_table_holds_what_readers_ask_for_alone() -> None:
         assert table_of_stored(store, [{"x": 1.0}]) is None
 
 
-def test_a_strict_session_raises_and_keeps_what_is_finished() -> None:
+def test_a_strict_session_raises_and_keeps_what_is_finished():
     with Store.memory() as store:
         with pytest.raises(InputError, match="bad: negative"):
             session_around(store).compute(JOB, WANTED, time_limit_s=None, strict=True)
         assert store.keys("measurements") == {"a", "b"}
 
 
-def test_a_session_opens_its_own_store_and_hands_on_other_options() -> None:
+def test_a_session_opens_its_own_store_and_hands_on_other_options():
     with Session.open("asked", RunOptions(jobs=1)) as session:
         decided = session.with_options("decided")
         assert (session.options, decided.options) == ("asked", "decided")
@@ -132,10 +129,10 @@ def test_a_session_opens_its_own_store_and_hands_on_other_options() -> None:
 
 
 @pytest.mark.parametrize("num_jobs", [1, 2])
-def test_results_are_spread_counted_and_not_kept(num_jobs: int) -> None:
-    counted: list[str] = []
+def test_results_are_spread_counted_and_not_kept(num_jobs):
+    counted = []
 
-    def count(kind: str, total: int, done: int) -> AbstractContextManager[Callable[[JobResult], None]]:
+    def count(kind, total, done):
         counted.append(f"{kind}: {done} of {total}")
         return nullcontext(lambda result: counted.append(result.key))
 
@@ -148,16 +145,16 @@ def test_results_are_spread_counted_and_not_kept(num_jobs: int) -> None:
     assert sorted(counted[1:]) == sorted(map(str, found))
 
 
-def test_a_failure_is_an_error_that_names_the_task() -> None:
+def test_a_failure_is_an_error_that_names_the_task():
     with Session.open(None, RunOptions(jobs=1)) as session, pytest.raises(SolveFailed, match="things, b: ValueError"):
         session.spread("things", misbehave, {"a": {"payload": ("return", 1)}, "b": {"payload": ("raise", 2)}})
 
 
-def test_displays_count_steps_without_workers() -> None:
-    shown: list[str] = []
-    counted: list[JobResult] = []
+def test_displays_count_steps_without_workers():
+    shown = []
+    counted = []
 
-    def display(description: str, total: int, *, done: int) -> AbstractContextManager[Callable[[JobResult], None]]:
+    def display(description, total, *, done):
         shown.append(f"{description}: {done} of {total}")
         return nullcontext(counted.append)
 

@@ -4,7 +4,6 @@ import sqlite3
 import subprocess
 import sys
 from contextlib import closing, suppress
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,11 +16,11 @@ RECORD = {"R": np.eye(3), "energy": 0.25, "names": ["a", "b"]}
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path):
     return tmp_path / "run.store"
 
 
-def test_records_survive_closing(path: Path) -> None:
+def test_records_survive_closing(path):
     with Store.open(path) as store:
         store.put("pairs", "k", RECORD, label="a ~ b", seconds=0.5)
         store.put("pairs", "k", RECORD | {"energy": 0.5}, label="a ~ b", seconds=1.5)
@@ -36,7 +35,7 @@ def test_records_survive_closing(path: Path) -> None:
         assert np.isnan(store.costs("shapes").mean_seconds)
 
 
-def test_records_that_must_be_there_are_missed(path: Path) -> None:
+def test_records_that_must_be_there_are_missed(path):
     with Store.open(path) as store:
         store.put("pairs", "k", RECORD)
         assert store.require("pairs", "k")["energy"] == 0.25
@@ -44,7 +43,7 @@ def test_records_that_must_be_there_are_missed(path: Path) -> None:
             store.require("pairs", "other")
 
 
-def test_notes_are_kept_replaced_and_forgotten(path: Path) -> None:
+def test_notes_are_kept_replaced_and_forgotten(path):
     with Store.open(path) as store:
         store.set_note("stage", "pairs")
         store.set_note("stage", "outputs")
@@ -55,7 +54,7 @@ def test_notes_are_kept_replaced_and_forgotten(path: Path) -> None:
         assert store.notes() == {"files": "7", "stage": "outputs"}
 
 
-def test_status_counts_the_plan(path: Path) -> None:
+def test_status_counts_the_plan(path):
     with Store.open(path) as store:
         store.plan("pairs", {"a": "1 ~ 2", "b": "1 ~ 3", "c": "2 ~ 3", "d": ""})
         store.put("pairs", "a", RECORD)
@@ -71,7 +70,7 @@ def test_status_counts_the_plan(path: Path) -> None:
         assert store.status()["pairs"] == Counts(planned=1, done=1, failed=0, left=0)
 
 
-def test_missing_tries_crashes_again_but_not_errors() -> None:
+def test_missing_tries_crashes_again_but_not_errors():
     with Store.memory() as store:
         store.put("pairs", "done", RECORD)
         store.put_failure("pairs", "raised", "no answer", label="x ~ y")
@@ -82,7 +81,7 @@ def test_missing_tries_crashes_again_but_not_errors() -> None:
         assert store.failures("pairs")["raised"].label == "x ~ y"
 
 
-def test_a_second_writer_is_refused_and_a_reader_is_not(path: Path) -> None:
+def test_a_second_writer_is_refused_and_a_reader_is_not(path):
     with Store.open(path) as store:
         store.put("pairs", "k", RECORD)
         with pytest.raises(StoreError, match=f"process {os.getpid()}"):
@@ -94,7 +93,7 @@ def test_a_second_writer_is_refused_and_a_reader_is_not(path: Path) -> None:
     Store.open(path).close()
 
 
-def test_a_killed_writer_leaves_its_records_and_no_lock(path: Path) -> None:
+def test_a_killed_writer_leaves_its_records_and_no_lock(path):
     script = (
         "import os, sys; from collalign.engine.store.store import Store\n"
         "store = Store.open(sys.argv[1])\n"
@@ -113,7 +112,7 @@ def test_a_killed_writer_leaves_its_records_and_no_lock(path: Path) -> None:
         assert all(store.get("pairs", key) == {"i": int(key)} for key in keys)
 
 
-def tamper(path: Path, *statements: str) -> None:
+def tamper(path, *statements):
     connection = sqlite3.connect(path)
     for statement in statements:
         connection.execute(statement)
@@ -131,7 +130,7 @@ def tamper(path: Path, *statements: str) -> None:
         "UPDATE pairs SET key = CASE key WHEN 'k' THEN 'l' ELSE 'k' END",
     ],
 )
-def test_damaged_rows_are_refused(path: Path, statement: str) -> None:
+def test_damaged_rows_are_refused(path, statement):
     with Store.open(path) as store:
         store.put("pairs", "k", RECORD)
         assert store.get("pairs", "k") is not None
@@ -152,7 +151,7 @@ def test_damaged_rows_are_refused(path: Path, statement: str) -> None:
         ("DROP TABLE meta", "tables"),
     ],
 )
-def test_files_of_another_layout_are_refused(path: Path, statement: str, reason: str) -> None:
+def test_files_of_another_layout_are_refused(path, statement, reason):
     Store.open(path).close()
     tamper(path, statement)
     for read_only in (True, False):
@@ -160,7 +159,7 @@ def test_files_of_another_layout_are_refused(path: Path, statement: str, reason:
             Store.open(path, read_only=read_only)
 
 
-def test_text_that_is_not_unicode_is_refused_or_read(path: Path) -> None:
+def test_text_that_is_not_unicode_is_refused_or_read(path):
     with Store.open(path) as store:
         store.put_failure("pairs", "k", "took too long")
     content = path.read_bytes()
@@ -170,7 +169,7 @@ def test_text_that_is_not_unicode_is_refused_or_read(path: Path) -> None:
             assert "took" in store.failures("pairs")["k"].reason
 
 
-def test_a_refused_store_is_not_left_locked(path: Path) -> None:
+def test_a_refused_store_is_not_left_locked(path):
     Store.open(path).close()
     tamper(path, "PRAGMA user_version = 99")
     with pytest.raises(StoreError):
@@ -180,7 +179,7 @@ def test_a_refused_store_is_not_left_locked(path: Path) -> None:
 
 
 @pytest.mark.parametrize("key", ["", "x" * 2000, 7])
-def test_impossible_keys_and_kinds_are_refused(key: object) -> None:
+def test_impossible_keys_and_kinds_are_refused(key):
     with Store.memory() as store:
         with pytest.raises(ValueError, match="key"):
             store.put("pairs", key, RECORD)  # type: ignore[arg-type]
@@ -188,7 +187,7 @@ def test_impossible_keys_and_kinds_are_refused(key: object) -> None:
             store.get("pairs; DROP TABLE pairs", "k")
 
 
-def test_names_that_are_not_unicode_are_stored_readably() -> None:
+def test_names_that_are_not_unicode_are_stored_readably():
     with Store.memory() as store:
         store.put("shapes", "k", RECORD, label="tooth\udcff")
         store.put_failure("shapes", "l", "broken: tooth\udcff", label="tooth\udcff")
@@ -196,7 +195,7 @@ def test_names_that_are_not_unicode_are_stored_readably() -> None:
         assert store.failures("shapes")["l"].reason == "broken: tooth?"
 
 
-def test_somebody_elses_files_are_not_touched(tmp_path: Path) -> None:
+def test_somebody_elses_files_are_not_touched(tmp_path):
     database = tmp_path / "mine.sqlite"
     with sqlite3.connect(database) as connection:
         connection.execute("CREATE TABLE mine (x)")
@@ -214,7 +213,7 @@ def test_somebody_elses_files_are_not_touched(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("ending", ["-wal", "-journal", "-shm"])
 @pytest.mark.parametrize("is_there", [False, True])
-def test_journals_of_somebody_else_are_not_touched(path: Path, ending: str, is_there: bool) -> None:
+def test_journals_of_somebody_else_are_not_touched(path, ending, is_there):
     if is_there:
         Store.open(path).close()
     mine = path.with_name(path.name + ending)
@@ -225,7 +224,7 @@ def test_journals_of_somebody_else_are_not_touched(path: Path, ending: str, is_t
     assert sorted(p.name for p in path.parent.iterdir()) == sorted([path.name] * is_there + [mine.name])
 
 
-def test_journals_without_a_store_are_not_touched(path: Path) -> None:
+def test_journals_without_a_store_are_not_touched(path):
     with Store.open(path) as store:
         store.put("pairs", "k", RECORD)
         logs = [path.with_name(path.name + ending) for ending in ("-wal", "-shm")]
@@ -238,7 +237,7 @@ def test_journals_without_a_store_are_not_touched(path: Path) -> None:
     assert {log: log.read_bytes() for log in logs} == left
 
 
-def test_a_foreign_database_keeps_its_log(path: Path) -> None:
+def test_a_foreign_database_keeps_its_log(path):
     with closing(sqlite3.connect(path)) as connection:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("CREATE TABLE mine (x)")
@@ -251,7 +250,7 @@ def test_a_foreign_database_keeps_its_log(path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [None, "text"])
-def test_a_refused_store_leaves_no_lock(path: Path, content: str | None) -> None:
+def test_a_refused_store_leaves_no_lock(path, content):
     path.mkdir() if content is None else path.write_text(content)
     with pytest.raises(StoreError):
         Store.open(path)
@@ -259,7 +258,7 @@ def test_a_refused_store_leaves_no_lock(path: Path, content: str | None) -> None
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes in folders")
-def test_a_pipe_is_no_lock_and_no_store(path: Path) -> None:
+def test_a_pipe_is_no_lock_and_no_store(path):
     for pipe in (path.with_name(path.name + ".lock"), path):
         os.mkfifo(pipe)
         with pytest.raises(StoreError, match="regular file"):
@@ -268,7 +267,7 @@ def test_a_pipe_is_no_lock_and_no_store(path: Path) -> None:
         pipe.unlink()
 
 
-def test_a_disk_that_fills_up_during_a_run_is_called_full(tmp_path: Path) -> None:
+def test_a_disk_that_fills_up_during_a_run_is_called_full(tmp_path):
     with Store.open(tmp_path / "a.sqlite") as store:
         store._connection.execute("PRAGMA max_page_count = 20")
         with pytest.raises(StoreError, match="disk is full"):

@@ -1,13 +1,13 @@
 """Dataclasses come back from records as they were, and records that cannot be are refused."""
 
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from collalign.engine.store.records import Record, decode, encode
+from collalign.engine.store.records import decode, encode
 from collalign.engine.store.typed import fields_of, from_record, to_record
 from collalign.stages.pairs.match import PairPoses, match_pair
 from data_tools.arrays import Holds
@@ -18,9 +18,7 @@ from pairwise.options import MatchOptions
 from pairwise.status import Status
 
 
-def make_samples(
-    rng: np.random.Generator, *, num: int = 12, num_functions: int = 0, num_invariants: int = 2
-) -> Samples:
+def make_samples(rng, *, num=12, num_functions=0, num_invariants=2):
     positions = rng.standard_normal((num, 3))
     positions -= positions.mean(axis=0)
     functions = rng.standard_normal((num, num_functions))
@@ -41,28 +39,28 @@ def make_samples(
     )
 
 
-def through_bytes(record: Record) -> Record:
+def through_bytes(record):
     return decode(encode(record), "x")
 
 
-def same(a: Any, b: Any) -> bool:
+def same(a, b):
     if isinstance(a, np.ndarray):
         return bool(a.dtype == b.dtype and a.tobytes() == b.tobytes() and not b.flags.writeable)
     return bool(a == b or (a != a and b != b))
 
 
-def same_fields(a: Any, b: Any, *, without: tuple[str, ...] = ()) -> bool:
+def same_fields(a, b, *, without=()):
     return all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a) if f.name not in without)
 
 
 @pytest.fixture
-def poses(rng: np.random.Generator) -> PairPoses:
+def poses(rng):
     return match_pair(make_samples(rng), make_samples(rng), "SO", MatchOptions())
 
 
 @pytest.mark.parametrize("num_functions", [0, 4])
 @pytest.mark.parametrize("num_invariants", [0, 3])
-def test_samples_come_back(rng: np.random.Generator, num_functions: int, num_invariants: int) -> None:
+def test_samples_come_back(rng, num_functions, num_invariants):
     samples = make_samples(rng, num_functions=num_functions, num_invariants=num_invariants)
     back = from_record(Samples, through_bytes(to_record(samples)), "tooth")
     assert same_fields(samples, back)
@@ -70,7 +68,7 @@ def test_samples_come_back(rng: np.random.Generator, num_functions: int, num_inv
     assert not same_fields(samples, make_samples(rng), without=("name",))
 
 
-def test_poses_come_back(poses: PairPoses) -> None:
+def test_poses_come_back(poses):
     back = from_record(PairPoses, through_bytes(to_record(poses)), "a ~ b")
     assert len(back.energies) > 1
     assert same_fields(replace(poses, maps=poses.maps.astype(np.int64)), back)
@@ -78,9 +76,7 @@ def test_poses_come_back(poses: PairPoses) -> None:
     assert np.isnan(back.lower_bound)
 
 
-def test_a_match_without_a_pose_is_a_failure_and_no_record(
-    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_match_without_a_pose_is_a_failure_and_no_record(rng, monkeypatch):
     failed = replace(match(rng.random((4, 3)), rng.random((4, 3))), candidates=(), status=Status.FAILED)
     monkeypatch.setattr("collalign.stages.pairs.match.match_problem", lambda problem, options: failed)
     with pytest.raises(SolveFailed, match="No usable answer"):
@@ -105,7 +101,7 @@ class Everything:
     table: dict[str, NDArray[np.float64]]
 
 
-def test_every_kind_of_field_comes_back_and_a_reader_takes_what_it_names() -> None:
+def test_every_kind_of_field_comes_back_and_a_reader_takes_what_it_names():
     value = Everything(
         name="all",
         parts=(Part("red"), Part("blue")),
@@ -166,7 +162,7 @@ def test_every_kind_of_field_comes_back_and_a_reader_takes_what_it_names() -> No
         {"status": ["FAILED"]},
     ],
 )
-def test_impossible_poses_are_refused(poses: PairPoses, change: dict[str, Any]) -> None:
+def test_impossible_poses_are_refused(poses, change):
     record = to_record(poses)
     record |= {name: record[name][:1] for name in ("rotations", "maps", "energies", "gaps")}
     from_record(PairPoses, record, "a ~ b")
@@ -193,14 +189,14 @@ def test_impossible_poses_are_refused(poses: PairPoses, change: dict[str, Any]) 
         {"notes": [1]},
     ],
 )
-def test_impossible_samples_are_refused(rng: np.random.Generator, change: dict[str, Any]) -> None:
+def test_impossible_samples_are_refused(rng, change):
     record = to_record(make_samples(rng))
     from_record(Samples, record, "tooth")
     with pytest.raises(StoreError, match="tooth"):
         from_record(Samples, record | change, "tooth")
 
 
-def test_missing_fields_are_named(rng: np.random.Generator, poses: PairPoses) -> None:
+def test_missing_fields_are_named(rng, poses):
     for record, kind in ((to_record(make_samples(rng)), Samples), (to_record(poses), PairPoses)):
         for field in record:
             with pytest.raises(StoreError, match=f"'{field}' is missing"):

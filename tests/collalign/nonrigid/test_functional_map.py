@@ -11,7 +11,7 @@ from collalign.nonrigid.functional_map import (
 from data_tools.errors import InputError, OptionsError
 
 
-def circle_basis(angles: np.ndarray, num: int) -> np.ndarray:
+def circle_basis(angles, num):
     """The constant function and the eigenfunctions of a circle, lowest first."""
     columns = [np.ones(len(angles))]
     for k in range(1, num // 2 + 1):
@@ -19,11 +19,11 @@ def circle_basis(angles: np.ndarray, num: int) -> np.ndarray:
     return np.column_stack(columns)[:, :num]
 
 
-def turns(angles: np.ndarray) -> np.ndarray:
+def turns(angles):
     return np.abs((angles + np.pi) % (2 * np.pi) - np.pi)
 
 
-def test_nearest_rows_agree_with_brute_force(rng: np.random.Generator) -> None:
+def test_nearest_rows_agree_with_brute_force(rng):
     points, queries = rng.random((300, 7)), rng.random((411, 7))
     distances = np.linalg.norm(queries[:, None] - points, axis=2)
     assert np.array_equal(mutual_nearest_rows(points, queries)[0], distances.argmin(axis=1))
@@ -32,7 +32,7 @@ def test_nearest_rows_agree_with_brute_force(rng: np.random.Generator) -> None:
     assert np.array_equal(backward, distances.argmin(axis=0))
 
 
-def test_zoomout_repairs_a_bad_map_and_both_directions_agree(rng: np.random.Generator) -> None:
+def test_zoomout_repairs_a_bad_map_and_both_directions_agree(rng):
     angles = np.sort(rng.uniform(0, 2 * np.pi, 400))
     shift = 1.1
     target, source = circle_basis(angles, 41), circle_basis(angles - shift, 41)
@@ -48,7 +48,7 @@ def test_zoomout_repairs_a_bad_map_and_both_directions_agree(rng: np.random.Gene
     assert source @ exact.C_source_target == pytest.approx(target, abs=1e-4)
 
 
-def test_unknown_matches_are_left_out(rng: np.random.Generator) -> None:
+def test_unknown_matches_are_left_out(rng):
     angles = rng.uniform(0, 2 * np.pi, 200)
     basis = circle_basis(angles, 21)
     start = np.where(np.arange(200) < 30, np.arange(200), -1)
@@ -56,7 +56,7 @@ def test_unknown_matches_are_left_out(rng: np.random.Generator) -> None:
     assert np.array_equal(refined.map_target_source, np.arange(200))
 
 
-def test_sizes_grow_to_the_last() -> None:
+def test_sizes_grow_to_the_last():
     assert zoomout_sizes(5, 9, factor=1.0) == [5, 6, 7, 8, 9]
     assert zoomout_sizes(20, 20) == [20]
     sizes = zoomout_sizes(18, 121, factor=1.2)
@@ -65,7 +65,7 @@ def test_sizes_grow_to_the_last() -> None:
     assert (np.diff(sizes) > 0).all()
 
 
-def test_wrong_input_is_refused(rng: np.random.Generator) -> None:
+def test_wrong_input_is_refused(rng):
     basis = rng.random((20, 9))
     with pytest.raises(OptionsError, match="ascending"):
         ZoomOut(basis, basis, [5, 4])

@@ -10,8 +10,7 @@ from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import smooth_candidates
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.surface.posed import sampled_surface
-from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
-from data_tools.arrays import IntArray
+from collalign.nonrigid.surface.spectral_shape import prepare_surface
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.rotations import random_rotation
@@ -19,33 +18,33 @@ from data_tools.surface.shape import Shape
 
 
 @pytest.fixture(scope="module")
-def bodies() -> tuple[SpectralShape, SpectralShape]:
+def bodies():
     """A body and the same bent, vertices in the same order."""
     body = figure(resolution=3)
     options = SurfaceOptions(num_functions=60, num_dense=300, num_samples=40)
     return prepare_surface(body, options), prepare_surface(bent(body, np.random.default_rng(3), angle=0.5), options)
 
 
-def true_maps(bodies: tuple[SpectralShape, SpectralShape]) -> tuple[IntArray, IntArray]:
+def true_maps(bodies):
     """The nearest dense sample of the one body to each of the other's, as both are at rest."""
     rest = bodies[0].vertices
     gaps = np.linalg.norm(rest[bodies[1].dense][:, None] - rest[bodies[0].dense], axis=2)
     return gaps.argmin(axis=1), gaps.argmin(axis=0)
 
 
-def torn(maps: tuple[IntArray, IntArray], rng: np.random.Generator) -> tuple[IntArray, IntArray]:
+def torn(maps, rng):
     """Maps in which a tenth of the points go anywhere."""
     return tuple(np.where(rng.random(len(one)) < 0.1, rng.integers(0, 300, len(one)), one) for one in maps)  # type: ignore[return-value]
 
 
-def off(bodies: tuple[SpectralShape, SpectralShape], forward: IntArray) -> float:
+def off(bodies, forward):
     """The mean distance of images from where they belong, in units of sqrt(area)."""
     rest = bodies[0].vertices
     gaps = rest[bodies[0].dense[forward]] - rest[bodies[1].dense]
     return float(np.linalg.norm(gaps, axis=1).mean() / bodies[0].area ** 0.5)
 
 
-def as_map(bodies: tuple[SpectralShape, SpectralShape], maps: tuple[IntArray, IntArray]) -> FunctionalMap:
+def as_map(bodies, maps):
     bases = [shape.basis[shape.dense] for shape in bodies]
     return FunctionalMap(
         C_source_target=fitted_map(bases[0], bases[1], *maps),
@@ -54,7 +53,7 @@ def as_map(bodies: tuple[SpectralShape, SpectralShape], maps: tuple[IntArray, In
     )
 
 
-def test_torn_maps_are_mended_and_all_vertices_follow(bodies: tuple[SpectralShape, SpectralShape]) -> None:
+def test_torn_maps_are_mended_and_all_vertices_follow(bodies):
     true = true_maps(bodies)
     broken = torn(true, np.random.default_rng(0))
     refiner = HarmonicRefiner(*bodies, num_dense=300, num_functions=61)
@@ -69,7 +68,7 @@ def test_torn_maps_are_mended_and_all_vertices_follow(bodies: tuple[SpectralShap
     assert after < 2.0 < before
 
 
-def test_both_directions_are_treated_alike(bodies: tuple[SpectralShape, SpectralShape]) -> None:
+def test_both_directions_are_treated_alike(bodies):
     forward, backward = torn(true_maps(bodies), np.random.default_rng(1))
     there = HarmonicRefiner(*bodies, num_dense=300, num_functions=41).refine(forward, backward, [1e-3] * 3)
     back = HarmonicRefiner(bodies[1], bodies[0], num_dense=300, num_functions=41).refine(
@@ -79,14 +78,14 @@ def test_both_directions_are_treated_alike(bodies: tuple[SpectralShape, Spectral
     assert (there.map_source_target == back.map_target_source).mean() > 0.99
 
 
-def test_without_smoothness_torn_maps_stay_rougher(bodies: tuple[SpectralShape, SpectralShape]) -> None:
+def test_without_smoothness_torn_maps_stay_rougher(bodies):
     broken = torn(true_maps(bodies), np.random.default_rng(2))
     refiner = HarmonicRefiner(*bodies, num_dense=300, num_functions=61)
     smooth, rough = (judge(*bodies, refiner.refine(*broken, [weight])).stretch for weight in (1e-2, 1e-9))
     assert smooth < rough
 
 
-def test_maps_start_smoothly_from_crude_poses() -> None:
+def test_maps_start_smoothly_from_crude_poses():
     body, options = figure(resolution=3), SurfaceOptions(num_functions=39, num_dense=200, num_samples=40)
     other = bent(body, np.random.default_rng(6), angle=0.5)
     turned = Shape.from_arrays(other.vertices @ random_rotation(np.random.default_rng(7)).T, other.faces)

@@ -1,7 +1,6 @@
 """How far maps can be trusted: what speaks for a map raises its confidence, wrong places lower their own."""
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,10 +13,10 @@ from collalign.tools.match.nonrigid import CHOICE_MARGIN, chosen_first
 NUM = 50
 ANGLES = np.arange(NUM) * 2 * np.pi / NUM
 CIRCLE = np.column_stack([np.cos(ANGLES), np.sin(ANGLES), np.zeros(NUM)])
-SHAPE: Any = SimpleNamespace(vertices=CIRCLE, dense=np.arange(NUM), nearest_dense=np.arange(NUM), area=1.0)
+SHAPE = SimpleNamespace(vertices=CIRCLE, dense=np.arange(NUM), nearest_dense=np.arange(NUM), area=1.0)
 
 
-def candidate(forward: np.ndarray, score: float, *, commutativity: float = 0.1, orientation: float = 1.0) -> Any:
+def candidate(forward, score, *, commutativity=0.1, orientation=1.0):
     """Return a candidate map of the circle to itself, with its inverse."""
     maps = SimpleNamespace(map_target_source=forward, map_source_target=np.argsort(forward, kind="stable"))
     evidence = SimpleNamespace(commutativity=commutativity, orientation=orientation)
@@ -27,7 +26,7 @@ def candidate(forward: np.ndarray, score: float, *, commutativity: float = 0.1, 
 SAME, TURNED, BACKWARDS = np.arange(NUM), np.roll(np.arange(NUM), 20), np.arange(NUM)[::-1].copy()
 
 
-def test_agreement_and_lead_are_those_of_the_candidates() -> None:
+def test_agreement_and_lead_are_those_of_the_candidates():
     found = [candidate(SAME, -2.0), candidate(SAME, -1.9)]
     agreement, lead, logarithm = map_terms(SHAPE, SHAPE, found, 0)
     assert agreement == 1.0
@@ -40,7 +39,7 @@ def test_agreement_and_lead_are_those_of_the_candidates() -> None:
     assert map_terms(SHAPE, SHAPE, found, 1)[1] == -0.5
 
 
-def test_the_choice_is_what_others_agree_with_and_keeps_the_sides() -> None:
+def test_the_choice_is_what_others_agree_with_and_keeps_the_sides():
     best, many = candidate(TURNED, -2.0), [candidate(np.roll(SAME, shift), -1.9) for shift in (0, 0)]
     found = [*many, best]
     first, second, _ = chosen_first(SHAPE, found, NonrigidOptions())
@@ -53,7 +52,7 @@ def test_the_choice_is_what_others_agree_with_and_keeps_the_sides() -> None:
     assert chosen_first(SHAPE, swapped, NonrigidOptions(orientation="any"))[0] is swapped[0]
 
 
-def test_what_speaks_for_a_map_raises_its_confidence() -> None:
+def test_what_speaks_for_a_map_raises_its_confidence():
     terms = np.array([0.6, 0.0, 2.0])
     base = map_probability(terms, knows_sides=True)
     assert all(map_probability(terms + 0.2 * step, knows_sides=True) > base for step in np.eye(3))
@@ -64,7 +63,7 @@ def test_what_speaks_for_a_map_raises_its_confidence() -> None:
     assert (point_probability(np.array([[0.0, 2.0], [-2.0, 2.0]]), 0.9) > points[:2]).all()
 
 
-def test_points_that_candidates_take_elsewhere_or_that_do_not_come_back_are_doubted() -> None:
+def test_points_that_candidates_take_elsewhere_or_that_do_not_come_back_are_doubted():
     torn = SAME.copy()
     torn[:10] = 25
     found = [candidate(SAME, -2.0), candidate(torn, -2.0)]

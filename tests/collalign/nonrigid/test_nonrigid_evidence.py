@@ -16,12 +16,12 @@ from experiments.maps.graph_operator import GAUSSIAN_WIDTH, NUM_NEIGHBOURS, _wei
 from experiments.maps.paper_chain import agd_gaps
 
 
-def evidence(**values: float) -> Evidence:
+def evidence(**values):
     fields = dict.fromkeys(("curvature", "commutativity", "roughness", "bijectivity"), 0.1)
     return Evidence(**{**fields, "orientation": 1.0, **values})
 
 
-def test_the_score_adds_logarithms_and_counts_curvature_twice() -> None:
+def test_the_score_adds_logarithms_and_counts_curvature_twice():
     base = evidence().score
     assert base == pytest.approx(4.0 * np.log(0.1))
     assert evidence(curvature=0.2).score - base == pytest.approx(2.0 * np.log(2.0))
@@ -34,7 +34,7 @@ def test_the_score_adds_logarithms_and_counts_curvature_twice() -> None:
     assert evidence(curvature=np.nan, orientation=np.nan).score == pytest.approx(2.0 * np.log(0.1))
 
 
-def test_a_map_between_different_spectra_commutes_where_its_entries_allow() -> None:
+def test_a_map_between_different_spectra_commutes_where_its_entries_allow():
     target, source = np.array([1.0, 2.0]), np.array([3.0, 4.0])
     entry = np.zeros((3, 3))
     entry[1, 2] = 1.0  # function 2 of the target (value 2) becomes function 1 of the source (value 3)
@@ -46,13 +46,13 @@ def test_a_map_between_different_spectra_commutes_where_its_entries_allow() -> N
     assert _commutativity_gap(np.zeros((3, 3)), target, source) == 1.0
 
 
-def test_equal_curvatures_have_no_gap() -> None:
+def test_equal_curvatures_have_no_gap():
     values = np.random.default_rng(0).standard_normal((30, 2))
     assert _curvature_gap(values, 2.0 * values + 1.0) == pytest.approx(0.0, abs=1e-12)
     assert _curvature_gap(values, -values) == pytest.approx(2.0)
 
 
-def test_a_mirrored_form_has_the_other_sign() -> None:
+def test_a_mirrored_form_has_the_other_sign():
     forms = np.random.default_rng(1).standard_normal((7, 4, 4))
     _, kept = paired_forms(forms, forms, np.eye(5))
     _, swapped = paired_forms(forms, forms, np.eye(5), sign=-1.0)
@@ -60,7 +60,7 @@ def test_a_mirrored_form_has_the_other_sign() -> None:
     assert np.abs(kept).max() > 0
 
 
-def shapes(num: int, agd_target: np.ndarray, agd_source: np.ndarray):
+def shapes(num, agd_target, agd_source):
     """Two shapes of which masks only need descriptors."""
     waves = np.random.default_rng(2).random((num, 3))
     return (
@@ -69,7 +69,7 @@ def shapes(num: int, agd_target: np.ndarray, agd_source: np.ndarray):
     )
 
 
-def test_masks_are_widened_by_half_until_a_map_fits() -> None:
+def test_masks_are_widened_by_half_until_a_map_fits():
     # Every source sample resembles the same target samples: only a mask as wide as the shape has an injective map.
     num = 20
     target, source = shapes(num, np.arange(float(num)), np.zeros(num))
@@ -80,21 +80,21 @@ def test_masks_are_widened_by_half_until_a_map_fits() -> None:
     assert (few.sum(axis=0) == 5).all()
 
 
-def test_wave_descriptors_differ_by_the_mean() -> None:
+def test_wave_descriptors_differ_by_the_mean():
     target, source = shapes(4, np.zeros(4), np.zeros(4))
     gaps = wave_gaps(target, source, np.arange(4))
     expected = np.abs(target.waves[1] - source.waves[2]).mean()
     assert gaps[1, 2] == pytest.approx(expected)
 
 
-def test_neighbours_weigh_by_a_gaussian_of_the_paper_s_width() -> None:
+def test_neighbours_weigh_by_a_gaussian_of_the_paper_s_width():
     distances = np.array([[0.0, 0.1, 0.2], [0.1, 0.0, 0.1], [0.2, 0.1, 0.0]])
     np.testing.assert_allclose(_weights(distances), np.exp(-((distances / GAUSSIAN_WIDTH) ** 2)))
     line = np.abs(np.subtract.outer(np.arange(60.0), np.arange(60.0)))
     assert (np.count_nonzero(_weights(0.01 * line), axis=1) <= NUM_NEIGHBOURS + 1).all()
 
 
-def test_the_graph_is_symmetric_although_neighbours_are_not() -> None:
+def test_the_graph_is_symmetric_although_neighbours_are_not():
     # A dense patch beside sparse points: these have neighbours in the patch that do not have them as neighbours.
     shape = Shape.from_arrays(*sphere_mesh(600))
     heights = shape.vertices[:, 2]

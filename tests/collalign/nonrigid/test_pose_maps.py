@@ -8,9 +8,8 @@ import pytest
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import at_few_samples, judged, posed_candidates, with_pose_evidence
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
-from collalign.nonrigid.surface.posed import PosedSurface, prepare_posed, sampled_surface
+from collalign.nonrigid.surface.posed import prepare_posed, sampled_surface
 from collalign.nonrigid.surface.spectral_shape import prepare_surface
-from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError
@@ -19,7 +18,7 @@ from data_tools.surface.shape import Shape
 
 
 @pytest.fixture(scope="module")
-def bent_pair() -> tuple[PosedSurface, PosedSurface, FloatArray]:
+def bent_pair():
     rng = np.random.default_rng(3)
     shape, turn = figure(resolution=3), random_rotation(np.random.default_rng(4))
     other = bent(shape, rng, angle=0.5)
@@ -27,7 +26,7 @@ def bent_pair() -> tuple[PosedSurface, PosedSurface, FloatArray]:
     return prepare_posed(shape), prepare_posed(turned), turn.T
 
 
-def test_a_rough_start_leads_to_the_pose_of_the_map(bent_pair: tuple[PosedSurface, PosedSurface, FloatArray]) -> None:
+def test_a_rough_start_leads_to_the_pose_of_the_map(bent_pair):
     target, source, true = bent_pair
     mapper = PoseMapper(target, source)
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(0.4), -np.sin(0.4)], [0.0, np.sin(0.4), np.cos(0.4)]])
@@ -35,7 +34,7 @@ def test_a_rough_start_leads_to_the_pose_of_the_map(bent_pair: tuple[PosedSurfac
     assert rotation_angle_deg(found, true) < 12.0
 
 
-def test_evidence_prefers_the_right_start(bent_pair: tuple[PosedSurface, PosedSurface, FloatArray]) -> None:
+def test_evidence_prefers_the_right_start(bent_pair):
     target, source, true = bent_pair
     mapper = PoseMapper(target, source)
     right, turned = (mapper.evidence(mapper.map_from(start)) for start in (true, np.diag([-1.0, 1.0, -1.0]) @ true))
@@ -43,9 +42,7 @@ def test_evidence_prefers_the_right_start(bent_pair: tuple[PosedSurface, PosedSu
     assert right.orientation > 0.8
 
 
-def test_signs_of_eigenfunctions_find_the_pose_without_one(
-    bent_pair: tuple[PosedSurface, PosedSurface, FloatArray],
-) -> None:
+def test_signs_of_eigenfunctions_find_the_pose_without_one(bent_pair):
     target, source, true = bent_pair
     mapper = PoseMapper(target, source)
     maps = mapper.maps_from_signs()
@@ -59,16 +56,14 @@ def test_signs_of_eigenfunctions_find_the_pose_without_one(
     assert scores[off > 150.0].min() > scores.min() + 1.0
 
 
-def test_a_reflection_keeps_its_determinant(bent_pair: tuple[PosedSurface, PosedSurface, FloatArray]) -> None:
+def test_a_reflection_keeps_its_determinant(bent_pair):
     target, source, true = bent_pair
     mapper = PoseMapper(target, source)
     found = mapper.rotation_of(mapper.map_from(-true), chirality=-1.0)
     assert np.linalg.det(found) == pytest.approx(-1.0)
 
 
-def test_axis_poses_are_the_octahedral_group_and_move_with_the_shapes(
-    bent_pair: tuple[PosedSurface, PosedSurface, FloatArray],
-) -> None:
+def test_axis_poses_are_the_octahedral_group_and_move_with_the_shapes(bent_pair):
     target, source, _ = bent_pair
     poses = axis_poses(target, source, mirrored=True)
     assert poses.shape == (48, 3, 3)
@@ -78,7 +73,7 @@ def test_axis_poses_are_the_octahedral_group_and_move_with_the_shapes(
     assert max(nearest) < 1e-3
 
 
-def test_clouds_and_tiny_meshes_are_refused() -> None:
+def test_clouds_and_tiny_meshes_are_refused():
     with pytest.raises(InputError, match="need a mesh"):
         prepare_posed(Shape.from_arrays(np.random.default_rng(0).random((300, 3))))
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -86,7 +81,7 @@ def test_clouds_and_tiny_meshes_are_refused() -> None:
         prepare_posed(Shape.from_arrays(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
 
 
-def test_what_a_pose_leaves_tells_a_torn_map_from_the_right_one() -> None:
+def test_what_a_pose_leaves_tells_a_torn_map_from_the_right_one():
     rng, options = np.random.default_rng(3), SurfaceOptions(num_functions=40, num_samples=60, num_dense=200)
     shape, turn = figure(resolution=2), random_rotation(np.random.default_rng(4))
     other = bent(shape, rng, angle=0.5)

@@ -3,9 +3,7 @@
 import json
 import os
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,7 +35,7 @@ class Certified:
 
 
 @pytest.fixture(scope="module")
-def certified() -> Certified:
+def certified():
     rng = np.random.default_rng(3)
     coordinates, invariants = rng.standard_normal((3, K, 3)), 0.1 * rng.standard_normal((3, K, 2))
     coordinates -= coordinates.mean(axis=1, keepdims=True)
@@ -61,7 +59,7 @@ def certified() -> Certified:
     return Certified(coordinates, invariants, pairs)
 
 
-def summary(certified: Certified, normalisation: str) -> tuple[dict, np.ndarray]:
+def summary(certified, normalisation):
     """Return what alignment.json says, and the samples in the common frame: turned, scaled, shifted and mirrored."""
     rng = np.random.default_rng(0)
     shapes, positions = [], []
@@ -75,14 +73,14 @@ def summary(certified: Certified, normalisation: str) -> tuple[dict, np.ndarray]
     return {"shapes": shapes, "decided": {"group": "SO"}, "options": options}, np.array(positions)
 
 
-def rewrite_table(folder: Path, change: Callable[[list[list[str]]], None]) -> None:
+def rewrite_table(folder, change):
     rows = [line.split(",") for line in (folder / "pairs.csv").read_text().splitlines()]
     change(rows)
     (folder / "pairs.csv").write_text("\n".join(map(",".join, rows)))
 
 
 @pytest.fixture
-def folder(certified: Certified, tmp_path: Path) -> Path:
+def folder(certified, tmp_path):
     with OutputFolder.open(tmp_path / "out", writer="align") as output:
         write_certificates(certified.pairs, certified, output)  # type: ignore[arg-type]
         record, positions = summary(certified, "centroid")
@@ -94,7 +92,7 @@ def folder(certified: Certified, tmp_path: Path) -> Path:
     return tmp_path / "out"
 
 
-def test_certificates_hold_and_the_rest_is_called_a_word(folder: Path, certified: Certified) -> None:
+def test_certificates_hold_and_the_rest_is_called_a_word(folder, certified):
     found = verify_result(folder)
     assert found.holds
     assert (found.num_stated, found.num_proven) == (2, 1)
@@ -105,7 +103,7 @@ def test_certificates_hold_and_the_rest_is_called_a_word(folder: Path, certified
     assert json.loads(json.dumps(found.as_dict()))["num_proven"] == 1
 
 
-def test_other_invariants_are_noticed(folder: Path, certified: Certified) -> None:
+def test_other_invariants_are_noticed(folder, certified):
     arrays = {"coordinates": certified.coordinates, "invariants": certified.invariants.copy()}
     arrays["invariants"][2] *= 1.5
     np.savez(folder / "certificates" / "problems.npz", **arrays)
@@ -118,9 +116,7 @@ def test_other_invariants_are_noticed(folder: Path, certified: Certified) -> Non
 
 
 @pytest.mark.parametrize("change", ["scaled", "shifted", "mirrored", "vanishing"])
-def test_samples_of_the_result_must_be_centred_and_scaled_as_by_the_run(
-    folder: Path, certified: Certified, change: str
-) -> None:
+def test_samples_of_the_result_must_be_centred_and_scaled_as_by_the_run(folder, certified, change):
     samples = certified.coordinates[2]
     samples = {"shifted": samples + 0.1, "mirrored": -samples}.get(change, 1.5 * samples)
     if change == "vanishing":  # taken back, those of the result are zeros, which fit whatever has no size
@@ -139,7 +135,7 @@ def test_samples_of_the_result_must_be_centred_and_scaled_as_by_the_run(
         verify_result(folder)
 
 
-def test_the_run_may_have_scaled_by_no_size_or_by_the_area(folder: Path, certified: Certified) -> None:
+def test_the_run_may_have_scaled_by_no_size_or_by_the_area(folder, certified):
     record, positions = summary(certified, "none")
     np.savez(folder / "correspondences.npz", positions=positions)
     (folder / "alignment.json").write_text(json.dumps(record))
@@ -160,7 +156,7 @@ def test_the_run_may_have_scaled_by_no_size_or_by_the_area(folder: Path, certifi
         verify_result(folder)
 
 
-def test_bounds_above_the_energy_are_refused(folder: Path, certified: Certified) -> None:
+def test_bounds_above_the_energy_are_refused(folder, certified):
     bound = float(certified.pairs[1].lower_bound)
     rewrite_table(folder, lambda rows: rows[2].__setitem__(3, repr(bound * (1 + 1e-8))))
     assert verify_result(folder).holds
@@ -174,7 +170,7 @@ def test_bounds_above_the_energy_are_refused(folder: Path, certified: Certified)
         verify_result(folder)
 
 
-def test_each_pair_counts_once_and_only_files_of_the_manifest(folder: Path) -> None:
+def test_each_pair_counts_once_and_only_files_of_the_manifest(folder):
     certificates = folder / "certificates"
     for name in ("2-0.npz", "00-2.npz", "0-02.npz", "a-b.npz"):
         shutil.copy(certificates / "0-2.npz", certificates / name)
@@ -200,14 +196,14 @@ def test_each_pair_counts_once_and_only_files_of_the_manifest(folder: Path) -> N
     "name",
     ["alignment.json", "pairs.csv", "correspondences.npz", "certificates/problems.npz", ".collalign/manifest.json"],
 )
-def test_pipes_are_not_opened(folder: Path, name: str) -> None:
+def test_pipes_are_not_opened(folder, name):
     (folder / name).unlink()
     os.mkfifo(folder / name)
     with pytest.raises(InputError, match="not a regular file"):
         verify_result(folder)
 
 
-def test_a_certificate_of_another_group_or_pair_is_refused(folder: Path) -> None:
+def test_a_certificate_of_another_group_or_pair_is_refused(folder):
     record = json.loads((folder / "alignment.json").read_text())
     record["decided"]["group"] = "O"
     (folder / "alignment.json").write_text(json.dumps(record))
@@ -216,7 +212,7 @@ def test_a_certificate_of_another_group_or_pair_is_refused(folder: Path) -> None
     assert "cannot be read" in verify_result(folder).pairs[0].fault
 
 
-def test_samples_that_are_not_those_of_the_result_are_refused(folder: Path, certified: Certified) -> None:
+def test_samples_that_are_not_those_of_the_result_are_refused(folder, certified):
     moved = certified.coordinates.copy()
     moved[1, 0, 0] += 1e-3
     np.savez(folder / "certificates" / "problems.npz", coordinates=moved, invariants=certified.invariants)
@@ -236,23 +232,23 @@ def test_samples_that_are_not_those_of_the_result_are_refused(folder: Path, cert
         ("certificates/problems.npz", "PK", "not an NPZ archive"),
     ],
 )
-def test_damaged_folders_are_named(folder: Path, file: str, content: str, message: str) -> None:
+def test_damaged_folders_are_named(folder, file, content, message):
     (folder / file).write_text(content)
     with pytest.raises(InputError, match=message):
         verify_result(folder)
 
 
-def test_a_damaged_certificate_is_a_fault_of_its_pair(folder: Path) -> None:
+def test_a_damaged_certificate_is_a_fault_of_its_pair(folder):
     (folder / "certificates" / "0-2.npz").write_bytes(b"PK")
     assert "cannot be read as a certificate" in verify_result(folder).pairs[0].fault
 
 
-def test_a_folder_without_certificates_says_how_to_make_them(tmp_path: Path) -> None:
+def test_a_folder_without_certificates_says_how_to_make_them(tmp_path):
     with pytest.raises(InputError, match="--certify"):
         verify_result(tmp_path)
 
 
-def test_the_samples_are_those_of_the_problem(certified: Certified) -> None:
+def test_the_samples_are_those_of_the_problem(certified):
     # what verify_result states is what was solved
     q, p = certified.coordinates[[0, 2]]
     problem = Problem.from_user(q, p, invariants=(certified.invariants[0], certified.invariants[2]))

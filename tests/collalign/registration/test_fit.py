@@ -6,7 +6,6 @@ from scipy.spatial.transform import Rotation
 from collalign.registration.fit import fitted_by_map
 from collalign.registration.pieces import MapGoals
 from collalign.registration.start import bent_by_map
-from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.surface.closest import SurfaceLocator
@@ -16,23 +15,23 @@ FIGURE = figure(resolution=3)
 BENT = bent(FIGURE, np.random.default_rng(1), angle=1.0).vertices
 
 
-def radius(points: FloatArray) -> float:
+def radius(points):
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def errors(found: FloatArray, truth: FloatArray) -> FloatArray:
+def errors(found, truth):
     return np.asarray(np.linalg.norm(found - truth, axis=1) / radius(truth))
 
 
-def every(places: FloatArray) -> MapGoals:
+def every(places):
     return MapGoals(vertices=np.arange(len(places)), places=places)
 
 
-def with_faces(vertices: FloatArray) -> Shape:
+def with_faces(vertices):
     return Shape.from_arrays(vertices, FIGURE.faces)
 
 
-def scattered(truth: FloatArray, rng: np.random.Generator, *, by: float) -> FloatArray:
+def scattered(truth, rng, *, by):
     """Return goals on the truth's vertices: those nearest to scattered places, a twentieth anywhere."""
     noisy = truth + by * radius(truth) * rng.standard_normal(truth.shape)
     wrong = rng.random(len(truth)) < 0.05
@@ -41,14 +40,14 @@ def scattered(truth: FloatArray, rng: np.random.Generator, *, by: float) -> Floa
     return np.asarray(truth[nearest])
 
 
-def test_an_exact_map_gives_the_bent_figure_itself_but_for_its_tips() -> None:
+def test_an_exact_map_gives_the_bent_figure_itself_but_for_its_tips():
     found = errors(fitted_by_map(with_faces(BENT), FIGURE, every(BENT)), BENT)
     assert np.median(found) < 0.002
     assert found.mean() < 0.02
     assert errors(FIGURE.vertices, BENT).mean() > 0.1
 
 
-def test_a_scattered_map_is_improved_and_the_figure_comes_to_lie_on_the_target() -> None:
+def test_a_scattered_map_is_improved_and_the_figure_comes_to_lie_on_the_target():
     goals = scattered(BENT, np.random.default_rng(2), by=0.05)
     found = fitted_by_map(with_faces(BENT), FIGURE, every(goals))
     smoothed = bent_by_map(with_faces(BENT), FIGURE, every(goals))
@@ -58,7 +57,7 @@ def test_a_scattered_map_is_improved_and_the_figure_comes_to_lie_on_the_target()
     assert gaps[0] < 0.35 * gaps[1]
 
 
-def test_poses_and_sizes_do_not_matter() -> None:
+def test_poses_and_sizes_do_not_matter():
     turn = Rotation.from_euler("xyz", [170.0, 40.0, -80.0], degrees=True).as_matrix()
     goals = scattered(BENT, np.random.default_rng(3), by=0.03)
     moved = 3.0 * BENT @ turn.T + 7.0
@@ -67,7 +66,7 @@ def test_poses_and_sizes_do_not_matter() -> None:
     assert errors(again, 3.0 * found @ turn.T + 7.0).max() < 1e-6
 
 
-def test_how_the_target_numbers_its_vertices_does_not_matter() -> None:
+def test_how_the_target_numbers_its_vertices_does_not_matter():
     rng = np.random.default_rng(4)
     goals, order = scattered(BENT, rng, by=0.03), rng.permutation(len(BENT))
     found = fitted_by_map(with_faces(BENT), FIGURE, every(goals))
@@ -75,7 +74,7 @@ def test_how_the_target_numbers_its_vertices_does_not_matter() -> None:
     assert errors(again, found).max() < 1e-6
 
 
-def test_a_stretched_target_keeps_the_places_of_its_map() -> None:
+def test_a_stretched_target_keeps_the_places_of_its_map():
     stretched = BENT * [1.0, 2.5, 0.6]
     found = fitted_by_map(with_faces(stretched), FIGURE, every(stretched))
     assert np.median(errors(found, stretched)) < 0.01

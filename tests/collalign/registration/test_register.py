@@ -10,7 +10,6 @@ from collalign.registration.pose import fitting_similarity
 from collalign.registration.register import MIN_VOLUME_CHANGE, register
 from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.surface import RegistrationSurface
-from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bumped, shuffled
 from data_tools.datasets.synthetic_shapes import crown, figure
 from data_tools.errors import InputError, OptionsError
@@ -20,28 +19,28 @@ from data_tools.surface.shape import Shape
 FEW = RegistrationOptions(num_centres=200, num_points=800)
 
 
-def surface(shape: Shape) -> RegistrationSurface:
+def surface(shape):
     return RegistrationSurface.from_shape(shape, FEW.num_points)
 
 
-def volume_change(field: SmoothField, points: np.ndarray) -> np.ndarray:
+def volume_change(field, points):
     """Determinant of the field's Jacobian: not positive where space is folded."""
     return np.linalg.det(field.jacobian(points, field.slope_kernel(points)))
 
 
-def error(target: Shape, found: FloatArray) -> float:
+def error(target, found):
     """Return the mean distance of vertices from where they truly are, in root mean square radii."""
     radius = np.sqrt(((target.vertices - target.vertices.mean(axis=0)) ** 2).sum(axis=1).mean())
     return float(np.linalg.norm(found - target.vertices, axis=1).mean() / radius)
 
 
 @pytest.fixture(scope="module")
-def pair() -> tuple[Shape, Shape]:
+def pair():
     source = crown(np.random.default_rng(0))
     return bumped(source, np.random.default_rng(10), rms=0.04), source
 
 
-def test_a_smoothly_deformed_copy_is_found_again(pair: tuple[Shape, Shape]) -> None:
+def test_a_smoothly_deformed_copy_is_found_again(pair):
     target, source = pair
     found = register(surface(target), surface(source), FEW)
     before = error(target, source.vertices)
@@ -50,7 +49,7 @@ def test_a_smoothly_deformed_copy_is_found_again(pair: tuple[Shape, Shape]) -> N
     assert volume_change(found.field, source.vertices[::5]).min() > 0
 
 
-def test_the_order_of_the_vertices_does_not_matter(pair: tuple[Shape, Shape]) -> None:
+def test_the_order_of_the_vertices_does_not_matter(pair):
     target, source = pair
     other, order = shuffled(target, np.random.default_rng(3))
     plain, mixed = (register(surface(t), surface(source), FEW) for t in (target, other))
@@ -58,14 +57,14 @@ def test_the_order_of_the_vertices_does_not_matter(pair: tuple[Shape, Shape]) ->
     assert len(order) == len(target.vertices)
 
 
-def test_a_shape_on_itself_stays() -> None:
+def test_a_shape_on_itself_stays():
     shape = figure()
     found = register(surface(shape), surface(shape), FEW)
     assert error(shape, found.vertices) < 1e-6
     assert found.residual.max() < 1e-6
 
 
-def test_size_and_place_of_both_shapes_do_not_matter(pair: tuple[Shape, Shape]) -> None:
+def test_size_and_place_of_both_shapes_do_not_matter(pair):
     target, source = pair
     plain = register(surface(target), surface(source), FEW).vertices
     larger = [Shape.from_arrays(50 * s.vertices + 7, s.faces) for s in pair]
@@ -73,7 +72,7 @@ def test_size_and_place_of_both_shapes_do_not_matter(pair: tuple[Shape, Shape]) 
     assert source.is_mesh
 
 
-def test_a_part_without_counterpart_is_not_pulled(pair: tuple[Shape, Shape]) -> None:
+def test_a_part_without_counterpart_is_not_pulled(pair):
     """Half of the target is cut away: the other half must not crowd at the rim."""
     target, source = pair
     kept = target.vertices[target.faces].mean(axis=1)[:, 0] > 0
@@ -87,14 +86,14 @@ def test_a_part_without_counterpart_is_not_pulled(pair: tuple[Shape, Shape]) -> 
     assert np.linalg.norm(found.vertices[far] - source.vertices[far], axis=1).mean() < 0.2
 
 
-def test_clouds_are_registered_by_positions(pair: tuple[Shape, Shape]) -> None:
+def test_clouds_are_registered_by_positions(pair):
     target, source = pair
     clouds = [Shape.from_arrays(shape.vertices) for shape in (target, source)]
     found = register(*map(surface, clouds), FEW)
     assert error(target, found.vertices) < error(target, source.vertices)
 
 
-def test_nothing_folds_where_correspondences_would_cross() -> None:
+def test_nothing_folds_where_correspondences_would_cross():
     """A thin plate is asked to shrink to a fifth and to reach far: the stiffness has to rise."""
     source = crown(np.random.default_rng(4))
     target = Shape.from_arrays(source.vertices * [0.15, 1.6, 1.0], source.faces)
@@ -102,7 +101,7 @@ def test_nothing_folds_where_correspondences_would_cross() -> None:
     assert volume_change(found.field, source.vertices).min() >= 0.5 * MIN_VOLUME_CHANGE
 
 
-def test_a_wrong_size_and_turn_are_made_good_before_anything_bends(pair: tuple[Shape, Shape]) -> None:
+def test_a_wrong_size_and_turn_are_made_good_before_anything_bends(pair):
     target, _ = pair
     turned = np.eye(4)
     turned[:3, :3] = 1.06 * Rotation.from_euler("xyz", [4, -3, 5], degrees=True).as_matrix()
@@ -113,7 +112,7 @@ def test_a_wrong_size_and_turn_are_made_good_before_anything_bends(pair: tuple[S
     assert error(target.transformed(turned), found.vertices) < 5e-3
 
 
-def test_a_given_turn_stays_where_closest_points_would_slide() -> None:
+def test_a_given_turn_stays_where_closest_points_would_slide():
     """On a crown of revolution the poses' own turn is better than that of closest points."""
     source = crown(np.random.default_rng(0))
     for seed in (10, 11, 12):
@@ -122,7 +121,7 @@ def test_a_given_turn_stays_where_closest_points_would_slide() -> None:
         np.testing.assert_allclose(linear, linear[0, 0] * np.eye(3), atol=1e-9)
 
 
-def test_a_similarity_is_fitted_exactly_and_never_mirrors() -> None:
+def test_a_similarity_is_fitted_exactly_and_never_mirrors():
     rng = np.random.default_rng(7)
     points, pose = rng.random((30, 3)), np.eye(4)
     pose[:3, :3] = 1.7 * Rotation.from_rotvec([0.3, -0.8, 0.4]).as_matrix()
@@ -134,7 +133,7 @@ def test_a_similarity_is_fitted_exactly_and_never_mirrors() -> None:
     np.testing.assert_allclose(held[:3], np.hstack([1.5 * np.eye(3), np.full((3, 1), 2.0)]), atol=1e-12)
 
 
-def test_the_jacobian_is_that_of_the_displacement() -> None:
+def test_the_jacobian_is_that_of_the_displacement():
     rng = np.random.default_rng(5)
     field = SmoothField(
         centres=rng.random((20, 3)), weights=rng.normal(size=(20, 3)), widths=(0.5, 0.2), amplitudes=(0.3, 0.2)
@@ -144,17 +143,17 @@ def test_the_jacobian_is_that_of_the_displacement() -> None:
     np.testing.assert_allclose(volume_change(field, points), np.linalg.det(np.stack(columns, axis=2)), rtol=1e-5)
 
 
-def test_the_medoid_is_in_the_middle() -> None:
+def test_the_medoid_is_in_the_middle():
     cloud = np.random.default_rng(6).random((50, 3))
     assert medoid([cloud, cloud + 0.4, cloud + 0.8]) == 1
     assert medoid([cloud, cloud]) == 0
     assert medoid([cloud, cloud + 0.4, cloud + 0.8], [0, 2]) in (0, 2)
 
 
-def test_the_medoid_of_dense_clouds_does_not_depend_on_where_their_points_lie() -> None:
+def test_the_medoid_of_dense_clouds_does_not_depend_on_where_their_points_lie():
     radii = (0.8, 0.98, 1.0, 1.03, 1.2)
 
-    def found(num: int) -> set[int]:
+    def found(num):
         rng = np.random.default_rng(7)
         directions = rng.standard_normal((10, len(radii), num, 3))
         unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
@@ -164,13 +163,13 @@ def test_the_medoid_of_dense_clouds_does_not_depend_on_where_their_points_lie() 
     assert len(found(40)) > 1, "few points would not tell"
 
 
-def test_impossible_options_are_refused() -> None:
+def test_impossible_options_are_refused():
     for wrong in ({"num_centres": 2}, {"num_points": 0.5}):
         with pytest.raises(OptionsError):
             RegistrationOptions(**wrong)  # type: ignore[arg-type]
 
 
-def test_surfaces_that_face_each_other_nowhere_are_refused() -> None:
+def test_surfaces_that_face_each_other_nowhere_are_refused():
     """A patch seen from above and one seen from below have no normals in common."""
     grid = np.array([[x, y, 0.05 * x * y] for x in range(5) for y in range(5)], dtype=float)
     cells = [(5 * x + y, 5 * x + y + 5, 5 * x + y + 1) for x in range(4) for y in range(4)]
@@ -180,7 +179,7 @@ def test_surfaces_that_face_each_other_nowhere_are_refused() -> None:
         register(below, patch, FEW)
 
 
-def test_one_bump_on_a_shape_that_fits_otherwise_is_followed() -> None:
+def test_one_bump_on_a_shape_that_fits_otherwise_is_followed():
     """What differs in one place is no outlier for that: distances within the noise always count."""
     source = crown(np.random.default_rng(0))
     unit = source.vertices[700] / np.linalg.norm(source.vertices[700])

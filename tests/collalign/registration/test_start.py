@@ -6,7 +6,6 @@ from scipy.spatial.transform import Rotation
 from collalign.registration.pieces import MapGoals
 from collalign.registration.pose import fitting_similarity
 from collalign.registration.start import bent_by_map, unbent
-from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.poses import moved_by
@@ -15,30 +14,30 @@ from data_tools.surface.shape import Shape
 FIGURE = figure(resolution=2)
 
 
-def radius(points: FloatArray) -> float:
+def radius(points):
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def errors(found: FloatArray, truth: FloatArray) -> FloatArray:
+def errors(found, truth):
     return np.asarray(np.linalg.norm(found - truth, axis=1) / radius(truth))
 
 
-def turn_by(angle_deg: float) -> FloatArray:
+def turn_by(angle_deg):
     return np.asarray(Rotation.from_euler("z", angle_deg, degrees=True).as_matrix())
 
 
-def every(places: FloatArray) -> MapGoals:
+def every(places):
     return MapGoals(vertices=np.arange(len(places)), places=places)
 
 
-def started(truth: FloatArray, goals: MapGoals) -> FloatArray:
+def started(truth, goals):
     """Return the figure bent by goals; it has to be believed."""
     found = bent_by_map(Shape.from_arrays(truth, FIGURE.faces), FIGURE, goals)
     assert found is not None
     return found
 
 
-def test_a_small_turn_and_a_size_are_found_exactly_and_nearly_from_scattered_goals() -> None:
+def test_a_small_turn_and_a_size_are_found_exactly_and_nearly_from_scattered_goals():
     rng = np.random.default_rng(0)
     truth = 3.0 * FIGURE.vertices @ turn_by(20.0).T + rng.random(3)
     np.testing.assert_allclose(started(truth, every(truth)), truth, atol=1e-3)
@@ -46,7 +45,7 @@ def test_a_small_turn_and_a_size_are_found_exactly_and_nearly_from_scattered_goa
     assert errors(started(truth, every(scattered)), truth).mean() < 0.4 * errors(scattered, truth).mean()
 
 
-def test_bent_limbs_follow_a_map_of_which_a_tenth_is_wrong() -> None:
+def test_bent_limbs_follow_a_map_of_which_a_tenth_is_wrong():
     rng = np.random.default_rng(1)
     truth = bent(FIGURE, rng, angle=1.0).vertices
     places = np.array(truth)
@@ -58,7 +57,7 @@ def test_bent_limbs_follow_a_map_of_which_a_tenth_is_wrong() -> None:
     assert errors(FIGURE.vertices, truth).max() > 0.5
 
 
-def test_several_goals_of_a_vertex_are_averaged_and_none_is_needed_everywhere() -> None:
+def test_several_goals_of_a_vertex_are_averaged_and_none_is_needed_everywhere():
     rng = np.random.default_rng(2)
     shift = np.array([0.3, 0.0, 0.0])
     at = np.flatnonzero(rng.random(len(FIGURE.vertices)) < 0.8)
@@ -69,13 +68,13 @@ def test_several_goals_of_a_vertex_are_averaged_and_none_is_needed_everywhere() 
     np.testing.assert_allclose(started(FIGURE.vertices, goals), FIGURE.vertices + shift, atol=1e-3)
 
 
-def test_a_map_without_order_is_not_believed() -> None:
+def test_a_map_without_order_is_not_believed():
     for seed in range(4):  # of these, the third turns little
         order = np.random.default_rng(seed).permutation(len(FIGURE.vertices))
         assert bent_by_map(FIGURE, FIGURE, every(FIGURE.vertices[order])) is None
 
 
-def test_maps_of_a_part_and_maps_against_the_pose_are_not_believed() -> None:
+def test_maps_of_a_part_and_maps_against_the_pose_are_not_believed():
     few = MapGoals(vertices=np.arange(10), places=FIGURE.vertices[:10])
     assert bent_by_map(FIGURE, FIGURE, few) is None
     for angle, is_believed in ((50.0, True), (70.0, False), (180.0, False)):
@@ -83,7 +82,7 @@ def test_maps_of_a_part_and_maps_against_the_pose_are_not_believed() -> None:
         assert (bent_by_map(turned, FIGURE, every(turned.vertices)) is not None) == is_believed
 
 
-def test_unbent_copies_have_the_posture_of_the_source_and_their_own_lengths() -> None:
+def test_unbent_copies_have_the_posture_of_the_source_and_their_own_lengths():
     rng = np.random.default_rng(4)
     thick = Shape.from_arrays(FIGURE.vertices * [1.0, 1.5, 1.0], FIGURE.faces)
     copies = [bent(thick, rng, angle=1.0).vertices for _ in range(2)]
@@ -94,7 +93,7 @@ def test_unbent_copies_have_the_posture_of_the_source_and_their_own_lengths() ->
     np.testing.assert_allclose(unbent(FIGURE, [FIGURE.vertices])[0], FIGURE.vertices, atol=1e-6)
 
 
-def unlikeness(one: FloatArray, other: FloatArray) -> float:
+def unlikeness(one, other):
     """Return how far two surfaces are from each other once moved, turned and scaled, in radii."""
     pose = fitting_similarity(other, one, np.ones(len(one)))
     return float(errors(moved_by(pose, one), other).mean())

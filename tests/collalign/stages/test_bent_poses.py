@@ -1,7 +1,6 @@
 """Poses of bent shapes: every pair measured in several ways, each trusted by how well it agrees with itself."""
 
 import itertools
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
-from collalign.options import AlignOptions, AlignSession
+from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.bent import _nearest_map, _trust, first_samples, numbers_of_samples
@@ -18,8 +17,6 @@ from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.synchronization.problem.frames import transposed
 from collalign.synchronization.solvers.averaging import average_frames, residuals_deg
-from data_tools.arrays import FloatArray
-from data_tools.embedding.embedding import Samples
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from tests.collalign.stages.test_pose_refinement import posed_crowns
 
@@ -28,23 +25,23 @@ EDGES = np.array(list(itertools.combinations(range(NUM), 2)))
 
 
 @pytest.fixture
-def session() -> Iterator[AlignSession]:
+def session():
     with Session.open(AlignOptions(group="O"), RunOptions(jobs=1)) as opened:
         yield opened
 
 
-def turned(rotations: FloatArray, angle_deg: float, rng: np.random.Generator) -> FloatArray:
+def turned(rotations, angle_deg, rng):
     """Return rotations that are off by about an angle, each about an axis of its own."""
     axes = rng.standard_normal((len(rotations), 3))
     axes *= np.deg2rad(angle_deg) / np.linalg.norm(axes, axis=1, keepdims=True)
     return np.asarray(Rotation.from_rotvec(axes).as_matrix() @ rotations)
 
 
-def true_pairs(truth: FloatArray) -> FloatArray:
+def true_pairs(truth):
     return np.stack([truth[i].T @ truth[j] for i, j in EDGES])
 
 
-def weighed_pairs(measured: FloatArray) -> list[Pair]:
+def weighed_pairs(measured):
     """Return pairs whose one candidate is that of a map."""
     return [
         Pair(
@@ -59,21 +56,19 @@ def weighed_pairs(measured: FloatArray) -> list[Pair]:
     ]
 
 
-def noisy_crowns(rng: np.random.Generator, noise: float) -> tuple[list[Samples], FloatArray]:
+def noisy_crowns(rng, noise):
     """Return one crown in several poses, its samples moved by some noise."""
     samples, turns = posed_crowns(rng, NUM, num_points=32, num_dense=0)
     moved = [item.positions + noise * rng.standard_normal(item.positions.shape) for item in samples]
     return [replace(item, positions=p, coordinates=p) for item, p in zip(samples, moved, strict=True)], turns
 
 
-def largest_error(rotations: FloatArray, truth: FloatArray) -> float:
+def largest_error(rotations, truth):
     return float(rotation_angle_deg(true_pairs(rotations), true_pairs(truth)).max())
 
 
 @pytest.mark.parametrize(("map_error", "noise"), [(6.0, 0.0), (0.01, 0.03)])
-def test_the_way_that_agrees_with_itself_decides(
-    session: AlignSession, rng: np.random.Generator, map_error: float, noise: float
-) -> None:
+def test_the_way_that_agrees_with_itself_decides(session, rng, map_error, noise):
     samples, truth = noisy_crowns(rng, noise)
     pairs = weighed_pairs(turned(true_pairs(truth), map_error, rng))
     solution = synchronize_pairs(session.options, NUM, pairs)
@@ -85,7 +80,7 @@ def test_the_way_that_agrees_with_itself_decides(
     assert largest_error(worse, truth) > 1.0
 
 
-def test_poses_set_by_hand_stay(session: AlignSession, rng: np.random.Generator) -> None:
+def test_poses_set_by_hand_stay(session, rng):
     samples, truth = noisy_crowns(rng, 0.02)
     pairs = weighed_pairs(turned(true_pairs(truth), 5.0, rng))
     fixed = {1: truth[1], 3: truth[3]}
@@ -97,7 +92,7 @@ def test_poses_set_by_hand_stay(session: AlignSession, rng: np.random.Generator)
     assert not np.allclose(refined[0], solution.rotations[0], atol=1e-4)
 
 
-def test_first_samples_are_centred_and_of_unit_size(rng: np.random.Generator) -> None:
+def test_first_samples_are_centred_and_of_unit_size(rng):
     samples = replace(noisy_crowns(rng, 0.0)[0][0], invariants=rng.standard_normal((32, 2)))
     few = first_samples(samples, 8)
     assert np.allclose(few.positions.mean(axis=0), 0)
@@ -110,11 +105,11 @@ def test_first_samples_are_centred_and_of_unit_size(rng: np.random.Generator) ->
 @pytest.mark.parametrize(
     ("most", "numbers"), [(64, [12, 16, 24, 32, 48, 64]), (24, [12, 18, 24]), (12, [12]), (9, [9])]
 )
-def test_shares_of_few_samples_are_not_counted_twice(most: int, numbers: list[int]) -> None:
+def test_shares_of_few_samples_are_not_counted_twice(most, numbers):
     assert numbers_of_samples(most) == numbers
 
 
-def test_the_likeliest_candidate_near_the_pose_is_the_maps(rng: np.random.Generator) -> None:
+def test_the_likeliest_candidate_near_the_pose_is_the_maps(rng):
     asked = random_rotation(rng)
     poses = np.stack([np.diag([1.0, -1, -1]) @ asked, *turned(np.stack([asked, asked, asked]), 10.0, rng)])
     pair = Pair(
@@ -131,7 +126,7 @@ def test_the_likeliest_candidate_near_the_pose_is_the_maps(rng: np.random.Genera
     assert np.array_equal(_nearest_map(unweighed, asked), poses[2])
 
 
-def test_least_deviations_forgive_one_wrong_measurement(rng: np.random.Generator) -> None:
+def test_least_deviations_forgive_one_wrong_measurement(rng):
     truth = np.stack([random_rotation(rng) for _ in range(NUM)])
     right = true_pairs(truth)
     measured = np.stack([right, turned(right, 1.0, rng)], axis=1)
@@ -150,7 +145,7 @@ def test_least_deviations_forgive_one_wrong_measurement(rng: np.random.Generator
     assert np.allclose(swapped, found, atol=1e-9)
 
 
-def test_a_way_that_most_pairs_lack_is_not_trusted(rng: np.random.Generator) -> None:
+def test_a_way_that_most_pairs_lack_is_not_trusted(rng):
     truth = np.stack([random_rotation(rng) for _ in range(NUM)])
     right, free = true_pairs(truth), np.arange(NUM) > 0
     frames = transposed(truth)

@@ -2,13 +2,11 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from collalign import AlignOptions, Collection, RunOptions, align_collection
+from collalign import AlignOptions, RunOptions, align_collection
 from collalign.cli import main
 from collalign.extend import add_to_collection
 from collalign.output.write import alignment_record
@@ -17,7 +15,6 @@ from collalign.stages.chirality import pilot
 from collalign.stages.chirality.pilot import KEPT_UNMIRRORED, chirality_energies, nearest_pairs
 from collalign.stages.pairs.sparse_pairs import all_pairs
 from collalign.stages.trust.assess import ONE_OF_TWO
-from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
 from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.embedding.embedding import sample_shape
@@ -25,21 +22,21 @@ from data_tools.io.listing import read_folder
 from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
-from experiments.collections.posed import PosedCollection, pose_collection
-from experiments.datasets import Dataset, read_teeth
+from experiments.collections.posed import pose_collection
+from experiments.datasets import read_teeth
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
 ONE = RunOptions(jobs=1)
 
 
-def lopsided(shape: Shape) -> Shape:
+def lopsided(shape):
     """Shear a shape so that it is far from every mirror symmetry."""
     x, y, z = shape.vertices.T
     sheared = np.column_stack([x + 0.5 * y * z, y, z + 0.4 * x * y])
     return Shape.from_arrays(sheared, shape.faces, name=shape.name)
 
 
-def crowns(folder: Path, *, num: int = 7, sides: tuple[int, ...] = ()) -> Path:
+def crowns(folder, *, num=7, sides=()):
     """Write lopsided crowns, those of ``sides`` mirrored."""
     rng = np.random.default_rng(3)
     family = deformed_family(lopsided(crown(rng, num_vertices=300)), num, rng, rms=0.01)
@@ -49,27 +46,27 @@ def crowns(folder: Path, *, num: int = 7, sides: tuple[int, ...] = ()) -> Path:
 
 
 @pytest.fixture(scope="module")
-def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def mixed(tmp_path_factory):
     return crowns(tmp_path_factory.mktemp("mixed"), sides=(1, 4))
 
 
 @pytest.fixture(scope="module")
-def one_sided(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def one_sided(tmp_path_factory):
     return crowns(tmp_path_factory.mktemp("one_sided"))
 
 
 @pytest.fixture(scope="module")
-def store(tmp_path_factory: pytest.TempPathFactory) -> RunOptions:
+def store(tmp_path_factory):
     """One store for the runs that may share pairs."""
     return RunOptions(jobs=1, store=tmp_path_factory.mktemp("store") / "store.sqlite")
 
 
 @pytest.fixture(scope="module")
-def aligned_mixed(mixed: Path, store: RunOptions) -> Collection:
+def aligned_mixed(mixed, store):
     return align_collection(mixed, options=OPTIONS, run=store)
 
 
-def without_decision(collection: Collection) -> dict[str, Any]:
+def without_decision(collection):
     """What two runs share if one was asked for what the other decided."""
     record = alignment_record(collection)
     record["options"].pop("group")
@@ -77,9 +74,7 @@ def without_decision(collection: Collection) -> dict[str, Any]:
     return record
 
 
-def test_a_mix_is_noticed_and_aligned_as_if_asked_for(
-    aligned_mixed: Collection, mixed: Path, store: RunOptions
-) -> None:
+def test_a_mix_is_noticed_and_aligned_as_if_asked_for(aligned_mixed, mixed, store):
     assert aligned_mixed.group == "O"
     assert aligned_mixed.reflected.tolist() == [i in (1, 4) for i in range(7)]
     assert "Left and right specimens are mixed, 2 of 7" in " ".join(aligned_mixed.notes)
@@ -91,7 +86,7 @@ def test_a_mix_is_noticed_and_aligned_as_if_asked_for(
     assert (alignment_record(asked)["options"]["group"], asked.group) == ("O", "O")
 
 
-def test_one_side_comes_out_as_with_rotations_only(one_sided: Path, store: RunOptions) -> None:
+def test_one_side_comes_out_as_with_rotations_only(one_sided, store):
     found = align_collection(one_sided, options=OPTIONS, run=store)
     assert found.group == "SO"
     assert not found.reflected.any()
@@ -100,7 +95,7 @@ def test_one_side_comes_out_as_with_rotations_only(one_sided: Path, store: RunOp
     assert without_decision(asked) == without_decision(found)
 
 
-def test_of_too_few_shapes_those_that_may_be_mirrored_are_in_doubt(tmp_path: Path) -> None:
+def test_of_too_few_shapes_those_that_may_be_mirrored_are_in_doubt(tmp_path):
     found = align_collection(crowns(tmp_path, num=5, sides=(1,)), options=OPTIONS, run=ONE)
     assert found.group == "SO"
     assert "may be mirror images" in " ".join(found.notes)
@@ -108,7 +103,7 @@ def test_of_too_few_shapes_those_that_may_be_mirrored_are_in_doubt(tmp_path: Pat
     assert (np.delete(found.confidence, 1) > ONE_OF_TWO).all()
 
 
-def test_bilateral_shapes_are_not_mirrored(tmp_path: Path) -> None:
+def test_bilateral_shapes_are_not_mirrored(tmp_path):
     rng = np.random.default_rng(2)
     for i in range(8):
         shape = bumped(chair(rng, resolution=1, name=f"chair{i}"), rng, rms=0.02)
@@ -118,7 +113,7 @@ def test_bilateral_shapes_are_not_mirrored(tmp_path: Path) -> None:
     assert not found.reflected.any()
 
 
-def pair_of(rotations: list[FloatArray], energies: list[float]) -> Pair:
+def pair_of(rotations, energies):
     return Pair(
         target=0,
         source=1,
@@ -130,7 +125,7 @@ def pair_of(rotations: list[FloatArray], energies: list[float]) -> Pair:
     )
 
 
-def test_the_energies_of_both_kinds_are_told_apart() -> None:
+def test_the_energies_of_both_kinds_are_told_apart():
     few = sample_shape(crown(num_vertices=200), SamplingOptions(num_points=8, num_dense_points=0), EmbeddingOptions())
     kinds = [np.diag([1.0, 1.0, -1.0]), np.eye(3), np.diag([-1.0, -1.0, 1.0])]
     assert chirality_energies(pair_of(kinds, [0.1, 0.2, 0.3]), few, few) == (0.2, 0.1)
@@ -138,7 +133,7 @@ def test_the_energies_of_both_kinds_are_told_apart() -> None:
     assert alone == pytest.approx((0.2, np.nan), nan_ok=True)
 
 
-def test_dense_samples_tell_the_kinds_apart_where_few_do_not() -> None:
+def test_dense_samples_tell_the_kinds_apart_where_few_do_not():
     shape, options = lopsided(crown(num_vertices=300)), SamplingOptions(num_points=8, num_dense_points=150)
     target, source = (sample_shape(one, options, EmbeddingOptions()) for one in (shape, mirrored(shape)))
     mirror = np.diag([-1.0, 1.0, 1.0])
@@ -148,7 +143,7 @@ def test_dense_samples_tell_the_kinds_apart_where_few_do_not() -> None:
     assert alone == pytest.approx((np.nan, reflected), nan_ok=True)
 
 
-def test_the_pilot_takes_the_nearest_pairs_of_every_shape() -> None:
+def test_the_pilot_takes_the_nearest_pairs_of_every_shape():
     descriptors = np.array([[0.0], [1.0], [2.1], [3.3], [10.0]])
     near = nearest_pairs(all_pairs(5), descriptors, 1)
     assert near.tolist() == [[0, 1], [1, 2], [2, 3], [3, 4]]
@@ -157,9 +152,7 @@ def test_the_pilot_takes_the_nearest_pairs_of_every_shape() -> None:
     assert kept.tolist() == [[0, 4], [1, 4]], "only pairs of the run"
 
 
-def test_added_shapes_keep_what_was_decided(
-    aligned_mixed: Collection, one_sided: Path, mixed: Path, store: RunOptions, tmp_path: Path
-) -> None:
+def test_added_shapes_keep_what_was_decided(aligned_mixed, one_sided, mixed, store, tmp_path):
     new = tmp_path / "new"
     late = read_folder(mixed).files[4]
     write_copy(late, new / "late.ply")
@@ -175,12 +168,12 @@ def test_added_shapes_keep_what_was_decided(
     assert "late" in " ".join(added.notes)
 
 
-def write_copy(file: Path, copy: Path) -> None:
+def write_copy(file, copy):
     copy.parent.mkdir(exist_ok=True)
     copy.write_bytes(file.read_bytes())
 
 
-def test_added_shapes_do_not_hide_what_was_left_out(one_sided: Path, tmp_path: Path) -> None:
+def test_added_shapes_do_not_hide_what_was_left_out(one_sided, tmp_path):
     folder, out = tmp_path / "folder", tmp_path / "out"
     folder.mkdir()
     for file in read_folder(one_sided).files[:3]:
@@ -195,9 +188,7 @@ def test_added_shapes_do_not_hide_what_was_left_out(one_sided: Path, tmp_path: P
     assert [item["file"] for item in record["excluded"]] == ["broken.ply"]
 
 
-def test_a_mirrored_pose_set_by_hand_allows_mirror_images(
-    aligned_mixed: Collection, mixed: Path, store: RunOptions
-) -> None:
+def test_a_mirrored_pose_set_by_hand_allows_mirror_images(aligned_mixed, mixed, store):
     fixed = {"crown2": aligned_mixed.rotations[1]}
     found = align_collection(mixed, options=OPTIONS, run=store, fixed=fixed)
     assert found.group == "O"
@@ -205,7 +196,7 @@ def test_a_mirrored_pose_set_by_hand_allows_mirror_images(
     assert np.allclose(found.rotations[1], fixed["crown2"])
 
 
-def posed(data: Dataset, folder: Path, num: int, seed: int, *, chirality: int | None = None) -> PosedCollection:
+def posed(data, folder, num, seed, *, chirality=None):
     """Write some shapes in random poses, of one chirality if asked for."""
     rng = np.random.default_rng(seed)
     among = np.arange(len(data))
@@ -217,7 +208,7 @@ def posed(data: Dataset, folder: Path, num: int, seed: int, *, chirality: int | 
 
 @pytest.mark.data
 @pytest.mark.parametrize("chirality", [None, 1])
-def test_teeth_of_both_sides_or_of_one(chirality: int | None, shared_data: Path, tmp_path: Path) -> None:
+def test_teeth_of_both_sides_or_of_one(chirality, shared_data, tmp_path):
     teeth = read_teeth(shared_data / "teeth_pnas116")
     truth = posed(teeth, tmp_path, 14, 1, chirality=chirality)
     options = AlignOptions(pairs="sparse", refine=False, maps="never")
@@ -226,7 +217,7 @@ def test_teeth_of_both_sides_or_of_one(chirality: int | None, shared_data: Path,
     assert not np.isnan(truth.pair_errors_deg(found.rotations, found.names)).any()
 
 
-def test_a_large_collection_is_decided_on_a_part_of_it(mixed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_large_collection_is_decided_on_a_part_of_it(mixed, monkeypatch):
     monkeypatch.setattr(pilot, "MOST_SHAPES", 5)  # of 7, without the third and the fifth, one of the two mirrored
     chosen = align_collection(mixed, options=OPTIONS, run=ONE)
     assert "decided on 5 of 7 shapes" in " ".join(chosen.notes)

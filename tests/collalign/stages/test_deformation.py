@@ -1,12 +1,11 @@
 """Consistent maps of a collection: bases that synchronize functional maps, choice by cycles, and bent shapes."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from collalign import Collection, load
+from collalign import load
 from collalign.align import align_collection
 from collalign.engine.run_options import RunOptions
 from collalign.nonrigid.collection.bases import common_bases, map_residuals
@@ -15,7 +14,6 @@ from collalign.options import AlignOptions
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.products.deformation import VertexMaps
 from collalign.stages.deformation.deform import SUSPECT, vertex_notes
-from data_tools.arrays import FloatArray, IntArray
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
@@ -29,7 +27,7 @@ NUM, SIZE = 6, 12
 ORDERS = [np.random.default_rng(n).permutation(1500) for n in range(4)]
 
 
-def planted(rng: np.random.Generator, *, num_wrong: int = 0) -> tuple[IntArray, FloatArray, FloatArray]:
+def planted(rng, *, num_wrong=0):
     """Return all edges of a graph, maps that hidden bases make consistent, some replaced, and the bases."""
     bases = np.linalg.qr(rng.normal(size=(NUM, SIZE, SIZE)))[0]
     edges = np.array([(i, j) for i in range(NUM) for j in range(i + 1, NUM)])
@@ -39,7 +37,7 @@ def planted(rng: np.random.Generator, *, num_wrong: int = 0) -> tuple[IntArray, 
     return edges, maps, bases
 
 
-def test_consistent_maps_are_recovered_up_to_one_gauge() -> None:
+def test_consistent_maps_are_recovered_up_to_one_gauge():
     edges, maps, bases = planted(np.random.default_rng(0))
     found = common_bases(edges, maps, NUM)
     gauge = bases[0].T @ found.bases[0]
@@ -47,7 +45,7 @@ def test_consistent_maps_are_recovered_up_to_one_gauge() -> None:
     assert found.residuals.max() < 1e-6
 
 
-def test_a_fifth_of_wrong_maps_is_outvoted_and_seen() -> None:
+def test_a_fifth_of_wrong_maps_is_outvoted_and_seen():
     rng = np.random.default_rng(1)
     edges, maps, bases = planted(rng, num_wrong=3)
     found = common_bases(edges, maps, NUM)
@@ -58,7 +56,7 @@ def test_a_fifth_of_wrong_maps_is_outvoted_and_seen() -> None:
     assert map_residuals(edges, truth, found.bases).max() < 0.1
 
 
-def test_turning_the_functions_of_a_shape_turns_its_basis_alone() -> None:
+def test_turning_the_functions_of_a_shape_turns_its_basis_alone():
     rng = np.random.default_rng(2)
     edges, maps, _ = planted(rng, num_wrong=2)
     turn = np.linalg.qr(rng.normal(size=(SIZE, SIZE)))[0]
@@ -69,14 +67,14 @@ def test_turning_the_functions_of_a_shape_turns_its_basis_alone() -> None:
     assert np.allclose(one.residuals, other.residuals, atol=1e-2)
 
 
-def test_maps_that_do_not_connect_the_shapes_are_refused() -> None:
+def test_maps_that_do_not_connect_the_shapes_are_refused():
     edges, maps, _ = planted(np.random.default_rng(3))
     apart = (edges != 5).all(axis=1)
     with pytest.raises(ValueError, match="connect"):
         common_bases(edges[apart], maps[apart], NUM)
 
 
-def test_cycles_choose_a_map_that_its_own_evidence_places_second_but_not_against_all_odds() -> None:
+def test_cycles_choose_a_map_that_its_own_evidence_places_second_but_not_against_all_odds():
     rng = np.random.default_rng(4)
     edges, maps, _ = planted(rng)
     others = np.linalg.qr(rng.normal(size=(len(edges), SIZE, SIZE)))[0]
@@ -90,7 +88,7 @@ def test_cycles_choose_a_map_that_its_own_evidence_places_second_but_not_against
     assert choose_maps(edges, candidates, odds, NUM)[0][4] == 1
 
 
-def bent_blobs(folder: Path, num: int) -> list[Shape]:
+def bent_blobs(folder, num):
     """Write one blob bent in several ways, in random poses, vertices in the orders of :data:`ORDERS`."""
     rng = np.random.default_rng(5)
     body = blob(np.random.default_rng(8), num_vertices=len(ORDERS[0]))
@@ -105,7 +103,7 @@ def bent_blobs(folder: Path, num: int) -> list[Shape]:
 
 
 @pytest.fixture(scope="module")
-def deformed(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Shape], Collection, Path]:
+def deformed(tmp_path_factory):
     root = tmp_path_factory.mktemp("deformed")
     folder = root / "shapes"
     folder.mkdir()
@@ -115,7 +113,7 @@ def deformed(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Shape], Col
     return shapes, aligned, root / "out"
 
 
-def worst_share(maps: VertexMaps, shapes: list[Shape], *, within: float) -> float:
+def worst_share(maps, shapes, *, within):
     """Return the least share of vertices, over the pairs, that land within a part of the size of their own place."""
     shares = []
     for a, first in enumerate(shapes):
@@ -128,7 +126,7 @@ def worst_share(maps: VertexMaps, shapes: list[Shape], *, within: float) -> floa
     return min(shares)
 
 
-def test_maps_of_bent_blobs_find_every_vertex(deformed: tuple[list[Shape], Collection, Path]) -> None:
+def test_maps_of_bent_blobs_find_every_vertex(deformed):
     shapes, aligned, _ = deformed
     maps = aligned.made.vertices
     assert maps is not None
@@ -139,7 +137,7 @@ def test_maps_of_bent_blobs_find_every_vertex(deformed: tuple[list[Shape], Colle
     assert worst_share(backwards, shapes, within=0.2) < 0.5
 
 
-def test_maps_compose_around_cycles(deformed: tuple[list[Shape], Collection, Path]) -> None:
+def test_maps_compose_around_cycles(deformed):
     shapes, aligned, _ = deformed
     maps = aligned.made.vertices
     assert maps is not None
@@ -148,9 +146,7 @@ def test_maps_compose_around_cycles(deformed: tuple[list[Shape], Collection, Pat
     assert np.quantile(gaps, 0.9) < 0.1 * np.ptp(shapes[0].vertices, axis=0).max()
 
 
-def test_places_lie_on_the_reference_and_maps_go_to_the_nearest_of_them(
-    deformed: tuple[list[Shape], Collection, Path],
-) -> None:
+def test_places_lie_on_the_reference_and_maps_go_to_the_nearest_of_them(deformed):
     shapes, aligned, _ = deformed
     maps = aligned.made.vertices
     assert maps is not None
@@ -161,7 +157,7 @@ def test_places_lie_on_the_reference_and_maps_go_to_the_nearest_of_them(
     np.testing.assert_array_equal(maps[maps.reference, maps.reference], np.arange(len(reference.vertices)))
 
 
-def test_vertices_without_a_place_have_no_map_and_get_none_to_them() -> None:
+def test_vertices_without_a_place_have_no_map_and_get_none_to_them():
     rng = np.random.default_rng(9)
     first, nowhere = rng.random((5, 3)), np.full((1, 3), np.nan)
     second = np.vstack([nowhere, first[::-1] + 1e-3])
@@ -176,7 +172,7 @@ def test_vertices_without_a_place_have_no_map_and_get_none_to_them() -> None:
     assert (maps["c", "a"] == -1).all()
 
 
-def test_maps_survive_saving(deformed: tuple[list[Shape], Collection, Path]) -> None:
+def test_maps_survive_saving(deformed):
     _, aligned, out = deformed
     maps, again = aligned.made.vertices, load(out).vertex_maps
     assert maps is not None
@@ -186,9 +182,7 @@ def test_maps_survive_saving(deformed: tuple[list[Shape], Collection, Path]) -> 
         again["g", "f0"]
 
 
-def test_a_result_without_maps_and_a_damaged_file_say_so(
-    deformed: tuple[list[Shape], Collection, Path], tmp_path: Path
-) -> None:
+def test_a_result_without_maps_and_a_damaged_file_say_so(deformed, tmp_path):
     with pytest.raises(InputError, match="--deformable"):
         load_vertex_maps(tmp_path)
     data = dict(np.load(deformed[2] / VERTEX_MAPS_FILE))
@@ -197,14 +191,14 @@ def test_a_result_without_maps_and_a_damaged_file_say_so(
         load_vertex_maps(tmp_path)
 
 
-def test_point_clouds_have_no_maps_of_vertices() -> None:
+def test_point_clouds_have_no_maps_of_vertices():
     points = np.random.default_rng(6).random((80, 3))
     aligned = align_collection([points, points[::-1]], options=AlignOptions(deformable=True), progress=False)
     assert aligned.made.vertices is None
     assert any("no maps of vertices" in note for note in aligned.notes)
 
 
-def test_shapes_whose_maps_disagree_are_named() -> None:
+def test_shapes_whose_maps_disagree_are_named():
     none = (np.zeros((1, 3)),) * 3
     maps = VertexMaps(
         names=("a", "b", "c"),

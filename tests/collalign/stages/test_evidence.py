@@ -2,7 +2,6 @@
 
 import itertools
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,7 +29,7 @@ from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 
 
-def a_pair(energies: list[float]) -> Pair:
+def a_pair(energies):
     rng = np.random.default_rng(0)
     return Pair(
         target=0,
@@ -41,7 +40,7 @@ def a_pair(energies: list[float]) -> Pair:
     )
 
 
-def a_record(num: int) -> dict[str, object]:
+def a_record(num):
     rng = np.random.default_rng(1)
     return {
         "rotations": np.stack([random_rotation(rng) for _ in range(num)]),
@@ -51,14 +50,14 @@ def a_record(num: int) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("kind", range(6))
-def test_every_disagreement_counts_against_a_pose(kind: int) -> None:
+def test_every_disagreement_counts_against_a_pose(kind):
     evidence = np.full((2, len(EVIDENCE)), 0.2)
     evidence[1, kind] = 0.4
     better, worse = evidence_score(evidence)
     assert better > worse + 0.5
 
 
-def test_no_kind_of_evidence_overrules_two_others() -> None:
+def test_no_kind_of_evidence_overrules_two_others():
     evidence = np.full((2, len(EVIDENCE)), 0.2)
     evidence[1, EVIDENCE.index("normals")] = 2.0
     evidence[0, [EVIDENCE.index("energy"), EVIDENCE.index("surface")]] = 0.25
@@ -68,7 +67,7 @@ def test_no_kind_of_evidence_overrules_two_others() -> None:
     np.testing.assert_array_equal(evidence_score(farther), evidence_score(evidence))
 
 
-def test_a_new_candidate_is_weighed_together_with_the_old_ones() -> None:
+def test_a_new_candidate_is_weighed_together_with_the_old_ones():
     first = from_record(PairEvidence, a_record(3), "a - b")
     whole = with_evidence(a_pair([0.1, 0.2]), first)
     grown = with_candidates(with_evidence(a_pair([0.1, 0.2]), first.some([0])), first.some([1, 2]))
@@ -77,7 +76,7 @@ def test_a_new_candidate_is_weighed_together_with_the_old_ones() -> None:
     np.testing.assert_array_equal(whole.log_odds[2:], evidence_score(first.evidence))
 
 
-def test_unknown_evidence_says_nothing() -> None:
+def test_unknown_evidence_says_nothing():
     evidence = np.full((2, len(EVIDENCE)), np.nan)
     evidence[:, 0] = 0.1, 0.2
     scores = evidence_score(evidence)
@@ -85,7 +84,7 @@ def test_unknown_evidence_says_nothing() -> None:
     assert scores[0] > scores[1]
 
 
-def test_near_rotations_are_one_candidate_the_better_one() -> None:
+def test_near_rotations_are_one_candidate_the_better_one():
     rng = np.random.default_rng(2)
     first = random_rotation(rng)
     nudge = np.array([[np.cos(0.1), -np.sin(0.1), 0], [np.sin(0.1), np.cos(0.1), 0], [0, 0, 1.0]])
@@ -100,7 +99,7 @@ def test_near_rotations_are_one_candidate_the_better_one() -> None:
     assert len(distinct(many)) == MAX_CANDIDATES
 
 
-def test_maps_of_signs_that_swap_sides_are_for_mirrored_poses_alone() -> None:
+def test_maps_of_signs_that_swap_sides_are_for_mirrored_poses_alone():
     shape = figure(resolution=2)
     mirror = Shape.from_arrays(shape.vertices * [-1.0, 1.0, 1.0], shape.faces[:, ::-1])
     target, source = prepare_posed(shape), prepare_posed(mirror)
@@ -114,7 +113,7 @@ def test_maps_of_signs_that_swap_sides_are_for_mirrored_poses_alone() -> None:
     assert rotation_angle_deg(best.rotation, np.diag([-1.0, 1.0, 1.0])) < 10.0
 
 
-def test_maps_are_asked_where_pairs_match_badly() -> None:
+def test_maps_are_asked_where_pairs_match_badly():
     rigid, bending = a_pair([0.5 * BENT_ENERGY, 0.9]), a_pair([1.5 * BENT_ENERGY, 0.9])
     options = AlignOptions()
     assert not wants_maps(options, [rigid, rigid, bending])
@@ -127,7 +126,7 @@ def test_maps_are_asked_where_pairs_match_badly() -> None:
         wants_maps(mixed, [rigid])
 
 
-def test_maps_are_not_asked_where_all_cycles_of_pairs_close() -> None:
+def test_maps_are_not_asked_where_all_cycles_of_pairs_close():
     rng = np.random.default_rng(3)
     turns = [random_rotation(rng) for _ in range(6)]
     edges = list(itertools.combinations(range(6), 2))
@@ -144,7 +143,7 @@ def test_maps_are_not_asked_where_all_cycles_of_pairs_close() -> None:
     assert closing_share([*mirrored, *weak[1:]]) < 1.0
 
 
-def test_candidates_of_maps_follow_the_rigid_ones_and_alone_take_part() -> None:
+def test_candidates_of_maps_follow_the_rigid_ones_and_alone_take_part():
     pair = with_evidence(a_pair([0.1, 0.2]), from_record(PairEvidence, a_record(3), "a - b"))
     assert len(pair.energies) == len(pair.log_odds) == len(pair.evidence) == 5
     graph = pair_graph([pair, replace(by_energy(a_pair([0.1, 0.2])), source=2)], 3, "SO")
@@ -152,7 +151,7 @@ def test_candidates_of_maps_follow_the_rigid_ones_and_alone_take_part() -> None:
     assert graph.best_choice.tolist() == [int(np.argmax(pair.log_odds)), 0]
 
 
-def test_bent_figures_are_put_right_by_maps(tmp_path: Path) -> None:
+def test_bent_figures_are_put_right_by_maps(tmp_path):
     rng, turns = np.random.default_rng(5), []
     folder = tmp_path / "figures"
     folder.mkdir()
@@ -170,7 +169,7 @@ def test_bent_figures_are_put_right_by_maps(tmp_path: Path) -> None:
     assert all(np.isfinite(pair.log_odds).any() for pair in aligned.pairs)
 
 
-def test_the_strongest_votes_are_rivals_and_asked_of_every_partner() -> None:
+def test_the_strongest_votes_are_rivals_and_asked_of_every_partner():
     rng = np.random.default_rng(7)
     poses = np.stack([random_rotation(rng) for _ in range(4)])
     flip = np.diag([-1.0, 1.0, -1.0])
@@ -190,7 +189,7 @@ def test_the_strongest_votes_are_rivals_and_asked_of_every_partner() -> None:
     assert rotation_angle_deg(by_ends[1, 3][0], poses[1].T @ poses[3]) < 1e-3
 
 
-def test_dense_points_speak_beside_energies() -> None:
+def test_dense_points_speak_beside_energies():
     pair = replace(a_pair([0.10, 0.11, 0.3]), gaps=np.array([0.09, 0.03, 0.2]))
     assert np.argmin(pair.costs) == 1
     assert pair.costs[0] == pytest.approx(0.10)
@@ -198,7 +197,7 @@ def test_dense_points_speak_beside_energies() -> None:
     assert np.argmin(replace(pair, gaps=np.array([0.03, 0.09, 0.2])).costs) == 0
 
 
-def test_chances_of_candidates_leave_room_for_none_and_do_not_depend_on_units() -> None:
+def test_chances_of_candidates_leave_room_for_none_and_do_not_depend_on_units():
     pair = a_pair([0.10, 0.11, 0.3])
     chances = candidate_chances(pair)
     assert np.argmax(chances) == 0
@@ -214,12 +213,12 @@ def test_chances_of_candidates_leave_room_for_none_and_do_not_depend_on_units() 
 
 
 @pytest.mark.parametrize("gaps", [np.zeros(0), np.array([0.1, np.nan, 0.2]), np.array([0.1])])
-def test_where_a_gap_is_unknown_the_energies_decide(gaps: np.ndarray) -> None:
+def test_where_a_gap_is_unknown_the_energies_decide(gaps):
     pair = replace(a_pair([0.2, 0.1, 0.3]), gaps=gaps)
     assert (pair.costs == pair.energies).all()
 
 
-def test_the_paper_s_own_synchronization_takes_energies_alone() -> None:
+def test_the_paper_s_own_synchronization_takes_energies_alone():
     pair = replace(a_pair([0.10, 0.11]), gaps=np.array([0.09, 0.03]))
     dense, published = (pair_graph([pair], 2, "SO", energies_alone=alone) for alone in (False, True))
     assert published.energies is not None
@@ -228,7 +227,7 @@ def test_the_paper_s_own_synchronization_takes_energies_alone() -> None:
     assert (dense.energies[0] == pair.costs).all()
 
 
-def test_poses_that_likely_candidates_ask_for_have_more_support() -> None:
+def test_poses_that_likely_candidates_ask_for_have_more_support():
     pair = replace(a_pair([0.1, 0.2, 0.3]), log_odds=np.array([3.0, 1.0, -np.inf]))
     poses = [np.stack([np.eye(3), rotation]) for rotation in pair.rotations]
     assert [support([pair], pose) for pose in poses] == [3.0, 1.0, 1.0]

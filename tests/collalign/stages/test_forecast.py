@@ -1,25 +1,24 @@
 """Forecasts: by what shapes and pairs took, by the number of workers, and unknown where nothing was timed."""
 
 import math
-from pathlib import Path
 
 import pytest
 
 from collalign.engine.store.layout import Costs
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
-from collalign.stages.forecast import RunEstimate, Workload, costs_of, forecast
+from collalign.stages.forecast import Workload, costs_of, forecast
 
 NOTHING = Costs(num_records=0, mean_seconds=math.nan)
 COSTS = Costs(num_records=5, mean_seconds=2.0)
 KINDS = {"shapes": COSTS, "pairs": COSTS, "surfaces": NOTHING, "evidence": NOTHING}
 
 
-def estimate(num_jobs: int = 1, costs: dict[str, Costs] = KINDS, pilot: bool = False, **work: int) -> RunEstimate:
+def estimate(num_jobs=1, costs=KINDS, pilot=False, **work):
     return forecast(costs, Workload(num_shapes=10, num_pairs=45, pilot=pilot, **work), AlignOptions(), num_jobs)
 
 
-def test_time_follows_what_a_store_holds(tmp_path: Path) -> None:
+def test_time_follows_what_a_store_holds(tmp_path):
     with Store.open(tmp_path / "store") as store:
         for i in range(20):
             store.put("pairs", f"{i:040x}", {"energy": 0.5}, label=f"a{i} ~ b{i}", seconds=0.5)
@@ -30,7 +29,7 @@ def test_time_follows_what_a_store_holds(tmp_path: Path) -> None:
     assert "pairs 3.0" in str(estimate(missing_pairs=90))
 
 
-def test_workers_divide_the_time_of_what_they_share() -> None:
+def test_workers_divide_the_time_of_what_they_share():
     times = [estimate(num, missing_shapes=10, missing_pairs=45).stages_s for num in (1, 2, 4)]
     assert (times[0]["shapes"], times[0]["pairs"]) == pytest.approx((20.0, 90.0))
     assert times[0]["pairs"] / 2 <= times[1]["pairs"] <= times[0]["pairs"] / 1.8
@@ -39,6 +38,6 @@ def test_workers_divide_the_time_of_what_they_share() -> None:
     assert sum(times[0].values()) == estimate(missing_shapes=10, missing_pairs=45).seconds
 
 
-def test_the_pilot_costs_pairs() -> None:
+def test_the_pilot_costs_pairs():
     assert estimate(pilot=True).stages_s["pairs"] == pytest.approx(50.0)
     assert estimate().stages_s["pairs"] == 0.0

@@ -1,10 +1,8 @@
 """Incomplete shapes of a collection: told or found, posed on the complete ones, which stay as without them."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +10,7 @@ import pytest
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
 from collalign.align import _without_found
 from collalign.engine.session import Session
-from collalign.options import AlignSession
-from collalign.output.collection import Collection
 from collalign.products.shapes import Constraints
-from collalign.products.trust import Trust
 from collalign.stages.incomplete.detect import find_incomplete, told_incomplete
 from collalign.stages.incomplete.grow import common_points
 from collalign.stages.incomplete.place import nearest_labels, pose_certainty
@@ -24,7 +19,6 @@ from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, crown
-from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import write_mesh
@@ -38,7 +32,7 @@ BROKEN = ("tooth2",)
 
 
 @pytest.fixture(scope="module")
-def planted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
+def planted(tmp_path_factory):
     """Five teeth in random poses, one of them without a quarter, and the turn of each."""
     rng = np.random.default_rng(11)
     folder = tmp_path_factory.mktemp("teeth")
@@ -52,24 +46,24 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]
 
 
 @pytest.fixture(scope="module")
-def aligned(planted: tuple[Path, np.ndarray]) -> Collection:
+def aligned(planted):
     options = replace(OPTIONS, incomplete="tooth2, ")
     return align_collection(planted[0], options=options, progress=False)
 
 
 @pytest.fixture(scope="module")
-def without(planted: tuple[Path, np.ndarray]) -> Collection:
+def without(planted):
     """The whole teeth alone."""
     files = [file for file in sorted(planted[0].glob("*.ply")) if file.stem not in BROKEN]
     return align_collection(files, options=OPTIONS, progress=False)
 
 
-def errors_deg(collection: Collection, turns: np.ndarray) -> np.ndarray:
+def errors_deg(collection, turns):
     frames = collection.rotations @ turns
     return np.nan_to_num(rotation_angle_deg(frames, frames[0]), nan=180.0)
 
 
-def test_broken_teeth_are_posed_on_the_whole_ones(aligned: Collection, planted: tuple[Path, np.ndarray]) -> None:
+def test_broken_teeth_are_posed_on_the_whole_ones(aligned, planted):
     assert errors_deg(aligned, planted[1]).max() < 12
     assert [aligned.names[one.shape] for one in aligned.incomplete] == list(BROKEN)
     for one in aligned.incomplete:
@@ -81,7 +75,7 @@ def test_broken_teeth_are_posed_on_the_whole_ones(aligned: Collection, planted: 
     assert np.isfinite(aligned.consensus).all()
 
 
-def test_missing_regions_have_no_labels(aligned: Collection) -> None:
+def test_missing_regions_have_no_labels(aligned):
     labels = aligned.maps.labels
     for shape, name in enumerate(aligned.names):
         there = labels[shape] >= 0
@@ -94,18 +88,14 @@ def test_missing_regions_have_no_labels(aligned: Collection) -> None:
     assert distances[lacking].mean() > distances[onto >= 0].mean()
 
 
-def test_the_complete_shapes_stay_as_they_are_without_the_broken_ones(
-    aligned: Collection, without: Collection
-) -> None:
+def test_the_complete_shapes_stay_as_they_are_without_the_broken_ones(aligned, without):
     kept = [aligned.names.index(name) for name in without.names]
     np.testing.assert_array_equal(aligned.transforms[kept], without.transforms)
     np.testing.assert_array_equal(aligned.maps.labels[kept], without.maps.labels)
     np.testing.assert_array_equal(aligned.consensus, without.consensus)
 
 
-def test_the_result_says_what_is_missing_and_takes_more(
-    aligned: Collection, planted: tuple[Path, np.ndarray], tmp_path: Path
-) -> None:
+def test_the_result_says_what_is_missing_and_takes_more(aligned, planted, tmp_path):
     aligned.save(tmp_path / "out")
     record = json.loads((tmp_path / "out" / "alignment.json").read_text())
     assert [one["name"] for one in record["incomplete"]] == list(BROKEN)
@@ -121,7 +111,7 @@ def test_the_result_says_what_is_missing_and_takes_more(
     assert [more.names[one.shape] for one in more.incomplete] == list(BROKEN)
 
 
-def test_names_are_checked(planted: tuple[Path, np.ndarray]) -> None:
+def test_names_are_checked(planted):
     with pytest.raises(InputError, match="'tooth9'"):
         told_incomplete(replace(OPTIONS, incomplete="tooth9"), ["tooth1"])
     assert told_incomplete(replace(OPTIONS, incomplete="never"), ["tooth1"]) == {}
@@ -136,10 +126,10 @@ def test_names_are_checked(planted: tuple[Path, np.ndarray]) -> None:
         align_collection(planted[0], options=options, progress=False)
 
 
-def test_a_broken_tooth_is_found_among_seven(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    judged: list[int] = []
+def test_a_broken_tooth_is_found_among_seven(tmp_path, monkeypatch):
+    judged = []
 
-    def counted(session: AlignSession, samples: Sequence[Samples], *posed: Any) -> Trust:
+    def counted(session, samples, *posed):
         judged.append(len(samples))
         return gather_trust(session, samples, *posed)
 
@@ -156,27 +146,27 @@ def test_a_broken_tooth_is_found_among_seven(tmp_path: Path, monkeypatch: pytest
     assert judged == [6]  # confidences of poses that are thrown away are not computed
 
 
-def test_nothing_is_missing_among_whole_teeth(without: Collection) -> None:
+def test_nothing_is_missing_among_whole_teeth(without):
     assert not without.incomplete
     with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
         few = prepare_shapes(session, list_shapes([Path(file) for file in without.files[:3]]))
         assert find_incomplete(session, few, without.pairs[:0], without.transforms[:3]) == {}
 
 
-def test_a_rival_that_partners_like_nearly_as_much_takes_certainty() -> None:
+def test_a_rival_that_partners_like_nearly_as_much_takes_certainty():
     turns = np.stack([np.eye(3), np.diag([1.0, -1.0, -1.0])])
     sure = pose_certainty({"turns": turns, "energies": np.array([[0.1, 0.1], [0.2, 0.2]])})
     close = pose_certainty({"turns": turns, "energies": np.array([[0.1, 0.1], [0.101, 0.1]])})
     assert close < 0.6 < 0.95 < sure
 
 
-def test_samples_far_from_everything_get_no_label() -> None:
+def test_samples_far_from_everything_get_no_label():
     consensus = np.stack([np.arange(6.0), np.zeros(6), np.zeros(6)], axis=1)
     labels = nearest_labels(np.array([[2.1, 0.0, 0.0], [9.0, 0.0, 0.0], [0.1, 0.2, 0.0]]), consensus)
     assert labels.tolist() == [2, -1, 0]
 
 
-def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr("collalign.stages.incomplete.detect.share_beyond", lambda surface, partners: 0.2)
     monkeypatch.setattr("collalign.stages.incomplete.detect.MOST_MISSING", 1.0)
     all_rim = "collalign.stages.incomplete.detect.cloud_rim"
@@ -196,7 +186,7 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path: Path, monke
         assert _without_found(run, (run, bent, None)) == ({}, (run, bent, None))  # type: ignore[arg-type,comparison-overlap]
 
 
-def test_parts_of_which_none_is_whole_are_put_together(tmp_path: Path) -> None:
+def test_parts_of_which_none_is_whole_are_put_together(tmp_path):
     rng = np.random.default_rng(8)
     whole = blob(rng, num_vertices=700)
     turns = np.stack([random_rotation(rng) for _ in range(3)])
@@ -214,7 +204,7 @@ def test_parts_of_which_none_is_whole_are_put_together(tmp_path: Path) -> None:
         align_collection(tmp_path, options=options, fixed={"scan0": np.eye(3)}, progress=False)
 
 
-def test_points_that_stand_for_all_samples_lie_apart() -> None:
+def test_points_that_stand_for_all_samples_lie_apart():
     rng = np.random.default_rng(0)
     positions = rng.random((3, 30, 3))
     universe = common_points(positions)

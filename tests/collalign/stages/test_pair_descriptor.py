@@ -7,7 +7,7 @@ from collalign.stages.pairs.descriptor import shape_descriptor
 from data_tools.embedding.embedding import Samples
 
 
-def samples_of(points: np.ndarray, invariants: np.ndarray | None = None) -> Samples:
+def samples_of(points, invariants=None):
     centred = points - points.mean(axis=0)
     return Samples(
         name="",
@@ -25,7 +25,7 @@ def samples_of(points: np.ndarray, invariants: np.ndarray | None = None) -> Samp
     )
 
 
-def test_pose_size_mirroring_and_order_do_not_matter(rng: np.random.Generator) -> None:
+def test_pose_size_mirroring_and_order_do_not_matter(rng):
     points = rng.standard_normal((30, 3)) * [3.0, 2.0, 1.0]
     invariants = rng.standard_normal((30, 2))
     order = rng.permutation(30)
@@ -36,7 +36,7 @@ def test_pose_size_mirroring_and_order_do_not_matter(rng: np.random.Generator) -
     assert one.shape == (35 + 10,)
 
 
-def test_similar_shapes_are_nearer_than_different_ones(rng: np.random.Generator) -> None:
+def test_similar_shapes_are_nearer_than_different_ones(rng):
     points = rng.standard_normal((30, 3)) * [3.0, 1.0, 1.0]
     similar = shape_descriptor(samples_of(points + 0.05 * rng.standard_normal((30, 3))))
     different = shape_descriptor(samples_of(rng.standard_normal((30, 3)) * [3.0, 3.0, 0.1]))
@@ -44,13 +44,13 @@ def test_similar_shapes_are_nearer_than_different_ones(rng: np.random.Generator)
     assert np.linalg.norm(one - similar) < 0.2 * np.linalg.norm(one - different)
 
 
-def test_invariants_tell_shapes_of_equal_positions_apart(rng: np.random.Generator) -> None:
+def test_invariants_tell_shapes_of_equal_positions_apart(rng):
     samples = samples_of(rng.standard_normal((30, 3)), rng.standard_normal((30, 2)))
     other = replace(samples, invariants=samples.invariants + 1.0)
     assert np.linalg.norm(shape_descriptor(samples) - shape_descriptor(other)) > 0.1
 
 
-def test_degenerate_shapes_have_finite_descriptors() -> None:
+def test_degenerate_shapes_have_finite_descriptors():
     for points in (np.zeros((1, 3)), np.zeros((5, 3)), np.eye(3)[:2]):
         descriptor = shape_descriptor(samples_of(points))
         assert descriptor.shape == (35,)

@@ -1,19 +1,16 @@
-from typing import Any
-
 import networkx as nx
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from collalign.stages.pairs.select import ADDED, DEGREE, adaptive_pairs, extend_pairs, select_pairs
 from collalign.stages.pairs.sparse_pairs import all_pairs, identity_hashes, near_partners, without_bridges
 
 
-def hashes(num_shapes: int, seed: int = 0) -> NDArray[np.uint64]:
+def hashes(num_shapes, seed=0):
     return identity_hashes(map(str, range(num_shapes)), seed)
 
 
-def check_pairs(edges: NDArray[Any], num_shapes: int) -> nx.Graph:
+def check_pairs(edges, num_shapes):
     """Rows i < j, sorted, distinct; returns the graph."""
     assert edges.dtype == np.int64
     assert edges.shape == (len(edges), 2)
@@ -26,12 +23,12 @@ def check_pairs(edges: NDArray[Any], num_shapes: int) -> nx.Graph:
     return graph
 
 
-def as_set(edges: NDArray[Any]) -> set[tuple[int, ...]]:
+def as_set(edges):
     return {tuple(row) for row in edges.tolist()}
 
 
 @pytest.mark.parametrize("num_shapes", [0, 1, 2, 7])
-def test_all_pairs(num_shapes: int) -> None:
+def test_all_pairs(num_shapes):
     edges = select_pairs("all", hashes(num_shapes), None)
     check_pairs(edges, num_shapes)
     assert len(edges) == num_shapes * (num_shapes - 1) // 2
@@ -39,9 +36,7 @@ def test_all_pairs(num_shapes: int) -> None:
 
 @pytest.mark.parametrize("num_shapes", [2, 3, 14, 20, 60, 200])
 @pytest.mark.parametrize("kind", ["random", "spread", "two islands", "equal"])
-def test_sparse_pairs_have_no_bridge_and_the_wanted_degree(
-    num_shapes: int, kind: str, rng: np.random.Generator
-) -> None:
+def test_sparse_pairs_have_no_bridge_and_the_wanted_degree(num_shapes, kind, rng):
     descriptors = {
         "random": None,
         "spread": rng.standard_normal((num_shapes, 4)),
@@ -56,7 +51,7 @@ def test_sparse_pairs_have_no_bridge_and_the_wanted_degree(
     assert num_shapes < DEGREE + 2 or min(degree for _, degree in graph.degree) >= 3
 
 
-def test_near_shapes_are_paired(rng: np.random.Generator) -> None:
+def test_near_shapes_are_paired(rng):
     descriptors = rng.standard_normal((80, 3))
     edges = as_set(select_pairs("sparse", hashes(80), descriptors))
     distances = np.linalg.norm(descriptors[:, None] - descriptors, axis=2)
@@ -66,7 +61,7 @@ def test_near_shapes_are_paired(rng: np.random.Generator) -> None:
     assert max(far) > np.median(distances)  # never neighbours alone
 
 
-def test_a_growing_collection_adds_only_pairs_with_new_shapes(rng: np.random.Generator) -> None:
+def test_a_growing_collection_adds_only_pairs_with_new_shapes(rng):
     descriptors = rng.standard_normal((110, 3))
     names = [f"shape {i}" for i in rng.permutation(110)]
     for points in (None, descriptors):
@@ -80,7 +75,7 @@ def test_a_growing_collection_adds_only_pairs_with_new_shapes(rng: np.random.Gen
         assert len(added) <= 10 * 16
 
 
-def test_the_selection_follows_the_shapes_and_not_their_order(rng: np.random.Generator) -> None:
+def test_the_selection_follows_the_shapes_and_not_their_order(rng):
     descriptors = rng.standard_normal((50, 3))
     names = np.array([f"shape {i}" for i in range(50)])
     order = rng.permutation(50)
@@ -91,13 +86,13 @@ def test_the_selection_follows_the_shapes_and_not_their_order(rng: np.random.Gen
     assert as_set(one) != as_set(select_pairs("sparse", identity_hashes(names, 1), descriptors))
 
 
-def test_shapes_of_the_same_identity_are_told_apart() -> None:
+def test_shapes_of_the_same_identity_are_told_apart():
     edges = select_pairs("sparse", identity_hashes(["same content"] * 30, 0), None)
     assert nx.is_connected(check_pairs(edges, 30))
     assert len(edges) < 30 * 29 / 4
 
 
-def test_repair_joins_parts_by_their_closest_shapes_and_removes_bridges() -> None:
+def test_repair_joins_parts_by_their_closest_shapes_and_removes_bridges():
     points = np.array([[0.0], [1.0], [2.0], [3.0], [4.0], [50.0]])
     parts = np.array([[0, 1], [1, 2], [0, 2], [3, 4]])
     graph = check_pairs(without_bridges(6, parts, points), 6)
@@ -106,13 +101,13 @@ def test_repair_joins_parts_by_their_closest_shapes_and_removes_bridges() -> Non
     assert graph.has_edge(2, 3)
 
 
-def test_neighbours_among_equal_descriptors_are_others(rng: np.random.Generator) -> None:
+def test_neighbours_among_equal_descriptors_are_others(rng):
     pairs = near_partners(np.zeros((9, 2)), np.arange(9), np.arange(9), 3)
     assert len(pairs) == 27
     assert (pairs[:, 0] != pairs[:, 1]).all()
 
 
-def test_adaptive_pairs_go_to_uncertain_shapes(rng: np.random.Generator) -> None:
+def test_adaptive_pairs_go_to_uncertain_shapes(rng):
     descriptors = rng.standard_normal((40, 3))
     edges = select_pairs("adaptive", hashes(40), descriptors)
     confidence = np.full(40, 0.99)
@@ -129,7 +124,7 @@ def test_adaptive_pairs_go_to_uncertain_shapes(rng: np.random.Generator) -> None
     assert len(adaptive_pairs(edges, np.ones(40), [], hashes(40), descriptors)) == 0
 
 
-def test_adaptive_pairs_join_separate_groups_and_end_when_all_pairs_exist(rng: np.random.Generator) -> None:
+def test_adaptive_pairs_join_separate_groups_and_end_when_all_pairs_exist(rng):
     edges, descriptors = np.array([[0, 1], [1, 2], [3, 4]]), rng.standard_normal((5, 2))
     added = adaptive_pairs(edges, np.ones(5), [np.arange(3), np.array([3, 4])], hashes(5), descriptors)
     assert nx.is_connected(nx.Graph(np.concatenate([edges, added]).tolist()))
@@ -143,7 +138,7 @@ def test_adaptive_pairs_join_separate_groups_and_end_when_all_pairs_exist(rng: n
 
 @pytest.mark.parametrize("strategy", ["all", "sparse"])
 @pytest.mark.parametrize("num_old", [1, 3, 50])
-def test_extending_joins_new_shapes_to_old_ones(strategy: str, num_old: int, rng: np.random.Generator) -> None:
+def test_extending_joins_new_shapes_to_old_ones(strategy, num_old, rng):
     total = num_old + 4
     descriptors = rng.standard_normal((total, 3))
     edges = extend_pairs(num_old, strategy, hashes(total), descriptors)

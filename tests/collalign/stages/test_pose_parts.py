@@ -10,7 +10,6 @@ from collalign.stages.poses.agreement import resolve_pair
 from collalign.stages.poses.frame import turned
 from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.synchronize import synchronize_pairs, synchronize_shapes
-from collalign.synchronization import SynchronizationResult
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.errors import CollectionError, OptionsError
@@ -24,13 +23,13 @@ NONE = Constraints()
 
 
 @pytest.fixture
-def labels_and_truth() -> tuple[np.ndarray, np.ndarray]:
+def labels_and_truth():
     problem, labels = mixed_collection(np.random.default_rng(4), SIZES, wrong=0.1)
     return labels, problem.truth
 
 
 @pytest.fixture
-def pairs() -> list[Pair]:
+def pairs():
     problem, _ = mixed_collection(np.random.default_rng(4), SIZES, wrong=0.1)
     assert problem.energies is not None
     return [
@@ -43,7 +42,7 @@ def pairs() -> list[Pair]:
 
 
 @pytest.fixture
-def samples(rng: np.random.Generator) -> list[Samples]:
+def samples(rng):
     none = np.zeros(0, dtype=np.int64)
     clouds = rng.standard_normal((sum(SIZES), 6, 3))
     return [
@@ -57,9 +56,7 @@ def samples(rng: np.random.Generator) -> list[Samples]:
     ]  # fmt: skip
 
 
-def solve(
-    samples: list[Samples], pairs: list[Pair], clusters: int, constraints: Constraints = NONE
-) -> SynchronizationResult:
+def solve(samples, pairs, clusters, constraints=NONE):
     options = AlignOptions(group="SO", clusters=clusters)
     split, linked = split_shapes(options, samples, pairs)
     solution = synchronize_shapes(options, samples, linked, constraints)
@@ -69,9 +66,7 @@ def solve(
 
 
 @pytest.mark.parametrize("clusters", [0, 2])
-def test_a_mixed_folder_is_split_and_each_part_is_right(
-    clusters: int, samples: list[Samples], pairs: list[Pair], labels_and_truth: tuple[np.ndarray, np.ndarray]
-) -> None:
+def test_a_mixed_folder_is_split_and_each_part_is_right(clusters, samples, pairs, labels_and_truth):
     labels, truth = labels_and_truth
     solution = solve(samples, pairs, clusters)
     assert {tuple(part) for part in solution.parts} == {tuple(np.flatnonzero(labels == label)) for label in (0, 1)}
@@ -83,13 +78,13 @@ def test_a_mixed_folder_is_split_and_each_part_is_right(
     assert not any("unconnected" in line for line in solution.warnings)
 
 
-def test_poses_set_by_hand_stay(samples: list[Samples], pairs: list[Pair], rng: np.random.Generator) -> None:
+def test_poses_set_by_hand_stay(samples, pairs, rng):
     fixed = random_rotation(rng)
     solution = solve(samples, pairs, 2, Constraints(fixed={3: fixed}))
     assert np.allclose(solution.rotations[3], fixed)
 
 
-def test_parts_of_one_shape_each_are_refused(samples: list[Samples], pairs: list[Pair]) -> None:
+def test_parts_of_one_shape_each_are_refused(samples, pairs):
     with pytest.raises(CollectionError, match="ask for fewer"):
         solve(samples, pairs, sum(SIZES))
     with pytest.raises(OptionsError, match="clusters"):
@@ -98,7 +93,7 @@ def test_parts_of_one_shape_each_are_refused(samples: list[Samples], pairs: list
         AlignOptions(gauge="axes", reference="a")
 
 
-def test_a_turn_moves_poses_alternatives_and_cuts_together(pairs: list[Pair], rng: np.random.Generator) -> None:
+def test_a_turn_moves_poses_alternatives_and_cuts_together(pairs, rng):
     before = synchronize_pairs(AlignOptions(group="SO"), sum(SIZES), pairs)
     turn = random_rotation(rng)
     after = turned(before, np.tile(turn, (sum(SIZES), 1, 1)))
@@ -108,7 +103,7 @@ def test_a_turn_moves_poses_alternatives_and_cuts_together(pairs: list[Pair], rn
         assert all(np.allclose(p.rotation, turn @ o.rotation) for p, o in zip(poses, others, strict=True))
 
 
-def test_eigenfunctions_follow_the_map_that_positions_give_a_pair_that_is_solved_again() -> None:
+def test_eigenfunctions_follow_the_map_that_positions_give_a_pair_that_is_solved_again():
     rng = np.random.default_rng(2)
     options = EmbeddingOptions(kind="xyz+lb")
     shape = chair(rng, resolution=1)

@@ -1,7 +1,6 @@
 """Which pairs are refined, and that refinement brings disturbed poses of equal shapes back."""
 
 import itertools
-from collections.abc import Iterator
 
 import networkx as nx
 import numpy as np
@@ -10,20 +9,20 @@ from scipy.spatial.transform import Rotation
 
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
-from collalign.options import AlignOptions, AlignSession
+from collalign.options import AlignOptions
 from collalign.stages.poses.refinement import _weights, local_pairs, refine_rotations
 from data_tools.datasets.synthetic_shapes import crown
-from data_tools.embedding.embedding import Samples, sample_shape
+from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 
 
-def all_edges(num: int) -> np.ndarray:
+def all_edges(num):
     return np.array(list(itertools.combinations(range(num), 2)))
 
 
-def test_local_pairs_keep_the_nearest_and_the_connection(rng: np.random.Generator) -> None:
+def test_local_pairs_keep_the_nearest_and_the_connection(rng):
     edges = all_edges(12)
     energies = rng.random(len(edges))
     energies[np.isin(edges, range(6)).sum(axis=1) == 1] += 10.0  # two families, far from each other
@@ -39,9 +38,7 @@ def test_local_pairs_keep_the_nearest_and_the_connection(rng: np.random.Generato
     assert len(across) == 1
 
 
-def posed_crowns(
-    rng: np.random.Generator, num: int, *, num_points: int = 16, num_dense: int = 200
-) -> tuple[list[Samples], np.ndarray]:
+def posed_crowns(rng, num, *, num_points=16, num_dense=200):
     """Return one crown in several poses, mirrored ones among them."""
     shape = crown(num_vertices=500)
     turns = np.stack([random_rotation(rng, group="O") for _ in range(num)])
@@ -53,18 +50,18 @@ def posed_crowns(
     return samples, turns
 
 
-def errors_deg(rotations: np.ndarray, truth: np.ndarray) -> np.ndarray:
+def errors_deg(rotations, truth):
     pairs = all_edges(len(truth))
     return np.array([rotation_angle_deg(rotations[i].T @ rotations[j], truth[i].T @ truth[j]) for i, j in pairs])
 
 
 @pytest.fixture
-def session() -> Iterator[AlignSession]:
+def session():
     with Session.open(AlignOptions(), RunOptions(jobs=1)) as opened:
         yield opened
 
 
-def test_disturbed_poses_come_back(session: AlignSession, rng: np.random.Generator) -> None:
+def test_disturbed_poses_come_back(session, rng):
     samples, truth = posed_crowns(rng, 4)
     disturbed = Rotation.from_rotvec(0.12 * rng.standard_normal((4, 3))).as_matrix() @ truth
     edges = all_edges(4)
@@ -76,7 +73,7 @@ def test_disturbed_poses_come_back(session: AlignSession, rng: np.random.Generat
     assert np.allclose(refined[0], disturbed[0])
 
 
-def test_fixed_poses_stay(session: AlignSession, rng: np.random.Generator) -> None:
+def test_fixed_poses_stay(session, rng):
     samples, truth = posed_crowns(rng, 3)
     fixed = {1: truth[1], 2: np.diag([1.0, -1.0, -1.0]) @ truth[2]}
     refined = refine_rotations(session, samples, truth, all_edges(3), np.ones(3), group="O", fixed=fixed)
@@ -84,13 +81,13 @@ def test_fixed_poses_stay(session: AlignSession, rng: np.random.Generator) -> No
         assert np.allclose(refined[shape], pose)
 
 
-def test_near_pairs_weigh_more_by_the_square_of_their_energy() -> None:
+def test_near_pairs_weigh_more_by_the_square_of_their_energy():
     weights = _weights(np.array([1.0, 2.0, 4.0, 1e6, 0.0]))
     np.testing.assert_allclose(weights, [4.0, 1.0, 0.25, 1e-6, 100.0])
     assert np.isfinite(_weights(np.zeros(3))).all()
 
 
-def test_every_shape_names_its_nearest_pairs_beside_the_tree() -> None:
+def test_every_shape_names_its_nearest_pairs_beside_the_tree():
     edges = all_edges(5)
     energies = np.array([1.0, 1.1, 1.2, 1.3, 9.0, 8.0, 7.0, 6.0, 5.0, 9.5])  # a star about shape 0
     assert len(local_pairs(5, edges, energies, num=1)) == 4
@@ -98,9 +95,7 @@ def test_every_shape_names_its_nearest_pairs_beside_the_tree() -> None:
     assert named == {(0, 1), (0, 2), (0, 3), (0, 4), (1, 4), (2, 3), (2, 4)}
 
 
-def test_rounds_start_from_the_poses_of_the_round_before(
-    session: AlignSession, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rounds_start_from_the_poses_of_the_round_before(session, rng, monkeypatch):
     samples, truth = posed_crowns(rng, 3)
     disturbed = Rotation.from_rotvec(0.1 * rng.standard_normal((3, 3))).as_matrix() @ truth
     starts = []

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from collalign.engine.store.records import decode, encode
@@ -21,13 +20,13 @@ from collalign.stages.proofs import (
 )
 from data_tools.errors import StoreError
 from data_tools.rotations import rotation_angles
-from pairwise.branch_and_bound.pose_lists import PoseList, list_poses
+from pairwise.branch_and_bound.pose_lists import list_poses
 from pairwise.problem.problem import Problem
 from pairwise.status import Status
 from tests.rigid_problems import planted_cube
 
 
-def pair(*energies: float) -> Pair:
+def pair(*energies):
     num = len(energies)
     return Pair(
         target=0,
@@ -40,14 +39,14 @@ def pair(*energies: float) -> Pair:
     )
 
 
-def test_rejected_pairs_come_first_then_close_rivals() -> None:
+def test_rejected_pairs_come_first_then_close_rivals():
     pairs = [pair(1.0, 1.1), pair(1.0, 3.0), pair(1.0, 1.05), pair(1.0), pair(1.0, 2.0)]
     inlier = np.array([True, True, True, True, False])
     assert worth_proving(pairs, inlier) == [4, 2, 0]
     assert worth_proving(pairs[1:2], inlier[:1]) == []
 
 
-def proof(energy: float, *listed: float, within: float = 1.2) -> PairProof:
+def proof(energy, *listed, within=1.2):
     """A proof whose pose is a half turn; further listed poses are turned by tenths of a turn."""
     turns = [0.2 * np.pi * (number + 1) for number in range(len(listed))]
     rotations = [[[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]] for a in turns]
@@ -70,7 +69,7 @@ def proof(energy: float, *listed: float, within: float = 1.2) -> PairProof:
     )
 
 
-def test_a_proof_adds_its_bound_and_the_poses_that_the_pair_lacks() -> None:
+def test_a_proof_adds_its_bound_and_the_poses_that_the_pair_lacks():
     known = replace(pair(0.8, 0.9), rotations=np.stack([np.diag([1.0, -1.0, -1.0]), np.eye(3)]))
     same = with_proof(known, proof(0.8))
     assert (same.lower_bound, same.status, same.chirality_proven) == (0.7, "PROVEN_OPTIMAL", True)
@@ -90,11 +89,11 @@ def test_a_proof_adds_its_bound_and_the_poses_that_the_pair_lacks() -> None:
     assert again.energies.tolist() == listed.energies.tolist()
 
 
-def turn(angle_deg: float) -> NDArray[np.float64]:
+def turn(angle_deg):
     return Rotation.from_euler("z", angle_deg, degrees=True).as_matrix()
 
 
-def test_a_common_pose_far_from_all_listed_poses_contradicts_only_a_complete_list() -> None:
+def test_a_common_pose_far_from_all_listed_poses_contradicts_only_a_complete_list():
     listed = replace(pair(1.0), complete_within=1.2, regions=turn(0.0)[None], region_radii_rad=np.deg2rad([10.0]))
     for angle, is_far in ((0.0, False), (38.0, False), (42.0, True), (180.0, True)):
         said = contradictions(("a", "b"), [listed], np.stack([np.eye(3), turn(angle)]))
@@ -106,11 +105,11 @@ def test_a_common_pose_far_from_all_listed_poses_contradicts_only_a_complete_lis
     assert "and 3 more" in many[0]
 
 
-def proof_of(poses: PoseList) -> PairProof:
+def proof_of(poses):
     return pair_proof(poses, lambda rotations: np.full(len(rotations), 0.1))
 
 
-def test_the_record_of_a_list_is_checked_and_says_whether_it_is_complete() -> None:
+def test_the_record_of_a_list_is_checked_and_says_whether_it_is_complete():
     problem = Problem.from_user(*planted_cube(6, 0.3, 2))
     poses = list_poses(problem, within=LISTED_WITHIN, record=True)
     record = decode(encode(to_record(proof_of(poses))), "pair")

@@ -1,15 +1,12 @@
 """What is said to help where poses are in doubt, and that nothing is said elsewhere."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions
 from collalign.engine.session import Session
-from collalign.products.pair import Pair
-from collalign.products.shapes import Shapes
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.trust.remedies import remedies
 from data_tools.datasets.synthetic_shapes import blob
@@ -24,25 +21,25 @@ NUM = 8
 OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=16, num_dense_points=0))
 
 
-def said(folder: Path, confidence: np.ndarray, pairs: list[Pair], options: AlignOptions = OPTIONS) -> str:
+def said(folder, confidence, pairs, options=OPTIONS):
     """Return what helps a folder of closed blobs of which the first three are cut open."""
     rng = np.random.default_rng(3)
     for i in range(NUM):
         shape = blob(rng, num_vertices=200)
         write_mesh(folder / f"s{i}.ply", cut(shape, np.eye(3)[0], 0.2) if i < 3 else shape)
     with Session.open(options, RunOptions(jobs=1)) as session:
-        shapes: Shapes = prepare_shapes(session, list_shapes(folder))
+        shapes = prepare_shapes(session, list_shapes(folder))
         return " ".join(remedies(session, shapes, pairs, confidence))
 
 
-def sure(**doubted: float) -> np.ndarray:
+def sure(**doubted):
     confidence = np.full(NUM, 0.99)
     for name, chance in doubted.items():
         confidence[int(name[1:])] = chance
     return confidence
 
 
-def test_two_kinds_are_told_apart_by_pairs_that_agree_and_energies(tmp_path: Path) -> None:
+def test_two_kinds_are_told_apart_by_pairs_that_agree_and_energies(tmp_path):
     kinds = np.arange(NUM) % 2
     pairs = pairs_at(np.tile(np.eye(3), (NUM, 1, 1)))
     rng, mixed = np.random.default_rng(1), []
@@ -70,7 +67,7 @@ def test_two_kinds_are_told_apart_by_pairs_that_agree_and_energies(tmp_path: Pat
         ({f"s{i}": 0.1 for i in range(3, 8)}, ""),
     ],
 )
-def test_open_surfaces_in_doubt_may_be_incomplete(tmp_path: Path, doubted: dict[str, float], helps: str) -> None:
+def test_open_surfaces_in_doubt_may_be_incomplete(tmp_path, doubted, helps):
     text = said(tmp_path, sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))))
     assert (helps in text) if helps else (text == "")
     told = replace(OPTIONS, incomplete="never")

@@ -1,8 +1,6 @@
 """What the shape stage remembers: results of what was read, and failures that the content causes."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +10,7 @@ from collalign.engine.jobs.job import Runner
 from collalign.engine.jobs.worker import Call, Limits, Task, run_in_process
 from collalign.engine.session import Session
 from collalign.engine.store.store import Store
-from collalign.products.shapes import Excluded, Shapes
+from collalign.products.shapes import Excluded
 from collalign.stages import shape_stage as stage
 from collalign.stages.shape_stage import common_num_points, prepare_shapes
 from data_tools.datasets.synthetic_shapes import blob
@@ -24,31 +22,29 @@ from data_tools.surface.shape import Shape
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0))
 
 
-def arguments(file: Path) -> dict[str, Any]:
+def arguments(file):
     groups = {"cleaning": OPTIONS.cleaning, "sampling": OPTIONS.sampling, "embedding": OPTIONS.embedding}
     return {"file": file, "name": file.stem, "digest": None, **groups}
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     for i in range(3):
         write_mesh(tmp_path / "shapes" / f"s{i}.ply", blob(np.random.default_rng(i), num_vertices=60))
     return tmp_path / "shapes"
 
 
-def prepare(folder: Path, store: Path | None = None, aligning: AlignOptions = OPTIONS, **run: float) -> Shapes:
+def prepare(folder, store=None, aligning=OPTIONS, **run):
     options = RunOptions(jobs=1, store=store or folder.parent / "store", **run)  # type: ignore[arg-type]
     with Session.open(aligning, options) as session:
         return prepare_shapes(session, read_folder(folder))
 
 
-def test_a_file_that_is_edited_between_its_key_and_its_reading_poisons_nothing(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_is_edited_between_its_key_and_its_reading_poisons_nothing(folder, monkeypatch):
     edited, original = folder / "s1.ply", (folder / "s1.ply").read_bytes()
     hash_shape = stage.hash_shape
 
-    def hash_and_edit(path: Path) -> str:
+    def hash_and_edit(path):
         digest = hash_shape(path)
         if path == edited:
             write_mesh(path, blob(np.random.default_rng(7), num_vertices=60))
@@ -66,7 +62,7 @@ def test_a_file_that_is_edited_between_its_key_and_its_reading_poisons_nothing(
         np.testing.assert_array_equal(clean.positions, again.positions)
 
 
-def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_not(folder: Path) -> None:
+def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_not(folder):
     (folder / "bad.ply").write_text("ply\nnonsense")
     call = Call(function=Runner(stage.SAMPLING.run, is_kept=True), limits=Limits(), table=None)
     again = {}
@@ -78,7 +74,7 @@ def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_no
     assert again == {"bad.ply": False, "missing.ply": True}
 
 
-def test_a_raised_memory_limit_is_noticed(folder: Path) -> None:
+def test_a_raised_memory_limit_is_noticed(folder):
     size = 3_000_000
     points = np.random.default_rng(0).standard_normal((size, 3))
     write_mesh(folder / "large.ply", Shape.from_arrays(points))
@@ -90,7 +86,7 @@ def test_a_raised_memory_limit_is_noticed(folder: Path) -> None:
         assert store.missing("shapes", store.failures("shapes")) == list(store.failures("shapes"))
 
 
-def test_point_sets_of_fewer_points_are_matched_at_those_they_have(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_point_sets_of_fewer_points_are_matched_at_those_they_have(tmp_path, rng):
     for name, num in (("a", 10), ("b", 9), ("c", 11), ("damaged", 4), ("huge", 50)):
         np.savetxt(tmp_path / f"{name}.xyz", rng.standard_normal((num, 3)))
     shapes = prepare(tmp_path, tmp_path / "store", replace(OPTIONS, embedding=EmbeddingOptions(kind="xyz")))
@@ -102,7 +98,7 @@ def test_point_sets_of_fewer_points_are_matched_at_those_they_have(tmp_path: Pat
     assert "4 points, 9 samples were asked for" in shapes.excluded[0].reason
 
 
-def test_the_number_of_points_follows_the_typical_shape() -> None:
+def test_the_number_of_points_follows_the_typical_shape():
     assert common_num_points([41] * 9 + [3], 64) == 41
     assert common_num_points([39, 45, 41, 64], 64) == 39
     assert common_num_points([41, 64, 64], 64) == 64

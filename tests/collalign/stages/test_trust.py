@@ -21,11 +21,11 @@ from collalign.stages.trust.own_turns import near_symmetries, turns_in_words
 from collalign.stages.trust.rival_poses import Partner, leads_over, rival_poses
 from collalign.stages.trust.witnesses import FAMILIES, hear_witnesses, witness_notes
 from collalign.stages.trust.words import listed, trust_notes
-from collalign.synchronization import SynchronizationResult, synchronize
+from collalign.synchronization import synchronize
 from collalign.synchronization.result import WeakCut
 from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
-from data_tools.embedding.embedding import Samples, sample_shape
+from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
@@ -35,19 +35,19 @@ HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 NO_TURNS = np.zeros((0, 3, 3))
 
 
-def samples_of(shapes: list[Shape]) -> list[Samples]:
+def samples_of(shapes):
     options = SamplingOptions(num_points=16, num_dense_points=400)
     return [sample_shape(shape, options, EmbeddingOptions(kind="xyz")) for shape in shapes]
 
 
-def crowns(rng: np.random.Generator) -> tuple[list[Samples], np.ndarray]:
+def crowns(rng):
     turns = np.stack([random_rotation(rng) for _ in range(NUM)])
     base = crown(num_vertices=500)
     shapes = [bumped(base, rng, rms=0.01) for _ in turns]
     return samples_of([Shape.from_arrays(s.vertices @ R, s.faces) for s, R in zip(shapes, turns, strict=True)]), turns
 
 
-def pairs_at(rotations: np.ndarray, wrong: set[int] = frozenset()) -> list[Pair]:
+def pairs_at(rotations, wrong=frozenset()):
     """Return all pairs with the poses that these rotations ask for; those of ``wrong`` shapes half a turn off."""
     pairs = []
     for i, j in itertools.combinations(range(len(rotations)), 2):
@@ -61,21 +61,21 @@ def pairs_at(rotations: np.ndarray, wrong: set[int] = frozenset()) -> list[Pair]
     return pairs
 
 
-def solved(pairs: list[Pair]) -> SynchronizationResult:
+def solved(pairs):
     edges = [(pair.target, pair.source) for pair in pairs]
     return synchronize(edges, np.stack([p.rotations for p in pairs]), energies=np.stack([p.energies for p in pairs]))
 
 
-def trusted(samples: list[Samples], pairs: list[Pair], rotations: np.ndarray) -> Trust:
+def trusted(samples, pairs, rotations):
     with Session.open(AlignOptions(group="SO"), RunOptions(jobs=1)) as session:
         return gather_trust(session, samples, pairs, rotations, [np.arange(len(samples))])
 
 
-def column(trust: Trust, kind: str) -> np.ndarray:
+def column(trust, kind):
     return trust.evidence[:, KINDS.index(kind)]
 
 
-def test_right_poses_have_votes_and_margins_and_a_wrong_one_has_neither(rng: np.random.Generator) -> None:
+def test_right_poses_have_votes_and_margins_and_a_wrong_one_has_neither(rng):
     samples, truth = crowns(rng)
     trust = trusted(samples, pairs_at(truth), truth)
     assert (column(trust, "votes") == NUM / (NUM + 1)).all()
@@ -92,7 +92,7 @@ def test_right_poses_have_votes_and_margins_and_a_wrong_one_has_neither(rng: np.
     assert chance[2] < np.delete(chance, 2).min()
 
 
-def test_an_answer_that_pairs_were_solved_again_for_does_not_vote(rng: np.random.Generator) -> None:
+def test_an_answer_that_pairs_were_solved_again_for_does_not_vote(rng):
     samples, truth = crowns(rng)
     first = pairs_at(truth, wrong={0})
     trust = trusted(samples, first, truth)
@@ -101,7 +101,7 @@ def test_an_answer_that_pairs_were_solved_again_for_does_not_vote(rng: np.random
     assert trust.leads[0].min() < trust.leads[0].max()
 
 
-def test_poses_of_a_sphere_are_all_in_doubt(rng: np.random.Generator) -> None:
+def test_poses_of_a_sphere_are_all_in_doubt(rng):
     directions, faces = sphere_mesh(400)
     turns = np.stack([random_rotation(rng) for _ in range(5)])
     samples = samples_of([Shape.from_arrays(directions @ R, faces) for R in turns])
@@ -110,7 +110,7 @@ def test_poses_of_a_sphere_are_all_in_doubt(rng: np.random.Generator) -> None:
     assert (pose_confidence(trust) <= 0.5).all()
 
 
-def test_rivals_are_apart_from_the_pose_and_from_each_other(rng: np.random.Generator) -> None:
+def test_rivals_are_apart_from_the_pose_and_from_each_other(rng):
     samples, truth = crowns(rng)
     partners = partners_of(pairs_at(truth), truth)
     rivals = rival_poses(samples[0], truth[0], partners[0], turns=NO_TURNS, mirrored=True)
@@ -123,7 +123,7 @@ def test_rivals_are_apart_from_the_pose_and_from_each_other(rng: np.random.Gener
     ).any()
 
 
-def test_the_cost_is_zero_on_itself_and_sees_normals(rng: np.random.Generator) -> None:
+def test_the_cost_is_zero_on_itself_and_sees_normals(rng):
     points = rng.standard_normal((40, 3))
     normals = points / np.linalg.norm(points, axis=1, keepdims=True)
     assert surface_gap((points, normals), (points, normals), np.eye(3)) == pytest.approx(0.0, abs=1e-12)
@@ -133,7 +133,7 @@ def test_the_cost_is_zero_on_itself_and_sees_normals(rng: np.random.Generator) -
     assert surface_gap((points, normals), (points @ turn, normals @ turn), turn) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_evidence_for_a_pose_never_lowers_its_probability() -> None:
+def test_evidence_for_a_pose_never_lowers_its_probability():
     middle = np.array([0.5, 0.2, 0.6, 0.4, 1.0])
     for at, kind in enumerate(KINDS):
         low, high = middle.copy(), middle.copy()
@@ -144,14 +144,14 @@ def test_evidence_for_a_pose_never_lowers_its_probability() -> None:
     assert probability(np.array([[1.0, 9.0, 1.0, 9.0, 0.0]])) == MOST_CONFIDENT
 
 
-def trust_of(evidence: list[float], excess: list[float], leads: list[float] | None = None) -> Trust:
+def trust_of(evidence, excess, leads=None):
     turns = np.array([Rotation.from_euler("z", r + 1.0).as_matrix() for r in range(len(excess))]).reshape(-1, 3, 3)
     over = np.zeros(len(excess)) if leads is None else np.array(leads)
     return Trust(evidence=np.array([[*evidence, 0.0]]), rivals=(turns,), excess=(np.array(excess),), leads=(over,))
 
 
-def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit() -> None:
-    def chance(*evidence: float) -> float:
+def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit():
+    def chance(*evidence):
         return float(probability(np.array([[*evidence, 0.0]]))[0])
 
     assert chance(0.4, 5.0, 0.4, 9.0) == chance(0.4, 0.8, 0.4, 4.0)
@@ -159,7 +159,7 @@ def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit() -> None:
     assert 0.0 < chance(0.9, -5.0, 0.9, 0.0) < chance(0.9, 0.0, 0.9, 0.0) < 1.0
 
 
-def test_rivals_that_fit_as_well_share_the_confidence() -> None:
+def test_rivals_that_fit_as_well_share_the_confidence():
     sure = [1.0, 0.8, 1.0, 4.0]
     for excess, share in (([0.0], 1 / 2), ([0.0, 0.01, -0.2], 1 / 4), ([0.5, 0.03], 1.0), ([], 1.0)):
         assert pose_confidence(trust_of(sure, excess)) == min(share, MOST_CONFIDENT)
@@ -167,10 +167,10 @@ def test_rivals_that_fit_as_well_share_the_confidence() -> None:
     assert pose_confidence(trust_of(sure, [0.0, 0.0], [2.0, 0.5])) == 1 / 2  # pairs tell the first apart
 
 
-def test_what_ties_most_shapes_ties_all() -> None:
+def test_what_ties_most_shapes_ties_all():
     sure, turns = np.array([1.0, 0.8, 1.0, 4.0, 0.0]), np.tile(np.eye(3), (2, 1, 1))
 
-    def chances(excess: list[float], leads: list[float]) -> list[float]:
+    def chances(excess, leads):
         trust = Trust(
             evidence=np.tile(sure, (4, 1)),
             rivals=(turns,) * 4,
@@ -184,7 +184,7 @@ def test_what_ties_most_shapes_ties_all() -> None:
     assert chances([0.0, 0.5, 0.5, 0.5], [0.0] * 4) == [0.5, *[MOST_CONFIDENT] * 3]
 
 
-def test_cheaper_rivals_are_likelier_and_come_first() -> None:
+def test_cheaper_rivals_are_likelier_and_come_first():
     trust = trust_of([0.7, 0.1, 0.7, 0.5], [0.5, 0.1, 0.3, 0.9])
     first = solved(pairs_at(np.stack([np.eye(3)] * 2)))
     solution = with_trust(first, trust, Constraints())
@@ -195,7 +195,7 @@ def test_cheaper_rivals_are_likelier_and_come_first() -> None:
     assert 0.9 * (1.0 - confidence) < chances.sum() < 1.0 - confidence
 
 
-def test_partners_ask_for_poses_from_both_ends_the_likeliest_and_best_matched_first(rng: np.random.Generator) -> None:
+def test_partners_ask_for_poses_from_both_ends_the_likeliest_and_best_matched_first(rng):
     truth = np.stack([random_rotation(rng) for _ in range(3)])
     pairs = pairs_at(truth)
     pairs[0] = replace(pairs[0], energies=3.0 * pairs[0].energies)
@@ -210,7 +210,7 @@ def test_partners_ask_for_poses_from_both_ends_the_likeliest_and_best_matched_fi
             assert partner.excess[0] == 0.0 < partner.excess[1]
 
 
-def test_the_most_supported_rival_comes_first(rng: np.random.Generator) -> None:
+def test_the_most_supported_rival_comes_first(rng):
     samples, truth = crowns(rng)
     same, likely, far = (
         Rotation.from_euler(axis, angle, degrees=True).as_matrix() @ truth[0]
@@ -223,8 +223,8 @@ def test_the_most_supported_rival_comes_first(rng: np.random.Generator) -> None:
     assert min(rotation_angle_deg(rival, truth[0]) for rival in rivals) > 30.0  # less is the same pose
 
 
-def test_the_lead_is_the_mean_over_pairs_and_counts_poses_that_a_pair_did_not_find_as_its_last() -> None:
-    def turn(angle: float) -> np.ndarray:
+def test_the_lead_is_the_mean_over_pairs_and_counts_poses_that_a_pair_did_not_find_as_its_last():
+    def turn(angle):
         return Rotation.from_euler("z", angle, degrees=True).as_matrix()
 
     first = Partner(
@@ -240,7 +240,7 @@ def test_the_lead_is_the_mean_over_pairs_and_counts_poses_that_a_pair_did_not_fi
     assert leads_over(np.eye(3), np.empty((0, 3, 3)), [first]).shape == (0,)
 
 
-def test_poses_at_which_copies_do_not_fit_are_as_implausible_as_any_unless_copies_are_few() -> None:
+def test_poses_at_which_copies_do_not_fit_are_as_implausible_as_any_unless_copies_are_few():
     turned = Rotation.from_euler("z", 90.0, degrees=True).as_matrix()
     copy = Partner(shape=1, poses=np.eye(3)[None], excess=np.zeros(1), log_odds=np.zeros(1), energy=0.0)
     other = replace(copy, shape=2, energy=0.1)
@@ -250,7 +250,7 @@ def test_poses_at_which_copies_do_not_fit_are_as_implausible_as_any_unless_copie
     assert leads_over(np.eye(3), turned[None], [both, both]).tolist() == [0.0]  # a box
 
 
-def test_the_cost_looks_both_ways(rng: np.random.Generator) -> None:
+def test_the_cost_looks_both_ways(rng):
     whole, none = rng.standard_normal((40, 3)), np.empty((0, 3))
     part = whole[:10]
     costs = [surface_gap((a, none), (b, none), np.eye(3)) for a, b in ((whole, part), (part, whole))]
@@ -258,7 +258,7 @@ def test_the_cost_looks_both_ways(rng: np.random.Generator) -> None:
     assert min(costs) > 0.01
 
 
-def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certain(rng: np.random.Generator) -> None:
+def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certain(rng):
     samples, truth = crowns(rng)
     pairs = pairs_at(truth)
     trust = trusted(samples, pairs, truth)
@@ -269,7 +269,7 @@ def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certa
         assert 0.0 < sum(chances) <= 1.0 - confidence + 1e-9
 
 
-def test_what_may_be_a_mirror_image_is_trusted_by_one_half(rng: np.random.Generator) -> None:
+def test_what_may_be_a_mirror_image_is_trusted_by_one_half(rng):
     samples, truth = crowns(rng)
     pairs = pairs_at(truth)
     trust = trusted(samples, pairs, truth)
@@ -280,12 +280,12 @@ def test_what_may_be_a_mirror_image_is_trusted_by_one_half(rng: np.random.Genera
     np.testing.assert_array_equal(np.delete(capped, [2, 5]), np.delete(plain, [2, 5]))
 
 
-def test_a_pose_that_a_witness_contradicts_is_doubted_and_the_other_one_offered(rng: np.random.Generator) -> None:
+def test_a_pose_that_a_witness_contradicts_is_doubted_and_the_other_one_offered(rng):
     samples, truth = crowns(rng)
     flipped = truth.copy()
     flipped[2] = HALF_TURN @ truth[2]
 
-    def two_poses(pair: Pair) -> Pair:
+    def two_poses(pair):
         """Points find the truth more plausible, maps what shape 2 would be half turned, and maps weigh more."""
         other = flipped[pair.target].T @ flipped[pair.source]
         evidence = np.full((2, len(EVIDENCE)), 0.5)
@@ -319,7 +319,7 @@ def test_a_pose_that_a_witness_contradicts_is_doubted_and_the_other_one_offered(
     assert hear_witnesses(options, rigid, truth, everything) == []
 
 
-def test_notes_name_the_doubtful_the_contradicted_and_the_block(rng: np.random.Generator) -> None:
+def test_notes_name_the_doubtful_the_contradicted_and_the_block(rng):
     samples, truth = crowns(rng)
     names = [f"shape{i}" for i in range(NUM)]
     flipped = truth.copy()
@@ -342,7 +342,7 @@ def test_notes_name_the_doubtful_the_contradicted_and_the_block(rng: np.random.G
     assert not trust_notes(names, right, pose_confidence(right), first, truth, Constraints())
 
 
-def test_a_block_is_named_as_long_as_the_final_poses_have_it(rng: np.random.Generator) -> None:
+def test_a_block_is_named_as_long_as_the_final_poses_have_it(rng):
     samples, truth = crowns(rng)
     names = [f"shape{i}" for i in range(NUM)]
     pairs = pairs_at(truth)
@@ -367,12 +367,12 @@ def test_a_block_is_named_as_long_as_the_final_poses_have_it(rng: np.random.Gene
     assert "may be turned" not in " ".join(trust_notes(names, trust, chance, first, turned, Constraints()))
 
 
-def test_long_lists_are_cut() -> None:
+def test_long_lists_are_cut():
     assert listed(["a", "b"]) == "a, b"
     assert listed([str(i) for i in range(11)]) == "0, 1, 2, 3, 4, 5, 6, 7 and 3 more"
 
 
-def brick(sides: np.ndarray) -> Samples:
+def brick(sides):
     """Return a box with points on its faces, and their normals, in a pose that no axis favours."""
     directions, faces = sphere_mesh(900)
     extent = 1.0 / np.abs(directions / sides).max(axis=1)
@@ -381,7 +381,7 @@ def brick(sides: np.ndarray) -> Samples:
 
 
 @pytest.mark.parametrize(("sides", "num"), [((1.0, 0.8, 0.6), 3), ((1.0, 1.0, 0.6), 7)])
-def test_the_turns_of_a_box_come_first(sides: tuple[float, float, float], num: int) -> None:
+def test_the_turns_of_a_box_come_first(sides, num):
     found = near_symmetries(brick(np.array(sides)))
     turn = random_rotation(np.random.default_rng(3))
     aligned = turn.T @ found[:num] @ turn
@@ -391,7 +391,7 @@ def test_the_turns_of_a_box_come_first(sides: tuple[float, float, float], num: i
     assert (np.minimum(np.abs(angles - 180.0), np.abs(angles - 90.0)) < 8.0).all()
 
 
-def test_cubes_are_named_as_symmetric_and_in_doubt(rng: np.random.Generator) -> None:
+def test_cubes_are_named_as_symmetric_and_in_doubt(rng):
     sample = brick(np.ones(3))
     poses = np.stack([np.eye(3)] * 4)
     pairs = [replace(pair, energies=np.array([0.1, 0.1])) for pair in pairs_at(poses)]
@@ -401,7 +401,7 @@ def test_cubes_are_named_as_symmetric_and_in_doubt(rng: np.random.Generator) -> 
     assert any("4 of 4 shapes fit as well in other poses" in note and "deg about" in note for note in notes)
 
 
-def test_turns_are_told_by_their_axes() -> None:
+def test_turns_are_told_by_their_axes():
     quarter = Rotation.from_rotvec([0, 0, 90], degrees=True).as_matrix()
     words = turns_in_words(np.stack([quarter, quarter @ quarter, np.diag([1.0, -1.0, -1.0])]))
     assert words == "90, 180 deg about (0.00, 0.00, 1.00); 180 deg about (1.00, 0.00, 0.00)"

@@ -16,7 +16,7 @@ GRAPHS = {
 }
 
 
-def problem(kind: str, spread: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def problem(kind, spread):
     """Pairs, weights over so many orders of magnitude, free shapes (one per component is not) and forces."""
     graph, rng = GRAPHS[kind], np.random.default_rng(2)
     edges = np.array(sorted(graph.edges), dtype=np.int64)
@@ -25,7 +25,7 @@ def problem(kind: str, spread: float) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return edges, 10.0 ** rng.uniform(-spread, 0.0, len(edges)), free, rng.standard_normal((int(free.sum()), 3))
 
 
-def laplacian(edges: np.ndarray, weights: np.ndarray, free: np.ndarray) -> np.ndarray:
+def laplacian(edges, weights, free):
     matrix = np.zeros((len(free), len(free)))
     for (i, j), weight in zip(edges, weights, strict=True):
         matrix[[i, j], [i, j]] += weight
@@ -35,7 +35,7 @@ def laplacian(edges: np.ndarray, weights: np.ndarray, free: np.ndarray) -> np.nd
 
 @pytest.mark.parametrize("spread", [0.0, 3.0])
 @pytest.mark.parametrize("kind", GRAPHS)
-def test_large_laplacians_are_solved(kind: str, spread: float) -> None:
+def test_large_laplacians_are_solved(kind, spread):
     edges, weights, free, force = problem(kind, spread)
     assert len(free) > DENSE_SHAPES
     matrix = laplacian(edges, weights, free)
@@ -46,10 +46,10 @@ def test_large_laplacians_are_solved(kind: str, spread: float) -> None:
 
 
 @pytest.mark.parametrize("spread", [0.0, 3.0, 9.0])
-def test_graphs_with_random_pairs_are_never_factored(spread: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_graphs_with_random_pairs_are_never_factored(spread, monkeypatch):
     sizes = list[int]()
 
-    def counted(matrix: object, **options: object) -> object:
+    def counted(matrix, **options):
         factor = splu(matrix, **options)
         sizes.append(factor.L.nnz)
         return factor

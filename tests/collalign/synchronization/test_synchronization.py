@@ -22,7 +22,7 @@ from tests.synchronization_problems import (
 METHODS = ["robust", "spectral"]
 
 
-def _graph_edges(name: str) -> np.ndarray:
+def _graph_edges(name):
     graphs = {
         "pair": networkx.path_graph(2),
         "path": networkx.path_graph(40),
@@ -38,7 +38,7 @@ def _graph_edges(name: str) -> np.ndarray:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["pair", "path", "cycle", "star", "grid", "complete", "barbell", "regular"])
-def test_exact_pairs_are_recovered_on_every_connected_graph(name: str, method: str) -> None:
+def test_exact_pairs_are_recovered_on_every_connected_graph(name, method):
     edges = _graph_edges(name)
     truth = random_rotations(np.random.default_rng(3), int(edges.max()) + 1)
     pairs = exact_pairs(truth, edges)
@@ -49,7 +49,7 @@ def test_exact_pairs_are_recovered_on_every_connected_graph(name: str, method: s
 
 
 @pytest.mark.parametrize("kind", ["path", "regular"])
-def test_large_sparse_graphs_are_solved_exactly(kind: str) -> None:
+def test_large_sparse_graphs_are_solved_exactly(kind):
     graphs = {"path": networkx.path_graph(450), "regular": networkx.random_regular_graph(4, 450, seed=2)}
     edges = np.array(sorted(tuple(sorted(e)) for e in graphs[kind].edges))
     truth = random_rotations(np.random.default_rng(18), 450)
@@ -59,7 +59,7 @@ def test_large_sparse_graphs_are_solved_exactly(kind: str) -> None:
 
 @pytest.mark.parametrize(("dim", "group"), [(2, "SO"), (2, "O"), (3, "O"), (5, "SO"), (5, "O")])
 @pytest.mark.parametrize("method", METHODS)
-def test_other_groups_are_recovered(dim: int, group: str, method: str) -> None:
+def test_other_groups_are_recovered(dim, group, method):
     rng = np.random.default_rng(dim)
     edges = regular_edges(14, 5, 0)
     truth = random_rotations(rng, 14, dim, group=group)
@@ -69,7 +69,7 @@ def test_other_groups_are_recovered(dim: int, group: str, method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_mixed_blocks_are_synchronized_apart(method: str) -> None:
+def test_mixed_blocks_are_synchronized_apart(method):
     rng = np.random.default_rng(0)
     edges = regular_edges(16, 6, 0)
     truth = np.zeros((16, 7, 7))
@@ -88,7 +88,7 @@ def test_mixed_blocks_are_synchronized_apart(method: str) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_gauge_of_the_shapes_and_order_change_nothing(seed: int) -> None:
+def test_gauge_of_the_shapes_and_order_change_nothing(seed):
     rng = np.random.default_rng(seed)
     problem = flipped_pairs(rng, regular_edges(14, 6, 1), 14, wrong=0.1, num_candidates=4)
     first = synchronize(problem.edges, problem.rotations, energies=problem.energies)
@@ -105,7 +105,7 @@ def test_gauge_of_the_shapes_and_order_change_nothing(seed: int) -> None:
 
 
 @pytest.mark.parametrize("holder", range(14))
-def test_whichever_shape_holds_the_gauge_may_be_turned_itself(holder: int) -> None:
+def test_whichever_shape_holds_the_gauge_may_be_turned_itself(holder):
     """Among equally well connected shapes the first holds the gauge; in this problem one of them starts out wrong."""
     problem = flipped_pairs(np.random.default_rng(911), regular_edges(14, 6, 1), 14, wrong=0.1, num_candidates=4)
     order = np.roll(np.arange(14), holder)
@@ -113,7 +113,7 @@ def test_whichever_shape_holds_the_gauge_may_be_turned_itself(holder: int) -> No
     assert pose_errors_deg(found.rotations[order], problem.truth).max() < 30.0
 
 
-def test_reversed_edges_change_nothing() -> None:
+def test_reversed_edges_change_nothing():
     rng = np.random.default_rng(4)
     problem = flipped_pairs(rng, regular_edges(20, 6, 0), 20, wrong=0.2, num_candidates=4)
     first = synchronize(problem.edges, problem.rotations, energies=problem.energies)
@@ -123,14 +123,14 @@ def test_reversed_edges_change_nothing() -> None:
     assert np.allclose(first.rotations, back.rotations, atol=1e-7)
 
 
-def test_the_same_call_gives_the_same_bits() -> None:
+def test_the_same_call_gives_the_same_bits():
     problem = flipped_pairs(np.random.default_rng(5), regular_edges(20, 4, 0), 20, wrong=0.3, num_candidates=4)
     first, second = (synchronize(problem.edges, problem.rotations, energies=problem.energies) for _ in range(2))
     assert np.array_equal(first.rotations, second.rotations)
     assert np.array_equal(first.confidence, second.confidence)
 
 
-def test_outliers_do_not_move_the_answer() -> None:
+def test_outliers_do_not_move_the_answer():
     problem = flipped_pairs(np.random.default_rng(8), complete_edges(40), 40, wrong=0.5, kind="uniform")
     robust = synchronize(problem.edges, problem.rotations)
     spectral = synchronize(problem.edges, problem.rotations, method="spectral")
@@ -142,11 +142,11 @@ def test_outliers_do_not_move_the_answer() -> None:
     assert (robust.edge_inlier != wrong).mean() > 0.95
 
 
-def _misfit(problem) -> np.ndarray:
+def _misfit(problem):
     return np.swapaxes(problem.rotations[:, 0], 1, 2) @ exact_pairs(problem.truth, problem.edges)
 
 
-def test_candidates_are_chosen_by_consistency_and_energy() -> None:
+def test_candidates_are_chosen_by_consistency_and_energy():
     edges = regular_edges(40, 10, 0)
     problem = flipped_pairs(np.random.default_rng(9), edges, 40, wrong=0.3, num_candidates=4)
     found = synchronize(edges, problem.rotations, energies=problem.energies)
@@ -157,7 +157,7 @@ def test_candidates_are_chosen_by_consistency_and_energy() -> None:
     assert (found.edge_choice != np.argmin(problem.energies, axis=1)).mean() > 0.2
 
 
-def test_absent_candidates_do_not_count() -> None:
+def test_absent_candidates_do_not_count():
     edges = regular_edges(20, 6, 0)
     problem = flipped_pairs(np.random.default_rng(10), edges, 20, wrong=0.1, num_candidates=4)
     padded = np.concatenate([problem.rotations, np.full((len(edges), 1, 3, 3), np.nan)], axis=1)
@@ -168,7 +168,7 @@ def test_absent_candidates_do_not_count() -> None:
     assert found.edge_choice.max() < 4
 
 
-def test_fixed_shapes_come_out_exactly_and_turn_the_others_with_them() -> None:
+def test_fixed_shapes_come_out_exactly_and_turn_the_others_with_them():
     edges = regular_edges(24, 6, 0)
     problem = flipped_pairs(np.random.default_rng(11), edges, 24, wrong=0.1, num_candidates=4)
     free = synchronize(edges, problem.rotations, energies=problem.energies)
@@ -183,7 +183,7 @@ def test_fixed_shapes_come_out_exactly_and_turn_the_others_with_them() -> None:
     assert len(found.edge_choice) == len(edges)
 
 
-def test_fixed_pairs_are_certain_of_what_they_state_whatever_their_log_odds_said() -> None:
+def test_fixed_pairs_are_certain_of_what_they_state_whatever_their_log_odds_said():
     edges = complete_edges(5)
     problem = flipped_pairs(np.random.default_rng(14), edges, 5, wrong=0.2, num_candidates=4)
     odds = [np.array([-np.inf, 1.0, 0.0, -2.0]) for _ in edges]  # maps may exclude a pose altogether
@@ -202,7 +202,7 @@ def test_fixed_pairs_are_certain_of_what_they_state_whatever_their_log_odds_said
     assert all(np.array_equal(found.rotations[i], pose) for i, pose in wanted.items())
 
 
-def test_fixed_shapes_join_groups() -> None:
+def test_fixed_shapes_join_groups():
     truth = random_rotations(np.random.default_rng(12), 4)
     edges = np.array([[0, 1], [2, 3]])
     found = synchronize(edges, exact_pairs(truth, edges), fixed={1: truth[1], 2: truth[2]})
@@ -210,7 +210,7 @@ def test_fixed_shapes_join_groups() -> None:
     assert np.allclose(found.rotations, truth, atol=1e-8)
 
 
-def test_disconnected_graphs_are_groups() -> None:
+def test_disconnected_graphs_are_groups():
     truth = random_rotations(np.random.default_rng(13), 7)
     edges = np.array([[0, 1], [1, 2], [3, 4]])
     found = synchronize(edges, exact_pairs(truth, edges), num_shapes=7)
@@ -220,7 +220,7 @@ def test_disconnected_graphs_are_groups() -> None:
     assert np.allclose(found.rotations[3], np.eye(3), atol=1e-12)
 
 
-def test_weights_zero_cut_edges() -> None:
+def test_weights_zero_cut_edges():
     truth = random_rotations(np.random.default_rng(14), 4)
     edges = complete_edges(4)
     weights = np.where((edges == 3).any(axis=1), 0.0, 1.0)
@@ -228,7 +228,7 @@ def test_weights_zero_cut_edges() -> None:
     assert len(found.components) == 2
 
 
-def test_bad_input_is_refused() -> None:
+def test_bad_input_is_refused():
     eye = np.tile(np.eye(3), (2, 1, 1))
     edges = [[0, 1], [1, 2]]
     bad = [
@@ -260,7 +260,7 @@ def test_bad_input_is_refused() -> None:
             synchronize(**arguments)
 
 
-def test_pose_errors_see_a_wrong_pose() -> None:
+def test_pose_errors_see_a_wrong_pose():
     truth = random_rotations(np.random.default_rng(16), 9)
     turn = random_rotations(np.random.default_rng(17), 1)[0]
     assert pose_errors_deg(turn @ truth, truth).max() < 1e-5

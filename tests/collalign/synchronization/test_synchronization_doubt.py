@@ -9,7 +9,6 @@ from collalign.synchronization.solvers.blocks import turn_differences, weak_cuts
 from data_tools.errors import OptionsError
 from tests.synchronization_problems import (
     D2_FLIPS,
-    Planted,
     complete_edges,
     exact_pairs,
     flipped_pairs,
@@ -22,11 +21,11 @@ from tests.synchronization_problems import (
 )
 
 
-def _solve(problem: Planted, **options):
+def _solve(problem, **options):
     return synchronize(problem.edges, problem.rotations, energies=problem.energies, **options)
 
 
-def test_a_block_flipped_by_most_of_its_pairs_is_flagged() -> None:
+def test_a_block_flipped_by_most_of_its_pairs_is_flagged():
     problem, block = group_flip(np.random.default_rng(0), complete_edges(40), 40, share=0.3, chance=0.6)
     found = _solve(problem)
     cut = found.weak_cuts[0]
@@ -39,12 +38,12 @@ def test_a_block_flipped_by_most_of_its_pairs_is_flagged() -> None:
     assert pose_errors_deg(turned, problem.truth).max() < 20.0
 
 
-def test_a_block_flipped_by_fewer_pairs_comes_out_right() -> None:
+def test_a_block_flipped_by_fewer_pairs_comes_out_right():
     problem, _ = group_flip(np.random.default_rng(1), complete_edges(60), 60, share=0.3, chance=0.45)
     assert (pose_errors_deg(_solve(problem).rotations, problem.truth) < 20.0).mean() > 0.97
 
 
-def test_random_flips_are_not_called_blocks() -> None:
+def test_random_flips_are_not_called_blocks():
     for seed in range(3):
         problem = flipped_pairs(np.random.default_rng(seed), complete_edges(40), 40, wrong=0.4)
         found = _solve(problem)
@@ -52,7 +51,7 @@ def test_random_flips_are_not_called_blocks() -> None:
         assert found.confidence.min() > 0.95
 
 
-def test_a_wrong_shape_has_low_confidence_and_its_true_pose_among_the_alternatives() -> None:
+def test_a_wrong_shape_has_low_confidence_and_its_true_pose_among_the_alternatives():
     edges = complete_edges(16)
     problem = flipped_pairs(np.random.default_rng(2), edges, 16, wrong=0.05, num_candidates=1)
     rotations = problem.rotations.copy()
@@ -69,7 +68,7 @@ def test_a_wrong_shape_has_low_confidence_and_its_true_pose_among_the_alternativ
     assert min(np.linalg.norm(pose - problem.truth[5]) for pose in poses) < 0.5
 
 
-def test_confidence_is_calibrated_and_ranks_wrong_shapes() -> None:
+def test_confidence_is_calibrated_and_ranks_wrong_shapes():
     right, sure = [], []
     for seed in range(6):
         problem = flipped_pairs(np.random.default_rng(seed), regular_edges(60, 6, seed), 60, wrong=0.3)
@@ -81,7 +80,7 @@ def test_confidence_is_calibrated_and_ranks_wrong_shapes() -> None:
     assert confidence[is_right].mean() > confidence[~is_right].mean() + 0.1
 
 
-def test_mirrored_shapes_are_found_among_wrong_signs() -> None:
+def test_mirrored_shapes_are_found_among_wrong_signs():
     rng = np.random.default_rng(6)
     edges = regular_edges(60, 10, 0)
     truth = random_rotations(rng, 60, group="O")
@@ -93,20 +92,20 @@ def test_mirrored_shapes_are_found_among_wrong_signs() -> None:
     assert found.edge_inlier[wrong].mean() < 0.05
 
 
-def _mirrors(rng: np.random.Generator, count: int) -> np.ndarray:
+def _mirrors(rng, count):
     normals = rng.standard_normal((count, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return np.eye(3) - 2.0 * normals[:, :, None] * normals[:, None]
 
 
 @pytest.mark.parametrize(("sizes", "seed"), [((20, 20, 20), 0), ((10, 14, 8, 12), 1)])
-def test_mixed_folders_are_split(sizes: tuple[int, ...], seed: int) -> None:
+def test_mixed_folders_are_split(sizes, seed):
     problem, labels = mixed_collection(np.random.default_rng(seed), sizes, wrong=0.2)
     found = find_parts(PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies))
     assert len(np.unique(np.stack([found, labels]), axis=1).T) == found.max() + 1 == len(sizes)
 
 
-def test_one_kind_of_shapes_is_not_split() -> None:
+def test_one_kind_of_shapes_is_not_split():
     problem = flipped_pairs(np.random.default_rng(8), complete_edges(20), 20, wrong=0.2)
     graph = PairGraph.from_user(problem.edges, problem.rotations)
     assert not find_parts(graph).any()
@@ -115,7 +114,7 @@ def test_one_kind_of_shapes_is_not_split() -> None:
 
 
 @pytest.mark.parametrize("compared", [1, 45, 2048**2])
-def test_agreement_sees_one_flipped_shape(compared: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_agreement_sees_one_flipped_shape(compared, monkeypatch):
     monkeypatch.setattr("collalign.synchronization.doubt.confidence._MOST_COMPARED", compared)
     frames = random_rotations(np.random.default_rng(10), 9)
     others = frames @ random_rotations(np.random.default_rng(11), 1)[0]
@@ -124,7 +123,7 @@ def test_agreement_sees_one_flipped_shape(compared: int, monkeypatch: pytest.Mon
     assert np.flatnonzero(~agreement(frames, others)).tolist() == [4]
 
 
-def test_a_planted_cut_is_the_weakest() -> None:
+def test_a_planted_cut_is_the_weakest():
     edges = complete_edges(10)
     block = np.arange(10) < 3
     costs = np.where(block[edges[:, 0]] != block[edges[:, 1]], 0.1, 5.0)

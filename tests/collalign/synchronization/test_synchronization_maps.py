@@ -12,7 +12,7 @@ from tests.synchronization_problems import complete_edges, random_rotations, reg
 SPARSE = regular_edges(30, 10, 0)
 
 
-def _planted(rng: np.random.Generator, num_shapes: int, num: int, edges: np.ndarray, wrong: float):
+def _planted(rng, num_shapes, num, edges, wrong):
     """Labels, maps in which a share of the matches is permuted at random, and samples at the labels' places."""
     labels = np.stack([rng.permutation(num) for _ in range(num_shapes)])
     maps = np.stack([np.argsort(labels[i])[labels[j]] for i, j in edges])
@@ -23,7 +23,7 @@ def _planted(rng: np.random.Generator, num_shapes: int, num: int, edges: np.ndar
     return labels, maps, places + 0.2 * rng.standard_normal(places.shape)
 
 
-def _same_labels(found: np.ndarray, planted: np.ndarray) -> float:
+def _same_labels(found, planted):
     """Share of samples whose label stands for the planted one, after the best naming of labels."""
     counts = np.zeros((planted.shape[1],) * 2)
     np.add.at(counts, (found.ravel(), planted.ravel()), 1)
@@ -31,7 +31,7 @@ def _same_labels(found: np.ndarray, planted: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(("edges", "wrong"), [(complete_edges(30), 0.0), (complete_edges(30), 0.4), (SPARSE, 0.15)])
-def test_labels_are_recovered_and_maps_compose(edges: np.ndarray, wrong: float) -> None:
+def test_labels_are_recovered_and_maps_compose(edges, wrong):
     rng = np.random.default_rng(0)
     planted, maps, places = _planted(rng, 30, 20, edges, wrong)
     found = synchronize_maps(edges, maps, np.ones(len(edges)), rng.permutation(places, axis=1))
@@ -41,14 +41,14 @@ def test_labels_are_recovered_and_maps_compose(edges: np.ndarray, wrong: float) 
 
 
 @pytest.mark.parametrize("held", [1, 16 * 40])
-def test_how_much_is_held_at_once_does_not_matter(held: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_how_much_is_held_at_once_does_not_matter(held, monkeypatch):
     _, maps, places = _planted(np.random.default_rng(4), 30, 16, SPARSE, 0.5)
     whole = synchronize_maps(SPARSE, maps, np.ones(len(SPARSE)), places)
     monkeypatch.setattr("collalign.synchronization.permutations.MOST_HELD", held)
     assert np.array_equal(synchronize_maps(SPARSE, maps, np.ones(len(SPARSE)), places), whole)
 
 
-def test_maps_count_by_their_weights_and_places_where_maps_say_nothing() -> None:
+def test_maps_count_by_their_weights_and_places_where_maps_say_nothing():
     rng, edges = np.random.default_rng(3), complete_edges(10)
     planted, maps, places = _planted(rng, 10, 15, edges, 0.0)
     wrong = rng.random(len(edges)) < 0.6
@@ -61,7 +61,7 @@ def test_maps_count_by_their_weights_and_places_where_maps_say_nothing() -> None
     assert _same_labels(synchronize_maps(edges[:1], maps[:1], np.zeros(1), near), planted) == 1.0
 
 
-def test_scales_are_recovered() -> None:
+def test_scales_are_recovered():
     rng = np.random.default_rng(4)
     scales, mean = rng.uniform(0.5, 2.0, 8), rng.standard_normal((25, 3))
     shapes = (mean + rng.standard_normal((8, 1, 3))) / scales[:, None, None]
@@ -75,13 +75,13 @@ def test_scales_are_recovered() -> None:
     assert np.allclose(fitted / fitted[0], best / best[0])
 
 
-def _small_turns(rng: np.random.Generator, count: int) -> np.ndarray:
+def _small_turns(rng, count):
     skew = rng.standard_normal((count, 3, 3)) * 0.1
     skew = skew - np.swapaxes(skew, 1, 2)
     return np.linalg.solve(np.eye(3) - skew / 2, np.eye(3) + skew / 2)
 
 
-def test_alternation_of_assignments_and_rotations() -> None:
+def test_alternation_of_assignments_and_rotations():
     rng = np.random.default_rng(5)
     cloud = rng.standard_normal((14, 3)) * [3.0, 2.0, 1.0]
     truth = random_rotations(rng, 6)

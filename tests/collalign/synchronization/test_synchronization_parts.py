@@ -46,7 +46,7 @@ from tests.synchronization_problems import (
 THIRD = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # a turn that is not its own inverse
 
 
-def noisy_graph(num: int, noise_deg: float, *, seed: int = 0, **options) -> tuple[PairGraph, np.ndarray]:
+def noisy_graph(num, noise_deg, *, seed=0, **options):
     """All pairs of random poses with small noise; returns the graph and ``R_common_i``."""
     rng = np.random.default_rng(seed)
     edges, truth = complete_edges(num), random_rotations(rng, num)
@@ -54,7 +54,7 @@ def noisy_graph(num: int, noise_deg: float, *, seed: int = 0, **options) -> tupl
     return PairGraph.from_user(edges, pairs, **options), truth
 
 
-def test_squared_distances_are_frobenius() -> None:
+def test_squared_distances_are_frobenius():
     graph, truth = noisy_graph(5, 20.0)
     frames = transposed(truth)
     expected = graph.candidates[:, 0] - relative(frames, graph.edges)
@@ -62,7 +62,7 @@ def test_squared_distances_are_frobenius() -> None:
     np.testing.assert_allclose(found, (expected**2).sum(axis=(1, 2)), atol=1e-12)
 
 
-def test_reflections_double_the_volume_and_halve_the_chance_of_an_outlier() -> None:
+def test_reflections_double_the_volume_and_halve_the_chance_of_an_outlier():
     graph, _ = noisy_graph(4, 10.0)
     proper = EdgeModel(graph=graph)
     either = EdgeModel(graph=replace(graph, pattern=RotationPattern.from_user(None, 3, "O")))
@@ -71,7 +71,7 @@ def test_reflections_double_the_volume_and_halve_the_chance_of_an_outlier() -> N
     np.testing.assert_allclose(either.log_uniform - proper.log_uniform, -np.log(2.0), atol=1e-12)
 
 
-def test_costs_are_the_log_of_a_mixture_and_shares_its_parts() -> None:
+def test_costs_are_the_log_of_a_mixture_and_shares_its_parts():
     graph, _ = noisy_graph(4, 10.0)
     model = EdgeModel(graph=graph)
     for distance in (0.0, 0.3, 8.0):
@@ -81,7 +81,7 @@ def test_costs_are_the_log_of_a_mixture_and_shares_its_parts() -> None:
         np.testing.assert_allclose(model.responsibilities(squared)[:, 0], inlier / (inlier + outlier), atol=1e-12)
 
 
-def test_noise_is_estimated_with_the_freedom_of_the_frames_discounted() -> None:
+def test_noise_is_estimated_with_the_freedom_of_the_frames_discounted():
     # The frames of a least squares solution absorb part of the noise; what is left must be scaled up again.
     estimates = []
     for seed in range(12):
@@ -94,7 +94,7 @@ def test_noise_is_estimated_with_the_freedom_of_the_frames_discounted() -> None:
     assert np.median(estimates) == pytest.approx(10.0 / np.sqrt(3.0), rel=0.1)
 
 
-def test_the_power_of_the_energy_is_found() -> None:
+def test_the_power_of_the_energy_is_found():
     rng = np.random.default_rng(1)
     edges = complete_edges(12)
     energies = np.exp(rng.uniform(-1.5, 1.5, len(edges)))
@@ -106,7 +106,7 @@ def test_the_power_of_the_energy_is_found() -> None:
     assert _fitted_power(model, ones, np.full((len(edges), 1), 0.01)) == pytest.approx(0.0, abs=0.05)
 
 
-def test_features_energies_and_weights_are_relative() -> None:
+def test_features_energies_and_weights_are_relative():
     edges = np.array([[0, 1], [1, 2], [0, 2]])
     energies = np.array([[1.0, np.e], [2.0, 2.0 * np.e], [4.0 * np.e, 4.0]])
     graph = PairGraph.from_user(edges, np.tile(np.eye(3), (3, 2, 1, 1)), energies=energies, weights=[1.0, 2.0, 8.0])
@@ -120,7 +120,7 @@ def test_features_energies_and_weights_are_relative() -> None:
     assert relative_weights(fixed)[2] == pytest.approx(1e3 * relative_weights(fixed)[:2].max())
 
 
-def turned_by(turn: np.ndarray, shape: int, num: int) -> tuple[EdgeModel, np.ndarray]:
+def turned_by(turn, shape, num):
     """All pairs of ``num`` shapes in the pose that the frames say, but for one shape that is turned."""
     rng = np.random.default_rng(2)
     edges, frames = complete_edges(num), random_rotations(rng, num)
@@ -133,7 +133,7 @@ def turned_by(turn: np.ndarray, shape: int, num: int) -> tuple[EdgeModel, np.nda
 
 
 @pytest.mark.parametrize("shape", [0, 2, 4])
-def test_a_turned_shape_proposes_its_own_turn_whichever_side_of_its_pairs_it_is(shape: int) -> None:
+def test_a_turned_shape_proposes_its_own_turn_whichever_side_of_its_pairs_it_is(shape):
     model, aligned = turned_by(THIRD, shape, 5)
     turns, offered = np.tile(np.eye(3), (5, 3, 1, 1)), np.zeros((5, 3), dtype=bool)
     offered[:, 0] = True
@@ -149,19 +149,19 @@ def test_a_turned_shape_proposes_its_own_turn_whichever_side_of_its_pairs_it_is(
 
 
 @pytest.mark.parametrize(("angle_deg", "count"), [(26.0, 0), (36.0, 1)])
-def test_what_is_within_thirty_degrees_of_a_known_turn_is_no_other(angle_deg: float, count: int) -> None:
+def test_what_is_within_thirty_degrees_of_a_known_turn_is_no_other(angle_deg, count):
     turn = Rotation.from_euler("z", angle_deg, degrees=True).as_matrix()
     pattern = RotationPattern.from_user(None, 3, "SO")
     assert len(_modes(np.tile(turn, (9, 1, 1)), np.ones(9), 0.02, 5, np.eye(3)[None], pattern, 48)) == count
 
 
-def test_a_shape_without_affinities_is_a_part_of_its_own() -> None:
+def test_a_shape_without_affinities_is_a_part_of_its_own():
     affinity = np.zeros((7, 7))
     affinity[:6, :6] = 1.0 - np.eye(6)
     assert spectral_clusters(affinity, 2).tolist() == [0] * 6 + [1]
 
 
-def test_modes_are_apart_and_the_heaviest_first() -> None:
+def test_modes_are_apart_and_the_heaviest_first():
     rng = np.random.default_rng(3)
     flip = np.diag([1.0, -1.0, -1.0])
     turns = np.concatenate([THIRD @ small_rotations(rng, (20,), 3.0), flip @ small_rotations(rng, (10,), 3.0)])
@@ -171,7 +171,7 @@ def test_modes_are_apart_and_the_heaviest_first() -> None:
     assert rotation_angle_deg(found[1], flip) < 3.0
 
 
-def turn_set(*turns: np.ndarray, num: int = 3, rate: float = 0.1) -> TurnSet:
+def turn_set(*turns, num=3, rate=0.1):
     common = np.array(turns)
     every = np.tile(np.concatenate([np.eye(3)[None], common]), (num, 1, 1, 1))
     return TurnSet(
@@ -179,7 +179,7 @@ def turn_set(*turns: np.ndarray, num: int = 3, rate: float = 0.1) -> TurnSet:
     )
 
 
-def test_flips_go_both_ways_unless_they_are_their_own_inverse() -> None:
+def test_flips_go_both_ways_unless_they_are_their_own_inverse():
     both = _directed_flips(turn_set(THIRD))
     assert [rate for _, rate in both] == [0.05, 0.05]
     assert np.allclose(both[0][0], both[1][0].T)
@@ -189,7 +189,7 @@ def test_flips_go_both_ways_unless_they_are_their_own_inverse() -> None:
 
 
 @pytest.mark.parametrize("shared", [True, False])
-def test_turned_distances_are_those_of_their_definition(shared: bool) -> None:
+def test_turned_distances_are_those_of_their_definition(shared):
     rng = np.random.default_rng(4)
     graph, truth = noisy_graph(3, 30.0)
     aligned = aligned_candidates(graph, transposed(truth))
@@ -206,7 +206,7 @@ def test_turned_distances_are_those_of_their_definition(shared: bool) -> None:
                 assert found[e, 0, a, b] == pytest.approx(((T - target) ** 2).sum(), abs=1e-9)
 
 
-def test_turns_that_are_not_offered_cost_too_much() -> None:
+def test_turns_that_are_not_offered_cost_too_much():
     graph, truth = noisy_graph(3, 5.0)
     aligned = aligned_candidates(graph, transposed(truth))
     alternatives = turn_set(THIRD)
@@ -218,7 +218,7 @@ def test_turns_that_are_not_offered_cost_too_much() -> None:
             assert (costs[e, a, b] == FORBIDDEN) == (not offered[i, a] or not offered[j, b])
 
 
-def test_affinity_is_the_closure_rate_times_a_trust_that_never_exceeds_one() -> None:
+def test_affinity_is_the_closure_rate_times_a_trust_that_never_exceeds_one():
     edges = complete_edges(4)
     truth = random_rotations(np.random.default_rng(5), 4)
     pairs = exact_pairs(truth, edges)
@@ -231,14 +231,14 @@ def test_affinity_is_the_closure_rate_times_a_trust_that_never_exceeds_one() -> 
         assert affinity[i, j] == pytest.approx((closed[i, j] + 1e-3) / 3.0 * min(1.0, 1.0 / energy))
 
 
-def test_parts_are_numbered_by_their_first_shape() -> None:
+def test_parts_are_numbered_by_their_first_shape():
     member = np.array([1, 0, 0, 1, 2, 2, 1, 0])
     affinity = np.where(member[:, None] == member, 1.0, 0.01) - np.eye(8)
     expected = [0, 1, 1, 0, 2, 2, 0, 1]
     assert spectral_clusters(affinity, 3).tolist() == expected
 
 
-def test_parts_are_turned_to_each_other_and_some_stay() -> None:
+def test_parts_are_turned_to_each_other_and_some_stay():
     edges = complete_edges(6)
     truth = random_rotations(np.random.default_rng(6), 6)
     graph = PairGraph.from_user(edges, exact_pairs(truth, edges))
@@ -249,7 +249,7 @@ def test_parts_are_turned_to_each_other_and_some_stay() -> None:
         np.testing.assert_allclose(exact_pairs(turns @ own @ truth, edges), graph.candidates[:, 0], atol=1e-8)
 
 
-def test_last_weights_fall_with_the_square_of_the_relative_variance() -> None:
+def test_last_weights_fall_with_the_square_of_the_relative_variance():
     edges = complete_edges(6)
     energies = np.geomspace(0.25, 4.0, len(edges))
     graph = PairGraph.from_user(edges, np.tile(np.eye(3), (len(edges), 1, 1)), energies=energies)
@@ -267,7 +267,7 @@ def test_last_weights_fall_with_the_square_of_the_relative_variance() -> None:
     )
 
 
-def test_shapes_that_are_fixed_stay_and_the_reference_is_the_identity() -> None:
+def test_shapes_that_are_fixed_stay_and_the_reference_is_the_identity():
     rng = np.random.default_rng(7)
     rotations, given = random_rotations(rng, 4), random_rotations(rng, 1)[0]
     pattern = RotationPattern.from_user(None, 3, "SO")
@@ -281,7 +281,7 @@ def test_shapes_that_are_fixed_stay_and_the_reference_is_the_identity() -> None:
     assert np.array_equal(fixed[2], given)
 
 
-def test_the_first_axis_has_the_largest_variance_and_nothing_is_mirrored() -> None:
+def test_the_first_axis_has_the_largest_variance_and_nothing_is_mirrored():
     rng = np.random.default_rng(8)
     for _ in range(8):
         cloud = rng.exponential(1.0, (60, 3)) * rng.permutation([3.0, 2.0, 1.0])
@@ -292,7 +292,7 @@ def test_the_first_axis_has_the_largest_variance_and_nothing_is_mirrored() -> No
         assert ((moved**3).mean(axis=0)[:2] > 0).all()
 
 
-def test_signs_are_relative_to_the_first_shape_and_agree_with_most_of_the_evidence() -> None:
+def test_signs_are_relative_to_the_first_shape_and_agree_with_most_of_the_evidence():
     truth = np.array([-1.0, 1.0, 1.0, -1.0, 1.0])
     edges = complete_edges(5)
     signs = truth[edges[:, 0]] * truth[edges[:, 1]]
@@ -305,7 +305,7 @@ def test_signs_are_relative_to_the_first_shape_and_agree_with_most_of_the_eviden
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_signs_agree_with_as_much_evidence_as_any(seed: int) -> None:
+def test_signs_agree_with_as_much_evidence_as_any(seed):
     rng = np.random.default_rng(seed)
     edges, weights, signs = complete_edges(9), rng.random(36), rng.choice([-1.0, 1.0], 36)
     own = np.where(synchronize_signs(edges, signs, weights, 9), -1.0, 1.0)
@@ -316,7 +316,7 @@ def test_signs_agree_with_as_much_evidence_as_any(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_the_first_shape_of_every_component_is_not_mirrored(seed: int) -> None:
+def test_the_first_shape_of_every_component_is_not_mirrored(seed):
     rng = np.random.default_rng(seed)
     truth = rng.choice([-1.0, 1.0], 9)
     edges = np.concatenate([complete_edges(5), 5 + complete_edges(4)])
@@ -325,19 +325,19 @@ def test_the_first_shape_of_every_component_is_not_mirrored(seed: int) -> None:
     assert np.array_equal(found[5:], truth[5:] != truth[5])
 
 
-def test_unconnected_parts_are_said() -> None:
+def test_unconnected_parts_are_said():
     assert connectivity_warnings(1) == ()
     assert "2 parts" in connectivity_warnings(2)[0]
 
 
-def test_what_energies_say_of_candidates_is_learnt_from_the_pairs() -> None:
+def test_what_energies_say_of_candidates_is_learnt_from_the_pairs():
     rng = np.random.default_rng(4)
     graph, truth = noisy_graph(12, 3.0)
     turned = graph.candidates[:, 0] @ np.diag([1.0, -1.0, -1.0])
     both = np.stack([graph.candidates[:, 0], turned], axis=1)
     frames = transposed(truth)
 
-    def learnt(energies: np.ndarray) -> EdgeModel:
+    def learnt(energies):
         told = PairGraph.from_user(graph.edges, both, energies=energies)
         return EdgeModel(graph=told).updated(squared_distances(told, frames))
 
@@ -346,7 +346,7 @@ def test_what_energies_say_of_candidates_is_learnt_from_the_pairs() -> None:
     assert right.best_log_odds + right.energy_slope > PRIOR_LOG_ODDS > wrong.best_log_odds + wrong.energy_slope
 
 
-def test_blocks_above_three_coordinates_are_reflected_where_the_first_may_not_be() -> None:
+def test_blocks_above_three_coordinates_are_reflected_where_the_first_may_not_be():
     rng = np.random.default_rng(1)
     edges = complete_edges(4)
     pairs = np.zeros((len(edges), 7, 7))

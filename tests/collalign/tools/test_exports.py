@@ -5,7 +5,6 @@ import dataclasses
 import io
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -159,7 +158,7 @@ def test_files_in_ras_keep_their_numbers_and_say_so(view, tmp_path, told):
     if told == "header":
         file = Path(view.files[0])
         file.write_bytes(file.read_bytes().replace(b"\nelement", b"\ncomment SPACE=RAS\nelement", 1))
-    system: Any = "RAS" if told == "caller" else "LPS"
+    system = "RAS" if told == "caller" else "LPS"
     for format in ("slicer-json", "fcsv"):
         raw = [read_landmarks(p) for p in export(view, format, tmp_path / format, space="raw", system=system)]
         assert [one.system for one in raw] == ["RAS"] + ["RAS" if told == "caller" else "LPS"] * 5

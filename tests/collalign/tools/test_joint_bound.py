@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from collalign.engine.run_options import RunOptions
@@ -13,7 +12,6 @@ from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.tools.certify.arrangement import PairEnergies
 from collalign.tools.certify.multipliers import MOST_ROWS, JointMaster
-from collalign.tools.certify.result import JointBound
 from collalign.tools.certify.rounds import CertifyOptions, Rounds, bound_arrangements, problem_of
 from data_tools.rotations import random_rotation
 from pairwise.branch_and_bound.tilted import prove_tilted
@@ -21,9 +19,7 @@ from pairwise.certificates.verify_joint import gram_bound
 from pairwise.local.local_search import energies_of
 
 
-def planted(
-    num_shapes: int, num_points: int, noise: float, *, group: str = "SO", seed: int = 0, invariants: float = 0.0
-) -> Rounds:
+def planted(num_shapes, num_points, noise, *, group="SO", seed=0, invariants=0.0):
     """Noisy, turned, shuffled copies of one cloud, every pair of them."""
     rng = np.random.default_rng(seed)
     cloud = rng.standard_normal((num_points, 3))
@@ -48,18 +44,18 @@ def planted(
         )
 
 
-def certified(rounds: Rounds, **options: object) -> JointBound:
+def certified(rounds, **options):
     """The joint bound, from random poses."""
     frames = random_frames(rounds.energies.num_shapes, np.random.default_rng(1))
     with Session.open(rounds.session.options, RunOptions(jobs=1)) as session:
         return bound_arrangements(replace(rounds, session=session), frames, CertifyOptions(**options))  # type: ignore[arg-type]
 
 
-def random_frames(num: int, rng: np.random.Generator, group: str = "SO") -> NDArray[np.float64]:
+def random_frames(num, rng, group="SO"):
     return np.array([random_rotation(rng, group=group) for _ in range(num)])
 
 
-def cheapest_of_all_maps(energies: PairEnergies, known: JointBound) -> float:
+def cheapest_of_all_maps(energies, known):
     """The least energy by every choice of maps that may cost less than a known arrangement, from several starts.
 
     A choice whose pairs cost more even if each has its own best rotation is left out.
@@ -98,9 +94,7 @@ def cheapest_of_all_maps(energies: PairEnergies, known: JointBound) -> float:
         (4, 4, "O", 0.3, 0.2),
     ],
 )
-def test_brute_force_over_all_maps_finds_nothing_below_the_bound(
-    num_shapes: int, num_points: int, group: str, invariants: float, noise: float
-) -> None:
+def test_brute_force_over_all_maps_finds_nothing_below_the_bound(num_shapes, num_points, group, invariants, noise):
     rounds = planted(num_shapes, num_points, noise, group=group, seed=num_points, invariants=invariants)
     found = certified(rounds)
     least = cheapest_of_all_maps(rounds.energies, found)
@@ -110,7 +104,7 @@ def test_brute_force_over_all_maps_finds_nothing_below_the_bound(
     assert least < rounds.energies.at(random_frames(num_shapes, np.random.default_rng(8))).sum()
 
 
-def test_brute_force_finds_the_cheapest_arrangement_without_being_told_of_it() -> None:
+def test_brute_force_finds_the_cheapest_arrangement_without_being_told_of_it():
     rounds = planted(3, 3, 0.5, group="O", seed=3)
     found = certified(rounds)
     told = replace(found, frames=random_frames(3, np.random.default_rng(8)), energy=3.0 * found.energy)
@@ -118,7 +112,7 @@ def test_brute_force_finds_the_cheapest_arrangement_without_being_told_of_it() -
 
 
 @pytest.mark.parametrize("group", ["SO", "O"])
-def test_no_arrangement_costs_less_than_the_bound(group: str) -> None:
+def test_no_arrangement_costs_less_than_the_bound(group):
     rounds = planted(4, 8, 0.25, group=group)
     energies, rng = rounds.energies, np.random.default_rng(2)
     found = certified(rounds)
@@ -135,9 +129,7 @@ def test_no_arrangement_costs_less_than_the_bound(group: str) -> None:
 
 
 @pytest.mark.parametrize("group", ["SO", "O"])
-def test_pairs_that_no_time_was_left_for_take_from_the_bound_no_more_than_they_must(
-    group: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pairs_that_no_time_was_left_for_take_from_the_bound_no_more_than_they_must(group, monkeypatch):
     rounds = planted(4, 8, 0.25, group=group)
     whole = certified(rounds, max_rounds=1)
     assert certified(rounds, budget_s=1e-9).bound == 0.0
@@ -147,7 +139,7 @@ def test_pairs_that_no_time_was_left_for_take_from_the_bound_no_more_than_they_m
     assert (some.num_cells.max(axis=1) > 4).sum() == 5
 
 
-def test_the_energy_of_an_arrangement_is_that_of_its_pairs_and_descent_never_raises_it() -> None:
+def test_the_energy_of_an_arrangement_is_that_of_its_pairs_and_descent_never_raises_it():
     energies = planted(3, 7, 0.3, seed=5).energies
     frames = random_frames(3, np.random.default_rng(6))
     i, j = energies.edges[1]
@@ -163,7 +155,7 @@ def test_the_energy_of_an_arrangement_is_that_of_its_pairs_and_descent_never_rai
     assert better.energy <= found.energy
 
 
-def test_copies_without_noise_cost_nothing_in_any_gauge() -> None:
+def test_copies_without_noise_cost_nothing_in_any_gauge():
     rounds = planted(4, 8, 0.0, seed=8)
     energies, found = rounds.energies, certified(rounds)
     assert (found.energy, found.bound) == (pytest.approx(0.0, abs=1e-9), pytest.approx(0.0, abs=0.02))
@@ -173,7 +165,7 @@ def test_copies_without_noise_cost_nothing_in_any_gauge() -> None:
     assert energies.at(gauge).sum() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_shares_solve_the_least_squares_problem_of_every_pair() -> None:
+def test_shares_solve_the_least_squares_problem_of_every_pair():
     rng = np.random.default_rng(11)
     edges, first = np.array([[0, 1], [0, 2], [1, 2]]), random_frames(3, rng)
     master = JointMaster(3, edges, first, rng.random(3), 1.0)
@@ -186,13 +178,7 @@ def test_shares_solve_the_least_squares_problem_of_every_pair() -> None:
         points, cost = master._columns[pair, :num].reshape(num, 9), master._energies[pair, :num]
         goal, weight = wanted[pair].ravel(), master._penalty
 
-        def objective(
-            share: NDArray[np.float64],
-            points: NDArray[np.float64] = points,
-            cost: NDArray[np.float64] = cost,
-            goal: NDArray[np.float64] = goal,
-            weight: float = weight,
-        ) -> float:
+        def objective(share, points=points, cost=cost, goal=goal, weight=weight):
             return float(cost @ share + weight * ((points.T @ share - goal) ** 2).sum())
 
         reference = minimize(
@@ -208,7 +194,7 @@ def test_shares_solve_the_least_squares_problem_of_every_pair() -> None:
         assert objective(np.full(num, 1.0 / num)) >= objective(found)
 
 
-def test_what_the_columns_promise_is_what_the_multipliers_prove_of_them() -> None:
+def test_what_the_columns_promise_is_what_the_multipliers_prove_of_them():
     rng = np.random.default_rng(12)
     edges, frames = np.array([[0, 1], [0, 2], [1, 2]]), random_frames(3, rng)
     known = np.array([frames[i].T @ frames[j] for i, j in edges])
@@ -227,7 +213,7 @@ def test_what_the_columns_promise_is_what_the_multipliers_prove_of_them() -> Non
     assert np.linalg.eigvalsh(master.gram).min() > -1e-9
 
 
-def test_too_many_shapes_for_multipliers_are_bounded_pair_by_pair(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_shapes_for_multipliers_are_bounded_pair_by_pair(monkeypatch):
     monkeypatch.setattr("collalign.tools.certify.multipliers.MOST_ROWS", 6)
     found = certified(planted(3, 5, 0.3))
     assert not found.tilts.any()

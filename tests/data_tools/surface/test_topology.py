@@ -50,7 +50,7 @@ def test_a_hole_does_not_open_a_closed_surface_but_a_rim_does():
 
 def test_edges_of_any_triangles_are_those_of_a_count_by_hand():
     faces = np.random.default_rng(0).permuted(np.tile(np.arange(9), (40, 1)), axis=1)[:, :3]
-    forward: dict[tuple[int, int], list[bool]] = {}
+    forward = {}
     for a, b in [(int(f[i]), int(f[(i + 1) % 3])) for f in faces for i in range(3)]:
         forward.setdefault((min(a, b), max(a, b)), []).append(a < b)
     edges = mesh_edges(faces)

@@ -72,7 +72,7 @@ def test_bad_options_are_refused():
         all_poses(source[:4], source)
 
 
-def test_descents_that_swap_maps_of_equal_energy_do_not_both_vanish() -> None:
+def test_descents_that_swap_maps_of_equal_energy_do_not_both_vanish():
     problem = rigid_problem(1168, max_target=7)
     poses = list_poses(problem, resolution_deg=15.0, time_limit_s=600.0)
     assert poses.is_resolved

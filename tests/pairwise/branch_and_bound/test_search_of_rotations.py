@@ -13,13 +13,13 @@ from pairwise.problem.problem import Problem
 from tests.rigid_problems import planted_cube
 
 
-def started(tol: float = 1e-3) -> RotationSearch:
+def started(tol=1e-3):
     search = RotationSearch(Problem.from_user(*planted_cube(8, 0.3, 1)), reflected=False, tol=tol)
     search.descend(np.eye(3)[None])
     return search
 
 
-def test_the_balls_that_are_bounded_cover_all_rotations_and_open_cells_go_on_to(rng) -> None:
+def test_the_balls_that_are_bounded_cover_all_rotations_and_open_cells_go_on_to(rng):
     search, balls = started(), []
     evaluate = search._evaluate
 
@@ -38,7 +38,7 @@ def test_the_balls_that_are_bounded_cover_all_rotations_and_open_cells_go_on_to(
     assert (rotation_angles(rotations[:, None], centres) <= radii).any(axis=1).all()
 
 
-def test_a_bound_is_compared_as_it_is_and_to_the_tolerance() -> None:
+def test_a_bound_is_compared_as_it_is_and_to_the_tolerance():
     search = started()
     energy = search.energy
     assert search.threshold(energy) == pytest.approx((1.0 - 1e-3) * energy, rel=1e-7)
@@ -53,7 +53,7 @@ def test_a_bound_is_compared_as_it_is_and_to_the_tolerance() -> None:
     assert not search.is_done(energy)
 
 
-def test_settled_and_collected_cells_keep_their_bounds() -> None:
+def test_settled_and_collected_cells_keep_their_bounds():
     search = started()
     energy = search.energy
     bounds = energy * np.array([0.95, 2.0, 3.0, 0.9995])
@@ -65,7 +65,7 @@ def test_settled_and_collected_cells_keep_their_bounds() -> None:
     assert search.bound == bounds[3]
 
 
-def test_poses_up_to_a_factor_are_collected_in_small_cells() -> None:
+def test_poses_up_to_a_factor_are_collected_in_small_cells():
     search = started()
     search.collect(1.5, 4.0)
     bounds = search.energy * np.array([1.45, 0.5, 1.6, 1.0])
@@ -76,7 +76,7 @@ def test_poses_up_to_a_factor_are_collected_in_small_cells() -> None:
     assert search.bound == bounds[1]
 
 
-def test_cells_that_are_collected_are_as_small_as_asked_for_and_hardly_smaller() -> None:
+def test_cells_that_are_collected_are_as_small_as_asked_for_and_hardly_smaller():
     search = started()
     search.collect(1.5, 0.1)
     search.run(np.inf, search.energy)

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from data_tools.rotations import random_rotation
 from pairwise.branch_and_bound.tilted import least_energies, prove_tilted, with_tilt
-from pairwise.problem.problem import Problem, energy_scale
+from pairwise.problem.problem import energy_scale
 from tests.oracles import brute_force, every_pose
 from tests.rigid_problems import small_problem
 
 
-def least_tilted(problem: Problem, tilt: NDArray[np.float64]) -> float:
+def least_tilted(problem, tilt):
     """The least of F(R) - <tilt, R>: for a fixed map it is linear in R, so every map's best R is a projection."""
     _, _, maps = every_pose(problem)
     values = []
@@ -22,7 +21,7 @@ def least_tilted(problem: Problem, tilt: NDArray[np.float64]) -> float:
     return min(values)
 
 
-def tilted_problem(seed: int) -> tuple[Problem, NDArray[np.float64]]:
+def tilted_problem(seed):
     problem = small_problem(seed, max_target=5)
     rng = np.random.default_rng([seed, 8])
     strength = energy_scale(problem) * rng.choice([0.01, 0.3, 3.0])
@@ -30,7 +29,7 @@ def tilted_problem(seed: int) -> tuple[Problem, NDArray[np.float64]]:
 
 
 @pytest.mark.parametrize("seed", range(28))
-def test_the_energy_changes_by_the_linear_term_and_a_constant(seed: int) -> None:
+def test_the_energy_changes_by_the_linear_term_and_a_constant(seed):
     problem, tilt = tilted_problem(seed)
     tilted, offset = with_tilt(problem, tilt)
     rng, dim = np.random.default_rng(seed), problem.dim
@@ -43,7 +42,7 @@ def test_the_energy_changes_by_the_linear_term_and_a_constant(seed: int) -> None
 
 
 @pytest.mark.parametrize("seed", range(28))
-def test_the_bound_lies_within_the_gap_below_the_least_value_of_brute_force(seed: int) -> None:
+def test_the_bound_lies_within_the_gap_below_the_least_value_of_brute_force(seed):
     problem, tilt = tilted_problem(seed)
     scale = energy_scale(problem) + float(np.abs(tilt).sum())
     known = np.eye(problem.dim)[None]
@@ -58,7 +57,7 @@ def test_the_bound_lies_within_the_gap_below_the_least_value_of_brute_force(seed
     assert found.energies == pytest.approx(least_energies(problem, found.rotations))
 
 
-def test_the_oracle_finds_less_where_the_tilt_favours_a_rotation() -> None:
+def test_the_oracle_finds_less_where_the_tilt_favours_a_rotation():
     problem, tilt = tilted_problem(3)
     assert least_tilted(problem, 0.0 * tilt) == pytest.approx(brute_force(problem).energy)
     favoured = brute_force(problem).rotation

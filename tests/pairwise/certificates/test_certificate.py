@@ -1,7 +1,6 @@
 """Certificates: saved and loaded, accepted when right, refused when changed, damaged or for another problem."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,7 +33,7 @@ def solved():
     return problem, solve_pm_sdp(problem)
 
 
-def test_round_trip(tmp_path: Path, solved) -> None:
+def test_round_trip(tmp_path, solved):
     problem, result = solved
     result.certificate.save(tmp_path / "pair.npz")
     loaded = Certificate.load(tmp_path / "pair.npz")
@@ -45,13 +44,13 @@ def test_round_trip(tmp_path: Path, solved) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"not an archive", b"PK\x03\x04 cut off"])
-def test_damaged_files_are_refused(tmp_path: Path, content: bytes) -> None:
+def test_damaged_files_are_refused(tmp_path, content):
     (tmp_path / "bad.npz").write_bytes(content)
     with pytest.raises(InputError, match=r"bad\.npz"):
         Certificate.load(tmp_path / "bad.npz")
 
 
-def test_other_archives_are_refused(tmp_path: Path) -> None:
+def test_other_archives_are_refused(tmp_path):
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     with pytest.raises(InputError, match="not a certificate"):
         Certificate.load(tmp_path / "other.npz")
@@ -59,7 +58,7 @@ def test_other_archives_are_refused(tmp_path: Path) -> None:
         Certificate.load(tmp_path / "missing.npz")
 
 
-def test_other_points_are_refused(solved) -> None:
+def test_other_points_are_refused(solved):
     problem, result = solved
     with pytest.raises(InputError, match="another problem"):
         verify_certificate(problem.target + 1e-12, problem.source, result.certificate)
@@ -67,7 +66,7 @@ def test_other_points_are_refused(solved) -> None:
         verify_certificate(problem.target[:-1], problem.source, result.certificate)
 
 
-def test_the_problem_that_a_caller_states_is_compared(rng: np.random.Generator) -> None:
+def test_the_problem_that_a_caller_states_is_compared(rng):
     target, source = rng.random((5, 3)), rng.random((4, 3))
     invariants = (rng.random((5, 2)), rng.random((4, 2)))
     certificate = solve_relaxation(target, source, invariants=invariants).certificate
@@ -91,7 +90,7 @@ def test_the_problem_that_a_caller_states_is_compared(rng: np.random.Generator) 
         verify_certificate(target, source, certificate, problem=stated)
 
 
-def test_constant_costs_may_be_rounded_in_another_way_at_a_price(rng: np.random.Generator) -> None:
+def test_constant_costs_may_be_rounded_in_another_way_at_a_price(rng):
     target, source = rng.random((5, 3)), rng.random((4, 3))
     invariants = (rng.random((5, 2)), rng.random((4, 2)))
     certificate = solve_relaxation(target, source, invariants=invariants).certificate
@@ -104,7 +103,7 @@ def test_constant_costs_may_be_rounded_in_another_way_at_a_price(rng: np.random.
         verify_certificate(target, source, certificate, problem=other)
 
 
-def test_without_a_problem_the_certificate_states_its_own(rng: np.random.Generator) -> None:
+def test_without_a_problem_the_certificate_states_its_own(rng):
     target, source = rng.random((5, 3)), rng.random((5, 3))
     allowed = np.eye(5, dtype=bool)[::-1]
     certificate = solve_relaxation(target, source, allowed=allowed).certificate
@@ -115,7 +114,7 @@ def test_without_a_problem_the_certificate_states_its_own(rng: np.random.Generat
     assert bound > brute_force(Problem.from_user(target, source)).energy
 
 
-def changed(certificate: Certificate, name: str, values) -> Certificate:
+def changed(certificate, name, values):
     return replace(certificate, arrays={**certificate.arrays, name: values})
 
 
@@ -142,14 +141,14 @@ def changed(certificate: Certificate, name: str, values) -> Certificate:
         ("impossible", lambda a: np.array([[0, 0]])),
     ],
 )
-def test_changed_arrays_are_refused(solved, name: str, change) -> None:
+def test_changed_arrays_are_refused(solved, name, change):
     problem, result = solved
     certificate = changed(result.certificate, name, change(result.certificate.arrays[name]))
     with pytest.raises(InputError, match="certificate"):
         verify_certificate(problem.target, problem.source, certificate)
 
 
-def test_missing_arrays_and_wrong_claims_are_refused(solved) -> None:
+def test_missing_arrays_and_wrong_claims_are_refused(solved):
     problem, result = solved
     for name in result.certificate.arrays:
         if name == "impossible":
@@ -166,7 +165,7 @@ def test_missing_arrays_and_wrong_claims_are_refused(solved) -> None:
             verify_certificate(problem.target, problem.source, forged)
 
 
-def test_any_dual_point_gives_a_valid_bound(solved) -> None:
+def test_any_dual_point_gives_a_valid_bound(solved):
     # Weak duality: bounds of arbitrary multipliers never exceed the optimum, however bad they are.
     problem, result = solved
     optimum = brute_force(problem).energy
@@ -186,7 +185,7 @@ def test_any_dual_point_gives_a_valid_bound(solved) -> None:
             assert proven_bound(problem, "pm-sdp", arrays) <= optimum
 
 
-def test_what_the_sums_of_a_dual_point_miss_is_spread_over_the_source_points(rng: np.random.Generator) -> None:
+def test_what_the_sums_of_a_dual_point_miss_is_spread_over_the_source_points(rng):
     lifted = LiftedRotation.build(RotationPattern.from_user(None, 3, "O"))
     size, y = lifted.num_variables, rng.standard_normal(len(lifted.equations))
     F = rng.standard_normal((4, size, size))

@@ -16,29 +16,29 @@ from tests.oracles import brute_force
 
 
 @pytest.fixture(scope="module")
-def problem() -> Problem:
+def problem():
     rng = np.random.default_rng(4)
     return Problem.from_user(rng.random((5, 3)), rng.random((5, 3)))
 
 
 @pytest.fixture(scope="module")
-def proofs(problem) -> dict[str, Certificate]:
+def proofs(problem):
     return {
         "cells": prove(problem, tol=1e-2, record=True).certificate,
         "pm-sdp": solve_pm_sdp(problem).certificate,
     }
 
 
-def forged(certificate: Certificate, **arrays) -> Certificate:
+def forged(certificate, **arrays):
     return replace(certificate, arrays={**certificate.arrays, **arrays}, bound=-1e300)
 
 
-def check(problem: Problem, certificate: Certificate) -> float:
+def check(problem, certificate):
     return verify_certificate(problem.target, problem.source, certificate, problem=problem)
 
 
 @pytest.mark.parametrize("kind", ["cells", "pm-sdp"])
-def test_a_certificate_in_single_precision_proves_what_its_numbers_prove(problem, proofs, kind) -> None:
+def test_a_certificate_in_single_precision_proves_what_its_numbers_prove(problem, proofs, kind):
     if kind == "pm-sdp":  # at convergence F is so close to singular that single precision makes it indefinite
         proofs = {kind: solve_pm_sdp(problem, max_iterations=4).certificate}
     single = {
@@ -63,7 +63,7 @@ def test_a_certificate_in_single_precision_proves_what_its_numbers_prove(problem
         (3, np.zeros(3)),
     ],
 )
-def test_arrays_of_another_kind_are_refused(problem, proofs, kind, name, values) -> None:
+def test_arrays_of_another_kind_are_refused(problem, proofs, kind, name, values):
     arrays = {**proofs[kind].arrays, name: values}
     with pytest.raises(InputError, match="certificate"):
         check(problem, replace(proofs[kind], arrays=arrays))
@@ -72,26 +72,26 @@ def test_arrays_of_another_kind_are_refused(problem, proofs, kind, name, values)
 
 
 @pytest.mark.parametrize("values", [None, [[1.0]], "array", np.ones((5, 9, 9), dtype=object)])
-def test_what_is_no_array_of_numbers_is_refused(problem, proofs, values) -> None:
+def test_what_is_no_array_of_numbers_is_refused(problem, proofs, values):
     with pytest.raises(InputError):
         check(problem, forged(proofs["pm-sdp"], F=values))
 
 
 @pytest.mark.parametrize("field", ["kind", "problem_hash", "bound", "arrays"])
 @pytest.mark.parametrize("value", [None, 7.0, "x", [], ["cells"], np.zeros(2), 1j, float("nan"), float("inf")])
-def test_fields_of_other_types_are_refused(problem, proofs, field, value) -> None:
+def test_fields_of_other_types_are_refused(problem, proofs, field, value):
     with pytest.raises(InputError):
         check(problem, replace(proofs["cells"], **{field: value}))
 
 
-def test_impossible_matches_must_be_impossible(problem, proofs) -> None:
+def test_impossible_matches_must_be_impossible(problem, proofs):
     for rows in ([[0, 0]], [[-1, 0]], [[0, 5]], [[0, 0], [1, 1]]):
         with pytest.raises(InputError, match="impossible"):
             check(problem, forged(proofs["pm-sdp"], impossible=np.array(rows)))
 
 
 @pytest.mark.parametrize("unit", [1e-60, 1e-12, 1.0, 1e12, 1e60])
-def test_every_unit_of_length_is_proven_alike(problem, unit) -> None:
+def test_every_unit_of_length_is_proven_alike(problem, unit):
     optimum = brute_force(problem).energy
     for solve in (solve_pm_sdp, partial(prove, record=True)):
         scaled = replace(problem, target=unit * problem.target, source=unit * problem.source)
@@ -100,20 +100,20 @@ def test_every_unit_of_length_is_proven_alike(problem, unit) -> None:
         assert 0.5 < share <= 1.0
 
 
-def test_a_file_that_would_fill_the_memory_is_refused_unread(tmp_path) -> None:
+def test_a_file_that_would_fill_the_memory_is_refused_unread(tmp_path):
     np.savez_compressed(tmp_path / "bomb.npz", array_F=np.zeros(MAX_BYTES // 8 + 1))
     with pytest.raises(InputError, match=r"bomb\.npz: .*more than"):
         Certificate.load(tmp_path / "bomb.npz")
 
 
-def test_every_kind_has_a_verifier_that_reads_all_its_arrays(problem, proofs) -> None:
+def test_every_kind_has_a_verifier_that_reads_all_its_arrays(problem, proofs):
     assert set(VERIFIERS) >= set(proofs)
     for kind, certificate in proofs.items():
         assert proven_bound(problem, kind, certificate.arrays) == pytest.approx(certificate.bound, abs=1e-9)
 
 
 @pytest.mark.parametrize("claim", [10**400, -(10**400)])
-def test_claims_that_no_float_holds_are_refused(problem, proofs, claim) -> None:
+def test_claims_that_no_float_holds_are_refused(problem, proofs, claim):
     for certificate in proofs.values():
         with pytest.raises(InputError, match="which is no bound"):
             verify_certificate(problem.target, problem.source, replace(certificate, bound=claim))

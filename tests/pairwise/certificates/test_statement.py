@@ -14,15 +14,15 @@ from pairwise.problem.pattern import RotationPattern
 
 
 @pytest.fixture
-def problem(rng: np.random.Generator) -> Problem:
+def problem(rng):
     return Problem.from_user(rng.random((5, 3)), rng.random((4, 3)), weights=[1.0, 2.0, 0.5, 0.0])
 
 
-def built(problem: Problem, **arrays) -> Problem:
+def built(problem, **arrays):
     return build_problem(problem.target, problem.source, {**problem_arrays(problem), **arrays})
 
 
-def test_a_problem_survives_its_arrays(problem: Problem) -> None:
+def test_a_problem_survives_its_arrays(problem):
     again = build_problem(problem.target, problem.source, problem_arrays(problem))
     assert hash_problem(again) == hash_problem(problem)
 
@@ -45,18 +45,18 @@ def test_a_problem_survives_its_arrays(problem: Problem) -> None:
         ("special_blocks", np.array([[0, 3], [2, 2]]), r"has \[2, 2\]"),
     ],
 )
-def test_fields_are_refused_by_name(problem: Problem, name: str, values: np.ndarray, message: str) -> None:
+def test_fields_are_refused_by_name(problem, name, values, message):
     with pytest.raises(InputError, match=message):
         built(problem, **{name: values})
 
 
-def test_singular_patterns_are_refused(problem: Problem) -> None:
+def test_singular_patterns_are_refused(problem):
     pattern = np.array([[1, 1, 1], [0, 0, 1], [0, 0, 1]], dtype=bool)
     with pytest.raises(InputError, match="singular"):
         built(problem, pattern=pattern, special_blocks=np.zeros((0, 2), dtype=np.int64))
 
 
-def test_the_hash_sees_every_field(problem: Problem) -> None:
+def test_the_hash_sees_every_field(problem):
     allowed, cost = problem.allowed.copy(), problem.constant_cost.copy()
     allowed[0, 0], cost[0, 0] = False, 1e-300
     others = [
@@ -71,7 +71,7 @@ def test_the_hash_sees_every_field(problem: Problem) -> None:
     assert len({hash_problem(one) for one in [problem, *others]}) == 1 + len(others)
 
 
-def test_numbers_come_in_the_unit_and_not_beyond_its_range() -> None:
+def test_numbers_come_in_the_unit_and_not_beyond_its_range():
     values = np.array([3.0, -5.0], dtype=">f4")
     given = CertificateArrays({"F": values, "i": np.array([0, 2], dtype=np.uint8)}, exponent=2)
     found = given.floats("F", (2,))

@@ -10,7 +10,7 @@ from pairwise import Certificate, Problem, verify_certificate
 from pairwise.branch_and_bound.cells import Cells
 from pairwise.branch_and_bound.prove import prove, searches_of
 from pairwise.branch_and_bound.record import depths_of
-from pairwise.branch_and_bound.tilted import TiltedProof, prove_tilted
+from pairwise.branch_and_bound.tilted import prove_tilted
 from pairwise.certificates.verify import proven_bound
 from pairwise.certificates.verify_cells import cell_corners, tilted_bound
 from pairwise.problem.problem import energy_scale
@@ -21,12 +21,12 @@ from tests.rigid_problems import planted_cube, rigid_problem
 
 
 @pytest.fixture(scope="module")
-def problem() -> Problem:
+def problem():
     return Problem.from_user(*planted_cube(12, 0.1, 3))
 
 
 @pytest.fixture(scope="module")
-def certificate(problem) -> Certificate:
+def certificate(problem):
     proof = prove(problem, record=True)
     assert proof.status is Status.PROVEN_OPTIMAL
     assert proof.certificate.bound >= (1 - 2e-3) * proof.candidate.energy
@@ -34,7 +34,7 @@ def certificate(problem) -> Certificate:
 
 
 @pytest.mark.parametrize("seed", range(28))
-def test_what_is_proven_is_below_the_optimum(seed) -> None:
+def test_what_is_proven_is_below_the_optimum(seed):
     problem = rigid_problem(seed)
     proof = prove(problem, tol=1e-2, time_limit_s=0.3, record=True)
     bound = verify_certificate(problem.target, problem.source, proof.certificate, problem=problem)
@@ -45,7 +45,7 @@ def test_what_is_proven_is_below_the_optimum(seed) -> None:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_the_verifier_finds_the_same_cells(dim) -> None:
+def test_the_verifier_finds_the_same_cells(dim):
     cells = Cells.whole(dim)
     for _ in range(8):
         cells = cells.split()
@@ -53,14 +53,14 @@ def test_the_verifier_finds_the_same_cells(dim) -> None:
         np.testing.assert_allclose(ours, theirs, atol=1e-9)
 
 
-def test_a_certificate_survives_its_file(problem, certificate, tmp_path) -> None:
+def test_a_certificate_survives_its_file(problem, certificate, tmp_path):
     certificate.save(tmp_path / "proof.npz")
     again = Certificate.load(tmp_path / "proof.npz")
     bound = verify_certificate(problem.target, problem.source, again, problem=problem)
     assert bound == pytest.approx(certificate.bound, abs=1e-12)
 
 
-def test_cells_that_do_not_tile_the_rotations_are_refused(problem, certificate) -> None:
+def test_cells_that_do_not_tile_the_rotations_are_refused(problem, certificate):
     depths = certificate.arrays["proper_depths"].astype(np.int64)
     deepest = int(depths.argmax())
     for wrong in (depths[1:], depths[:-1], np.append(depths, 0), depths[:0], depths + 1, np.delete(depths, deepest)):
@@ -71,7 +71,7 @@ def test_cells_that_do_not_tile_the_rotations_are_refused(problem, certificate) 
             proven_bound(problem, "cells", {**certificate.arrays, "proper_depths": wrong})
 
 
-def test_any_cells_prove_what_is_true_and_larger_ones_less(problem, certificate) -> None:
+def test_any_cells_prove_what_is_true_and_larger_ones_less(problem, certificate):
     for depth in (0, 3, 6, 9):
         arrays = {**certificate.arrays, "proper_depths": np.full(4 << depth, depth)}
         assert proven_bound(problem, "cells", arrays) < certificate.bound
@@ -79,19 +79,19 @@ def test_any_cells_prove_what_is_true_and_larger_ones_less(problem, certificate)
             verify_certificate(problem.target, problem.source, replace(certificate, arrays=arrays))
 
 
-def test_a_proof_for_rotations_is_none_for_reflections(problem, certificate) -> None:
+def test_a_proof_for_rotations_is_none_for_reflections(problem, certificate):
     both = Problem.from_user(problem.target, problem.source, group="O")
     with pytest.raises(InputError, match="reflected"):
         proven_bound(both, "cells", certificate.arrays)
 
 
-def cells_of(proof: TiltedProof) -> list[np.ndarray]:
+def cells_of(proof):
     """The depths of the cells of each chirality."""
     return np.split(proof.depths, np.cumsum(proof.num_cells)[:-1])
 
 
 @pytest.mark.parametrize("seed", range(28))
-def test_what_is_checked_again_lies_below_brute_force_and_not_below_the_proof(seed: int) -> None:
+def test_what_is_checked_again_lies_below_brute_force_and_not_below_the_proof(seed):
     problem, tilt = tilted_problem(seed)
     scale = energy_scale(problem) + float(np.abs(tilt).sum())
     proof = prove_tilted(problem, tilt, np.eye(problem.dim)[None], gap=1e-2 * scale, time_limit_s=600.0)
@@ -105,7 +105,7 @@ def test_what_is_checked_again_lies_below_brute_force_and_not_below_the_proof(se
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_proof_that_is_stopped_at_any_time_claims_no_more_than_its_cells_prove(seed: int) -> None:
+def test_a_proof_that_is_stopped_at_any_time_claims_no_more_than_its_cells_prove(seed):
     problem, tilt = tilted_problem(seed)
     scale = energy_scale(problem) + float(np.abs(tilt).sum())
     proof = prove_tilted(problem, tilt, np.eye(problem.dim)[None], gap=1e-2 * scale, time_limit_s=1e-9)

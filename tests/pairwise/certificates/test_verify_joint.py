@@ -9,12 +9,12 @@ from data_tools.rotations import random_rotation
 from pairwise.certificates.verify_joint import gram_bound, gram_matrix
 
 
-def multipliers(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def multipliers(rng):
     edges = np.array(list(itertools.combinations(range(5), 2)))
     return edges, rng.standard_normal((10, 3, 3)), 3.0 * rng.standard_normal((5, 3, 3))
 
 
-def test_no_poses_fall_below_the_gram_bound_whatever_the_diagonal_and_some_come_near_a_good_one() -> None:
+def test_no_poses_fall_below_the_gram_bound_whatever_the_diagonal_and_some_come_near_a_good_one():
     rng = np.random.default_rng(0)
     edges, tilts, diagonal = multipliers(rng)
     frames = np.array([[random_rotation(rng, group="O") for _ in range(5)] for _ in range(2000)])

@@ -23,17 +23,17 @@ FULL = np.ones((3, 3), dtype=bool)
 NONE = (np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((1, 4, 4)))
 
 
-def vec(matrix: np.ndarray) -> np.ndarray:
+def vec(matrix):
     """[R]: the entries in column-major order."""
     return matrix.T.ravel()
 
 
-def rotation_maximum(F, u, multipliers=NONE, blocks=(0,)) -> float:
+def rotation_maximum(F, u, multipliers=NONE, blocks=(0,)):
     basis = _rotation_basis(FULL, ((0, 3),))
     return _rotation_maximum(FULL, basis, list(blocks), np.array(F), np.array(u), multipliers)
 
 
-def test_what_the_multipliers_do_not_explain_costs_its_norm() -> None:
+def test_what_the_multipliers_do_not_explain_costs_its_norm():
     rho = vec(random_rotations(3, 1, np.random.default_rng(0))[0])
     quadratic = rotation_maximum([np.outer(rho, rho)], [np.zeros(9)])
     assert 9.0 <= quadratic <= 9.0 * 1.001
@@ -41,14 +41,14 @@ def test_what_the_multipliers_do_not_explain_costs_its_norm() -> None:
     assert 6.0 <= linear <= 6.0 * 1.001
 
 
-def test_sums_that_lose_a_term_are_bounded_all_the_same() -> None:
+def test_sums_that_lose_a_term_are_bounded_all_the_same():
     rho = vec(random_rotations(3, 1, np.random.default_rng(1))[0])
     huge, small = 1e17 * np.outer(rho, rho), np.outer(rho, rho)
     assert rotation_maximum([huge, small, -huge], np.zeros((3, 9))) >= 9.0
     assert rotation_maximum(np.zeros((3, 9, 9)), [1e17 * rho, rho, -1e17 * rho]) >= 6.0
 
 
-def test_multipliers_of_orthogonality_give_their_traces() -> None:
+def test_multipliers_of_orthogonality_give_their_traces():
     rng = np.random.default_rng(2)
     columns, rows = (a + a.T for a in rng.standard_normal((2, 3, 3)))
     # rho^T F rho = tr(L1 R^T R) + tr(L2 R R^T) for F = L1 (x) I + I (x) L2 in column-major order
@@ -57,7 +57,7 @@ def test_multipliers_of_orthogonality_give_their_traces() -> None:
     assert found == pytest.approx(np.trace(columns) + np.trace(rows), abs=1e-9)
 
 
-def test_the_slope_of_the_quaternion_matrix() -> None:
+def test_the_slope_of_the_quaternion_matrix():
     rng = np.random.default_rng(3)
     t, s = np.nonzero(FULL.T)
     for _ in range(20):
@@ -69,7 +69,7 @@ def test_the_slope_of_the_quaternion_matrix() -> None:
         assert 0.25 * np.trace(Y) + slope @ R[s, t] == pytest.approx(x @ Y @ x, abs=1e-12)
 
 
-def test_multipliers_of_the_hull_are_paid_for() -> None:
+def test_multipliers_of_the_hull_are_paid_for():
     rng = np.random.default_rng(4)
     t, s = np.nonzero(FULL.T)
     x = rng.standard_normal((300, 4))
@@ -85,7 +85,7 @@ def test_multipliers_of_the_hull_are_paid_for() -> None:
     assert rotation_maximum([np.zeros((9, 9))], [u], (*NONE[:3], orthogonal[None])) == pytest.approx(0.25, rel=1e-6)
 
 
-def test_cofactors_vanish_on_rotations() -> None:
+def test_cofactors_vanish_on_rotations():
     rng = np.random.default_rng(5)
     position = {(i, j): 1 + 3 * j + i for i in range(3) for j in range(3)}
     R = random_rotations(3, 1, rng)[0]
@@ -98,7 +98,7 @@ def test_cofactors_vanish_on_rotations() -> None:
         assert z @ form @ z == pytest.approx(0.0, abs=1e-12)
 
 
-def test_multipliers_of_cofactors_cost_nothing_where_they_explain_all() -> None:
+def test_multipliers_of_cofactors_cost_nothing_where_they_explain_all():
     rng = np.random.default_rng(11)
     Z, position = rng.standard_normal((3, 3)), {(i, j): 1 + 3 * j + i for i in range(3) for j in range(3)}
     form = np.zeros((10, 10))
@@ -109,7 +109,7 @@ def test_multipliers_of_cofactors_cost_nothing_where_they_explain_all() -> None:
 
 
 @pytest.mark.parametrize(("sizes", "special"), [((3, 2), ((0, 3), (3, 5))), ((2, 1), ((0, 2),)), ((2, 2), ())])
-def test_the_basis_writes_every_rotation_of_the_pattern(sizes, special) -> None:
+def test_the_basis_writes_every_rotation_of_the_pattern(sizes, special):
     rng = np.random.default_rng(6)
     dim = sum(sizes)
     labels = np.repeat(np.arange(len(sizes)), sizes)
@@ -123,7 +123,7 @@ def test_the_basis_writes_every_rotation_of_the_pattern(sizes, special) -> None:
         np.testing.assert_allclose(basis[:, 1:] @ rho, entries, atol=1e-12)
 
 
-def test_eigenvalues_of_singular_matrices_are_not_called_positive() -> None:
+def test_eigenvalues_of_singular_matrices_are_not_called_positive():
     rng = np.random.default_rng(7)
     for _ in range(300):
         v = rng.integers(-9, 10, size=(3, 6)).astype(float)
@@ -134,7 +134,7 @@ def test_eigenvalues_of_singular_matrices_are_not_called_positive() -> None:
         assert _eigenvalue_floor(-size * np.eye(4)) <= -size
 
 
-def test_quadratic_forms_are_bounded_for_vectors_known_in_part() -> None:
+def test_quadratic_forms_are_bounded_for_vectors_known_in_part():
     rng = np.random.default_rng(8)
     for condition in (1.0, 1e6, 1e12):
         Q = np.linalg.qr(rng.standard_normal((4, 4)))[0]
@@ -157,7 +157,7 @@ def solved():
     return problem, dict(solve_pm_sdp(problem).certificate.arrays)
 
 
-def test_matrices_must_be_symmetric_and_betas_not_positive(solved) -> None:
+def test_matrices_must_be_symmetric_and_betas_not_positive(solved):
     problem, arrays = solved
     upper = {
         "F": np.triu(np.ones((9, 9)), 1),
@@ -174,7 +174,7 @@ def test_matrices_must_be_symmetric_and_betas_not_positive(solved) -> None:
         proven_bound(problem, "pm-sdp", {**arrays, "F": -arrays["F"]})
 
 
-def test_huge_potentials_do_not_round_the_bound_upwards(solved) -> None:
+def test_huge_potentials_do_not_round_the_bound_upwards(solved):
     problem, arrays = solved
     optimum = brute_force(problem).energy
     rng = np.random.default_rng(10)

@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.sampling import farthest_points
 from data_tools.rotations import random_rotation
-from data_tools.surface.shape import Shape
 from pairwise import DensePoints, MatchOptions
 from pairwise.dense.rank import ranked_on_dense
 from pairwise.matching import match_problem
@@ -17,11 +16,11 @@ from pairwise.status import Status
 
 
 @pytest.fixture(scope="module")
-def shape() -> Shape:
+def shape():
     return blob(np.random.default_rng(4), num_vertices=500)
 
 
-def given(*poses: tuple[np.ndarray, float]) -> MatchResult:
+def given(*poses):
     """A result of these rotations and energies, the first one its proven answer."""
     candidates = [
         Candidate(
@@ -39,7 +38,7 @@ def given(*poses: tuple[np.ndarray, float]) -> MatchResult:
     )
 
 
-def test_dense_points_decide_between_candidates(shape: Shape, rng: np.random.Generator) -> None:
+def test_dense_points_decide_between_candidates(shape, rng):
     """A wrong pose of slightly less energy on the samples comes second; what was proven of it is of no other pose."""
     turn = random_rotation(rng)
     dense = DensePoints.from_user(shape.vertices), DensePoints.from_user(shape.vertices @ turn)
@@ -54,7 +53,7 @@ def test_dense_points_decide_between_candidates(shape: Shape, rng: np.random.Gen
     assert (same.energy, same.status) == (0.9, Status.PROVEN_OPTIMAL)
 
 
-def test_the_samples_count_as_well(shape: Shape, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_samples_count_as_well(shape, monkeypatch):
     """Where the dense points see no difference, the order by the samples stays; the test above can fail so."""
     dense = DensePoints.from_user(shape.vertices), DensePoints.from_user(shape.vertices)
     problem = Problem.from_user(shape.vertices[:3], shape.vertices[:3])
@@ -65,7 +64,7 @@ def test_the_samples_count_as_well(shape: Shape, monkeypatch: pytest.MonkeyPatch
         assert [c.energy for c in ranked_on_dense(given(*poses), problem, dense)[0].candidates] == [0.5, 5.0]
 
 
-def test_every_pose_is_refined_and_keeps_its_chirality(shape: Shape, rng: np.random.Generator) -> None:
+def test_every_pose_is_refined_and_keeps_its_chirality(shape, rng):
     """The rotation of space alone is refined, the other coordinates of the samples stay as they are."""
     turn = random_rotation(rng) @ np.diag([1.0, 1.0, -1.0])
     target = shape.vertices[farthest_points(shape, 12, metric="euclidean")]

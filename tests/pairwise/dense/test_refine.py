@@ -14,13 +14,13 @@ from pairwise.dense.points import DenseMatcher, DensePoints
 from pairwise.dense.refine import refine_pose
 
 
-def some_shape(num: int = 300) -> tuple[np.ndarray, np.ndarray]:
+def some_shape(num=300):
     shape = crown(np.random.default_rng(0), num_vertices=num)
     return shape.vertices, outward_normals(shape)
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_exact_pose_scale_and_shift_are_recovered(mirrored: bool, rng: np.random.Generator) -> None:
+def test_exact_pose_scale_and_shift_are_recovered(mirrored, rng):
     points, normals = some_shape()
     turn = random_rotation(rng) @ (np.diag([1.0, 1.0, -1.0]) if mirrored else np.eye(3))
     source = DensePoints.from_user(2.5 * (points @ turn) + [1.0, 2.0, 3.0], normals @ turn)
@@ -33,7 +33,7 @@ def test_exact_pose_scale_and_shift_are_recovered(mirrored: bool, rng: np.random
     assert np.allclose(moved, points, atol=1e-4)
 
 
-def test_without_scale_and_normals(rng: np.random.Generator) -> None:
+def test_without_scale_and_normals(rng):
     points, normals = some_shape()
     turn = Rotation.from_rotvec([0.05, 0.1, 0.0]).as_matrix()
     plain = refine_pose(
@@ -45,7 +45,7 @@ def test_without_scale_and_normals(rng: np.random.Generator) -> None:
     assert np.allclose(mixed.pose.rotation, plain.pose.rotation, atol=1e-3)
 
 
-def test_far_start_ends_elsewhere() -> None:
+def test_far_start_ends_elsewhere():
     """The recovery test can fail: from half a turn away the answer is another one."""
     points, _ = some_shape()
     shape = DensePoints.from_user(points)
@@ -53,7 +53,7 @@ def test_far_start_ends_elsewhere() -> None:
     assert rotation_angle_deg(refined.pose.rotation) > 30
 
 
-def test_bad_input_is_refused() -> None:
+def test_bad_input_is_refused():
     points, _ = some_shape(100)
     shape = DensePoints.from_user(points)
     with pytest.raises(InputError, match="one place"):
@@ -69,9 +69,7 @@ def test_bad_input_is_refused() -> None:
             refine_pose(shape, shape, np.eye(3), **wrong)
 
 
-def test_nearest_neighbours_in_slabs_are_those_of_trees(
-    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nearest_neighbours_in_slabs_are_those_of_trees(rng, monkeypatch):
     points, normals = some_shape()
     source = DensePoints.from_user(rng.permutation(points)[:200])
     target = DensePoints.from_user(points, normals)
@@ -83,7 +81,7 @@ def test_nearest_neighbours_in_slabs_are_those_of_trees(
     np.testing.assert_array_equal(of_source[200:], cKDTree(moved).query(points)[1])
 
 
-def test_invariants_count_and_decide(rng: np.random.Generator) -> None:
+def test_invariants_count_and_decide(rng):
     """A box looks the same from both ends; a scalar along it tells them apart, and its cost is part of the energy."""
     points = rng.random((200, 3)) * [3.0, 1.0, 1.0]
     points = np.concatenate([points, points * [-1, 1, -1], points * [-1, -1, 1], points * [1, -1, -1]])

@@ -13,12 +13,12 @@ from tests.problems import catalogue, planted
 PROBLEMS = [known for known in catalogue() if known.problem.pattern.is_block_diagonal]
 
 
-def starts_for(problem: Problem, num: int, seed: int = 0) -> np.ndarray:
+def starts_for(problem, num, seed=0):
     return problem.pattern.project(random_rotations(problem.dim, num, np.random.default_rng(seed)))
 
 
 @pytest.mark.parametrize("known", PROBLEMS, ids=lambda known: known.name)
-def test_costs_and_maps_are_those_of_the_problem(known) -> None:
+def test_costs_and_maps_are_those_of_the_problem(known):
     problem = known.problem
     rotations = starts_for(problem, 5)
     costs = MatchingCosts(problem)
@@ -31,7 +31,7 @@ def test_costs_and_maps_are_those_of_the_problem(known) -> None:
 
 
 @pytest.mark.parametrize("known", PROBLEMS, ids=lambda known: known.name)
-def test_every_end_is_a_local_minimum_below_its_start(known) -> None:
+def test_every_end_is_a_local_minimum_below_its_start(known):
     problem = known.problem
     rotations = starts_for(problem, 12)
     costs = problem.assignment_costs(rotations)
@@ -47,7 +47,7 @@ def test_every_end_is_a_local_minimum_below_its_start(known) -> None:
         assert problem.energy(problem.procrustes(point_map), point_map) == pytest.approx(energy, abs=1e-9)
 
 
-def test_runs_that_meet_are_one(rng: np.random.Generator) -> None:
+def test_runs_that_meet_are_one(rng):
     problem = planted(rng, rng.random((15, 3)), noise=0.02)
     rotations = random_rotations(3, 60, rng)
     found = minimise(problem, np.concatenate([rotations, rotations]))
@@ -56,7 +56,7 @@ def test_runs_that_meet_are_one(rng: np.random.Generator) -> None:
     assert {round(float(e), 9) for e in found.energies} == {round(float(m.energies[0]), 9) for m in alone}
 
 
-def test_energies_come_from_the_differences_themselves(rng: np.random.Generator) -> None:
+def test_energies_come_from_the_differences_themselves(rng):
     problem = planted(rng, rng.random((9, 3)) + 1e6)
     rotations, maps = random_rotations(3, 3, rng), np.stack([rng.permutation(9) for _ in range(3)])
     np.testing.assert_allclose(procrustes(problem, maps), [problem.procrustes(m) for m in maps])
@@ -64,7 +64,7 @@ def test_energies_come_from_the_differences_themselves(rng: np.random.Generator)
     np.testing.assert_allclose(found, [problem.energy(r, m) for r, m in zip(rotations, maps, strict=True)])
 
 
-def test_runs_hold_the_chirality_of_their_starts_on_request(rng: np.random.Generator) -> None:
+def test_runs_hold_the_chirality_of_their_starts_on_request(rng):
     points = rng.random((12, 3)) - 0.5
     problem = Problem.from_user(points, points, group="O")
     mirror = np.diag([-1.0, 1.0, 1.0])
@@ -79,7 +79,7 @@ def test_runs_hold_the_chirality_of_their_starts_on_request(rng: np.random.Gener
     assert sorted(found.energies[~mirrored]) == pytest.approx(sorted(apart[0].energies))
 
 
-def test_merging_keeps_equal_maps_of_both_chiralities() -> None:
+def test_merging_keeps_equal_maps_of_both_chiralities():
     plane = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [-1.0, -1.0, 0.0], [2.0, -1.0, 0.0]])
     problem = Problem.from_user(plane, plane, group="O")
     found = minimise(problem, np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])]), hold_chirality=True)
@@ -88,9 +88,7 @@ def test_merging_keeps_equal_maps_of_both_chiralities() -> None:
 
 
 @pytest.mark.parametrize("entries", [1, 200, 10**6])
-def test_how_many_costs_are_held_at_a_time_does_not_matter(
-    entries: int, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_how_many_costs_are_held_at_a_time_does_not_matter(entries, rng, monkeypatch):
     problem = planted(rng, rng.random((11, 3)), noise=0.1)
     rotations = random_rotations(3, 7, rng)
     whole = MatchingCosts(problem).assign(rotations)

@@ -25,16 +25,14 @@ from tests.problems import planted, search
 
 @pytest.mark.parametrize(("seed", "num", "noise"), [(0, 16, 0.15), (1, 20, 0.3), (2, 24, 0.2), (3, 12, 0.5)])
 @pytest.mark.parametrize("num_source", [None, 10])
-def test_search_is_no_worse_than_many_random_starts(
-    seed: int, num: int, noise: float, num_source: int | None
-) -> None:
+def test_search_is_no_worse_than_many_random_starts(seed, num, noise, num_source):
     rng = np.random.default_rng(seed)
     problem = planted(rng, rng.random((num, 3)) - 0.5, noise=noise, num_source=num_source)
     random = minimise(problem, random_rotations(3, 500, rng))
     assert search(problem).energies[0] <= random.energies[0] * (1 + 1e-9)
 
 
-def test_a_second_look_never_loses(rng: np.random.Generator) -> None:
+def test_a_second_look_never_loses(rng):
     problem = planted(rng, rng.random((20, 3)) - 0.5, noise=0.4)
     first = explore(problem)
     second = look_around(problem, first)
@@ -42,7 +40,7 @@ def test_a_second_look_never_loses(rng: np.random.Generator) -> None:
     assert {m.tobytes() for m in first.maps} <= {m.tobytes() for m in second.maps}
 
 
-def test_distinct_keeps_the_first_of_every_cluster() -> None:
+def test_distinct_keeps_the_first_of_every_cluster():
     angles = np.deg2rad([0.0, 5.0, 20.0, 22.0, 90.0])
     turns = np.zeros((5, 3, 3))
     turns[:, 2, 2] = 1.0
@@ -53,7 +51,7 @@ def test_distinct_keeps_the_first_of_every_cluster() -> None:
     np.testing.assert_array_equal(distinct(turns, 0.0, 8), [0, 1, 2, 3, 4])
 
 
-def test_the_mirrored_problem_finds_reflections(rng: np.random.Generator) -> None:
+def test_the_mirrored_problem_finds_reflections(rng):
     points = rng.random((12, 3)) - 0.5
     reflection = random_rotations(3, 1, rng)[0] @ np.diag([1.0, 1.0, -1.0])
     problem = Problem.from_user(points, points @ reflection, group="O")
@@ -64,12 +62,12 @@ def test_the_mirrored_problem_finds_reflections(rng: np.random.Generator) -> Non
     assert search(of_chirality(problem, reflected=False)).energies[0] > 0.01
 
 
-def test_the_group_of_a_special_problem_is_left_as_it_is(rng: np.random.Generator) -> None:
+def test_the_group_of_a_special_problem_is_left_as_it_is(rng):
     problem = planted(rng, rng.random((6, 3)))
     assert of_chirality(problem, reflected=False) is problem
 
 
-def test_the_rotation_block_is_the_first_one() -> None:
+def test_the_rotation_block_is_the_first_one():
     def block(pattern, dim, group):
         return RotationPattern.from_user(pattern, dim, group).rotation_block
 
@@ -80,7 +78,7 @@ def test_the_rotation_block_is_the_first_one() -> None:
         _ = RotationPattern(np.eye(3, dtype=bool), ((1, 3),)).rotation_block
 
 
-def test_other_blocks_follow_in_closed_form(rng: np.random.Generator) -> None:
+def test_other_blocks_follow_in_closed_form(rng):
     points = rng.random((18, 7)) - 0.5
     turn = np.zeros((7, 7))
     turn[:3, :3], turn[3:, 3:] = random_rotations(3, 1, rng)[0], random_rotations(4, 1, rng)[0]
@@ -92,14 +90,14 @@ def test_other_blocks_follow_in_closed_form(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(found.rotations[0], turn, atol=1e-9)
 
 
-def test_signs_start_diagonal_patterns(rng: np.random.Generator) -> None:
+def test_signs_start_diagonal_patterns(rng):
     signs = np.diag([1.0, -1.0, -1.0, 1.0, -1.0, 1.0])
     problem = planted(rng, rng.random((14, 6)), rotation=signs, rotation_pattern=0, noise=0.01, group="O")
     found = search(of_chirality(problem, reflected=True))
     np.testing.assert_array_equal(mirror_rotations(found.rotations)[0], signs)
 
 
-def test_the_search_turns_with_the_points() -> None:
+def test_the_search_turns_with_the_points():
     rng = np.random.default_rng(4)
     problem = planted(rng, rng.random((15, 3)) - 0.5, noise=0.3)
     turns = random_rotations(3, 2, rng)
@@ -109,7 +107,7 @@ def test_the_search_turns_with_the_points() -> None:
     assert rotation_angles(turns[0] @ first.rotations[0] @ turns[1].T, second.rotations[0]) < 1e-6
 
 
-def test_both_chiralities_go_on_from_the_screening(rng: np.random.Generator) -> None:
+def test_both_chiralities_go_on_from_the_screening(rng):
     points = rng.random((12, 3)) - 0.5
     problem = Problem.from_user(points, points, group="O")
     found = explore(problem)
@@ -121,7 +119,7 @@ def test_both_chiralities_go_on_from_the_screening(rng: np.random.Generator) -> 
     assert found.energies[mirrored][0] == pytest.approx(apart.energies[0])
 
 
-def test_distinct_goes_on_until_each_chirality_has_its_share() -> None:
+def test_distinct_goes_on_until_each_chirality_has_its_share():
     turns = np.stack(
         [np.eye(3), np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), -np.eye(3), np.diag([-1.0, 1.0, 1.0])]
     )
@@ -131,12 +129,12 @@ def test_distinct_goes_on_until_each_chirality_has_its_share() -> None:
     np.testing.assert_array_equal(distinct(turns, 0.1, 3, mirrored=mirrored), [0, 1, 2, 3])
 
 
-def test_the_mirror_negates_the_first_coordinate_alone(rng: np.random.Generator) -> None:
+def test_the_mirror_negates_the_first_coordinate_alone(rng):
     points = rng.random((4, 3))
     np.testing.assert_array_equal(mirror_points(points), points * [-1.0, 1.0, 1.0])
 
 
-def test_starts_of_a_planted_pair_hold_its_rotation_in_the_frames_of_its_axes(rng: np.random.Generator) -> None:
+def test_starts_of_a_planted_pair_hold_its_rotation_in_the_frames_of_its_axes(rng):
     points = rng.gamma(1.0, size=(30, 3)) * [1.0, 2.0, 4.0]
     for group in ("SO", "O"):
         turn = random_rotations(3, 1, rng)[0] * (-1.0 if group == "O" else 1.0)
@@ -149,7 +147,7 @@ def test_starts_of_a_planted_pair_hold_its_rotation_in_the_frames_of_its_axes(rn
         np.testing.assert_allclose(even @ np.swapaxes(even, 1, 2), np.tile(np.eye(3), (len(even), 1, 1)), atol=1e-9)
 
 
-def test_the_first_of_each_chirality_go_on() -> None:
+def test_the_first_of_each_chirality_go_on():
     mirrored = np.arange(20) >= 12
     np.testing.assert_array_equal(_first(8, 20, mirrored), [*range(8), 12, 13])
     np.testing.assert_array_equal(_first(8, 20, None), np.arange(8))

@@ -18,13 +18,13 @@ from pairwise.partial.surface import PartialSurface
 NUM = 400
 
 
-def test_normals_without_a_sign_are_at_most_a_right_angle_apart() -> None:
+def test_normals_without_a_sign_are_at_most_a_right_angle_apart():
     x, y = np.eye(3)[[0, 0, 0]], np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0]])
     for signed, expected in ((True, [0, 2, 4]), (False, [0, 2, 0])):
         assert _apart(x[None], y[None], signed=signed).tolist() == [expected]
 
 
-def cut(shape: Shape, direction: np.ndarray, share: float) -> Shape:
+def cut(shape, direction, share):
     """Return the shape without the share of its vertices that lies farthest in a direction."""
     heights = shape.vertices @ direction
     kept = heights <= np.quantile(heights, 1.0 - share)
@@ -33,23 +33,23 @@ def cut(shape: Shape, direction: np.ndarray, share: float) -> Shape:
     return Shape.from_arrays(shape.vertices[used], renumbered.reshape(-1, 3), name=shape.name)
 
 
-def surface(shape: Shape) -> PartialSurface:
+def surface(shape):
     found = surface_points(shape, NUM)
     return PartialSurface.from_user(found.points, found.normals, found.on_rim, oriented=found.oriented)
 
 
-def moved(shape: Shape, turn: np.ndarray, scale: float, shift: np.ndarray) -> Shape:
+def moved(shape, turn, scale, shift):
     faces = shape.faces if np.linalg.det(turn) > 0 else shape.faces[:, ::-1]
     return Shape.from_arrays(scale * shape.vertices @ turn.T + shift, faces, name=shape.name)
 
 
 @pytest.fixture(scope="module")
-def whole() -> Shape:
+def whole():
     return blob(np.random.default_rng(5), num_vertices=1200)
 
 
 @pytest.mark.parametrize("group", ["SO", "O"])
-def test_a_cut_blob_finds_its_place_on_the_whole_one(whole: Shape, group: str) -> None:
+def test_a_cut_blob_finds_its_place_on_the_whole_one(whole, group):
     rng = np.random.default_rng(1)
     turn = random_rotation(rng, group="SO") * (-1.0 if group == "O" else 1.0)
     other = bumped(whole, rng, rms=0.01)
@@ -68,7 +68,7 @@ def test_a_cut_blob_finds_its_place_on_the_whole_one(whole: Shape, group: str) -
     assert match_partial(surface(whole), surface(broken), group=group)[0].energy == best.energy
 
 
-def test_clouds_without_signs_of_normals_match_as_well(whole: Shape) -> None:
+def test_clouds_without_signs_of_normals_match_as_well(whole):
     turn = random_rotation(np.random.default_rng(3))
     broken = cut(whole, np.array([1.0, 0.2, 0.0]), 0.3)
     cloud = surface(Shape.from_arrays(broken.vertices @ turn.T, name="cloud"))
@@ -77,7 +77,7 @@ def test_clouds_without_signs_of_normals_match_as_well(whole: Shape) -> None:
     assert rotation_angle_deg(best.pose.rotation, turn.T) < 4
 
 
-def test_the_energy_tells_a_wrong_pose_from_the_right_one(whole: Shape) -> None:
+def test_the_energy_tells_a_wrong_pose_from_the_right_one(whole):
     to = surface(whole)
     of = surface(cut(whole, np.array([0.0, 1.0, 0.0]), 0.25))
     turns = np.stack([np.eye(3), random_rotation(np.random.default_rng(4))])
@@ -91,7 +91,7 @@ def test_the_energy_tells_a_wrong_pose_from_the_right_one(whole: Shape) -> None:
     assert not np.allclose(held.shift, 0.0)
 
 
-def test_the_grid_answers_with_nearly_the_nearest_point(whole: Shape) -> None:
+def test_the_grid_answers_with_nearly_the_nearest_point(whole):
     to = surface(whole)
     rng = np.random.default_rng(6)
     places = to.points[rng.integers(NUM, size=50)] + 0.05 * rng.standard_normal((50, 3))
@@ -101,7 +101,7 @@ def test_the_grid_answers_with_nearly_the_nearest_point(whole: Shape) -> None:
     assert to.nearest(np.full((1, 3), 100.0)).tolist() == [-1]
 
 
-def test_impossible_surfaces_are_refused() -> None:
+def test_impossible_surfaces_are_refused():
     with pytest.raises(InputError, match="one place"):
         PartialSurface.from_user(np.ones((5, 3)))
     with pytest.raises(InputError, match="on_rim"):

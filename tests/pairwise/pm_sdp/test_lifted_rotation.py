@@ -11,11 +11,11 @@ from tests.problems import random_rotation
 
 @pytest.mark.parametrize("cross", [False, True])
 @pytest.mark.parametrize("sizes", [[2], [3], [3, 2], [2, 2], [4]])
-def test_equations_hold_for_rotations_and_not_for_others(rng: np.random.Generator, sizes, cross) -> None:
+def test_equations_hold_for_rotations_and_not_for_others(rng, sizes, cross):
     dim = sum(sizes)
     lifted = LiftedRotation.build(RotationPattern.from_user(sizes, dim, "SO"), cross_products=cross)
 
-    def violation(first: np.ndarray) -> float:
+    def violation(first):
         matrix = np.zeros((dim, dim))
         start = 0
         for index, size in enumerate(sizes):
@@ -39,7 +39,7 @@ def test_equations_hold_for_rotations_and_not_for_others(rng: np.random.Generato
 
 
 @pytest.mark.parametrize(("pattern", "dim"), [(None, 3), (1, 5), ([3, 2], 5), (0, 4)])
-def test_interior_moments_satisfy_the_equations(pattern, dim) -> None:
+def test_interior_moments_satisfy_the_equations(pattern, dim):
     lifted = LiftedRotation.build(RotationPattern.from_user(pattern, dim, "SO"), cross_products=True)
     moments = np.eye(lifted.num_variables + 1)
     moments[1:, 1:] = lifted.interior_moments
@@ -47,7 +47,7 @@ def test_interior_moments_satisfy_the_equations(pattern, dim) -> None:
     assert np.abs(np.einsum("mab,ab->m", lifted.equations, moments)).max() < 1e-10
 
 
-def brute_support(allowed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def brute_support(allowed):
     from tests.oracles import injective_maps
 
     maps = injective_maps(allowed)
@@ -59,7 +59,7 @@ def brute_support(allowed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return used, taken.all(axis=0)
 
 
-def test_support_agrees_with_brute_force(rng: np.random.Generator) -> None:
+def test_support_agrees_with_brute_force(rng):
     for _ in range(60):
         n = int(rng.integers(1, 6))
         k = int(rng.integers(1, n + 1))

@@ -11,7 +11,7 @@ from pairwise.pm_sdp.interior_point import _InteriorPoint
 from pairwise.pm_sdp.newton import NewtonSystem
 from pairwise.pm_sdp.step_length import longest_dual, longest_primal
 from pairwise.pm_sdp.step_targets import aim
-from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint, move_dual, move_primal
+from pairwise.pm_sdp.variables import Direction, move_dual, move_primal
 from pairwise.problem.problem import Problem
 
 #: Points of target and source, coordinates, and options; the fourth has more matches than moments.
@@ -24,7 +24,7 @@ CASES = [
 ]
 
 
-def problem_of(case: int) -> Problem:
+def problem_of(case):
     n, k, d, given = CASES[case]
     rng = np.random.default_rng(case)
     options = dict(given)
@@ -36,7 +36,7 @@ def problem_of(case: int) -> Problem:
 
 
 @pytest.fixture(params=range(len(CASES)))
-def point(request: pytest.FixtureRequest) -> _InteriorPoint:
+def point(request):
     """A point inside all cones, some steps from the first one."""
     solver = _InteriorPoint(RelaxationData.from_problem(problem_of(request.param)), 1e-6, 100, None)
     for _ in range(3):
@@ -45,11 +45,11 @@ def point(request: pytest.FixtureRequest) -> _InteriorPoint:
     return solver
 
 
-def symmetric(matrices: np.ndarray) -> np.ndarray:
+def symmetric(matrices):
     return 0.5 * (matrices + np.swapaxes(matrices, -1, -2))
 
 
-def complementarity(data: RelaxationData, primal: PrimalPoint, dual: DualPoint) -> dict[str, np.ndarray]:
+def complementarity(data, primal, dual):
     """Return what a central point has equal to mu, or to zero: it is linear in each of both points."""
     bent = np.swapaxes(dual.F @ np.swapaxes(primal.B, 1, 2), 1, 2) - primal.x[..., None] * dual.w
     return {
@@ -59,14 +59,14 @@ def complementarity(data: RelaxationData, primal: PrimalPoint, dual: DualPoint) 
     }
 
 
-def along(solver: _InteriorPoint, step: Direction, size: float) -> dict[str, np.ndarray]:
+def along(solver, step, size):
     moved = move_primal(solver.data, solver.primal, step, size), move_dual(solver.data, solver.dual, step, size)
     assert moved[0] is not None
     assert moved[1] is not None
     return complementarity(solver.data, *moved)
 
 
-def share_of_primal(solver: _InteriorPoint, step: Direction, size: float) -> float:
+def share_of_primal(solver, step, size):
     """Return the least share of its distance to the boundary that anything of the primal point keeps."""
     data, point = solver.data, solver.primal
     x, B = point.x + size * step.x, point.B + size * step.B
@@ -79,7 +79,7 @@ def share_of_primal(solver: _InteriorPoint, step: Direction, size: float) -> flo
     return float(np.concatenate(shares).min())
 
 
-def share_of_dual(solver: _InteriorPoint, step: Direction, size: float) -> float:
+def share_of_dual(solver, step, size):
     """Return the same of the dual point."""
     data, point = solver.data, solver.dual
     F, w = point.F + size * step.F, point.w - size * np.where(data.valid[..., None], step.u[:, None], 0.0)
@@ -94,7 +94,7 @@ def share_of_dual(solver: _InteriorPoint, step: Direction, size: float) -> float
 
 
 @pytest.mark.parametrize("stretch", [0.01, 1.0, 30.0])
-def test_longest_steps_keep_the_share_and_no_longer_ones_do(point: _InteriorPoint, stretch: float) -> None:
+def test_longest_steps_keep_the_share_and_no_longer_ones_do(point, stretch):
     data, primal, dual, least = point.data, point.primal, point.dual, 0.05
     found = NewtonSystem(data, point.basis, primal, dual).solve(aim(data, primal, dual, 0.0))
     step = Direction(*(stretch * getattr(found, one.name) for one in fields(found)))
@@ -107,7 +107,7 @@ def test_longest_steps_keep_the_share_and_no_longer_ones_do(point: _InteriorPoin
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3])
-def test_a_step_solves_the_linearised_equations(point: _InteriorPoint, share: float) -> None:
+def test_a_step_solves_the_linearised_equations(point, share):
     data, primal, dual, basis = point.data, point.primal, point.dual, point.basis
     mu, size = share * point._complementarity(), 1e-5
     step = NewtonSystem(data, basis, primal, dual).solve(aim(data, primal, dual, mu))
@@ -131,7 +131,7 @@ def test_a_step_solves_the_linearised_equations(point: _InteriorPoint, share: fl
     np.testing.assert_allclose(primal.Y + turned, mu * dual.Y_inverse, atol=1e-8)
 
 
-def test_a_full_step_makes_up_for_what_linear_constraints_miss(point: _InteriorPoint) -> None:
+def test_a_full_step_makes_up_for_what_linear_constraints_miss(point):
     data, primal, dual, basis = point.data, point.primal, point.dual, point.basis
     step = NewtonSystem(data, basis, primal, dual).solve(aim(data, primal, dual, 0.0))
     np.testing.assert_allclose((primal.x + step.x).sum(axis=1), 1.0, atol=1e-8)
@@ -145,7 +145,7 @@ def test_a_full_step_makes_up_for_what_linear_constraints_miss(point: _InteriorP
     np.testing.assert_allclose(basis.split(sums)[1], 0.0, atol=1e-6 * np.abs(dual.F).max())
 
 
-def test_slacks_of_matches_change_along_a_step_as_it_says(point: _InteriorPoint) -> None:
+def test_slacks_of_matches_change_along_a_step_as_it_says(point):
     data, dual = point.data, point.dual
     step = NewtonSystem(data, point.basis, point.primal, dual).solve(aim(data, point.primal, dual, 0.0))
     size = 0.5 * point._sizes(step)[1]
@@ -156,7 +156,7 @@ def test_slacks_of_matches_change_along_a_step_as_it_says(point: _InteriorPoint)
     np.testing.assert_allclose(found.s[data.valid], expected[data.valid], atol=1e-9 * np.abs(dual.s).max())
 
 
-def test_terms_of_second_order_of_a_former_step_are_made_up_for(point: _InteriorPoint) -> None:
+def test_terms_of_second_order_of_a_former_step_are_made_up_for(point):
     data, primal, dual = point.data, point.primal, point.dual
     plain = aim(data, primal, dual, 0.0)
     former = NewtonSystem(data, point.basis, primal, dual).solve(plain)
@@ -171,7 +171,7 @@ def test_terms_of_second_order_of_a_former_step_are_made_up_for(point: _Interior
 
 @pytest.mark.parametrize("case", [0, 1, 2, 3])
 @pytest.mark.parametrize("crossed", [False, True])
-def test_the_first_point_satisfies_the_equations_of_rotations(case: int, crossed: bool) -> None:
+def test_the_first_point_satisfies_the_equations_of_rotations(case, crossed):
     data = RelaxationData.from_problem(problem_of(case), cross_products=crossed)
     start = _InteriorPoint(data, 1e-6, 100, None)
     primal = start.primal
@@ -182,9 +182,7 @@ def test_the_first_point_satisfies_the_equations_of_rotations(case: int, crossed
     np.testing.assert_allclose(primal.x.sum(axis=1), 1.0)
 
 
-def test_how_many_numbers_are_formed_at_a_time_does_not_matter(
-    point: _InteriorPoint, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_how_many_numbers_are_formed_at_a_time_does_not_matter(point, monkeypatch):
     targets = aim(point.data, point.primal, point.dual, 0.0)
     steps = []
     for entries in (1, 2**15):

@@ -12,7 +12,7 @@ from pairwise.relaxations import solve_pm_sdp
 from pairwise.status import Status
 from tests.oracles import brute_force, check_relaxation
 from tests.problems import catalogue, random_rotation
-from tests.relaxation_problems import Comparison, Variant, compare_with_reference, variants
+from tests.relaxation_problems import Comparison, compare_with_reference, variants
 
 
 @settings(
@@ -24,11 +24,11 @@ from tests.relaxation_problems import Comparison, Variant, compare_with_referenc
     suppress_health_check=list(HealthCheck),
 )
 @given(variants(max_points=6))
-def test_agrees_with_the_reference(variant: Variant) -> None:
+def test_agrees_with_the_reference(variant):
     assert compare_with_reference(variant).faults(2e-5) == [], variant.description
 
 
-def test_comparison_rejects_wrong_values() -> None:
+def test_comparison_rejects_wrong_values():
     assert Comparison(1e-3, 1e-7, may_exceed=False).faults(1e-5)
     assert Comparison(-1e-3, 1e-7, may_exceed=True).faults(1e-5)
     assert Comparison(0.0, -1e-9, may_exceed=False).faults(1e-5)
@@ -37,7 +37,7 @@ def test_comparison_rejects_wrong_values() -> None:
 
 
 @pytest.mark.parametrize("known", catalogue(), ids=lambda known: known.name)
-def test_bound_is_below_the_optimum(known) -> None:
+def test_bound_is_below_the_optimum(known):
     problem = known.problem
     result = solve_pm_sdp(problem)
     optimum = brute_force(problem).energy if np.isnan(known.optimum) else known.optimum
@@ -48,7 +48,7 @@ def test_bound_is_below_the_optimum(known) -> None:
     assert check_relaxation(problem, result, 1e-6) == []
 
 
-def test_variants_are_ordered(rng: np.random.Generator) -> None:
+def test_variants_are_ordered(rng):
     target, noise = rng.random((8, 3)), 0.2 * rng.standard_normal((6, 3))
     source = target[:6] @ random_rotation(rng, 3) + noise
     orthogonal = solve_relaxation(target, source, group="O")
@@ -59,7 +59,7 @@ def test_variants_are_ordered(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("num_target", [100, 140])
-def test_exact_recovery_without_noise(rng: np.random.Generator, num_target: int) -> None:
+def test_exact_recovery_without_noise(rng, num_target):
     target = rng.random((num_target, 3))
     rotation, matched = random_rotation(rng, 3), rng.permutation(num_target)[:100]
     allowed = np.zeros((num_target, 100), dtype=bool)
@@ -84,7 +84,7 @@ def test_exact_recovery_without_noise(rng: np.random.Generator, num_target: int)
     ids=["zeros", "equal", "repeated", "collinear", "single"],
 )
 @pytest.mark.parametrize("scale", [1.0, 1e-6, 1e6])
-def test_degenerate_points(target: np.ndarray, source: np.ndarray, scale: float) -> None:
+def test_degenerate_points(target, source, scale):
     for group in ("SO", "O"):
         result = solve_relaxation(scale * target, scale * source, group=group)
         optimum = brute_force(Problem.from_user(scale * target, scale * source, group=group)).energy
@@ -93,7 +93,7 @@ def test_degenerate_points(target: np.ndarray, source: np.ndarray, scale: float)
         assert abs(result.value - result.lower_bound) < 1e-5 * size
 
 
-def test_impossible_matches_are_pruned_and_proven(rng: np.random.Generator) -> None:
+def test_impossible_matches_are_pruned_and_proven(rng):
     # Points 0 and 1 share targets 0 and 1, so point 2 can go to target 2 only.
     allowed = np.array([[1, 1, 1], [1, 1, 1], [0, 0, 1]], dtype=bool)
     target = rng.random((3, 3))
@@ -102,7 +102,7 @@ def test_impossible_matches_are_pruned_and_proven(rng: np.random.Generator) -> N
     assert result.value - result.lower_bound < 1e-5
 
 
-def test_limits_end_in_statuses_with_valid_bounds(rng: np.random.Generator) -> None:
+def test_limits_end_in_statuses_with_valid_bounds(rng):
     target, source = rng.random((8, 3)), rng.random((8, 3))
     best = solve_relaxation(target, source)
     few = solve_relaxation(target, source, max_iterations=3)
@@ -115,7 +115,7 @@ def test_limits_end_in_statuses_with_valid_bounds(rng: np.random.Generator) -> N
         assert verify_certificate(target, source, result.certificate) == result.lower_bound
 
 
-def test_same_bytes_every_time(rng: np.random.Generator) -> None:
+def test_same_bytes_every_time(rng):
     target, source = rng.random((12, 3)), rng.random((9, 3))
     first, second = (solve_relaxation(target, source) for _ in range(2))
     for name in ("R", "X", "C", "B"):
@@ -124,7 +124,7 @@ def test_same_bytes_every_time(rng: np.random.Generator) -> None:
     assert all(first.certificate.arrays[n].tobytes() == a.tobytes() for n, a in second.certificate.arrays.items())
 
 
-def test_scale_and_order_do_not_matter(rng: np.random.Generator) -> None:
+def test_scale_and_order_do_not_matter(rng):
     target, source = rng.random((9, 3)), rng.random((7, 3))
     order = rng.permutation(9)
     base = solve_relaxation(target, source)
@@ -141,12 +141,12 @@ def test_scale_and_order_do_not_matter(rng: np.random.Generator) -> None:
         {"time_limit_s": -1.0},
     ],
 )
-def test_impossible_options_are_refused(options) -> None:
+def test_impossible_options_are_refused(options):
     with pytest.raises(OptionsError):
         solve_relaxation(np.eye(3), np.eye(3), **options)
 
 
-def test_many_variables_converge_once_rough_operators_no_longer_do(rng: np.random.Generator) -> None:
+def test_many_variables_converge_once_rough_operators_no_longer_do(rng):
     target = rng.random((10, 7))
     source = target[rng.permutation(10)] @ random_rotation(rng, 7) + 0.1 * rng.standard_normal((10, 7))
     problem = Problem.from_user(target, source, group="O")
@@ -156,9 +156,7 @@ def test_many_variables_converge_once_rough_operators_no_longer_do(rng: np.rando
 
 
 @pytest.mark.parametrize("stops", ["primal", "dual", "short"])
-def test_a_step_that_arithmetic_does_not_allow_ends_with_the_best_point_so_far(
-    stops: str, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_step_that_arithmetic_does_not_allow_ends_with_the_best_point_so_far(stops, rng, monkeypatch):
     target = rng.random((8, 3))
     if stops == "short":
         corrected = interior_point._InteriorPoint._corrected_step

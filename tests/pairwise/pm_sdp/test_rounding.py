@@ -12,7 +12,7 @@ from pairwise.results import RelaxationResult
 from pairwise.status import Status
 
 
-def mixture(problem: Problem, rotations: np.ndarray, maps: np.ndarray, sign: float = 1.0) -> RelaxationResult:
+def mixture(problem, rotations, maps, sign=1.0):
     """The relaxation's variables of equally likely exact poses; ``sign`` is a fault to be seen."""
     n, k, m = problem.num_target, problem.num_source, len(rotations)
     packed = problem.pattern.pack(rotations)
@@ -31,21 +31,21 @@ def mixture(problem: Problem, rotations: np.ndarray, maps: np.ndarray, sign: flo
     )
 
 
-def planted_pose(rng: np.random.Generator, dim: int = 3, num: int = 10) -> tuple[Problem, np.ndarray, np.ndarray]:
+def planted_pose(rng, dim=3, num=10):
     points = rng.random((num, dim)) - 0.5
     turn, point_map = random_rotations(dim, 1, rng)[0], rng.permutation(num)
     return Problem.from_user(points, points[point_map] @ turn), turn, point_map
 
 
 @pytest.mark.parametrize("dim", [2, 3, 5])
-def test_all_four_starts_are_the_pose_where_the_relaxation_is_exact(rng: np.random.Generator, dim: int) -> None:
+def test_all_four_starts_are_the_pose_where_the_relaxation_is_exact(rng, dim):
     problem, turn, point_map = planted_pose(rng, dim)
     exact = mixture(problem, turn[None], point_map[None])
     starts = problem.pattern.project(appendix_starts(problem, exact))
     np.testing.assert_allclose(starts, np.broadcast_to(turn, starts.shape), atol=1e-9)
 
 
-def test_the_sign_of_the_rank_one_factors_is_that_of_probabilities(rng: np.random.Generator) -> None:
+def test_the_sign_of_the_rank_one_factors_is_that_of_probabilities(rng):
     problem, turn, point_map = planted_pose(rng)
     entries, probabilities = rank_one_factors(mixture(problem, turn[None], point_map[None]))
     assert probabilities.sum() > 0
@@ -55,7 +55,7 @@ def test_the_sign_of_the_rank_one_factors_is_that_of_probabilities(rng: np.rando
     assert entries @ flipped < 0
 
 
-def test_draws_find_both_poses_where_one_rounding_finds_none(rng: np.random.Generator) -> None:
+def test_draws_find_both_poses_where_one_rounding_finds_none(rng):
     half = rng.random((4, 3)) - 0.5
     points = np.concatenate([half, half * [-1.0, -1.0, 1.0]])
     problem = Problem.from_user(points, points)
@@ -70,7 +70,7 @@ def test_draws_find_both_poses_where_one_rounding_finds_none(rng: np.random.Gene
     np.testing.assert_allclose(found.energies[:2], 0.0, atol=1e-12)
 
 
-def test_the_nearest_map_keeps_to_the_candidates() -> None:
+def test_the_nearest_map_keeps_to_the_candidates():
     allowed = np.array([[True, False], [True, True]])
     masked = Problem.from_user(np.zeros((2, 3)), np.zeros((2, 3)), allowed=allowed)
     np.testing.assert_array_equal(nearest_map(masked, np.array([[0.0, 9.0], [1.0, 0.0]])), [0, 1])

@@ -9,11 +9,11 @@ from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem, energy_scale
 
 
-def some_problem(rng: np.random.Generator, **options: object) -> Problem:
+def some_problem(rng, **options):
     return Problem.from_user(rng.random((7, 3)), rng.random((5, 3)), **options)
 
 
-def test_costs_and_energy_agree(rng: np.random.Generator) -> None:
+def test_costs_and_energy_agree(rng):
     problem = some_problem(rng, weights=rng.random(5), invariants=(rng.random((7, 2)), rng.random((5, 2))))
     point_map = rng.permutation(7)[:5]
     rotation = problem.pattern.project(rng.standard_normal((3, 3)))
@@ -22,7 +22,7 @@ def test_costs_and_energy_agree(rng: np.random.Generator) -> None:
     assert not np.isclose(problem.energy(rotation, np.roll(point_map, 1)), problem.energy(rotation, point_map))
 
 
-def test_the_scale_of_energies_is_their_mean_over_all_matches_of_centred_shapes(rng: np.random.Generator) -> None:
+def test_the_scale_of_energies_is_their_mean_over_all_matches_of_centred_shapes(rng):
     points = rng.standard_normal((7, 3))
     invariants = rng.random((7, 2)), rng.random((5, 2))
     target = points - points.mean(axis=0)
@@ -30,7 +30,7 @@ def test_the_scale_of_energies_is_their_mean_over_all_matches_of_centred_shapes(
     assert energy_scale(problem) == pytest.approx(problem.assignment_costs(np.eye(3)).mean(axis=0).sum())
 
 
-def test_procrustes_beats_every_other_rotation(rng: np.random.Generator) -> None:
+def test_procrustes_beats_every_other_rotation(rng):
     for group in ("SO", "O"):
         problem = some_problem(rng, group=group, weights=rng.random(5))
         point_map = rng.permutation(7)[:5]
@@ -39,7 +39,7 @@ def test_procrustes_beats_every_other_rotation(rng: np.random.Generator) -> None
         assert best <= min(problem.energy(r, point_map) for r in others)
 
 
-def test_projection_keeps_pattern_and_determinants(rng: np.random.Generator) -> None:
+def test_projection_keeps_pattern_and_determinants(rng):
     matrices = rng.standard_normal((50, 7, 7))
     pattern = RotationPattern.from_user((3, 4), 7, "SO")
     rotations = pattern.project(matrices)
@@ -52,16 +52,14 @@ def test_projection_keeps_pattern_and_determinants(rng: np.random.Generator) -> 
     assert np.allclose(np.abs(diagonal), np.eye(3))
 
 
-def test_special_projection_of_diagonals_is_nearest() -> None:
+def test_special_projection_of_diagonals_is_nearest():
     pattern = RotationPattern.from_user(0, 3, "SO")
     given = np.diag([3.0, -0.1, 2.0])
     assert np.allclose(pattern.project(given), np.eye(3))
 
 
 @pytest.mark.parametrize(("pattern", "dim"), [(None, 3), ((3, 2), 5), (0, 4)])
-def test_projection_mirrors_on_request_whatever_the_group(
-    rng: np.random.Generator, pattern: object, dim: int
-) -> None:
+def test_projection_mirrors_on_request_whatever_the_group(rng, pattern, dim):
     matrices = rng.standard_normal((20, dim, dim))
     wanted = rng.random(20) < 0.5
     special = RotationPattern.from_user(pattern, dim, "SO")
@@ -72,7 +70,7 @@ def test_projection_mirrors_on_request_whatever_the_group(
         np.testing.assert_allclose(found[~wanted], special.project(matrices[~wanted]), atol=1e-12)
 
 
-def test_pack_is_column_major_and_unpack_its_inverse(rng: np.random.Generator) -> None:
+def test_pack_is_column_major_and_unpack_its_inverse(rng):
     pattern = RotationPattern.from_user(1, 4, "O")
     matrix = np.where(pattern.mask, rng.random((4, 4)), 0)
     assert pattern.num_entries == 10
@@ -94,12 +92,12 @@ def test_pack_is_column_major_and_unpack_its_inverse(rng: np.random.Generator) -
         (np.ones((2, 2)), InputError),
     ],
 )
-def test_impossible_patterns_are_refused(pattern: object, error: type[Exception]) -> None:
+def test_impossible_patterns_are_refused(pattern, error):
     with pytest.raises(error, match="rotation_pattern"):
         RotationPattern.from_user(pattern, 3, "SO")
 
 
-def test_impossible_problems_are_refused(rng: np.random.Generator) -> None:
+def test_impossible_problems_are_refused(rng):
     q, p = rng.random((4, 3)), rng.random((3, 3))
     with pytest.raises(InputError, match="k <= n"):
         Problem.from_user(p, q)
@@ -123,7 +121,7 @@ def test_impossible_problems_are_refused(rng: np.random.Generator) -> None:
         Problem.from_user(q, p, invariants=(np.full((4, 1), 1e200), np.ones((3, 1))))
 
 
-def test_points_as_columns_are_refused_with_the_way_out(rng: np.random.Generator) -> None:
+def test_points_as_columns_are_refused_with_the_way_out(rng):
     columns = rng.standard_normal((3, 60))
     with pytest.raises(InputError, match=r"target\.T"):
         Problem.from_user(columns, columns)
@@ -132,14 +130,14 @@ def test_points_as_columns_are_refused_with_the_way_out(rng: np.random.Generator
     assert Problem.from_user(columns[:, :3], columns[:, :3]).num_source == 3
 
 
-def test_forbidden_matches_cost_infinitely_much(rng: np.random.Generator) -> None:
+def test_forbidden_matches_cost_infinitely_much(rng):
     allowed = rng.random((7, 5)) < 0.6
     allowed[np.arange(5), np.arange(5)] = True
     costs = some_problem(rng, allowed=allowed).assignment_costs(np.eye(3))
     np.testing.assert_array_equal(np.isinf(costs), ~allowed)
 
 
-def test_coordinates_whose_powers_overflow_are_refused_and_others_answered(rng: np.random.Generator) -> None:
+def test_coordinates_whose_powers_overflow_are_refused_and_others_answered(rng):
     target, source = rng.random((5, 3)), rng.random((5, 3))
     energy, bound = match(target, source).energy, solve_relaxation(target, source).lower_bound
     for unit in (1e100, 1e200, 1e-100, 1e-300):

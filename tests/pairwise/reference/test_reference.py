@@ -11,13 +11,13 @@ from pairwise.problem.problem import Problem
 from pairwise.reference.pm_sdp import solve_reference
 from pairwise.status import Status
 from tests.oracles import brute_force, check_relaxation
-from tests.problems import KnownProblem, catalogue, planted, random_rotation
+from tests.problems import catalogue, planted, random_rotation
 
 CATALOGUE = catalogue()
 
 
 @pytest.mark.parametrize("known", CATALOGUE, ids=lambda known: known.name)
-def test_solution_is_feasible_and_bounds_the_optimum(known: KnownProblem) -> None:
+def test_solution_is_feasible_and_bounds_the_optimum(known):
     result = solve_reference(known.problem, tol=1e-8)
     assert result.status in (Status.CONVERGED, Status.STALLED)
     assert check_relaxation(known.problem, result, 1e-5) == []
@@ -28,7 +28,7 @@ def test_solution_is_feasible_and_bounds_the_optimum(known: KnownProblem) -> Non
         assert result.value == pytest.approx(0.0, abs=1e-5)
 
 
-def test_exact_recovery_without_noise(rng: np.random.Generator) -> None:
+def test_exact_recovery_without_noise(rng):
     points = rng.standard_normal((7, 3))
     for options in ({}, {"num_source": 5}, {"group": "O", "rotation": random_rotation(rng, 3, reflected=True)}):
         problem = planted(rng, points, **options)
@@ -38,7 +38,7 @@ def test_exact_recovery_without_noise(rng: np.random.Generator) -> None:
         assert pytest.approx(problem.procrustes(result.X.argmax(axis=0)), abs=1e-3) == result.R
 
 
-def test_value_does_not_depend_on_pose_labels_or_solver(rng: np.random.Generator) -> None:
+def test_value_does_not_depend_on_pose_labels_or_solver(rng):
     target, source, weights = rng.random((5, 3)), rng.random((4, 3)), rng.random(4) + 0.1
     value = solve_reference(Problem.from_user(target, source, weights=weights), tol=1e-8).value
     shuffle, order = rng.permutation(5), rng.permutation(4)
@@ -53,7 +53,7 @@ def test_value_does_not_depend_on_pose_labels_or_solver(rng: np.random.Generator
     assert abs(solve_reference(mirrored, tol=1e-8).value - value) > 1e-4
 
 
-def test_more_constraints_never_lower_the_value(rng: np.random.Generator) -> None:
+def test_more_constraints_never_lower_the_value(rng):
     target, source = rng.random((5, 3)), rng.random((5, 3))
     free = solve_reference(Problem.from_user(target, source, group="O"), tol=1e-8).value
     problem = Problem.from_user(target, source)
@@ -65,7 +65,7 @@ def test_more_constraints_never_lower_the_value(rng: np.random.Generator) -> Non
     assert crossed.value > free + 1e-4
 
 
-def test_limits_are_statuses(rng: np.random.Generator) -> None:
+def test_limits_are_statuses(rng):
     problem = Problem.from_user(rng.random((6, 3)), rng.random((6, 3)))
     assert solve_reference(problem, solver="scs", tol=1e-9, max_iterations=50).status is Status.ITERATION_LIMIT
     stopped = solve_reference(problem, solver="clarabel", tol=1e-9, max_iterations=3)
@@ -74,7 +74,7 @@ def test_limits_are_statuses(rng: np.random.Generator) -> None:
     assert late.status is Status.TIME_LIMIT
 
 
-def test_wrong_options_are_refused(rng: np.random.Generator) -> None:
+def test_wrong_options_are_refused(rng):
     problem = Problem.from_user(rng.random((3, 3)), rng.random((3, 3)))
     for options in ({"solver": "mosek"}, {"tol": 0.0}, {"max_iterations": 0}, {"time_limit_s": -1.0}):
         with pytest.raises(OptionsError, match=next(iter(options))):
