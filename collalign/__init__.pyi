@@ -10,7 +10,6 @@ from collalign.extend import add_to_collection as add_to_collection
 from collalign.nonrigid.map_options import NonrigidOptions as NonrigidOptions
 from collalign.nonrigid.map_options import SurfaceOptions as SurfaceOptions
 from collalign.options import AlignOptions as AlignOptions
-from collalign.options import PairOptions as PairOptions
 from collalign.options import TwoShapeOptions as TwoShapeOptions
 from collalign.output.aligned_shape import AlignedShape as AlignedShape
 from collalign.output.collection import Collection as Collection
@@ -69,6 +68,7 @@ from data_tools.surface.shape import Shape as Shape
 from pairwise.certificates.certificate import Certificate as Certificate
 from pairwise.dense.refine import RefinedPose as RefinedPose
 from pairwise.options import MatchOptions as MatchOptions
+from pairwise.options import PairOptions as PairOptions
 from pairwise.partial.match import PartialPose as PartialPose
 from pairwise.problem.pattern import RotationPattern as RotationPattern
 from pairwise.results import Candidate as Candidate

@@ -9,10 +9,12 @@ from collalign.engine.session import Session
 from data_tools.checks import check_choice, check_count, check_flag, check_number, take_tables
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
-from pairwise.options import MatchOptions, Strategy
+from pairwise.options import MatchOptions, PairOptions
 
 #: Seeds are below this: stores and keys hold 64-bit numbers.
 _SEED_LIMIT = 2**63
+#: Seconds for the proof of a pair where nobody says how many.
+PROOF_S = 30.0
 #: Rotations only, mirror images as well, or whichever of the two the shapes ask for.
 Group = Literal["SO", "O", "auto"]
 #: Which pairs of shapes are matched.
@@ -27,40 +29,6 @@ Maps = Literal["auto", "always", "never"]
 AUTO, NEVER, ALL = "auto", "never", "all"
 #: Whether the common frame keeps the sizes of the shapes.
 Scaling = Literal["similarity", "rigid"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PairOptions:
-    """How the pairs of a collection are matched. Two shapes by themselves: :class:`pairwise.MatchOptions`.
-
-    Raises
-    ------
-    OptionsError
-        If a value is impossible.
-    """
-
-    strategy: Strategy = "portfolio"
-    """`search` tries rotations, `relaxation` rounds PM-SDP, `portfolio` searches, and solves the relaxation as well
-    where the rotation block has more than three dimensions, which no set of rotations covers."""
-
-    time_limit_s: float | None = None
-    """Seconds for the relaxation of one pair; none by default."""
-
-    num_draws: int = 64
-    """Poses drawn from the solution of the relaxation."""
-
-    max_candidates: int = 8
-    """Distinct poses kept per pair; with reflections, per chirality."""
-
-    candidate_factor: float = 2.0
-    """Keep poses whose energy is at most this many times the best one."""
-
-    def __post_init__(self) -> None:
-        self.seeded(0)
-
-    def seeded(self, seed: int) -> MatchOptions:
-        """Return the options of :func:`pairwise.match` for a pair with that seed."""
-        return MatchOptions(**vars(self), seed=seed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +95,7 @@ class AlignOptions:
     certify_budget_s: float = 600.0
     """Seconds for all proofs together, per worker; the least settled pairs come first."""
 
-    certify_pair_s: float = 30.0
+    certify_pair_s: float = PROOF_S
     """Seconds for the proof of one pair."""
 
     strict: bool = False
@@ -191,10 +159,7 @@ class TwoShapeOptions:
     """Refine the poses on dense samples (``sampling.num_dense_points``)."""
 
     certify: bool = False
-    """Try to prove the best pose."""
-
-    certify_pair_s: float = 30.0
-    """Seconds for the proof, where ``matching.time_limit_s`` sets no others."""
+    """Try to prove the best pose, in the seconds of ``matching.time_limit_s``, 30 by default."""
 
     seed: int = 0
     """Seed of everything random."""
@@ -208,7 +173,7 @@ class TwoShapeOptions:
     embedding: EmbeddingOptions = field(default_factory=EmbeddingOptions)
     """Which coordinates the points carry."""
 
-    matching: MatchOptions = field(default_factory=MatchOptions)
+    matching: PairOptions = field(default_factory=PairOptions)
     """How the pair is matched."""
 
     def __post_init__(self) -> None:
@@ -216,17 +181,13 @@ class TwoShapeOptions:
         check_choice("group", self.group, ("SO", "O"))
         for name in ("refine", "certify"):
             check_flag(name, getattr(self, name))
-        check_number("certify_pair_s", self.certify_pair_s, positive=True)
-        if self.matching.seed or self.matching.certify:
-            raise OptionsError("matching.seed, matching.certify: set 'seed' and 'certify' instead")
-        self.seeded()
+        check_count("seed", self.seed, lower=0)
 
-    def seeded(self) -> MatchOptions:
-        """Return the options of :func:`pairwise.match`, with ``seed`` and ``certify``."""
-        matching = replace(self.matching, seed=self.seed)
-        if not self.certify:
-            return matching
-        return replace(matching, certify=True, time_limit_s=matching.time_limit_s or self.certify_pair_s)
+    @property
+    def of_pair(self) -> MatchOptions:
+        """The options of :func:`pairwise.match`."""
+        found = MatchOptions(**vars(self.matching), certify=self.certify, seed=self.seed)
+        return replace(found, time_limit_s=PROOF_S) if self.certify and found.time_limit_s is None else found
 
 
 #: The session of an alignment.

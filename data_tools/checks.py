@@ -92,7 +92,7 @@ def as_options(
     if isinstance(given, Mapping):
         entries = {**given, **entries}
         given = None
-    elif given is not None and not isinstance(given, kind):
+    elif given is not None and type(given) is not kind:
         raise OptionsError(f"{name}: expected a table of options or {kind.__name__}, got {given!r}")
     known = [one.name for one in fields(kind)]  # type: ignore[arg-type]
     for entry in entries:

@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from data_tools.checks import as_options
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import can_certify, prove
 from pairwise.candidates import with_better
-from pairwise.options import MatchOptions, Strategy
+from pairwise.options import MatchOptions
 from pairwise.portfolio import find_poses, wants_relaxation
 from pairwise.problem.problem import Problem, ProblemArguments
 from pairwise.relaxations import solve_pm_sdp
@@ -40,12 +40,8 @@ def match(
     *,
     translation: bool = False,
     starts: ArrayLike | None = None,
-    strategy: Strategy | None = None,
-    certify: bool | None = None,
-    time_limit_s: float | None = None,
-    seed: int | None = None,
     options: MatchOptions | Mapping[str, Any] | None = None,
-    **problem_arguments: Unpack[ProblemArguments],
+    **keywords: Any,
 ) -> MatchResult:
     """Match the source's points to the target's: rotation and injective map of least energy (Procrustes matching).
 
@@ -61,14 +57,12 @@ def match(
         A warning says where a shift is most of what a pose about the origin leaves.
     starts : array_like, shape (m, d, d), optional
         Poses to descend from as well.
-    strategy, certify, time_limit_s, seed : optional
-        Override the fields of ``options`` of the same names.
     options : MatchOptions or mapping, optional
-        The other ones.
-    **problem_arguments
-        What makes the problem beside the points, see :meth:`pairwise.Problem.from_user`: ``group`` ("SO", or "O",
-        where both chiralities are searched and each has its own candidates), ``allowed`` matches,
-        ``rotation_pattern`` (``(3, m)`` for mixed embeddings), ``invariants`` and ``weights``.
+    **keywords
+        Fields of ``options`` by themselves, which win; and what makes the problem beside the points, see
+        :meth:`pairwise.Problem.from_user`: ``group`` ("SO", or "O", where both chiralities are searched and each has
+        its own candidates), ``allowed`` matches, ``rotation_pattern`` (``(3, m)`` for mixed embeddings),
+        ``invariants`` and ``weights``.
 
     Returns
     -------
@@ -89,17 +83,16 @@ def match(
     >>> bool(np.allclose(result.R_target_source, quarter)), result.map_target_source.tolist() == list(range(12))
     (True, True)
     """
-    problem = Problem.from_user(target, source, **problem_arguments)
+    about = {name: keywords.pop(name) for name in ProblemArguments.__annotations__ if name in keywords}
+    problem = Problem.from_user(target, source, **about)
     centres = (np.zeros(problem.dim),) * 2
     if translation:
         problem, centres = _about_centroids(problem)
-    given: dict[str, Any] = {"strategy": strategy, "certify": certify, "time_limit_s": time_limit_s, "seed": seed}
-    changes = {name: value for name, value in given.items() if value is not None}
     poses = None
     if starts is not None:
-        group = problem_arguments.get("group", "SO")
+        group = about.get("group", "SO")
         poses = as_rotations(starts, "starts", group=group, dim=problem.dim).reshape(-1, problem.dim, problem.dim)
-    options = as_options("options", options, MatchOptions, changes)
+    options = as_options("options", options, MatchOptions, keywords)
     result = match_problem(problem, options, starts=poses)
     if not translation:
         _warn_of_shift(problem, result.candidates[0])

@@ -13,41 +13,58 @@ Strategy = Literal["search", "relaxation", "portfolio"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class MatchOptions:
-    """How a pair is matched.
+class PairOptions:
+    """How pairs are matched, beside what is set for all of them together.
 
     Raises
     ------
     OptionsError
-        If a value is impossible, or two exclude each other.
+        If a value is impossible.
     """
 
     strategy: Strategy = "portfolio"
     """`search` tries rotations, `relaxation` rounds PM-SDP, `portfolio` searches, and solves the relaxation as well
     where the rotation block has more than three dimensions, which no set of rotations covers."""
-    certify: bool = False
-    """Try to prove that no better pose exists."""
+
     time_limit_s: float | None = None
-    """Seconds for the relaxation and the proof of one pair; none by default."""
+    """Seconds for the relaxation of one pair, and for a proof of :func:`pairwise.match`; none by default."""
+
     num_draws: int = 64
     """Poses drawn from the solution of the relaxation."""
+
     max_candidates: int = 8
     """Distinct poses kept per pair; with reflections, per chirality."""
+
     candidate_factor: float = 2.0
     """Keep poses whose energy is at most this many times the best one."""
+
+    def __post_init__(self) -> None:
+        check_choice("strategy", self.strategy, get_args(Strategy))
+        check_count("num_draws", self.num_draws, lower=0)
+        check_count("max_candidates", self.max_candidates, lower=1)
+        if self.candidate_factor != np.inf:
+            check_number("candidate_factor", self.candidate_factor, lower=1.0)
+        if self.time_limit_s not in (None, np.inf):
+            check_number("time_limit_s", self.time_limit_s, positive=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchOptions(PairOptions):
+    """How a pair is matched by itself.
+
+    Raises
+    ------
+    OptionsError
+        If a value is impossible.
+    """
+
+    certify: bool = False
+    """Try to prove that no better pose exists."""
+
     seed: int = 0
     """Seed of the random draws."""
 
     def __post_init__(self) -> None:
-        check_choice("strategy", self.strategy, get_args(Strategy))
-        for name, least in (
-            ("num_draws", 0),
-            ("max_candidates", 1),
-            ("seed", 0),
-        ):
-            check_count(name, getattr(self, name), lower=least)
-        if self.candidate_factor != np.inf:
-            check_number("candidate_factor", self.candidate_factor, lower=1.0)
+        super().__post_init__()
         check_flag("certify", self.certify)
-        if self.time_limit_s not in (None, np.inf):
-            check_number("time_limit_s", self.time_limit_s, positive=True)
+        check_count("seed", self.seed, lower=0)

@@ -14,7 +14,7 @@ import numpy as np
 from collalign.align import align_collection
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.records import Record
-from collalign.options import AlignOptions, PairOptions
+from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
@@ -27,6 +27,7 @@ from experiments.collections.landmarked import RIGHT_DEG, TEETH_FOLDER, read_dat
 from experiments.collections.posed import PosedCollection, pose_collection
 from experiments.experiment import Cell
 from experiments.peers.principal_axes import along_tree, axis_starts, closest_points, normalised_points
+from pairwise.options import PairOptions
 
 #: The published rotations beside the teeth.
 PUBLISHED_FILE = "auto3dgm_rotations_baseline.npz"

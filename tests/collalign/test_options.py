@@ -7,13 +7,13 @@ import pytest
 import collalign
 from collalign.engine.run_options import RunOptions
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.options import AlignOptions, PairOptions, TwoShapeOptions
+from collalign.options import AlignOptions, TwoShapeOptions
 from collalign.registration.registration_options import RegistrationOptions
 from collalign.tools.certify.rounds import CertifyOptions
 from collalign.tools.stability.run import StabilityOptions
 from data_tools.errors import CollalignError, OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
-from pairwise import MatchOptions
+from pairwise.options import MatchOptions, PairOptions
 
 OPTIONS = (
     *(AlignOptions, TwoShapeOptions, PairOptions, RunOptions, CleaningOptions, SamplingOptions, EmbeddingOptions),

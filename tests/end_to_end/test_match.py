@@ -72,8 +72,8 @@ def test_the_answer_is_refined_on_dense_samples(files, tmp_path):
 
 def test_certify_reaches_the_pair(files, tmp_path):
     target, source, _ = files
-    flags = ["--certify", "--certify-pair-s", "1", "--sampling.num-points", "8", "--out", str(tmp_path / "out")]
-    assert main(["match", str(target), str(source), *flags]) == 0
+    flags = ["--certify", "--matching.time-limit-s", "1", "--sampling.num-points", "8"]
+    assert main(["match", str(target), str(source), "--out", str(tmp_path / "out"), *flags]) == 0
     record = json.loads((tmp_path / "out" / "match.json").read_text())
     assert record["lower_bound"] <= record["energy"] * (1 + 1e-9)
 

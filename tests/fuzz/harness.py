@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from collalign.engine.jobs.run import run_jobs
+from collalign.engine.jobs.run import Limits, run_jobs
 from tests.fuzz.mutations import mutate
 
 TIME_LIMIT_S = 60.0
-MEMORY_LIMIT_BYTES = 2 * 2**30
+LIMITS = Limits(time_limit_s=TIME_LIMIT_S, memory_limit_bytes=2 * 2**30)
 
 
 @dataclass
@@ -41,7 +41,7 @@ def fuzz(
     that ended badly go to the folder ``keep``.
     """
     report = FuzzReport()
-    made: dict[str, tuple[str, bytes]] = {}
+    made = {}
 
     def tasks():
         for i in range(num):
@@ -49,9 +49,7 @@ def fuzz(
             made[key] = damaged(files, seed, i)
             yield key, made[key]
 
-    jobs = run_jobs(
-        target, tasks(), num_jobs=num_jobs, time_limit_s=TIME_LIMIT_S, memory_limit_bytes=MEMORY_LIMIT_BYTES
-    )
+    jobs = run_jobs(target, tasks(), num_jobs=num_jobs, limits=LIMITS)
     for job in jobs:
         name, data = made.pop(job.key)
         kind = how_it_ended(job)

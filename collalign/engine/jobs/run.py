@@ -15,7 +15,7 @@ from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.jobs.worker import Call, Limits, Outcome, Task, run_in_process
 from data_tools.errors import OptionsError
 
-__all__ = ["JobResult", "SharedTable", "run_jobs"]
+__all__ = ["JobResult", "Limits", "SharedTable", "run_jobs"]
 
 #: What became of one task: ``key``, ``value`` (None after a failure), ``failure`` (None or a sentence), ``seconds``
 #: and ``crashed`` (whether its worker died or hung rather than the function raising an error).
@@ -27,8 +27,7 @@ def run_jobs(
     tasks: Iterable[tuple[str, Any]],
     *,
     num_jobs: int = 1,
-    time_limit_s: float | None = None,
-    memory_limit_bytes: int | None = None,
+    limits: Limits = Limits(),  # noqa: B008
     scheduler: str | None = None,
     shared: SharedTable | None = None,
     progress: Callable[[JobResult], None] | None = None,
@@ -47,10 +46,8 @@ def run_jobs(
         Worker processes on this machine; ignored with a ``scheduler``. With 1 and no limits the tasks run inside this
         process, where nothing isolates a crash. With 1 and a limit they run in a worker process, one at a time: a
         hang or an exhausted memory cannot be ended from inside.
-    time_limit_s : float, optional
-        Seconds that a task may take; its worker is ended then, even where it holds the interpreter lock.
-    memory_limit_bytes : int, optional
-        Memory that a task may add to what its worker already has mapped (Linux).
+    limits : Limits
+        Of each task; none by default.
     scheduler : str, optional
         Address of a Dask scheduler, ``tcp://host:port``; its workers need the same versions installed.
     shared : SharedTable, optional
@@ -67,12 +64,12 @@ def run_jobs(
     Raises
     ------
     OptionsError
-        If an option is impossible.
+        If the number of processes is impossible.
     CollalignError
         If workers cannot be started at all.
     """
-    _check(num_jobs, time_limit_s, memory_limit_bytes)
-    limits = Limits(time_limit_s=time_limit_s, memory_limit_bytes=memory_limit_bytes)
+    if num_jobs < 1:
+        raise OptionsError(f"num_jobs: expected at least 1, got {num_jobs}")
     call = Call(function=function, limits=limits, table=shared)
     numbered = (Task(token=token, key=key, payload=payload) for token, (key, payload) in enumerate(tasks))
     return _stream(_outcomes(call, numbered, num_jobs, scheduler), progress)
@@ -96,12 +93,3 @@ def _stream(outcomes: Generator[JobResult], progress: Callable[[JobResult], None
             yield outcome
     finally:
         outcomes.close()
-
-
-def _check(num_jobs: int, time_limit_s: float | None, memory_limit_bytes: int | None) -> None:
-    if num_jobs < 1:
-        raise OptionsError(f"num_jobs: expected at least 1, got {num_jobs}")
-    if time_limit_s is not None and not 0 < time_limit_s < float("inf"):
-        raise OptionsError(f"time_limit_s: expected a positive number of seconds or None, got {time_limit_s}")
-    if memory_limit_bytes is not None and memory_limit_bytes < 2**20:
-        raise OptionsError(f"memory_limit_bytes: expected at least 1 MiB or None, got {memory_limit_bytes}")

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.jobs.shared_table import SharedTable
-from data_tools.errors import CollalignError, UnavailableError
+from data_tools.errors import CollalignError, OptionsError, UnavailableError
 from data_tools.io.locks import PRIVATE
 from data_tools.threads import one_blas_thread
 
@@ -28,10 +28,30 @@ _ORPHAN_POLL_S = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What one task may use; None is no limit. See :func:`collalign.engine.jobs.run.run_jobs`."""
+    """What one task may use; None is no limit.
+
+    Attributes
+    ----------
+    time_limit_s : float, optional
+        Seconds that a task may take; its worker is ended then, even where it holds the interpreter lock.
+    memory_limit_bytes : int, optional
+        Memory that a task may add to what its worker already has mapped (Linux).
+
+    Raises
+    ------
+    OptionsError
+        If a limit is impossible.
+    """
 
     time_limit_s: float | None = None
     memory_limit_bytes: int | None = None
+
+    def __post_init__(self) -> None:
+        seconds, num_bytes = self.time_limit_s, self.memory_limit_bytes
+        if seconds is not None and not 0 < seconds < float("inf"):
+            raise OptionsError(f"time_limit_s: expected a positive number of seconds or None, got {seconds}")
+        if num_bytes is not None and num_bytes < 2**20:
+            raise OptionsError(f"memory_limit_bytes: expected at least 1 MiB or None, got {num_bytes}")
 
 
 @dataclass(frozen=True, kw_only=True)

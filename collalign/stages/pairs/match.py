@@ -108,7 +108,9 @@ def match_pairs(session: AlignSession, shapes: Shapes, edges: IntArray) -> tuple
                 "target": SAMPLING.shared(shapes.keys[i]),
                 "source": SAMPLING.shared(shapes.keys[j]),
                 "group": options.group,
-                "options": options.matching.seeded(pair_seed(options.seed, shapes.keys[i], shapes.keys[j])),
+                "options": MatchOptions(
+                    **vars(options.matching), seed=pair_seed(options.seed, shapes.keys[i], shapes.keys[j])
+                ),
             },
         )
         for i, j in edges.tolist()

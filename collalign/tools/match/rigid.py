@@ -153,7 +153,7 @@ def match_rigid(
         for origin in origins
     )
     problem = pair_problem(to, of, options.group)
-    result, refined = match_problem(problem, options.seeded()), tuple[RefinedPose, ...]()
+    result, refined = match_problem(problem, options.of_pair), tuple[RefinedPose, ...]()
     if options.refine and options.sampling.num_dense_points:
         result, refined = ranked_on_dense(result, problem, (dense_points(to), dense_points(of)))
     files = dict(zip(("target_file", "source_file"), map(location, origins), strict=True))

@@ -4,16 +4,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import collalign.engine.jobs.shared_table as table_module
 from collalign.engine.jobs.progress import ProgressBar
-from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
+from collalign.engine.jobs.run import Limits, SharedTable, run_jobs
 from data_tools.errors import CollalignError, InputError, OptionsError
 from tests.faults import is_running
 from tests.job_functions import look_up, misbehave, process_id, spectrum
@@ -22,40 +20,40 @@ ROOT = Path(__file__).resolve().parents[3]
 SPECTRA = [(f"s{seed}", seed) for seed in range(12)]
 
 
-def total_and_key(record: dict[str, Any], key: str) -> tuple[float, str]:
+def total_and_key(record, key):
     return float(record["positions"].sum()), key
 
 
-def collect(*arguments: Any, **options: Any) -> dict[str, JobResult]:
+def collect(*arguments, **options):
     results = list(run_jobs(*arguments, **options))
     assert len({result.key for result in results}) == len(results)
     return {result.key: result for result in results}
 
 
-def test_serial_workers_and_any_order_give_the_same_bytes() -> None:
+def test_serial_workers_and_any_order_give_the_same_bytes():
     serial = {key: result.value.tobytes() for key, result in collect(spectrum, SPECTRA).items()}
     runs = [
         collect(spectrum, SPECTRA, num_jobs=2),
         collect(spectrum, SPECTRA[::-1], num_jobs=2),
-        collect(spectrum, SPECTRA, num_jobs=1, time_limit_s=60.0),
+        collect(spectrum, SPECTRA, num_jobs=1, limits=Limits(time_limit_s=60.0)),
     ]
     for run in runs:
         assert {key: result.value.tobytes() for key, result in run.items()} == serial
     assert len(set(serial.values())) == len(SPECTRA)
 
 
-def test_no_limits_and_one_job_stay_in_this_process_and_a_limit_leaves_it() -> None:
+def test_no_limits_and_one_job_stay_in_this_process_and_a_limit_leaves_it():
     tasks = [(str(i), i) for i in range(8)]
     assert {result.value for result in collect(process_id, tasks).values()} == {os.getpid()}
-    isolated = {result.value for result in collect(process_id, tasks, time_limit_s=60.0).values()}
+    isolated = {result.value for result in collect(process_id, tasks, limits=Limits(time_limit_s=60.0)).values()}
     assert os.getpid() not in isolated
     assert len({result.value for result in collect(process_id, tasks, num_jobs=2).values()}) == 2
 
 
-def test_results_stream_and_tasks_are_drawn_as_workers_become_free() -> None:
-    drawn: list[int] = []
+def test_results_stream_and_tasks_are_drawn_as_workers_become_free():
+    drawn = []
 
-    def tasks() -> Iterator[tuple[str, int]]:
+    def tasks():
         for i in range(400):
             drawn.append(i)
             yield str(i), i
@@ -66,12 +64,12 @@ def test_results_stream_and_tasks_are_drawn_as_workers_become_free() -> None:
     results.close()
 
 
-def test_tasks_that_misbehave_cost_only_themselves(tmp_path: Path) -> None:
+def test_tasks_that_misbehave_cost_only_themselves(tmp_path):
     tasks = [(f"r{i}", ("return", i)) for i in range(40)]
     for place, action in ((3, "raise"), (15, "segfault"), (21, "hang"), (27, "fill")):
         tasks.insert(place, (action, (action, 7)))
     tasks.insert(33, ("killed-once", ("killed-once", str(tmp_path / "killed"))))  # type: ignore[arg-type]
-    results = collect(misbehave, tasks, num_jobs=2, time_limit_s=6.0, memory_limit_bytes=2**31)
+    results = collect(misbehave, tasks, num_jobs=2, limits=Limits(time_limit_s=6.0, memory_limit_bytes=2**31))
     assert results.keys() == dict(tasks).keys()
     assert all(results[f"r{i}"].value == i for i in range(40))
     assert results["killed-once"].value == str(tmp_path / "killed")
@@ -84,7 +82,7 @@ def test_tasks_that_misbehave_cost_only_themselves(tmp_path: Path) -> None:
     assert results["r0"].seconds >= 0.01
 
 
-def test_failures_are_records_in_one_process_too() -> None:
+def test_failures_are_records_in_one_process_too():
     results = collect(misbehave, [("a", ("raise", 1)), ("b", ("return", 2))])
     assert results["a"].failure is not None
     assert results["a"].failure.startswith("ValueError: no answer for 1 (in misbehave, tests/job_functions.py:")
@@ -92,8 +90,8 @@ def test_failures_are_records_in_one_process_too() -> None:
 
 
 @pytest.mark.parametrize("num_jobs", [1, 2])
-def test_an_error_of_the_task_list_itself_is_raised(num_jobs: int) -> None:
-    def tasks() -> Iterator[tuple[str, Any]]:
+def test_an_error_of_the_task_list_itself_is_raised(num_jobs):
+    def tasks():
         yield "a", ("return", 1)
         yield "b", ("return", 2)
         raise InputError("no more")
@@ -102,11 +100,11 @@ def test_an_error_of_the_task_list_itself_is_raised(num_jobs: int) -> None:
         collect(misbehave, tasks(), num_jobs=num_jobs)
 
 
-def test_no_tasks_give_no_results() -> None:
+def test_no_tasks_give_no_results():
     assert collect(spectrum, [], num_jobs=2) == {}
 
 
-def test_workers_that_cannot_start_a_task_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_that_cannot_start_a_task_end_the_run(monkeypatch):
     import collalign.engine.jobs.local
 
     monkeypatch.setattr(collalign.engine.jobs.local, "run_guarded", _die_before_the_ledger)
@@ -115,11 +113,11 @@ def test_workers_that_cannot_start_a_task_end_the_run(monkeypatch: pytest.Monkey
         collect(spectrum, SPECTRA, num_jobs=2)
 
 
-def _die_before_the_ledger(*arguments: object) -> None:
+def _die_before_the_ledger(*arguments):
     os._exit(9)
 
 
-def test_workers_end_when_their_parent_is_killed() -> None:
+def test_workers_end_when_their_parent_is_killed():
     script = (
         "from collalign.engine.jobs.run import run_jobs\n"
         "from tests.job_functions import process_id\n"
@@ -133,7 +131,7 @@ def test_workers_end_when_their_parent_is_killed() -> None:
     assert_gone(workers)
 
 
-def test_a_worker_that_starts_after_its_parent_is_gone_ends_at_once() -> None:
+def test_a_worker_that_starts_after_its_parent_is_gone_ends_at_once():
     script = (
         "import os, sys, time\n"
         "from collalign.engine.jobs.worker import end_with_parent\n"
@@ -145,7 +143,7 @@ def test_a_worker_that_starts_after_its_parent_is_gone_ends_at_once() -> None:
     assert ended.returncode == 1
 
 
-def assert_gone(processes: set[int]) -> None:
+def assert_gone(processes):
     deadline = time.monotonic() + 300.0
     while any(is_running(pid) for pid in processes) and time.monotonic() < deadline:
         time.sleep(0.1)
@@ -153,7 +151,7 @@ def assert_gone(processes: set[int]) -> None:
 
 
 @pytest.mark.parametrize("num_jobs", [1, 2])
-def test_shared_records_are_looked_up_by_key(num_jobs: int) -> None:
+def test_shared_records_are_looked_up_by_key(num_jobs):
     records = ((str(i), {"positions": np.full((4, 3), float(i))}) for i in range(300))
     with SharedTable.create(records) as table:
         assert len(table) == 300
@@ -168,7 +166,7 @@ def test_shared_records_are_looked_up_by_key(num_jobs: int) -> None:
     assert not path.exists()
 
 
-def test_what_is_made_of_records_is_kept_while_they_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_made_of_records_is_kept_while_they_fit(monkeypatch):
     records = [(str(i), {"positions": np.full(1000, float(i))}) for i in range(4)]
     monkeypatch.setattr(table_module, "_MAX_KEPT_BYTES", 20_000)  # two of them
     with SharedTable.create(records) as table:
@@ -181,7 +179,7 @@ def test_what_is_made_of_records_is_kept_while_they_fit(monkeypatch: pytest.Monk
         assert table["1"]["positions"].shape == (1000,)  # kept apart from what is made of it
 
 
-def test_a_table_that_cannot_be_written_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_table_that_cannot_be_written_leaves_no_file(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with SharedTable.create([("a", {"f": 1})]) as table:
         assert table.path.is_relative_to(tmp_path)
@@ -190,7 +188,7 @@ def test_a_table_that_cannot_be_written_leaves_no_file(tmp_path: Path, monkeypat
     assert list(tmp_path.iterdir()) == []
 
 
-def test_progress_is_told_of_every_result() -> None:
+def test_progress_is_told_of_every_result():
     text = io.StringIO()
     with ProgressBar("pairs", 6, done=2, file=text) as progress:
         collect(misbehave, [("a", ("return", 1)), ("b", ("raise", 1)), ("c", ("return", 1))], progress=progress)
@@ -200,15 +198,16 @@ def test_progress_is_told_of_every_result() -> None:
 
 
 @pytest.mark.parametrize(
-    "options",
+    "limits",
     [
-        {"num_jobs": 0},
         {"time_limit_s": 0.0},
         {"time_limit_s": float("nan")},
         {"time_limit_s": float("inf")},
         {"memory_limit_bytes": 5},
     ],
 )
-def test_impossible_options_are_refused(options: dict[str, Any]) -> None:
+def test_impossible_limits_are_refused(limits):
     with pytest.raises(OptionsError):
-        run_jobs(spectrum, SPECTRA, **options)
+        Limits(**limits)
+    with pytest.raises(OptionsError):
+        run_jobs(spectrum, SPECTRA, num_jobs=0)

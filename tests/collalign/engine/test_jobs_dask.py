@@ -3,17 +3,14 @@ import logging
 import os
 import signal
 import threading
-from collections.abc import Iterator
 from concurrent.futures import CancelledError
 from contextlib import nullcontext
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.engine.jobs.run import JobResult, SharedTable, run_jobs
+from collalign.engine.jobs.run import Limits, SharedTable, run_jobs
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import CollalignError
 from data_tools.options import SamplingOptions
@@ -26,7 +23,7 @@ dask_jobs = pytest.importorskip("collalign.engine.jobs.dask")
 
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[Any]:
+def cluster():
     options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": ":0"}
     timeouts = {f"distributed.comm.timeouts.{name}": "300s" for name in ("connect", "tcp")}
     with (
@@ -44,17 +41,17 @@ def cluster() -> Iterator[Any]:
         replacing.join()
 
 
-def replace_lost_workers(cluster: Any, done: threading.Event) -> None:
+def replace_lost_workers(cluster, done):
     """Do what a queue of jobs does: Dask gives a worker up that dies before it has told its nanny that it runs."""
     while not done.wait(1.0):
         cluster.scale(2)
 
 
-def kill_one_worker(cluster: Any) -> None:
+def kill_one_worker(cluster):
     os.kill(next(worker.pid for worker in cluster.workers.values() if worker.pid), signal.SIGKILL)
 
 
-def test_restarted_workers_have_the_shared_records(cluster: Any) -> None:
+def test_restarted_workers_have_the_shared_records(cluster):
     found = {}
     with SharedTable.create((str(i), {"positions": np.full((4, 3), float(i))}) for i in range(10)) as table:
         tasks = [(f"{i} {j}", str(i)) for i in range(10) for j in range(20)]
@@ -70,12 +67,10 @@ def test_restarted_workers_have_the_shared_records(cluster: Any) -> None:
     "error",
     [asyncio.CancelledError(), CancelledError(), OSError("gone"), UnboundLocalError("result"), TimeoutError()],
 )
-def test_results_that_are_lost_on_their_way_are_asked_for_again(
-    error: BaseException, cluster: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_results_that_are_lost_on_their_way_are_asked_for_again(error, cluster, monkeypatch):
     ask, lost = distributed.Future.result, iter(range(3))
 
-    def lose_three(future: Any, *arguments: Any, **options: Any) -> Any:
+    def lose_three(future, *arguments, **options):
         if next(lost, None) is not None:
             raise error
         return ask(future, *arguments, **options)
@@ -87,8 +82,8 @@ def test_results_that_are_lost_on_their_way_are_asked_for_again(
     assert next(lost, None) is None
 
 
-def tables_of_workers(cluster: Any) -> list[set[str]]:
-    def names() -> set[str]:
+def tables_of_workers(cluster):
+    def names():
         from collalign.engine.jobs.dask import _TABLES
 
         return set(_TABLES)
@@ -97,7 +92,7 @@ def tables_of_workers(cluster: Any) -> list[set[str]]:
         return list(client.run(names).values())
 
 
-def test_a_table_is_taken_from_the_workers_when_its_run_ends(cluster: Any) -> None:
+def test_a_table_is_taken_from_the_workers_when_its_run_ends(cluster):
     with SharedTable.create((str(i), {"positions": np.full(3, 1.0)}) for i in range(4)) as table:
         tasks = [(str(i), str(i)) for i in range(4)]
         results = run_jobs(look_up, tasks, scheduler=cluster.scheduler_address, shared=table)
@@ -107,7 +102,7 @@ def test_a_table_is_taken_from_the_workers_when_its_run_ends(cluster: Any) -> No
     assert not any(tables_of_workers(cluster))
 
 
-def test_tasks_that_kill_workers_cost_only_themselves(cluster: Any) -> None:
+def test_tasks_that_kill_workers_cost_only_themselves(cluster):
     tasks = [(f"r{i}", ("return", i)) for i in range(20)]
     tasks[3:3] = [("raise", ("raise", 1)), ("segfault", ("segfault", 1)), ("fill", ("fill", 1))]
     results = {
@@ -116,8 +111,7 @@ def test_tasks_that_kill_workers_cost_only_themselves(cluster: Any) -> None:
             misbehave,
             tasks,
             scheduler=cluster.scheduler_address,
-            time_limit_s=300.0,
-            memory_limit_bytes=2**31,
+            limits=Limits(time_limit_s=300.0, memory_limit_bytes=2**31),
         )
     }
     assert results.keys() == dict(tasks).keys()
@@ -127,19 +121,19 @@ def test_tasks_that_kill_workers_cost_only_themselves(cluster: Any) -> None:
     assert {key for key, result in results.items() if result.crashed} == {"segfault", "fill"}
 
 
-def test_a_cluster_with_other_versions_is_refused(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cluster_with_other_versions_is_refused(cluster, monkeypatch):
     monkeypatch.setattr("collalign.engine.jobs.cluster._version", lambda package: "0.0")
     with pytest.raises(CollalignError, match="same versions"):
         list(run_jobs(spectrum, [("a", 1)], scheduler=cluster.scheduler_address))
 
 
-def test_a_collection_is_the_same_after_a_worker_was_killed(cluster: Any, tmp_path: Path) -> None:
+def test_a_collection_is_the_same_after_a_worker_was_killed(cluster, tmp_path):
     write_collection(tmp_path, chairs(4))
     options = AlignOptions(group="SO", sampling=SamplingOptions(num_points=16, num_dense_points=0))
-    kinds: list[str] = []
+    kinds = []
 
-    def progress(kind: str, total: int, *, done: int = 0) -> Any:
-        def report(job: JobResult) -> None:
+    def progress(kind, total, *, done=0):
+        def report(job):
             if kind == "pairs" and kind not in kinds:
                 kill_one_worker(cluster)
             kinds.append(kind)
