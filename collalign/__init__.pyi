@@ -25,7 +25,6 @@ from collalign.products.run_record import RunRecord as RunRecord
 from collalign.products.shapes import Excluded as Excluded
 from collalign.products.trust import Trust as Trust
 from collalign.products.trust import Witness as Witness
-from collalign.registration.registration_options import RegistrationOptions as RegistrationOptions
 from collalign.stages.poses.synchronize import pair_graph as pair_graph
 from collalign.synchronization import synchronize as synchronize
 from collalign.synchronization import synchronize_graph as synchronize_graph

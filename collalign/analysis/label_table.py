@@ -10,13 +10,12 @@ from pathlib import Path
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import plain_cell
 from data_tools.io.files import read_text
+from data_tools.percent import listed
 
 #: Values that mean "not known", compared without regard to case.
 UNKNOWN = frozenset({"", "na", "n/a", "nan", "none", "unknown", "?"})
 #: Columns that may hold the shapes' names, the first found counts; otherwise it is the first column.
 NAME_COLUMNS = ("name", "shape", "specimen", "id", "file")
-#: Most names that a sentence lists.
-_MAX_NAMED = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,15 +67,11 @@ class Labels:
         bare = sorted({*names} - {name for row in self.rows for name in row})
         found = []
         if strange:
-            found.append(f"{self.source}: no shape is called {_some(strange)}; rows are found by the shapes' names")
+            called = listed([*map(repr, strange)])
+            found.append(f"{self.source}: no shape is called {called}; rows are found by the shapes' names")
         if bare:
-            found.append(f"{self.source}: there is no row for {_some(bare)}")
+            found.append(f"{self.source}: there is no row for {listed([*map(repr, bare)])}")
         return found
-
-
-def _some(names: Sequence[str]) -> str:
-    shown = ", ".join(map(repr, names[:_MAX_NAMED]))
-    return shown if len(names) <= _MAX_NAMED else f"{shown} and {len(names) - _MAX_NAMED} more"
 
 
 def read_labels(path: Path | str) -> Labels:

@@ -89,13 +89,3 @@ def cophenetic_tree(distances: ArrayLike) -> Tree:
         order=read_only(leaves_list(joined).astype(np.int64)),
         correlation=float(np.corrcoef(condensed, heights)[0, 1]) if spread > 0 else float("nan"),
     )
-
-
-def newick(tree: Tree, names: tuple[str, ...]) -> str:
-    """Write a tree in Newick form; a branch is half the difference of heights, so that every tip is equally deep."""
-    quoted = ["'" + name.replace("'", "''") + "'" for name in names]
-    parts = [(text, 0.0) for text in quoted]
-    for left, right, height, _ in tree.linkage.tolist():
-        branches = [f"{text}:{(height - low) / 2!r}" for text, low in (parts[int(left)], parts[int(right)])]
-        parts.append((f"({','.join(branches)})", height))
-    return parts[-1][0] + ";"

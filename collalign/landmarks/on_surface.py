@@ -16,6 +16,7 @@ from data_tools.io.coordinate_systems import LPS_RAS, CoordinateSystem, declared
 from data_tools.io.shapes import read_shape
 from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks
 from data_tools.options import CleaningOptions
+from data_tools.percent import listed
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
 
@@ -28,7 +29,6 @@ _NEARER, _MIN_LANDMARKS = 4.0, 4
 #: Landmarks that spread over less, in the same unit, are near any surface through that place.
 _ONE_PLACE = 0.2
 _UNITS = (10.0, 100.0, 1000.0, 25.4)
-_MAX_NAMED = 5
 #: A place between samples of a cloud may be as far as most of them are from their third neighbours.
 _AROUND, _MOST = 4, 0.95
 _Points = TypeVar("_Points", Landmarks, Semilandmarks)
@@ -175,8 +175,7 @@ def _off_surface(name: str, placed: Landmarks, surface: _Surface) -> list[str]:
         return []
     away = surface.distances(placed.points[known])
     far = [f"{placed.labels[known[at]]} ({away[at] * surface.radius:.4g})" for at in np.flatnonzero(away > FAR)]
-    more = f" and {len(far) - _MAX_NAMED} more" if len(far) > _MAX_NAMED else ""
-    return [f"{name}: landmarks off its surface keep their distance: {', '.join(far[:_MAX_NAMED])}{more}"] * bool(far)
+    return [f"{name}: landmarks off its surface keep their distance: {listed(far)}"] * bool(far)
 
 
 def _sets(marks: Landmarks) -> tuple[Landmarks | Semilandmarks, ...]:

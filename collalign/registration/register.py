@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 
 from collalign.registration.field import SmoothField, gaussian_kernel
 from collalign.registration.pose import fitting_similarity
-from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError
@@ -21,6 +20,8 @@ from data_tools.threads import one_blas_thread
 # Lengths are in parts of the shapes' root mean square radius. All were chosen on eight mouse skulls and sixteen
 # molars, by how well their landmarks carry each other's places over from the landmarks' own poses; quoted figures are
 # of other specimens. ``python -m experiments calibrate registration`` tries other values on four of each.
+#: Farthest points of the source at which the Gaussians stand that a deformation is made of.
+NUM_CENTRES = 600
 #: Widths of the Gaussians that a deformation is made of. Adding .15 follows detail that landmarks do not.
 WIDTHS = (0.6, 0.3)
 #: Standard deviation of a displacement that each width is expected to need.
@@ -82,9 +83,7 @@ class Registration:
 
 
 @one_blas_thread()
-def register(
-    target: RegistrationSurface, source: RegistrationSurface, options: RegistrationOptions | None = None
-) -> Registration:
+def register(target: RegistrationSurface, source: RegistrationSurface) -> Registration:
     """Deform a source onto a target that it is posed on already.
 
     The common poses of a collection fit a pair but roughly, above all in size. So the source is shifted and scaled,
@@ -99,7 +98,6 @@ def register(
     Parameters
     ----------
     target, source : RegistrationSurface
-    options : RegistrationOptions, optional
 
     Raises
     ------
@@ -111,8 +109,7 @@ def register(
     Lüthi et al. 2018 (Gaussian process registration); Feldmar and Ayache 1996 (closest points with normals); Chen and
     Medioni 1992 (offsets along normals count more than those along the surface); Tukey's biweight.
     """
-    options = options or RegistrationOptions()
-    solver = _FieldSolver(source, options)
+    solver = _FieldSolver(source)
     poses = [settled_pose(target, source, turns=turns) for turns in (False, True)]
     fits = [_Fit.start(target, source, solver, pose) for pose in poses]
     fits = [fit.iterated(NOISE[:_NUM_COMPARED]) for fit in fits]
@@ -259,8 +256,8 @@ class _Search:
 class _FieldSolver:
     """Finds the field that correspondences ask for."""
 
-    def __init__(self, source: RegistrationSurface, options: RegistrationOptions) -> None:
-        centres = source.vertices[source.spread[: options.num_centres]]
+    def __init__(self, source: RegistrationSurface) -> None:
+        centres = source.vertices[source.spread[:NUM_CENTRES]]
         widths = tuple(source.radius * width for width in WIDTHS)
         amplitudes = tuple(source.radius * amplitude for amplitude in AMPLITUDES)
         self.still = SmoothField(

@@ -15,6 +15,8 @@ from data_tools.surface.normals import outward_normals, vertex_normals
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import mesh_edges
 
+#: Farthest points of each shape whose closest point on the other pulls.
+NUM_POINTS = 2500
 #: Meshes with a larger share of edges on whose side their triangles disagree are compared by positions only.
 _MAX_DEFECTS = 0.01
 
@@ -46,7 +48,7 @@ class RegistrationSurface:
     radius: float
 
     @classmethod
-    def from_shape(cls, shape: Shape, num_points: int) -> RegistrationSurface:
+    def from_shape(cls, shape: Shape, num_points: int = NUM_POINTS) -> RegistrationSurface:
         """Prepare a shape, of which at most ``num_points`` farthest points pull and are pulled."""
         normals = outward_normals(shape, max_defects=_MAX_DEFECTS)
         faces, oriented = shape.faces, len(normals) > 0

@@ -29,7 +29,7 @@ from collalign.stages.surface_gap import surface_gaps
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
-from data_tools.percent import percent
+from data_tools.percent import listed, percent
 from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.pose_lists import PoseList, list_poses
 from pairwise.certificates.certificate import Certificate
@@ -47,8 +47,6 @@ CONTRADICTION_RAD = np.deg2rad(30.0)
 GIVEN_UP_FACTOR = 10
 #: Most listed poses and regions of a pair: more candidates would make synchronization slow.
 MOST_LISTED = 32
-#: Pairs named in a note.
-_MOST_NAMED = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -109,9 +107,9 @@ def pair_proof(poses: PoseList, gaps_at: Callable[[FloatArray], FloatArray]) -> 
     pose, certificate = proof.candidate, proof.certificate
     shape, size = pose.R_target_source.shape, len(pose.map_target_source)
     is_complete = poses.is_resolved and len(poses.regions) <= MOST_LISTED
-    listed = poses.candidates[:MOST_LISTED]
+    nearly = poses.candidates[:MOST_LISTED]
     balls = [region.ball for region in poses.regions] if is_complete else []
-    rotations = np.array([one.R_target_source for one in listed]).reshape(-1, *shape)
+    rotations = np.array([one.R_target_source for one in nearly]).reshape(-1, *shape)
     return PairProof(
         lower_bound=float(min(proof.lower_bound if certificate is None else certificate.bound, pose.energy)),
         status=proof.status,
@@ -121,9 +119,9 @@ def pair_proof(poses: PoseList, gaps_at: Callable[[FloatArray], FloatArray]) -> 
         gap=float(gaps_at(pose.R_target_source[None])[0]),
         chirality_proven=bool(proof.is_chirality_proven),
         certificate=certificate,
-        listed_energies=np.array([one.energy for one in listed], dtype=np.float64),
+        listed_energies=np.array([one.energy for one in nearly], dtype=np.float64),
         listed_rotations=rotations,
-        listed_maps=np.array([one.map_target_source for one in listed]).reshape(-1, size).astype(np.int32),
+        listed_maps=np.array([one.map_target_source for one in nearly]).reshape(-1, size).astype(np.int32),
         listed_gaps=gaps_at(rotations),
         complete_within=LISTED_WITHIN if is_complete else float("nan"),
         regions=np.array([centre for centre, _ in balls]).reshape(-1, *shape),
@@ -245,9 +243,8 @@ def contradictions(names: Sequence[str], pairs: Sequence[Pair], frames: FloatArr
             found.append(f"{names[pair.target]} - {names[pair.source]}")
     if not found:
         return ()
-    shown = ", ".join(found[:_MOST_NAMED]) + (f" and {len(found) - _MOST_NAMED} more" if found[_MOST_NAMED:] else "")
     return (
-        f"Proven: no pose of {shown} that costs at most {LISTED_WITHIN:g} times the best one is within "
+        f"Proven: no pose of {listed(found)} that costs at most {LISTED_WITHIN:g} times the best one is within "
         f"{np.rad2deg(CONTRADICTION_RAD):.0f} deg of the common poses.",
     )
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from collalign.registration import register
 from collalign.registration.pose import fitting_similarity
-from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import FloatArray
 from data_tools.poses import moved_by
@@ -48,8 +47,7 @@ def draw_pairs(data: Path, collection: str, quick: bool) -> list[LandmarkedPair]
     assert dataset.landmarks is not None  # the collections here have some
     eligible = np.arange(len(dataset)) if dataset.chirality is None else np.flatnonzero(dataset.chirality == 1)
     chosen = np.random.default_rng(SEED).permutation(eligible)[: NUM_QUICK if quick else NUM_SHAPES].tolist()
-    num_points = RegistrationOptions().num_points
-    surfaces = [RegistrationSurface.from_shape(dataset.shape(which), num_points) for which in chosen]
+    surfaces = [RegistrationSurface.from_shape(dataset.shape(which)) for which in chosen]
     pairs = []
     for at, (target, source) in enumerate(itertools.pairwise(surfaces)):
         goals, marks = dataset.landmarks[chosen[at]], dataset.landmarks[chosen[at + 1]]

@@ -8,7 +8,6 @@ import collalign
 from collalign.engine.run_options import RunOptions
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.options import AlignOptions, TwoShapeOptions
-from collalign.registration.registration_options import RegistrationOptions
 from collalign.tools.certify.rounds import CertifyOptions
 from collalign.tools.stability.run import StabilityOptions
 from data_tools.errors import CollalignError, OptionsError
@@ -17,7 +16,7 @@ from pairwise.options import MatchOptions, PairOptions
 
 OPTIONS = (
     *(AlignOptions, TwoShapeOptions, PairOptions, RunOptions, CleaningOptions, SamplingOptions, EmbeddingOptions),
-    *(MatchOptions, SurfaceOptions, NonrigidOptions, RegistrationOptions, CertifyOptions, StabilityOptions),
+    *(MatchOptions, SurfaceOptions, NonrigidOptions, CertifyOptions, StabilityOptions),
 )
 #: What no field takes, whatever its type, but those of names and paths, which are looked up later.
 NOTHING = object()

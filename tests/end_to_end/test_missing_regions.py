@@ -136,7 +136,7 @@ def test_every_export_says_what_is_missing(teeth, tmp_path):
         name: str(int(name == BROKEN)) for name in view.names
     }
     assert float(shapes[BROKEN]["coverage"]) == pytest.approx(view.coverage[row])
-    for kind in ("tps", "nts", "morphologika"):
+    for kind in ("tps", "morphologika"):
         export(teeth.result, kind, tmp_path / kind)
         with (tmp_path / kind / "specimens.csv").open() as file:
             assert [line["incomplete"] for line in csv.DictReader(file)] == [

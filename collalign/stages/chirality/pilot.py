@@ -24,6 +24,7 @@ from collalign.stages.pairs.match import match_pairs
 from collalign.stages.pairs.sparse_pairs import all_pairs
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
+from data_tools.percent import listed
 from pairwise.dense.points import DensePoints
 from pairwise.dense.refine import refine_pose
 
@@ -38,8 +39,6 @@ KEPT_UNMIRRORED = (
     "Added shapes look like mirror images, but the collection was aligned without mirror images and keeps that; to "
     "mirror them, align all shapes again."
 )
-#: Names in a note.
-_MOST_NAMES = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,11 +224,10 @@ def chirality_energies(pair: Pair, target: Samples, source: Samples) -> tuple[fl
 def _note(sides: Sides, num_better: int, names: tuple[str, ...]) -> str:
     """Return what was decided and on which evidence."""
     num_mirrored = int(sides.mirrored.sum())
-    listed = ", ".join([name for name, is_there in zip(names, sides.mirrored, strict=True) if is_there][:_MOST_NAMES])
-    listed += f" and {num_mirrored - _MOST_NAMES} more" if num_mirrored > _MOST_NAMES else ""
+    mirrored = listed([name for name, is_there in zip(names, sides.mirrored, strict=True) if is_there])
     if sides.are_clear:
         return (
-            f"Left and right specimens are mixed, {num_mirrored} of {len(names)} on the smaller side ({listed}): "
+            f"Left and right specimens are mixed, {num_mirrored} of {len(names)} on the smaller side ({mirrored}): "
             f"shapes may be mirrored. In {sides.num_between} pairs between the sides the mirror image fits better, "
             f"by a median factor of {np.exp(sides.median_between):.2f} in energy; {sides.contradicted:.1%} of the "
             f"evidence contradicts the sides (--group SO forbids mirror images)."
@@ -245,6 +243,6 @@ def _note(sides: Sides, num_better: int, names: tuple[str, ...]) -> str:
         return f"No shape is mirrored: no mix of left and right specimens was noticed ({evidence})."
     why = "so few shapes cannot tell" if len(names) < MIN_SHAPES else "the evidence is not clear enough"
     return (
-        f"No shape is mirrored, but {listed} may be mirror images of the others ({evidence}): {why}; if left and "
+        f"No shape is mirrored, but {mirrored} may be mirror images of the others ({evidence}): {why}; if left and "
         f"right specimens are mixed, align with --group O."
     )

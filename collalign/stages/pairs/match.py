@@ -19,12 +19,10 @@ from collalign.stages.surface_gap import surface_gaps
 from data_tools.arrays import FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError, InputError, SolveFailed
+from data_tools.percent import MAX_NAMED
 from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
 from pairwise.status import Status
-
-#: Failed pairs that an error names.
-_MOST_NAMED = 10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,7 +117,7 @@ def match_pairs(session: AlignSession, shapes: Shapes, edges: IntArray) -> tuple
     pairs = [poses.pair(i, j) for (i, j), poses in found.items()]
     failed = [Excluded(file=shapes.label(i, j), reason=reason) for (i, j), reason in found.failures.items()]
     if not pairs:
-        reasons = "".join(f"\n  {item.file}: {item.reason}" for item in failed[:_MOST_NAMED])
+        reasons = "".join(f"\n  {item.file}: {item.reason}" for item in failed[:MAX_NAMED])
         raise CollectionError(f"not one of {len(edges)} pairs could be matched{reasons}")
     return pairs, failed
 

@@ -17,7 +17,6 @@ from collalign.products.deformation import VertexMaps
 from collalign.registration.missing import mean_of_what_is_there, missing_vertices, with_cloud_rim
 from collalign.registration.pose import fitting_similarity
 from collalign.registration.register import register
-from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.start import bent_by_map, unbent
 from collalign.registration.surface import RegistrationSurface
 from collalign.tools.correspond.map_starts import START_VERSION, MapStart, map_starts
@@ -98,7 +97,7 @@ class SourceSurface:
 
 
 def correspond(
-    session: Session[RegistrationOptions],
+    session: Session[None],
     files: Sequence[PosedFile],
     reference: int,
     maps: VertexMaps | None = None,
@@ -160,7 +159,7 @@ def _mean(found: Sequence[Registered], source: Shape, *, is_bent: bool) -> Float
 
 
 def _register_all(
-    session: Session[RegistrationOptions],
+    session: Session[None],
     files: Sequence[PosedFile],
     source: Shape,
     starts: Mapping[str, MapStart],
@@ -172,12 +171,11 @@ def _register_all(
     for file in files:
         start = starts.get(file.name)
         wanted[file.name] = Wanted(
-            key=_key(file, source_key, session.options, start),
+            key=_key(file, source_key, start),
             label=file.name,
             arguments={
                 "source": Shared(key="0", reader=SourceSurface),
                 "target": file,
-                "options": session.options,
                 "start": start,
             },
         )
@@ -185,9 +183,8 @@ def _register_all(
         return session.compute(REGISTERING, wanted, time_limit_s=session.run.shape_time_limit_s, shared=table)
 
 
-def _key(file: PosedFile, source_key: str, options: RegistrationOptions, start: MapStart | None) -> str:
+def _key(file: PosedFile, source_key: str, start: MapStart | None) -> str:
     settings = {
-        "options": options,
         "cleaning": file.cleaning,
         "suffix": file.path.suffix.lower(),
         "transform": file.transform,
@@ -198,19 +195,17 @@ def _key(file: PosedFile, source_key: str, options: RegistrationOptions, start: 
     return REGISTERING.key(settings, file.digest, source_key)
 
 
-def register_file(
-    source: SourceSurface, target: PosedFile, options: RegistrationOptions, start: MapStart | None
-) -> Registered:
+def register_file(source: SourceSurface, target: PosedFile, start: MapStart | None) -> Registered:
     """Register a source to one file, from where a map between both takes it if there is one; runs inside a worker."""
     shape, _ = posed_shape(target)
-    surface = RegistrationSurface.from_shape(shape, options.num_points)
+    surface = RegistrationSurface.from_shape(shape)
     if target.incomplete:
         surface = with_cloud_rim(surface)
     first = Shape.from_arrays(source.vertices, source.faces, name="mean")
     bent = None if start is None else bent_by_map(shape, first, start.goals(stored_shape(target)))
     if bent is not None:
         first = Shape.from_arrays(bent, source.faces, name="mean")
-    found = register(surface, RegistrationSurface.from_shape(first, options.num_points), options)
+    found = register(surface, RegistrationSurface.from_shape(first))
     lacks = missing_vertices(surface, found.vertices) if target.incomplete else np.zeros(len(found.vertices), bool)
     return Registered(
         vertices=found.vertices,
@@ -221,8 +216,8 @@ def register_file(
     )
 
 
-#: Registers a surface. The version changes whenever the same surfaces and options would give another registration.
-REGISTERING = Job(kind="registrations", version="dense-6", run=register_file, reader=Registered)
+#: Registers a surface. The version changes whenever the same surfaces would give another registration.
+REGISTERING = Job(kind="registrations", version="dense-7", run=register_file, reader=Registered)
 
 
 def _pose(vertices: FloatArray, source: FloatArray) -> FloatArray:

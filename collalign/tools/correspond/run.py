@@ -15,7 +15,6 @@ from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import main_part
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE
 from collalign.registration.mean import medoid
-from collalign.registration.registration_options import RegistrationOptions
 from collalign.tools.correspond.jobs import PosedFile, correspond
 from collalign.tools.correspond.result import DenseCorrespondence
 from data_tools.arrays import FloatArray, IntArray
@@ -31,7 +30,6 @@ def dense_correspondence(
     result: str | Path,
     *,
     leave_out: Iterable[str] = (),
-    options: RegistrationOptions | Mapping[str, Any] | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
 ) -> DenseCorrespondence:
@@ -49,7 +47,6 @@ def dense_correspondence(
         other, only the largest is registered.
     leave_out : collection of str
         Names of shapes that neither count in the mean nor are registered.
-    options : RegistrationOptions, optional
     run : RunOptions, optional
         With a store, finished registrations are kept.
     progress : bool or callable
@@ -89,11 +86,7 @@ def dense_correspondence(
         for at in members
     ]
     maps = collection.vertex_maps if (Path(result) / VERTEX_MAPS_FILE).is_file() else None
-    with Session.open(
-        as_options("options", options, RegistrationOptions),
-        as_options("run", run, RunOptions),
-        progress_display(progress),
-    ) as session:
+    with Session.open(None, as_options("run", run, RunOptions), progress_display(progress)) as session:
         return correspond(session, files, members.index(reference_shape(collection, members)), maps)
 
 

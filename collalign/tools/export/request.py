@@ -169,7 +169,7 @@ def complete_labels(collection: Collection) -> BoolArray:
     if common.sum() < MIN_LABELS:
         raise InputError(
             f"only {int(common.sum())} landmarks exist on every shape, at least {MIN_LABELS} are needed: "
-            "export a format that knows missing landmarks (tps, nts, morphologika), or align the partial shapes apart"
+            "export a format that knows missing landmarks (tps, morphologika), or align the partial shapes apart"
         )
     return common
 
@@ -203,6 +203,6 @@ def label_columns(collection: Collection, taken: Iterable[str]) -> dict[str, lis
     return {f"label_{name}" if name in fixed else name: list(values) for name, values in collection.labels.items()}
 
 
-def words(values: Iterable[float], *, missing: str = "NaN") -> str:
+def words(values: Iterable[float]) -> str:
     """Numbers in full precision, separated by blanks, without exponents: several landmark readers know none."""
-    return " ".join(missing if np.isnan(value) else np.format_float_positional(value, trim="0") for value in values)
+    return " ".join("NaN" if np.isnan(value) else np.format_float_positional(value, trim="0") for value in values)

@@ -8,7 +8,7 @@ from pathlib import Path
 from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members, statistics_members
-from collalign.tools.export import fcsv, itk, meshes, morphologika, nts, shapeworks, slicer_json, tables, tps
+from collalign.tools.export import itk, meshes, morphologika, shapeworks, slicer_json, tables, tps
 from collalign.tools.export.request import ExportRequest, Space
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
@@ -23,9 +23,7 @@ __all__ = ["FORMATS", "Space", "export", "left_out_sentence"]
 FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
     "morphologika": morphologika.write,
     "tps": tps.write,
-    "nts": nts.write,
     "slicer-json": slicer_json.write,
-    "fcsv": fcsv.write,
     "shapeworks": shapeworks.write,
     "csv": tables.write_csv,
     "ply": meshes.writer("ply"),

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from collalign.analysis.ordination import cophenetic_tree, newick
 from collalign.analysis.procrustes import generalized_procrustes, principal_components, procrustes_distances
 from collalign.tools.export.request import (
     ExportRequest,
@@ -25,12 +24,11 @@ Table = Mapping[str, Sequence[Any]]
 
 
 def write_csv(request: ExportRequest) -> tuple[Path, ...]:
-    """Write every table as ``NAME.csv`` and the cophenetic tree as ``tree.nwk``."""
-    paths = [
+    """Write every table as ``NAME.csv``."""
+    return tuple(
         request.write(f"{name}.csv", csv_text([table, *zip(*table.values(), strict=True)]))
         for name, table in result_tables(request).items()
-    ]
-    return (*paths, *_tree(request))
+    )
 
 
 def result_tables(request: ExportRequest) -> dict[str, Table]:
@@ -111,11 +109,3 @@ def _distances(request: ExportRequest) -> Table:
     distances = procrustes_distances(request.collection.aligned_landmarks)
     columns = dict(zip(request.collection.names, distances.T.tolist(), strict=True))
     return {"": list(request.collection.names)} | columns
-
-
-def _tree(request: ExportRequest) -> tuple[Path, ...]:
-    counted = request.counted.collection
-    distances = procrustes_distances(counted.aligned_landmarks)
-    if len(distances) < 2 or np.isnan(distances).any():
-        return ()
-    return (request.write("tree.nwk", newick(cophenetic_tree(distances), counted.names) + "\n"),)

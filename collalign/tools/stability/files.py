@@ -16,7 +16,7 @@ from data_tools.html_pages import html_figure, html_table, write_html_page
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
-from data_tools.percent import percent
+from data_tools.percent import listed, percent
 
 #: The command whose files these are, in the manifest of an output folder.
 WRITER = "stability"
@@ -34,8 +34,6 @@ _TITLES = {
 _COLUMNS = tuple(_TITLES)
 #: Shapes drawn, the least stable ones.
 _MAX_DRAWN = 60
-#: Shapes named in a line.
-_MAX_NAMES = 8
 
 
 def write_stability(stability: Stability, output: OutputFolder) -> tuple[Path, ...]:
@@ -65,8 +63,7 @@ def stability_summary(stability: Stability) -> tuple[str, ...]:
     moved = [i for i in compared if poses[i] < 1.0]
     chosen = stability.who.chosen
     counted = np.intersect1d(chosen, compared)
-    worst = ", ".join(f"{names[i]} ({percent(poses[i])})" for i in moved[:_MAX_NAMES])
-    more = f" and {len(moved) - _MAX_NAMES} more" if len(moved) > _MAX_NAMES else ""
+    worst = listed([f"{names[i]} ({percent(poses[i])})" for i in moved])
     lines = [
         f"{int((poses[counted] == 1.0).sum())} of {len(counted)} poses stayed within {stability.stay_deg:.0f} deg of "
         "the others' in every repetition.",
@@ -77,7 +74,7 @@ def stability_summary(stability: Stability) -> tuple[str, ...]:
     ]
     if moved:
         sure = sum(not doubted[i] for i in moved)
-        lines.insert(1, f"Least stable, look at them first: {worst}{more}.")
+        lines.insert(1, f"Least stable, look at them first: {worst}.")
         lines.append(f"Of the {len(moved)} shapes that moved, {sure} had not been called doubtful.")
     if stability.who.left_out:
         lines.append(stability.who.sentence)

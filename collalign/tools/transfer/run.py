@@ -22,7 +22,6 @@ from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.products.trust import DOUBT
 from collalign.registration.missing import missing_vertices, with_cloud_rim
-from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.surface import RegistrationSurface
 from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.correspond.run import dense_correspondence
@@ -62,7 +61,6 @@ def transfer_landmarks(
     patches: Sequence[str | Path] = (),
     curve_points: int | None = None,
     surface_points: int = 0,
-    options: RegistrationOptions | Mapping[str, Any] | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
 ) -> TransferredLandmarks:
@@ -83,7 +81,6 @@ def transfer_landmarks(
         Evenly spaced semilandmarks on every curve; by default so many as the first template's curve has points.
     surface_points : int
         Semilandmarks spread evenly over the mean surface and carried to all, templates too.
-    options : RegistrationOptions, optional
     run : RunOptions, optional
     progress : bool or callable
         As in :func:`collalign.align_collection`.
@@ -124,7 +121,7 @@ def transfer_landmarks(
     table = landmark_table(
         placed.landmarks, {name: collection.transforms[at] for name, at in rows.items()}, curve_points=curve_points
     )
-    dense = dense_correspondence(result, options=options, run=run, progress=progress)
+    dense = dense_correspondence(result, run=run, progress=progress)
     found = _Transfer(collection, dense, table).run(surface_points)
     return replace(found, notes=placed.notes, system=placed.system)
 

@@ -6,7 +6,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign.registration.register import register
-from collalign.registration.registration_options import RegistrationOptions
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
@@ -27,15 +26,12 @@ MOST_UNLIKE = 0.08
 
 
 @one_blas_thread()
-def mirror_map(
-    shape: Shape, options: RegistrationOptions | None = None, *, normal: FloatArray | None = None
-) -> SurfacePoints:
+def mirror_map(shape: Shape, *, normal: FloatArray | None = None) -> SurfacePoints:
     """Find the other side of a surface by registering its mirror image to it.
 
     Parameters
     ----------
     shape : Shape
-    options : RegistrationOptions, optional
     normal : ndarray, shape (3,), optional
         Of the mirror plane, roughly; by default the plane is looked for whose mirror image fits best.
 
@@ -49,8 +45,7 @@ def mirror_map(
     InputError
         If the mirror image is too unlike the surface.
     """
-    options = options or RegistrationOptions()
-    surface = RegistrationSurface.from_shape(shape, options.num_points)
+    surface = RegistrationSurface.from_shape(shape)
     centre = surface.vertices[surface.spread].mean(axis=0)
     points = _dense_points(surface, centre)
     starts = _best_normals(points) if normal is None else np.asarray(normal)[None]
@@ -59,7 +54,7 @@ def mirror_map(
     turn = best.pose.rotation
     pose = Similarity(rotation=turn, scale=1.0, shift=best.pose.shift + centre - turn @ centre)
     image = shape.transformed(pose.transform)
-    source = RegistrationSurface.from_shape(image, options.num_points)
+    source = RegistrationSurface.from_shape(image)
     gaps = surface.locator.closest(image.vertices).on(shape.vertices) - image.vertices
     unlikeness = float(np.sqrt((gaps**2).sum(axis=1).mean())) / surface.radius
     if unlikeness > MOST_UNLIKE:
@@ -67,7 +62,7 @@ def mirror_map(
             f"{shape.name}: is not bilateral: its mirror image fits to {unlikeness:.2f} of the radius at best, "
             f"{MOST_UNLIKE} at most is meant"
         )
-    return surface.locator.closest(register(surface, source, options).vertices)
+    return surface.locator.closest(register(surface, source).vertices)
 
 
 def _dense_points(surface: RegistrationSurface, centre: FloatArray) -> DensePoints:

@@ -24,8 +24,8 @@ def test_names_that_do_not_fit_are_told(tmp_path):
     ]
     assert labels.mismatches(["a", "b", "bbb", "d", "e"]) == [f"{labels.source}: there is no row for 'd', 'e'"]
     assert labels.mismatches(["a", "B", "bb"]) == []
-    many = labels.mismatches(["a", "b", "bb", *"123456"])
-    assert many == [f"{labels.source}: there is no row for '1', '2', '3', '4', '5' and 1 more"]
+    many = labels.mismatches(["a", "b", "bb", *"123456789"])
+    assert many == [f"{labels.source}: there is no row for '1', '2', '3', '4', '5', '6', '7', '8' and 1 more"]
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])

@@ -1,32 +1,9 @@
-import re
-
-import networkx as nx
 import numpy as np
 import pytest
 from scipy.spatial.distance import pdist, squareform
 
-from collalign.analysis.ordination import classical_mds, cophenetic_tree, newick
+from collalign.analysis.ordination import classical_mds, cophenetic_tree
 from data_tools.errors import InputError
-
-
-def path_lengths(text, names):
-    """Distances between the tips of a Newick tree whose names hold none of the format's own characters."""
-    graph = nx.Graph()
-    inner = 0
-    while "(" in text:
-        found = re.search(r"\(([^()]*)\)", text)
-        assert found is not None
-        inner += 1
-        for branch in found[1].split(","):
-            child, length = branch.split(":")
-            graph.add_edge(f"inner {inner}", child.strip("'"), weight=float(length))
-        text = text.replace(found[0], f"inner {inner}")
-    return np.array([[nx.dijkstra_path_length(graph, a, b) for b in names] for a in names])
-
-
-def test_path_lengths_notices_a_wrong_branch():
-    assert path_lengths("('a':1,('b':2,'c':2):3);", ("a", "b", "c"))[0, 1] == 6
-    assert path_lengths("('a':1,('b':2,'c':2):4);", ("a", "b", "c"))[0, 1] == 7
 
 
 def test_mds_recovers_points_of_a_plane(rng):
@@ -51,18 +28,12 @@ def test_tree_of_ultrametric_distances_is_exact():
     tree = cophenetic_tree(distances)
     assert tree.correlation == pytest.approx(1)
     assert sorted(tree.order) == [0, 1, 2, 3]
-    names = ("a", "b", "c", "d")
-    np.testing.assert_allclose(path_lengths(newick(tree, names), names), distances)
+    np.testing.assert_allclose(sorted(tree.linkage[:, 2]), [1, 2, 4])
 
 
 def test_correlation_tells_how_much_a_tree_can_show(rng):
     tree = cophenetic_tree(squareform(pdist(rng.standard_normal((20, 3)))))
     assert 0 < tree.correlation < 1
-
-
-def test_newick_quotes_names():
-    tree = cophenetic_tree([[0, 1], [1, 0]])
-    assert newick(tree, ("it's", "b (2)")) == "('it''s':0.5,'b (2)':0.5);"
 
 
 def test_bad_distances_are_refused():

@@ -47,7 +47,7 @@ def rows(path):
 
 
 def test_every_format_of_the_contract_exists():
-    contract = {"morphologika", "tps", "nts", "slicer-json", "fcsv", "shapeworks", "csv", "ply", "itk"}
+    contract = {"morphologika", "tps", "slicer-json", "shapeworks", "csv", "ply", "itk"}
     assert contract <= set(FORMATS)
 
 
@@ -93,7 +93,7 @@ def test_morphologika_survives_specimens_called_like_its_sections(view, tmp_path
     assert [row["id"] for row in rows(paths[1])] == list(found.names)
 
 
-@pytest.mark.parametrize("format", ["tps", "nts", "morphologika"])
+@pytest.mark.parametrize("format", ["tps", "morphologika"])
 def test_tables_of_landmarks_are_read_again(view, tmp_path, format):
     found = read_specimens(export(view, format, tmp_path)[0])
     assert tuple(found) == view.names
@@ -107,20 +107,6 @@ def test_tps_by_ktch(view, tmp_path):
     np.testing.assert_array_equal([specimen.to_numpy() for specimen in found], view.aligned_landmarks)
 
 
-def test_nts_by_morphops(view, tmp_path):
-    morphops_io = pytest.importorskip("morphops.io", reason="morphops is not installed")
-    points, names = morphops_io.read_dta(export(view, "nts", tmp_path)[0])
-    assert names == list(view.names)
-    np.testing.assert_array_equal(np.where(points == -9999, np.nan, points), view.aligned_landmarks)
-
-
-def test_nts_code_for_missing_is_no_coordinate(view, tmp_path):
-    far = dataclasses.replace(view, landmarks=view.landmarks * 1e6)
-    header = export(far, "nts", tmp_path, space="raw")[0].read_text().splitlines()[0].split()
-    assert abs(int(header[4])) > np.nanmax(np.abs(far.samples))
-    assert header[:4] == ["1", "6L", str(3 * NUM_SAMPLES), "1"]
-
-
 def test_slicer_json(view, tmp_path):
     for path, points in zip(export(view, "slicer-json", tmp_path), view.aligned_landmarks, strict=True):
         markup = json.loads(path.read_text())["markups"][0]
@@ -128,18 +114,6 @@ def test_slicer_json(view, tmp_path):
         status = [control["positionStatus"] for control in markup["controlPoints"]]
         assert status.count("undefined") == np.isnan(points).any(axis=1).sum()
         np.testing.assert_array_equal(read_landmarks(path).points, points)
-
-
-def test_fcsv_by_slicerio(view, tmp_path):
-    slicerio = pytest.importorskip("slicerio", reason="slicerio is not installed")
-    for path, points in zip(export(view, "fcsv", tmp_path), view.aligned_landmarks, strict=True):
-        markup = slicerio.read_markups_fcsv(str(path))["markups"][0]
-        controls = markup["controlPoints"]
-        known = np.flatnonzero(~np.isnan(points).any(axis=1))
-        assert markup["coordinateSystem"] == "LPS"
-        assert [control["label"] for control in controls] == [f"L{at + 1}" for at in known]
-        np.testing.assert_array_equal([control["position"] for control in controls], points[known])
-        np.testing.assert_array_equal(read_landmarks(path).points, points[known])
 
 
 def test_itk_by_simpleitk_is_the_inverse_pose(view, tmp_path):
@@ -159,13 +133,12 @@ def test_files_in_ras_keep_their_numbers_and_say_so(view, tmp_path, told):
         file = Path(view.files[0])
         file.write_bytes(file.read_bytes().replace(b"\nelement", b"\ncomment SPACE=RAS\nelement", 1))
     system = "RAS" if told == "caller" else "LPS"
-    for format in ("slicer-json", "fcsv"):
-        raw = [read_landmarks(p) for p in export(view, format, tmp_path / format, space="raw", system=system)]
-        assert [one.system for one in raw] == ["RAS"] + ["RAS" if told == "caller" else "LPS"] * 5
-        known = np.isfinite(view.landmarks[0]).all(axis=1)
-        assert np.isin(view.landmarks[0][known], raw[0].points).all()
-        posed = [read_landmarks(p) for p in export(view, format, tmp_path / "posed" / format, system=system)]
-        assert {one.system for one in posed} == {"LPS"}
+    raw = [read_landmarks(p) for p in export(view, "slicer-json", tmp_path / "raw", space="raw", system=system)]
+    assert [one.system for one in raw] == ["RAS"] + ["RAS" if told == "caller" else "LPS"] * 5
+    known = np.isfinite(view.landmarks[0]).all(axis=1)
+    assert np.isin(view.landmarks[0][known], raw[0].points).all()
+    posed = [read_landmarks(p) for p in export(view, "slicer-json", tmp_path / "posed", system=system)]
+    assert {one.system for one in posed} == {"LPS"}
 
 
 def test_poses_of_files_that_declare_ras_are_those_of_the_scene(view, tmp_path):
@@ -254,7 +227,7 @@ def test_moved_files_are_found_in_the_folder_named(view, tmp_path):
 
 def test_csv_tables(view, tmp_path):
     files = {path.name: path for path in export(view, "csv", tmp_path)}
-    assert set(files) == {f"{name}.csv" for name in TABLES} | {"tree.nwk", "left_out.csv"}
+    assert set(files) == {f"{name}.csv" for name in TABLES} | {"left_out.csv"}
     shapes = rows(files["shapes.csv"])
     T = [[float(row[f"T{a}{b}"]) for a in (1, 2, 3) for b in (1, 2, 3, 4)] for row in shapes]
     np.testing.assert_array_equal(np.array(T).reshape(-1, 3, 4), view.transforms[:, :3])
@@ -271,7 +244,6 @@ def test_csv_tables(view, tmp_path):
     flat = np.array([list(row.values())[1:] for row in coordinates], dtype=float).reshape(5, -1, 3)
     np.testing.assert_allclose(flat.mean(axis=1), 0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(flat, axis=(1, 2)), 1, rtol=1e-12)
-    assert files["tree.nwk"].read_text().count("shape_") == 5
 
 
 @pytest.mark.parametrize("incomplete", [(), (3,)])
@@ -291,7 +263,7 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
         export(moved, "tps", tmp_path / to / "superimposed", space="procrustes")
         tables[to] = {path.name: path.read_text() for path in (tmp_path / to).rglob("[!m]*.*") if path.is_file()}
     assert {name for name in tables["a"] if tables["a"][name] != tables["b"][name]} == {"shapes.csv", "landmarks.csv"}
-    for name in ("procrustes_distances.csv", "tree.nwk", "landmarks.tps", "principal_components.csv"):
+    for name in ("procrustes_distances.csv", "landmarks.tps", "principal_components.csv"):
         assert [view.names[at] for at in range(6) if view.names[at] not in tables["a"][name]] == [
             view.names[at] for at in out
         ]

@@ -3,14 +3,17 @@
 import numpy as np
 import pytest
 
-from collalign.registration.registration_options import RegistrationOptions
+from collalign.registration import register
 from collalign.tools.variation.mirror import mirror_map
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 
-OPTIONS = RegistrationOptions(num_centres=150, num_points=600)
+
+@pytest.fixture(autouse=True)
+def few_centres(monkeypatch):
+    monkeypatch.setattr(register, "NUM_CENTRES", 150)
 
 
 def horned(sides=(-1, 1), extra=0.0):
@@ -28,7 +31,7 @@ def horned(sides=(-1, 1), extra=0.0):
 @pytest.mark.parametrize("extra", [0.0, 0.15])
 def test_the_other_side_is_that_of_the_mirror_plane(extra):
     own, shape = horned(extra=extra)
-    found = mirror_map(shape, OPTIONS)
+    found = mirror_map(shape)
     error = np.linalg.norm(found.on(own) - own * [-1, 1, 1], axis=1)
     assert np.median(error) < 0.06
     assert np.linalg.norm(found.on(found.on(own)) - own, axis=1).mean() < 0.03, "the counterpart of a counterpart"
@@ -39,10 +42,10 @@ def test_the_other_side_is_that_of_the_mirror_plane(extra):
 def test_a_normal_that_is_given_is_used():
     own, shape = horned()
     normal = shape.vertices[own[:, 0].argmax()] - shape.vertices[own[:, 0].argmin()]
-    given = mirror_map(shape, OPTIONS, normal=normal)
+    given = mirror_map(shape, normal=normal)
     assert np.median(np.linalg.norm(given.on(own) - own * [-1, 1, 1], axis=1)) < 0.06
     along = shape.vertices[own[:, 1].argmax()] - shape.vertices[own[:, 1].argmin()]
-    other = mirror_map(shape, OPTIONS, normal=along)
+    other = mirror_map(shape, normal=along)
     assert np.median(np.linalg.norm(other.on(own) - own * [-1, 1, 1], axis=1)) > 0.3, "another one is another plane"
 
 
@@ -57,6 +60,6 @@ def test_what_has_no_other_side_is_refused():
             np.sin(angles) * own[:, 0] + 0.4 * np.cos(angles) * own[:, 2],
         ]
     )
-    assert np.isfinite(mirror_map(shape, OPTIONS).on(own)).all()
+    assert np.isfinite(mirror_map(shape).on(own)).all()
     with pytest.raises(InputError, match="horned: is not bilateral"):
-        mirror_map(Shape.from_arrays(twisted, shape.faces, name="horned"), OPTIONS)
+        mirror_map(Shape.from_arrays(twisted, shape.faces, name="horned"))
