@@ -33,7 +33,6 @@ from collalign.synchronization.result import SynchronizationResult as Synchroniz
 from collalign.synchronization.result import WeakCut as WeakCut
 from collalign.tools.certify.result import CertifiedCollection as CertifiedCollection
 from collalign.tools.certify.result import JointBound as JointBound
-from collalign.tools.certify.rounds import CertifyOptions as CertifyOptions
 from collalign.tools.certify.run import certify_collection as certify_collection
 from collalign.tools.correspond.result import DenseCorrespondence as DenseCorrespondence
 from collalign.tools.correspond.run import dense_correspondence as dense_correspondence

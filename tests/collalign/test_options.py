@@ -8,7 +8,6 @@ import collalign
 from collalign.engine.run_options import RunOptions
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.options import AlignOptions, TwoShapeOptions
-from collalign.tools.certify.rounds import CertifyOptions
 from collalign.tools.stability.run import StabilityOptions
 from data_tools.errors import CollalignError, OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
@@ -16,7 +15,7 @@ from pairwise.options import MatchOptions, PairOptions
 
 OPTIONS = (
     *(AlignOptions, TwoShapeOptions, PairOptions, RunOptions, CleaningOptions, SamplingOptions, EmbeddingOptions),
-    *(MatchOptions, SurfaceOptions, NonrigidOptions, CertifyOptions, StabilityOptions),
+    *(MatchOptions, SurfaceOptions, NonrigidOptions, StabilityOptions),
 )
 #: What no field takes, whatever its type, but those of names and paths, which are looked up later.
 NOTHING = object()

@@ -21,7 +21,6 @@ from collalign.tools.certify.files import (
     tell_in_report,
     write_certification,
 )
-from collalign.tools.certify.rounds import CertifyOptions
 from collalign.tools.certify.run import certify_collection
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of
@@ -31,7 +30,7 @@ def certify(
     result: Path,
     *,
     shapes: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())] = (),
-    options: Annotated[CertifyOptions, Parameter(name="*")] = CertifyOptions(),  # noqa: B008
+    budget_s: float = 3600.0,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
     """Prove how much cheaper any other consistent arrangement of a result's shapes could be at most.
@@ -44,13 +43,16 @@ def certify(
         and what is proven of all shapes becomes a note of the result and its report.
     shapes
         Names of the shapes to speak of; all by default.
+    budget_s
+        Seconds after which no further proof of a pair begins; pairs without one
+        count with a bound that costs nothing.
     """
     files = load(result).source_files()
     store = run.store or result / STORE_FILE
     with resumable(store), OutputFolder.open(result, writer=CERTIFIER, inputs=inputs_of(files)) as output:
         output.refuse_foreign(FILES)
         former = former_statement(result)
-        found = certify_collection(result, shapes=shapes, options=options, run=replace(run, store=store))
+        found = certify_collection(result, shapes=shapes, budget_s=budget_s, run=replace(run, store=store))
         written = write_certification(found, output)
     written += tell_in_report(found, result, former)
     for line in certification_summary(found):

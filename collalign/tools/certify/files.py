@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from collalign.output.evidence.gather import json_types
 from collalign.output.evidence.loading import load
 from collalign.output.report.page import write_report
 from collalign.output.write import REPORT_FILE, WRITER, report_title
-from collalign.tools.certify.result import CertifiedCollection, share_of
+from collalign.tools.certify.result import CertifiedCollection, JointBound, share_of
 from data_tools.io.files import read_text, write_atomic
 from data_tools.io.output_folder import OutputFolder
 
@@ -44,11 +45,8 @@ def write_certification(certified: CertifiedCollection, output: OutputFolder) ->
         invariants=certified.invariants,
         edges=joint.edges,
         frames=joint.frames,
-        tilts=joint.tilts,
-        diagonal=joint.diagonal,
-        num_cells=joint.num_cells,
-        depths=joint.depths.astype(np.uint8),
         bound=np.array(joint.bound),
+        **dict[str, Any](joint.proof),
     )
     return output.publish(complete=True)
 
@@ -126,7 +124,22 @@ def certification_summary(certified: CertifiedCollection) -> tuple[str, ...]:
         f"{len(joint.edges)} pairs of squared distances of {certified.coordinates.shape[1]} matched samples; "
         f"{joint.ended}).",
         own,
+        _free(joint),
         "Not proven: that the poses are anatomically right, or that the cheapest poses are.",
+    )
+
+
+def _free(joint: JointBound) -> str:
+    """Say what is unproven beside what the pairs of one shape cost: two of N shares of the energy, on average."""
+    unproven, own = 1.0 - joint.share, 2.0 / len(joint.frames)
+    if unproven >= own:
+        return (
+            f"Left free: every shape by itself, since what is unproven is more than one shape's pairs cost "
+            f"({_percent(own)} on average)."
+        )
+    return (
+        "Not asked: which single shapes this leaves free. What is unproven is "
+        f"{unproven / own:.2g} of what the pairs of one shape cost on average."
     )
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
 
@@ -34,9 +37,9 @@ class JointBound:
         Why there was no further round.
     bound : float
         No arrangement has a smaller energy: the best of all rounds, at least 0.
-    tilts, diagonal, depths, num_cells
-        What proves it, see :mod:`pairwise.certificates.verify_joint`: L (E, 3, 3), Y (N, 3, 3), the depths of all
-        cells, and how many each chirality of each pair has, (E, 1) or (E, 2).
+    proof : mapping of name to ndarray
+        What proves it, see :mod:`pairwise.certificates.verify_joint`: *tilts* L (E, 3, 3), *diagonal* Y (N, 3, 3),
+        the *depths* of all cells, and *num_cells*, how many each chirality of each pair has, (E, 1) or (E, 2).
     """
 
     edges: IntArray
@@ -47,10 +50,7 @@ class JointBound:
     bounds: tuple[float, ...]
     ended: str
     bound: float
-    tilts: FloatArray
-    diagonal: FloatArray
-    depths: IntArray
-    num_cells: IntArray
+    proof: Mapping[str, NDArray[Any]]
 
     __repr__ = one_line
 

@@ -22,7 +22,6 @@ from collalign.tools.certify.arrangement import Arrangement, PairEnergies
 from collalign.tools.certify.multipliers import JointMaster
 from collalign.tools.certify.result import JointBound
 from data_tools.arrays import FloatArray, read_only
-from data_tools.checks import check_count, check_number
 from pairwise.branch_and_bound.tilted import TiltedProof, least_energies, prove_tilted
 from pairwise.certificates.verify_joint import gram_bound
 from pairwise.local.rotation_sets import rotation_set
@@ -33,8 +32,9 @@ _GAP = 5e-4
 #: Rounds of descents before each round of proofs, which takes about three times as long as one of them: pairs times
 #: rounds, and most.
 _DESCENT_PAIRS, _MOST_DESCENTS = 10_000, 5
-#: The rounds end once the columns promise no more than this share of the energy above what is proven.
-_SETTLED = 1e-3
+#: Rounds of proofs of all pairs at most. They end once this share of the cheapest known energy is proven, or the
+#: columns promise no more than this share above what is.
+_MOST_ROUNDS, _ENOUGH, _SETTLED = 3, 0.999, 1e-3
 #: The multipliers are made again for an arrangement that is cheaper by this share.
 _CHEAPER = 1e-3
 #: Columns kept of each search.
@@ -47,32 +47,6 @@ _LEAST_ENERGY = 1e-6
 _PERTURBED_PAIRS, _MOST_PERTURBED = 6000, 200
 #: Relative rounding of what a linear function of a rotation is at most.
 _ROUNDING = 128.0 * float(np.finfo(np.float64).eps)
-
-
-@dataclass(frozen=True, kw_only=True)
-class CertifyOptions:
-    """How far a certification goes.
-
-    Raises
-    ------
-    OptionsError
-        If a value is impossible.
-    """
-
-    max_rounds: int = 3
-    """Rounds of proofs of all pairs."""
-
-    enough: float = 0.999
-    """Stop once this share of the cheapest known arrangement's energy is proven."""
-
-    budget_s: float = 3600.0
-    """Seconds after which no further proof of a pair begins; pairs without one count with a bound that costs
-    nothing."""
-
-    def __post_init__(self) -> None:
-        check_count("max_rounds", self.max_rounds, lower=1)
-        check_number("enough", self.enough, upper=1.0, positive=True)
-        check_number("budget_s", self.budget_s, positive=True)
 
 
 #: The samples of a shape as they are matched: coordinates (k, 3) and invariants (k, m).
@@ -146,7 +120,7 @@ def unproven(bound: float, sides: int) -> TiltedProof:
     )
 
 
-def bound_arrangements(rounds: Rounds, frames: FloatArray, options: CertifyOptions) -> JointBound:
+def bound_arrangements(rounds: Rounds, frames: FloatArray, budget_s: float) -> JointBound:
     """Bound the energy of every arrangement of the shapes from below, and seek a cheaper one than the given.
 
     Parameters
@@ -155,9 +129,10 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, options: CertifyOptio
         Its session's group is decided, "SO" or "O".
     frames : ndarray, shape (N, 3, 3)
         ``R_common_shape`` of the arrangement that is to be judged.
-    options : CertifyOptions
+    budget_s : float
+        Seconds after which no further proof of a pair begins.
     """
-    deadline, energies = time.monotonic() + options.budget_s, rounds.energies
+    deadline, energies = time.monotonic() + budget_s, rounds.energies
     edges, rng = energies.edges, np.random.default_rng(0)
     near = energies.descend(frames)
     num = min(_PERTURBED_PAIRS // len(edges), _MOST_PERTURBED)
@@ -169,7 +144,7 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, options: CertifyOptio
     bounds: list[float] = []
     ended = ""
     while not ended:
-        promised = np.inf
+        began, promised = time.monotonic(), np.inf
         if not master.is_large:
             promised = _descend(rounds, master, best, rng, deadline)
             found = energies.descend(energies.rounded(master.gram))
@@ -184,7 +159,8 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, options: CertifyOptio
         bounds.append(sum(proof.lower_bound for proof in proofs) + gram_bound(edges, master.tilts, master.diagonal))
         if bounds[-1] == max(bounds):
             proven = master.tilts, master.diagonal, proofs
-        ended = _ended(bounds, promised, best.energy, master.is_large, deadline, options)
+        next_end = 2.0 * time.monotonic() - began
+        ended = _ended(bounds, promised, best.energy, master.is_large, next_end > deadline)
     tilts, diagonal, proofs = proven
     return JointBound(
         edges=read_only(edges),
@@ -195,10 +171,12 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, options: CertifyOptio
         bounds=tuple(bounds),
         ended=ended,
         bound=max(0.0, *bounds),
-        tilts=read_only(tilts),
-        diagonal=read_only(diagonal),
-        depths=read_only(np.concatenate([proof.depths for proof in proofs])),
-        num_cells=read_only(np.stack([proof.num_cells for proof in proofs])),
+        proof={
+            "tilts": tilts,
+            "diagonal": diagonal,
+            "depths": np.concatenate([proof.depths for proof in proofs]).astype(np.uint8),
+            "num_cells": np.stack([proof.num_cells for proof in proofs]),
+        },
     )
 
 
@@ -235,16 +213,14 @@ def _add(master: JointMaster, found: Sequence[TiltedProof]) -> None:
         master.add(e, proof.rotations[:_NUM_KEPT], proof.energies[:_NUM_KEPT])
 
 
-def _ended(
-    bounds: Sequence[float], promised: float, energy: float, is_large: bool, deadline: float, options: CertifyOptions
-) -> str:
+def _ended(bounds: Sequence[float], promised: float, energy: float, is_large: bool, is_late: bool) -> str:
     """Return why no further round begins, empty if one does."""
-    if max(bounds) >= options.enough * energy:
+    if max(bounds) >= _ENOUGH * energy:
         return "enough is proven"
     if is_large:
         return "the shapes are too many for multipliers, so the bounds of all pairs are added"
     if promised - max(bounds) <= _SETTLED * energy:
         return "the bound no longer rises"
-    if len(bounds) >= options.max_rounds:
+    if len(bounds) >= _MOST_ROUNDS:
         return "the rounds ended"
-    return "the time ended" if time.monotonic() >= deadline else ""
+    return "there was no time for another round" if is_late else ""

@@ -18,9 +18,9 @@ from collalign.output.evidence.loading import load
 from collalign.products.pair import Pair
 from collalign.tools.certify.arrangement import PairEnergies
 from collalign.tools.certify.result import CertifiedCollection
-from collalign.tools.certify.rounds import CertifyOptions, Rounds, bound_arrangements, problem_of
+from collalign.tools.certify.rounds import Rounds, bound_arrangements, problem_of
 from data_tools.arrays import read_only
-from data_tools.checks import as_options
+from data_tools.checks import as_options, check_number
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.listing import FolderListing
 from data_tools.threads import one_blas_thread
@@ -31,7 +31,7 @@ def certify_collection(
     result: str | Path,
     *,
     shapes: Sequence[str] = (),
-    options: CertifyOptions | Mapping[str, Any] | None = None,
+    budget_s: float = 3600.0,
     run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
 ) -> CertifiedCollection:
@@ -43,7 +43,9 @@ def certify_collection(
         Folder that ``collalign align`` wrote; the files that it read must still be there.
     shapes : sequence of str
         Names of the shapes to speak of; all by default. The pairs among them that the run matched count.
-    options : CertifyOptions or mapping, optional
+    budget_s : float
+        Seconds after which no further proof of a pair begins; pairs without one count with a bound that costs
+        nothing.
     run : RunOptions or mapping, optional
         With the store of the run the shapes need not be prepared again, and an interrupted certification goes on.
     progress : bool or callable
@@ -54,7 +56,7 @@ def certify_collection(
     InputError
         If a shape is unknown, its file has vanished, or no two of the shapes were matched.
     OptionsError
-        If the shapes' embedding has more than the coordinates of space.
+        If the budget is not positive, or the shapes' embedding has more than the coordinates of space.
 
     Examples
     --------
@@ -67,7 +69,8 @@ def certify_collection(
     >>> 0.9 < found.joint.share <= 1.0
     True
     """
-    collection, how_far = load(result), as_options("options", options, CertifyOptions)
+    check_number("budget_s", budget_s, positive=True)
+    collection = load(result)
     members = _members(collection, shapes)
     pairs = _pairs_among(collection, members)
     files = collection.source_files()
@@ -94,7 +97,7 @@ def certify_collection(
             energies=PairEnergies(len(samples), edges, problems),
             candidates=[pair.rotations for pair in pairs],
         )
-        joint = bound_arrangements(rounds, frames, how_far)
+        joint = bound_arrangements(rounds, frames, budget_s)
     changes, same = pose_changes(frames, joint.frames, collection.part_numbers[members])
     return CertifiedCollection(
         names=listing.names,

@@ -12,7 +12,7 @@ from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.tools.certify.arrangement import PairEnergies
 from collalign.tools.certify.multipliers import MOST_ROWS, JointMaster
-from collalign.tools.certify.rounds import CertifyOptions, Rounds, bound_arrangements, problem_of
+from collalign.tools.certify.rounds import Rounds, bound_arrangements, problem_of
 from data_tools.rotations import random_rotation
 from pairwise.branch_and_bound.tilted import prove_tilted
 from pairwise.certificates.verify_joint import gram_bound
@@ -44,11 +44,11 @@ def planted(num_shapes, num_points, noise, *, group="SO", seed=0, invariants=0.0
         )
 
 
-def certified(rounds, **options):
+def certified(rounds, budget_s=3600.0):
     """The joint bound, from random poses."""
     frames = random_frames(rounds.energies.num_shapes, np.random.default_rng(1))
     with Session.open(rounds.session.options, RunOptions(jobs=1)) as session:
-        return bound_arrangements(replace(rounds, session=session), frames, CertifyOptions(**options))  # type: ignore[arg-type]
+        return bound_arrangements(replace(rounds, session=session), frames, budget_s)
 
 
 def random_frames(num, rng, group="SO"):
@@ -131,12 +131,13 @@ def test_no_arrangement_costs_less_than_the_bound(group):
 @pytest.mark.parametrize("group", ["SO", "O"])
 def test_pairs_that_no_time_was_left_for_take_from_the_bound_no_more_than_they_must(group, monkeypatch):
     rounds = planted(4, 8, 0.25, group=group)
-    whole = certified(rounds, max_rounds=1)
+    monkeypatch.setattr("collalign.tools.certify.rounds._MOST_ROUNDS", 1)
+    whole = certified(rounds)
     assert certified(rounds, budget_s=1e-9).bound == 0.0
     monkeypatch.setattr("collalign.engine.session.takewhile", lambda _, tasks: itertools.islice(tasks, 5))
-    some = certified(rounds, max_rounds=1)
+    some = certified(rounds)
     assert 0.0 < some.bound < whole.bound
-    assert (some.num_cells.max(axis=1) > 4).sum() == 5
+    assert (some.proof["num_cells"].max(axis=1) > 4).sum() == 5
 
 
 def test_the_energy_of_an_arrangement_is_that_of_its_pairs_and_descent_never_raises_it():
@@ -216,7 +217,7 @@ def test_what_the_columns_promise_is_what_the_multipliers_prove_of_them():
 def test_too_many_shapes_for_multipliers_are_bounded_pair_by_pair(monkeypatch):
     monkeypatch.setattr("collalign.tools.certify.multipliers.MOST_ROWS", 6)
     found = certified(planted(3, 5, 0.3))
-    assert not found.tilts.any()
+    assert not found.proof["tilts"].any()
     assert found.ended.startswith("the shapes are too many")
     assert 0.3 < found.share <= 1.0
     assert MOST_ROWS > 6
