@@ -7,6 +7,7 @@ from collalign.analysis.procrustes import PrincipalComponents as PrincipalCompon
 from collalign.confidence.map_model import Evidence as Evidence
 from collalign.engine.run_options import RunOptions as RunOptions
 from collalign.extend import add_to_collection as add_to_collection
+from collalign.landmarks.templates import SemilandmarkRequest as SemilandmarkRequest
 from collalign.nonrigid.map_options import NonrigidOptions as NonrigidOptions
 from collalign.nonrigid.map_options import SurfaceOptions as SurfaceOptions
 from collalign.options import AlignOptions as AlignOptions
@@ -20,6 +21,7 @@ from collalign.products.deformation import VertexMaps as VertexMaps
 from collalign.products.incomplete import Incomplete as Incomplete
 from collalign.products.pair import Alternative as Alternative
 from collalign.products.pair import Pair as Pair
+from collalign.products.posed_file import PosedFile as PosedFile
 from collalign.products.run_record import Made as Made
 from collalign.products.run_record import RunRecord as RunRecord
 from collalign.products.shapes import Excluded as Excluded

@@ -4,15 +4,45 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from data_tools.checks import check_count
 from data_tools.errors import InputError
 from data_tools.landmarks.landmark_files import Landmarks, read_semilandmarks, specimen_of
 from data_tools.landmarks.landmark_tables import read_specimens
+
+
+@dataclass(frozen=True, kw_only=True)
+class SemilandmarkRequest:
+    """Which semilandmarks are wanted beside the landmarks.
+
+    Raises
+    ------
+    OptionsError
+        If a number is impossible.
+    """
+
+    curves: tuple[Path, ...] = ()
+    """Files whose points, in their order, are a curve: RIM/A.fcsv is the curve RIM of the shape called A."""
+
+    patches: tuple[Path, ...] = ()
+    """Files whose points are semilandmarks of a patch of the surface, called likewise."""
+
+    curve_points: int | None = None
+    """Evenly spaced semilandmarks on every curve; by default so many as the first curve has points."""
+
+    surface_points: int = 0
+    """Semilandmarks spread evenly over the mean surface and carried to all shapes, templates too."""
+
+    def __post_init__(self) -> None:
+        check_count("surface_points", self.surface_points, lower=0)
+        if self.curve_points is not None:
+            check_count("curve_points", self.curve_points, lower=2)
+
 
 _LOG = logging.getLogger(__name__)
 
@@ -62,12 +92,13 @@ def shape_of(given: str | Path) -> tuple[str | None, Path]:
     return (shape, Path(file)) if sign and not Path(given).exists() else (None, Path(given))
 
 
-def with_semilandmarks(
-    given: Mapping[str, Landmarks], curves: Sequence[str | Path], patches: Sequence[str | Path]
-) -> dict[str, Landmarks]:
+def with_semilandmarks(given: Mapping[str, Landmarks], wanted: SemilandmarkRequest) -> dict[str, Landmarks]:
     """Return landmarks with the curves and patches of files of their own, of specimens without landmarks as well."""
     found = dict(given)
-    kinds: list[tuple[Literal["curve", "patch"], Sequence[str | Path]]] = [("curve", curves), ("patch", patches)]
+    kinds: list[tuple[Literal["curve", "patch"], Sequence[str | Path]]] = [
+        ("curve", wanted.curves),
+        ("patch", wanted.patches),
+    ]
     for kind, paths in kinds:
         for path in paths:
             shape, path = shape_of(path)

@@ -21,6 +21,7 @@ from collalign.products.consistent_maps import ConsistentMaps, position_of
 from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair, Pairs
+from collalign.products.posed_file import PosedFile
 from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Excluded
 from collalign.products.trust import DOUBT
@@ -330,15 +331,24 @@ class Collection:
             num_jobs = 1 if run is None else run.num_workers
             return save_collection(self, output, report=report, labels=labels, num_jobs=num_jobs)
 
+    def posed_file(self, at: int) -> PosedFile:
+        """Return what a worker needs to read a shape of this run."""
+        return PosedFile(
+            name=self.names[at],
+            path=self.made.files[at],
+            digest=self.made.digests[at],
+            transform=self.transforms[at],
+            cleaning=self.options.cleaning,
+        )
+
     def _shape(self, at: int, *, aligned: bool = False) -> Shape:
         """Return a shape in file coordinates, maybe decimated, or aligned at full resolution."""
         if self.folder is None:
-            made, cleaning = self.made, self.options.cleaning
-            shape = read_shape(made.files[at], cleaning, name=self.names[at], digest=made.digests[at])
-            return shape.transformed(self.transforms[at]) if aligned else shape
+            file = self.posed_file(at)
+            return file.read().transformed(file.transform) if aligned else file.read()
         if aligned:
-            file = self.folder / MESH_FOLDER / f"{file_stems(self.names)[at]}.ply"
-            return read_shape(file, AS_STORED, name=self.names[at])
+            mesh = self.folder / MESH_FOLDER / f"{file_stems(self.names)[at]}.ply"
+            return read_shape(mesh, AS_STORED, name=self.names[at])
         return Shape(name=self.names[at], vertices=self.vertices[at], faces=self.faces[at])
 
     def plot(self, shapes: Iterable[str | int] | None = None) -> Any:

@@ -16,11 +16,10 @@ from collalign.engine.jobs.run import run_jobs
 from collalign.output.collection import Collection
 from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.output.vertex_maps import PlaceColours, at_vertices
+from collalign.products.posed_file import PosedFile
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
-from data_tools.io.shapes import read_shape, write_mesh
-from data_tools.io.source import Origin
-from data_tools.options import CleaningOptions
+from data_tools.io.shapes import write_mesh
 
 Made = TypeVar("Made")
 
@@ -43,24 +42,12 @@ class ShapeParts:
     places: NDArray[np.uint8]
 
 
-def write_shape(
-    file: Origin,
-    name: str,
-    digest: str,
-    cleaning: CleaningOptions,
-    *,
-    transform: FloatArray,
-    mesh: Path,
-    max_faces: int,
-    colours: FloatArray | None,
-) -> ShapeParts:
+def write_shape(file: PosedFile, *, mesh: Path, max_faces: int, colours: FloatArray | None) -> ShapeParts:
     """Read a shape, write its aligned copy and decimate it; runs inside a worker.
 
     Parameters
     ----------
-    file, name, digest, cleaning
-        As the shape was read for the alignment.
-    transform : ndarray, shape (4, 4)
+    file : PosedFile
     mesh : Path
         Where to write the aligned mesh; its parts go to a folder of its name.
     max_faces : int
@@ -68,8 +55,8 @@ def write_shape(
     colours : ndarray, shape (f, 3), or None
         Of its file's vertices; see :meth:`collalign.output.vertex_maps.PlaceColours.of_file`.
     """
-    shape = read_shape(file, cleaning, name=name, digest=digest)
-    aligned = shape.transformed(transform)
+    shape = file.read()
+    aligned = shape.transformed(file.transform)
     write_mesh(mesh, aligned)
     for part, piece in aligned.split().items():
         write_mesh(mesh.with_suffix("") / f"{part}.ply", piece)
@@ -113,11 +100,7 @@ def write_shapes(
         (
             str(i),
             {
-                "file": collection.made.files[i],
-                "name": name,
-                "digest": collection.made.digests[i],
-                "cleaning": collection.options.cleaning,
-                "transform": collection.transforms[i],
+                "file": collection.posed_file(i),
                 "mesh": meshes[i],
                 "max_faces": faces_per_shape(num),
                 "colours": None if colours is None else colours.of_file(name),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -14,6 +13,7 @@ from collalign.engine.session import Session
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.typed import to_record
 from collalign.products.deformation import VertexMaps
+from collalign.products.posed_file import PosedFile
 from collalign.registration.missing import mean_of_what_is_there, missing_vertices, with_cloud_rim
 from collalign.registration.pose import fitting_similarity
 from collalign.registration.register import register
@@ -24,8 +24,7 @@ from collalign.tools.correspond.result import DenseCorrespondence
 from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollectionError
-from data_tools.io.shapes import read_shape
-from data_tools.options import AS_STORED, CleaningOptions, SamplingOptions
+from data_tools.options import AS_STORED, SamplingOptions
 from data_tools.poses import moved_by
 from data_tools.surface.shape import Shape
 
@@ -34,31 +33,6 @@ from data_tools.surface.shape import Shape
 NUM_ROUNDS = 2
 #: Larger meshes are decimated to so many triangles before they are registered.
 MAX_FACES = 25_000
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PosedFile:
-    """A file of a collection and where it stands.
-
-    Attributes
-    ----------
-    name : str
-    path : Path
-    digest : str
-        Of the file's content, which is to be the same when it is read.
-    transform : ndarray, shape (4, 4)
-        File coordinates to the common frame.
-    cleaning : CleaningOptions
-    incomplete : bool
-        Whether parts of the shape are missing, which are looked for then.
-    """
-
-    name: str
-    path: Path
-    digest: str
-    transform: FloatArray
-    cleaning: CleaningOptions
-    incomplete: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -234,7 +208,7 @@ def posed_shape(file: PosedFile) -> tuple[Shape, IntArray]:
     file_vertices : ndarray of int, shape (v,)
         The file's vertex at, or nearest to, each of its vertices.
     """
-    shape = read_shape(file.path, file.cleaning, name=file.name, digest=file.digest)
+    shape = file.read()
     working = WorkingSurface(shape, SamplingOptions(max_faces=MAX_FACES))
     kept = working.to_original
     in_file = kept if shape.source_indices is None else shape.source_indices[kept]
@@ -243,4 +217,4 @@ def posed_shape(file: PosedFile) -> tuple[Shape, IntArray]:
 
 def stored_shape(file: PosedFile) -> Shape:
     """Read a file with the vertices that it has, and put it into the common frame."""
-    return read_shape(file.path, AS_STORED, name=file.name, digest=file.digest).transformed(file.transform)
+    return file.read(AS_STORED).transformed(file.transform)

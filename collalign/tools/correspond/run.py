@@ -14,8 +14,9 @@ from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import main_part
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE
+from collalign.products.posed_file import PosedFile
 from collalign.registration.mean import medoid
-from collalign.tools.correspond.jobs import PosedFile, correspond
+from collalign.tools.correspond.jobs import correspond
 from collalign.tools.correspond.result import DenseCorrespondence
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import as_options

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -33,17 +34,28 @@ from pairwise.status import Status
 WRITER = "match"
 
 
+@dataclass(frozen=True, kw_only=True)
+class Bending:
+    """How shapes are matched that bend."""
+
+    nonrigid: Annotated[bool, Parameter(negative=())] = False
+    """Match deformable shapes; the options of deformation and surface belong to this."""
+
+    landmarks: Annotated[tuple[Path, ...], Parameter(negative=())] = ()
+    """Landmark files of either shape, called like it, that --nonrigid carries to the other (map_landmarks.csv)."""
+
+    deformation: NonrigidOptions = field(default_factory=NonrigidOptions)
+    surface: SurfaceOptions = field(default_factory=SurfaceOptions)
+
+
 def match(
     target: Path,
     source: Path,
     *,
     out: Path | None = None,
-    nonrigid: Annotated[bool, Parameter(negative=())] = False,
-    landmarks: tuple[Path, ...] = (),
     partial: Annotated[bool, Parameter(negative=())] = False,
     options: Annotated[TwoShapeOptions, Parameter(name="*")] = TwoShapeOptions(),  # noqa: B008
-    deformation: NonrigidOptions = NonrigidOptions(),  # noqa: B008
-    surface: SurfaceOptions = SurfaceOptions(),  # noqa: B008
+    bending: Annotated[Bending, Parameter(name="*")] = Bending(),
 ) -> int:
     """Match two shapes: the best pose and its alternatives, or (--nonrigid) a map of all vertices.
 
@@ -58,20 +70,16 @@ def match(
         Folder for the result: match.json and match.png, or the map both ways with its page and coloured surfaces. In
         match.json the first "transform" is the answer, those of the candidates are about the samples alone. Maps go
         to the folder ``map`` by default.
-    nonrigid
-        Match deformable shapes; the options of deformation and surface belong to this.
-    landmarks
-        Files of landmarks of either shape, called like it, that --nonrigid carries to the other (map_landmarks.csv).
     partial
         Match the surfaces by what has a counterpart: rotations, shifts and sizes are searched (sizes stay with
         --sampling.normalisation none), and the overlap of both is said.
     """
-    out = out or (Path("map") if nonrigid else None)
+    out = out or (Path("map") if bending.nonrigid else None)
     if out is not None:
-        refuse_overlap(out, (target, source, *(shape_of(path)[1] for path in landmarks or ())))
-        if nonrigid:
-            return _match_nonrigid(target, source, out, deformation, surface, landmarks)
-    if landmarks:
+        refuse_overlap(out, (target, source, *(shape_of(path)[1] for path in bending.landmarks)))
+        if bending.nonrigid:
+            return _match_nonrigid(target, source, out, bending)
+    if bending.landmarks:
         raise OptionsError("--landmarks are carried by --nonrigid; `collalign transfer` carries them by poses")
     if partial:
         if options.certify:
@@ -129,27 +137,20 @@ def _write_rigid(
         say_files(output.publish())
 
 
-def _match_nonrigid(
-    target: Path,
-    source: Path,
-    out: Path,
-    options: NonrigidOptions,
-    surface: SurfaceOptions,
-    landmarks: tuple[Path, ...],
-) -> int:
+def _match_nonrigid(target: Path, source: Path, out: Path, bending: Bending) -> int:
     """Write the map of all vertices and its picture; say what is known about it."""
     with (
         OutputFolder.open(out, writer=WRITER) as output,
         ProgressBar("steps", 4) as bar,
     ):
         output.refuse_foreign(NONRIGID_FILES)
-        to = prepare_file(target, surface)
+        to = prepare_file(target, bending.surface)
         bar.advance()
-        of = prepare_file(source, surface)
+        of = prepare_file(source, bending.surface)
         bar.advance()
-        result = match_prepared(to, of, options)
+        result = match_prepared(to, of, bending.deformation)
         bar.advance()
-        stage_match(output, result, target, source, landmarks)
+        stage_match(output, result, target, source, bending.landmarks)
         written = output.publish()
         bar.advance()
     best = result.candidates[0]

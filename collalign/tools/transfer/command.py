@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from dataclasses import replace as with_changes
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +14,7 @@ from collalign.cli.interruption import INCOMPLETE, resumable
 from collalign.cli.talk import say, say_files, tell, warn
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
-from collalign.landmarks.templates import read_templates, shape_of
+from collalign.landmarks.templates import SemilandmarkRequest, read_templates, shape_of
 from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, Space, left_out_sentence
 from collalign.tools.export.run import export as write_export
@@ -25,19 +26,33 @@ from data_tools.io.output_folder import refuse_overlap
 from data_tools.landmarks.landmark_files import specimen_of
 
 
+@dataclass(frozen=True, kw_only=True)
+class Written:
+    """What is written, and how."""
+
+    to: Path
+    """Folder for the landmarks of all shapes and transfer.csv with an error radius for each."""
+
+    format: Annotated[str, Parameter(help=f"One of {', '.join(FORMATS)}.")] = "slicer-json"
+
+    space: Space = "raw"
+    """Coordinates of the files, of the common frame, these in the units of the files, or Procrustes superimposed."""
+
+    leave_one_out: Annotated[bool, Parameter(negative=())] = False
+    """Predict every specimen that has landmarks from the others, and write and print how far off that is."""
+
+    include_doubtful: Annotated[bool, Parameter(negative=())] = False
+    """As in ``collalign export``."""
+
+
 def transfer(
     result: Path,
     *,
-    landmarks: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
-    to: Path,
-    curves: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
-    patches: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
-    curve_points: int | None = None,
-    surface_points: int = 0,
-    format: Annotated[str, Parameter(help=f"One of {', '.join(FORMATS)}.")] = "slicer-json",
-    space: Space = "raw",
-    leave_one_out: Annotated[bool, Parameter(negative=())] = False,
-    include_doubtful: Annotated[bool, Parameter(negative=())] = False,
+    landmarks: Annotated[tuple[Path, ...], Parameter(consume_multiple=True, negative=())] = (),
+    written: Annotated[Written, Parameter(name="*")],
+    semilandmarks: Annotated[
+        SemilandmarkRequest, Parameter(name="*", consume_multiple=True, negative=())
+    ] = SemilandmarkRequest(),  # noqa: B008
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
     """Carry landmarks from the specimens that have them to all others.
@@ -49,56 +64,35 @@ def transfer(
     landmarks
         Landmark files (.mrk.json, .fcsv, .csv), each called like the shape it belongs to, or SHAPE=FILE; or those of
         several specimens, by their names (.tps, .nts, morphologika's .txt). Curves become semilandmarks.
-    curves
-        Files whose points, in their order, are a curve: RIM/A.fcsv is the curve RIM of the shape called A.
-    patches
-        Files whose points are semilandmarks of a patch of the surface, called likewise.
-    curve_points
-        Evenly spaced semilandmarks on every curve; by default so many as the first curve has points.
-    surface_points
-        Semilandmarks spread evenly over the whole surface of every shape.
-    to
-        Folder for the landmarks of all shapes and transfer.csv with an error radius for each.
-    space
-        Coordinates: those of the files, the common frame, that in the units of the files, or Procrustes superimposed.
-    leave_one_out
-        Predict every specimen that has landmarks from the others, and write and print how far off that is.
-    include_doubtful
-        As in ``collalign export``.
     """
     collection = load(result)
-    files = {shape_of(path)[1] for path in (*(landmarks or ()), *(curves or ()), *(patches or ()))}
-    refuse_overlap(to, {*collection.inputs, *files})
-    given = read_templates(landmarks or (), collection.names)
-    if leave_one_out and len({*given, *map(specimen_of, (*(curves or ()), *(patches or ())))}) < 2:
+    beside = (*semilandmarks.curves, *semilandmarks.patches)
+    refuse_overlap(written.to, {*collection.inputs, *(shape_of(path)[1] for path in (*landmarks, *beside))})
+    given = read_templates(landmarks, collection.names)
+    if written.leave_one_out and len({*given, *map(specimen_of, beside)}) < 2:
         raise InputError(
             "--leave-one-out: one specimen cannot be predicted from others; give landmarks of two at least"
         )
     store = run.store or result / STORE_FILE
     with resumable(store):
-        found = transfer_landmarks(
-            result,
-            given,
-            curves=curves or (),
-            patches=patches or (),
-            curve_points=curve_points,
-            surface_points=surface_points,
-            run=with_changes(run, store=store),
-        )
+        run = with_changes(run, store=store)
+        found = transfer_landmarks(result, given, semilandmarks=semilandmarks, run=run)
     collection = with_changes(collection, landmarks=found.points, landmark_names=found.labels, pairs=())
     paths = write_export(
         collection,
-        format,
-        to,
-        space=space,
+        written.format,
+        written.to,
+        space=written.space,
         semilandmarks=found.semilandmarks,
         system=found.system,
-        include_doubtful=include_doubtful,
+        include_doubtful=written.include_doubtful,
     )
-    if sentence := left_out_sentence(collection, format, space, include_doubtful=include_doubtful):
+    if sentence := left_out_sentence(
+        collection, written.format, written.space, include_doubtful=written.include_doubtful
+    ):
         warn(sentence)
-    say_files((*paths, *write_transfer(found, to, leave_one_out=leave_one_out)))
-    return _summarise(found, leave_one_out=leave_one_out)
+    say_files((*paths, *write_transfer(found, written.to, leave_one_out=written.leave_one_out)))
+    return _summarise(found, leave_one_out=written.leave_one_out)
 
 
 def _summarise(found: TransferredLandmarks, *, leave_one_out: bool) -> int:

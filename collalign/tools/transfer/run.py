@@ -17,7 +17,7 @@ from collalign.landmarks.curves import evenly_spaced
 from collalign.landmarks.fusion import fuse, template_distance
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import LandmarkTable, landmark_table
-from collalign.landmarks.templates import read_templates, with_semilandmarks
+from collalign.landmarks.templates import SemilandmarkRequest, read_templates, with_semilandmarks
 from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.products.trust import DOUBT
@@ -37,7 +37,7 @@ from collalign.tools.transfer.result import (
     TransferredLandmarks,
 )
 from data_tools.arrays import BoolArray, FloatArray, read_only
-from data_tools.checks import check_count
+from data_tools.checks import as_options
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
@@ -57,12 +57,10 @@ def transfer_landmarks(
     result: str | Path,
     landmarks: Mapping[str, Landmarks] | Sequence[str | Path],
     *,
-    curves: Sequence[str | Path] = (),
-    patches: Sequence[str | Path] = (),
-    curve_points: int | None = None,
-    surface_points: int = 0,
+    semilandmarks: SemilandmarkRequest | Mapping[str, Any] | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
+    **keywords: Any,
 ) -> TransferredLandmarks:
     """Carry landmarks from the specimens that have them to all others.
 
@@ -74,16 +72,12 @@ def transfer_landmarks(
         In file coordinates, or in LPS or RAS where that is declared. A file ``A.mrk.json``, ``A.fcsv`` or ``A.csv``
         belongs to the shape called A, or to B as ``"B=A.csv"``; TPS, NTS and morphologika name their specimens.
         Markups of the type Curve and ClosedCurve are curves of semilandmarks.
-    curves, patches : sequence of path
-        Files whose points are a curve in their order, or semilandmarks of a patch: ``RIM/A.fcsv`` is the curve RIM of
-        the shape called A.
-    curve_points : int, optional
-        Evenly spaced semilandmarks on every curve; by default so many as the first template's curve has points.
-    surface_points : int
-        Semilandmarks spread evenly over the mean surface and carried to all, templates too.
+    semilandmarks : SemilandmarkRequest or mapping, optional
     run : RunOptions, optional
     progress : bool or callable
         As in :func:`collalign.align_collection`.
+    **keywords
+        Fields of ``semilandmarks`` by themselves, which win: ``curves=["RIM/A.fcsv"]``, ``surface_points=500``.
 
     Raises
     ------
@@ -110,19 +104,16 @@ def transfer_landmarks(
     ('carried over',)
     """
     collection = load(result)
-    check_count("surface_points", surface_points, lower=0)
-    if curve_points is not None:
-        check_count("curve_points", curve_points, lower=2)
+    wanted = as_options("semilandmarks", semilandmarks, SemilandmarkRequest, keywords)
     given = dict(landmarks) if isinstance(landmarks, Mapping) else read_templates(landmarks, collection.names)
-    given = with_semilandmarks(given, curves, patches)
+    given = with_semilandmarks(given, wanted)
     rows = {name: collection.index(name) for name in given}
     meshes = tuple(zip(collection.names, collection.vertices, collection.faces, strict=True))
     placed = place_templates(given, {name: collection.file(at) for name, at in rows.items()}, meshes)
-    table = landmark_table(
-        placed.landmarks, {name: collection.transforms[at] for name, at in rows.items()}, curve_points=curve_points
-    )
+    transforms = {name: collection.transforms[at] for name, at in rows.items()}
+    table = landmark_table(placed.landmarks, transforms, curve_points=wanted.curve_points)
     dense = dense_correspondence(result, run=run, progress=progress)
-    found = _Transfer(collection, dense, table).run(surface_points)
+    found = _Transfer(collection, dense, table).run(wanted.surface_points)
     return replace(found, notes=placed.notes, system=placed.system)
 
 
