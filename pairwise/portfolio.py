@@ -15,19 +15,16 @@ from data_tools.arrays import FloatArray
 from pairwise.branch_and_bound.prove import can_certify
 from pairwise.candidates import distinct_candidates, rank
 from pairwise.local.local_search import merge, minimise
-from pairwise.local.rotation_search import explore, look_around
+from pairwise.local.rotation_search import MAX_COVERED_DIM, explore, look_around
 from pairwise.options import MatchOptions
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate, RelaxationResult
 
-#: Largest dimension of the rotation block that a set of rotations covers.
-_MAX_COVERED_DIM = 3
-
 
 def wants_relaxation(problem: Problem, options: MatchOptions) -> bool:
     """Whether the relaxation is solved, by the rule above."""
-    uncovered = problem.pattern.rotation_block > _MAX_COVERED_DIM
+    uncovered = problem.pattern.rotation_block > MAX_COVERED_DIM
     by_strategy = {"search": False, "relaxation": True, "portfolio": uncovered}[options.strategy]
     return by_strategy or (options.certify and not can_certify(problem))
 

@@ -12,6 +12,7 @@ from collections.abc import Collection
 
 import numpy as np
 
+from collalign.confidence.map_model import FLOOR
 from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray, read_only
 
@@ -45,8 +46,6 @@ WEIGHTS = {
 #: birds, fish and teddy bears alike within .02. Shapes of 20 planes that are right after synchronization: 13, 20, 20.
 #: Limits from .15 to .25 are alike; chosen on these classes.
 MOST_EXCESS = 0.2
-#: Floor of a disagreement inside its logarithm.
-FLOOR = 1e-3
 #: Costs count as no smaller than this in logarithms.
 LEAST_COST = float(np.finfo(float).tiny)
 #: How many times as telling as the logarithms of costs the odds of candidates are, and the log-odds that none is

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import sys
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
 from data_tools.checks import check_number
 from data_tools.errors import OptionsError
 
-#: Largest time limit (thirty years) and memory limit (an exbibyte): what clocks and systems can count.
-_MAX_LIMIT_S = 1e9
-_MAX_LIMIT_GIB = 2.0**30
+#: Largest memory limit: what a system can count.
+_MAX_LIMIT_GIB = sys.maxsize / 2**30
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +47,8 @@ class RunOptions:
         if not isinstance(self.jobs, int) or self.jobs == 0 or self.jobs < -1:
             raise OptionsError(f"jobs: expected -1 or a positive number of processes, got {self.jobs!r}")
         for name, largest in (
-            ("shape_time_limit_s", _MAX_LIMIT_S),
-            ("pair_time_limit_s", _MAX_LIMIT_S),
+            ("shape_time_limit_s", threading.TIMEOUT_MAX),
+            ("pair_time_limit_s", threading.TIMEOUT_MAX),
             ("memory_limit_gib", _MAX_LIMIT_GIB),
         ):
             check_number(name, getattr(self, name), upper=largest, positive=True)

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from collalign.registration.pieces import MapGoals, RigidPieces
 from collalign.registration.start import laid_by_map
+from collalign.registration.tuning import TUNED
 from data_tools.arrays import FloatArray
 from data_tools.surface.normals import vertex_normals
 from data_tools.surface.shape import Shape
@@ -21,9 +22,9 @@ _MAP_LENGTH, _POINT_LENGTH = 0.05, 0.03
 #: Weight of unit normals beside positions, in radii: normals lay muscles and features onto each other. With a third
 #: of that, seven bodies of SCAPE err 2 % more.
 _NORMAL_WEIGHT = 0.4
-#: Correspondences beyond so many times the median distance, or so many radii where that is more, do not count, nor do
-#: those whose normals differ by more than the cosine says.
-_CUTOFF, _LEAST_DISTANCE, _MIN_COSINE = 3.0, 0.01, 0.5
+#: Correspondences beyond the cutoff, or so many radii where that is more, do not count, nor do those whose normals
+#: differ by more than the cosine says.
+_LEAST_DISTANCE, _MIN_COSINE = 0.01, 0.5
 #: Times that closest points are asked, and for each that places and rotations are found in turn.
 _NUM_ROUNDS, _NUM_TURNS = 6, 2
 
@@ -65,7 +66,7 @@ def _closest_points(
     at = np.concatenate([np.arange(len(ours)), cKDTree(ours).query(theirs)[1]])
     to = np.concatenate([cKDTree(theirs).query(ours)[1], np.arange(len(theirs))])
     distances = np.linalg.norm(places[to] - moved[at], axis=1)
-    scale = _CUTOFF * max(float(np.median(distances)), _LEAST_DISTANCE * radius)
+    scale = TUNED.cutoff * max(float(np.median(distances)), _LEAST_DISTANCE * radius)
     trust = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2
     trust *= (fixed[to] * normals[at]).sum(axis=1) > _MIN_COSINE
     return MapGoals(vertices=at, places=places[to]), trust

@@ -12,47 +12,16 @@ from scipy.spatial import cKDTree
 from collalign.registration.field import SmoothField, gaussian_kernel
 from collalign.registration.pose import fitting_similarity
 from collalign.registration.surface import RegistrationSurface
+from collalign.registration.tuning import TUNED
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.poses import moved_by, scales_of
 from data_tools.threads import one_blas_thread
 
-# Lengths are in parts of the shapes' root mean square radius. All were chosen on eight mouse skulls and sixteen
-# molars, by how well their landmarks carry each other's places over from the landmarks' own poses; quoted figures are
-# of other specimens. ``python -m experiments calibrate registration`` tries other values on four of each.
-#: Farthest points of the source at which the Gaussians stand that a deformation is made of.
-NUM_CENTRES = 600
-#: Widths of the Gaussians that a deformation is made of. Adding .15 follows detail that landmarks do not.
-WIDTHS = (0.6, 0.3)
-#: Standard deviation of a displacement that each width is expected to need.
-AMPLITUDES = (0.15, 0.09)
-#: How far correspondences are trusted, one value per iteration: coarse deformations first.
-NOISE = (0.06, 0.045, 0.03, 0.02, 0.015, 0.01, 0.01, 0.01)
-#: How far normals are trusted: a difference of normals of this length counts as much as a distance of the iteration's
-#: noise. So normals choose the slope of a cusp at first, and positions decide at last.
-NORMAL_NOISE = 0.03
-#: Share of a correspondence's offset along the target's surface that pulls; 0 lets points slide freely. Molars err
-#: least at .7 and more below .4; skulls do not care between .2 and .4.
-TANGENTIAL = 0.5
-#: Correspondences beyond so many times the median distance, or the noise where that is more, do not count.
-CUTOFF = 3.0
-#: Nor do those whose normals differ by more than this cosine says.
-_MIN_COSINE = 0.3
 #: Added to the kernel's diagonal, in parts of it: centres of a smooth kernel are nearly dependent.
 _JITTER = 1e-6
-#: However many correspondences there are, they weigh like so many independent ones: neighbours say the same. With
-#: 6000, nine of ten pairs of molars fold and skulls err 5 % more; from 400 to 60 nothing changes but fewer folds.
-_NUM_INDEPENDENT = 60
 #: A deformation that shrinks volume to less than this at any of the source's points counts as folding.
 MIN_VOLUME_CHANGE = 0.05
-#: Farthest points of each surface that settle the pose, and how far correspondences are trusted on the way.
-_NUM_POSE_POINTS = 800
-#: Chosen on ten of the mouse skulls, by how near the similarity is to that of the landmarks.
-_POSE_NOISE = (0.06,) * 3 + (0.03,) * 9
-#: Of the correspondences' distances, as ``CUTOFF``; 3 leaves sizes of skulls .1 % worse and turns .03 deg.
-_POSE_CUTOFF = 6.0
-#: Iterations after which the pose of less energy is kept. After fewer, closest points that slid look as good.
-_NUM_COMPARED = 4
 #: Factor of the noise when a field folds, and where it is given up.
 _STIFFER, _MAX_STIFFNESS = 1.5, 1000.0
 
@@ -112,17 +81,17 @@ def register(target: RegistrationSurface, source: RegistrationSurface) -> Regist
     solver = _FieldSolver(source)
     poses = [settled_pose(target, source, turns=turns) for turns in (False, True)]
     fits = [_Fit.start(target, source, solver, pose) for pose in poses]
-    fits = [fit.iterated(NOISE[:_NUM_COMPARED]) for fit in fits]
-    best = min(fits, key=lambda fit: fit.energy(NOISE[:_NUM_COMPARED][-1]))
-    return best.iterated(NOISE[_NUM_COMPARED:]).result(NOISE[-1])
+    fits = [fit.iterated(TUNED.noise[: TUNED.num_compared]) for fit in fits]
+    best = min(fits, key=lambda fit: fit.energy(TUNED.noise[TUNED.num_compared - 1]))
+    return best.iterated(TUNED.noise[TUNED.num_compared :]).result(TUNED.noise[-1])
 
 
 def settled_pose(target: RegistrationSurface, source: RegistrationSurface, *, turns: bool) -> FloatArray:
     """Return the similarity, shape (4, 4), that lays a source onto a target best by what corresponds on both."""
-    few = [replace(one, spread=one.spread[:_NUM_POSE_POINTS]) for one in (target, source)]
-    search = _Search(few[0], few[1], tangential=1.0, cutoff=_POSE_CUTOFF)
+    few = [replace(one, spread=one.spread[: TUNED.num_pose_points]) for one in (target, source)]
+    search = _Search(few[0], few[1], tangential=1.0, cutoff=TUNED.pose_cutoff)
     pose, moved = np.eye(4), source.vertices
-    for noise in _POSE_NOISE:
+    for noise in TUNED.pose_noise:
         pulls = search.pulls(moved, noise)
         goals = moved[pulls.vertices] + pulls.offsets
         pose = fitting_similarity(goals, source.vertices[pulls.vertices], pulls.weights, turns=turns)
@@ -150,7 +119,7 @@ class _Fit:
         pose: FloatArray,
     ) -> _Fit:
         brought = target.placed(np.asarray(np.linalg.inv(pose)))
-        search = _Search(brought, source, tangential=TANGENTIAL, cutoff=CUTOFF)
+        search = _Search(brought, source, tangential=TUNED.tangential, cutoff=TUNED.cutoff)
         return cls(search=search, solver=solver, pose=pose, radius=brought.radius, field=solver.still, stiffness=1.0)
 
     def iterated(self, noises: Sequence[float]) -> _Fit:
@@ -166,7 +135,7 @@ class _Fit:
         """Return minus twice the logarithm of the posterior, but for a constant: bending, and what does not fit."""
         pulls = self.search.pulls(self.solver.moved(self.field), noise)
         squares = (pulls.offsets**2).sum(axis=1) / (noise * self.radius) ** 2
-        return self.field.bending + _NUM_INDEPENDENT * float(np.average(squares, weights=pulls.weights))
+        return self.field.bending + TUNED.num_independent * float(np.average(squares, weights=pulls.weights))
 
     def result(self, noise: float) -> Registration:
         """Bring everything back to the target."""
@@ -237,7 +206,7 @@ class _Search:
 
     def _features(self, vertices: FloatArray, normals: FloatArray, noise: float) -> FloatArray:
         """Positions beside scaled normals: their Euclidean distance is what "closest" means."""
-        scale = self._target.radius * noise / NORMAL_NOISE if self._has_normals else 0.0
+        scale = self._target.radius * noise / TUNED.normal_noise if self._has_normals else 0.0
         return np.hstack([vertices, scale * normals])
 
     def _trust(self, moved: FloatArray, normals: FloatArray, at: IntArray, to: IntArray, noise: float) -> FloatArray:
@@ -249,7 +218,7 @@ class _Search:
         scale = self._cutoff * max(float(np.median(distances)), noise * self._target.radius)
         weights = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2
         if self._has_normals:
-            weights *= (normals[at] * self._target_normals[to]).sum(axis=1) > _MIN_COSINE
+            weights *= (normals[at] * self._target_normals[to]).sum(axis=1) > TUNED.min_cosine
         return np.asarray(weights)
 
 
@@ -257,9 +226,9 @@ class _FieldSolver:
     """Finds the field that correspondences ask for."""
 
     def __init__(self, source: RegistrationSurface) -> None:
-        centres = source.vertices[source.spread[:NUM_CENTRES]]
-        widths = tuple(source.radius * width for width in WIDTHS)
-        amplitudes = tuple(source.radius * amplitude for amplitude in AMPLITUDES)
+        centres = source.vertices[source.spread[: TUNED.num_centres]]
+        widths = tuple(source.radius * width for width in TUNED.widths)
+        amplitudes = tuple(source.radius * amplitude for amplitude in TUNED.amplitudes)
         self.still = SmoothField(
             centres=centres, weights=np.zeros_like(centres), widths=widths, amplitudes=amplitudes
         )
@@ -285,7 +254,7 @@ class _FieldSolver:
         rows = self._basis[pulls.vertices]
         weighted = rows * pulls.weights[:, None]
         asked = weighted.T @ ((moved - self._source)[pulls.vertices] + pulls.offsets)
-        data, per_point = rows.T @ weighted, len(rows) / _NUM_INDEPENDENT
+        data, per_point = rows.T @ weighted, len(rows) / TUNED.num_independent
         while stiffness <= _MAX_STIFFNESS:
             system = data + (stiffness * noise) ** 2 * per_point * self._prior
             field = self.still.with_weights(cho_solve(cho_factor(system, lower=True), asked))

@@ -9,6 +9,7 @@ import numpy as np
 
 from collalign.registration.pieces import MapGoals, RigidPieces
 from collalign.registration.pose import fitting_similarity
+from collalign.registration.tuning import TUNED
 from data_tools.arrays import FloatArray
 from data_tools.poses import scales_of
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
@@ -21,8 +22,6 @@ _LENGTH = 0.1
 _NUM_TRUSTS, _NUM_ROUNDS = 3, 5
 #: So loosely, in radii, unbent copies stay where the source is: an unbent surface may lie anywhere.
 _LOOSE = 1e3
-#: Goals beyond so many times the median distance from where their neighbours go do not count.
-_CUTOFF = 3.0
 #: A map with goals for less than this share of the surface starts nothing.
 _LEAST_SHARE = 0.5
 #: Nor does one that leaves less than this of the surface's extent: one without order takes all to the middle.
@@ -75,7 +74,7 @@ def laid_by_map(solver: RigidPieces, goals: MapGoals, length: float) -> FloatArr
             moved = pull.places(edges)
             edges = solver.turned_edges(moved)
         distances = np.linalg.norm(moved[goals.vertices] - goals.places, axis=1)
-        scale = _CUTOFF * float(np.median(distances)) or 1.0
+        scale = TUNED.cutoff * float(np.median(distances)) or 1.0
         trust = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2
     return moved
 

@@ -7,18 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
+from collalign.registration.tuning import TUNED
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.sampling import farthest_points
+from data_tools.embedding.surface_points import MAX_DEFECTS
 from data_tools.poses import moved_by, scales_of
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.normals import outward_normals, vertex_normals
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import mesh_edges
-
-#: Farthest points of each shape whose closest point on the other pulls.
-NUM_POINTS = 2500
-#: Meshes with a larger share of edges on whose side their triangles disagree are compared by positions only.
-_MAX_DEFECTS = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,9 +45,9 @@ class RegistrationSurface:
     radius: float
 
     @classmethod
-    def from_shape(cls, shape: Shape, num_points: int = NUM_POINTS) -> RegistrationSurface:
+    def from_shape(cls, shape: Shape, num_points: int = TUNED.num_points) -> RegistrationSurface:
         """Prepare a shape, of which at most ``num_points`` farthest points pull and are pulled."""
-        normals = outward_normals(shape, max_defects=_MAX_DEFECTS)
+        normals = outward_normals(shape, max_defects=MAX_DEFECTS)
         faces, oriented = shape.faces, len(normals) > 0
         if oriented and (normals * vertex_normals(shape.vertices, faces)).sum() < 0:
             faces = np.ascontiguousarray(faces[:, ::-1])

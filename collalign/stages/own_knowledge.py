@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.engine.jobs.job import table_of_values
+from collalign.engine.store.typed import MAX_INDEX
 from collalign.options import AlignSession
 from collalign.products.own import Own
 from collalign.products.pair import Pair
@@ -20,12 +21,8 @@ from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import AS_STORED, MIN_POINTS
+from data_tools.poses import AGREE_DEG
 from data_tools.rotations import rotation_angle_deg, rotation_angles
-
-#: A common pose within this angle of one that the caller gave agrees with it.
-AGREES_DEG = 15.0
-#: Vertices have smaller numbers.
-_MOST_VERTICES = 2**31
 
 
 def own_points(own: Own, files: Mapping[str, Origin]) -> dict[str, OwnPoints]:
@@ -56,7 +53,7 @@ def own_points(own: Own, files: Mapping[str, Origin]) -> dict[str, OwnPoints]:
     for name in values:
         rows[name] = as_floats(values[name], f"invariants[{name}]", shape=(None, None))
     for name in own.samples:
-        chosen[name] = as_indices(own.samples[name], f"samples[{name}]", upper=_MOST_VERTICES, shape=(None,))
+        chosen[name] = as_indices(own.samples[name], f"samples[{name}]", upper=MAX_INDEX, shape=(None,))
         if not MIN_POINTS <= len(chosen[name]) == len(set(chosen[name].tolist())):
             raise InputError(f"samples[{name}]: expected at least {MIN_POINTS} different vertices")
     for argument, sizes in (
@@ -127,10 +124,10 @@ def own_note(own: Own, points: Mapping[str, OwnPoints], known: Constraints, rota
         words.append(f"samples ({len(some.samples)} a shape)")
     if own.candidates:
         near = sum(
-            bool((rotation_angle_deg(poses, rotations[i].T @ rotations[j]) <= AGREES_DEG).any())
+            bool((rotation_angle_deg(poses, rotations[i].T @ rotations[j]) <= AGREE_DEG).any())
             for (i, j), poses in known.candidates.items()
         )
-        words.append(f"poses of {len(known.candidates)} pairs, {near} within {AGREES_DEG:g} deg of the result")
+        words.append(f"poses of {len(known.candidates)} pairs, {near} within {AGREE_DEG:g} deg of the result")
     if own.pair_weights:
         words.append(f"weights of {len(known.weights)} pairs, {list(known.weights.values()).count(0.0)} left out")
     return f"Given by the caller: {'; '.join(words)}." if words else ""

@@ -30,19 +30,19 @@ from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.percent import listed, percent
+from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.pose_lists import PoseList, list_poses
 from pairwise.certificates.certificate import Certificate
+from pairwise.matching import GAP_TOL
 from pairwise.status import Status
 
-#: Relative gap between energy and bound at which a pose counts as proven.
-GAP_TOL = 1e-3
 #: A second pose within this factor of the best energy makes a pair worth proving.
 RIVAL_FACTOR = 1.25
 #: All poses of at most this factor times the best energy are listed, which takes about half as long again.
 LISTED_WITHIN = 1.2
 #: A common pose farther than this from every pose that a pair can have contradicts the pair.
-CONTRADICTION_RAD = np.deg2rad(30.0)
+CONTRADICTION_RAD = np.deg2rad(APART_DEG)
 #: A worker that takes so many times its time hangs, and is given up.
 GIVEN_UP_FACTOR = 10
 #: Most listed poses and regions of a pair: more candidates would make synchronization slow.

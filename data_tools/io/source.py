@@ -12,7 +12,7 @@ from data_tools.io.files import existing_file, open_regular
 
 #: Larger files are refused before anything of them is read, in bytes.
 MAX_FILE_BYTES = 4 * 2**30
-#: Hexadecimal digits of a digest: 160 bits of SHA-256.
+#: Hexadecimal digits of a digest, and of a key of the store: 160 bits of SHA-256.
 DIGEST_LENGTH = 40
 
 

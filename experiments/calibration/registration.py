@@ -6,12 +6,14 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from collalign.registration import register
 from collalign.registration.pose import fitting_similarity
 from collalign.registration.surface import RegistrationSurface
+from collalign.registration.tuning import TUNED
 from data_tools.arrays import FloatArray
 from data_tools.poses import moved_by
 from data_tools.surface.closest import SurfaceLocator
@@ -21,8 +23,8 @@ from experiments.collections.landmarked import read_dataset
 #: Specimens of each collection, drawn at random; each is registered to the next.
 NUM_SHAPES, NUM_QUICK = 4, 2
 SEED = 5
-_CONSTANTS = ("WIDTHS", "AMPLITUDES", "NOISE", "NORMAL_NOISE", "TANGENTIAL", "CUTOFF", "_NUM_INDEPENDENT")
-_OF_POSE = ("_POSE_NOISE", "_POSE_CUTOFF")
+_CONSTANTS = ("widths", "amplitudes", "noise", "normal_noise", "tangential", "cutoff", "num_independent")
+_OF_POSE = ("pose_noise", "pose_cutoff")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +67,7 @@ def measure_registration(data: Path, collections: Sequence[str], quick: bool) ->
     drawn = {collection: draw_pairs(data, collection, quick) for collection in collections}
 
     def score(collection: str, changed: Mapping[str, Constant]) -> float:
-        with patched(register, changed):
+        with patched(register, {"TUNED": TUNED._replace(**dict[str, Any](changed))}):
             return -float(np.mean([pair.error() for pair in drawn[collection]]))
 
     return scan(CALIBRATION.constants, collections, score, quick=quick)
@@ -73,7 +75,7 @@ def measure_registration(data: Path, collections: Sequence[str], quick: bool) ->
 
 CALIBRATION = Calibration(
     module="collalign.registration",
-    constants=constants_of(register, *_CONSTANTS, *_OF_POSE),
+    constants=constants_of(TUNED, *_CONSTANTS, *_OF_POSE),
     measure=measure_registration,
     collections=("teeth", "mouse skulls"),
     score="mean error of landmarks in root mean square radii, negative",

@@ -116,7 +116,7 @@ def constants_of(owner: Any, *names: str) -> dict[str, Constant]:
 
 
 @contextmanager
-def patched(module: ModuleType, changed: Mapping[str, Constant]) -> Iterator[None]:
+def patched(module: ModuleType, changed: Mapping[str, Any]) -> Iterator[None]:
     """Give constants of a module other values for a while."""
     before = {name: getattr(module, name) for name in changed}
     try:

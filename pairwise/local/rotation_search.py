@@ -21,12 +21,10 @@ from pairwise.problem.problem import Problem
 
 #: Largest number of principal-axis starts; 4 in three dimensions.
 _MAX_SIGN_STARTS = 16
-#: Size of the set of rotations by dimension of the rotation block, and above.
+#: Sizes of sets of rotations that cover rotation blocks of so many dimensions; of more dimensions as many as of the
+#: last, which do not cover them: a step of nearest-neighbour ICP comes first.
 _NUM_ROTATIONS = {2: 96, 3: 500}
-_NUM_ROTATIONS_ABOVE = 500
-#: Largest dimension whose rotations such a set covers; above, steps of nearest-neighbour ICP come first.
-_MAX_COVERED_DIM = 3
-_UNCOVERED_STEPS = 1
+MAX_COVERED_DIM = max(_NUM_ROTATIONS)
 #: Poses closer than this are one.
 _SAME_RAD = np.deg2rad(4.0)
 #: Share of the rotations that meet exact assignment where they cover what is searched, and where they do not (higher
@@ -83,9 +81,9 @@ def explore(problem: Problem, *, seed: int = 0) -> LocalMinima:
         For rotation blocks of more than three dimensions.
     """
     lead = leading_problem(problem)
-    num = _NUM_ROTATIONS.get(lead.dim, _NUM_ROTATIONS_ABOVE)
+    num = _NUM_ROTATIONS[min(lead.dim, MAX_COVERED_DIM)]
     axes, even = initial_rotations(lead, num, seed=seed)
-    is_covered = lead.dim <= _MAX_COVERED_DIM
+    is_covered = lead.dim <= MAX_COVERED_DIM
     num_tried = max(_LEAST_TRIED, round((_TRIED if is_covered else _TRIED_UNCOVERED) * num))
     tried = _screened(lead, axes, even, num_tried)
     starts = np.concatenate([axes, tried])
@@ -143,10 +141,10 @@ def _turns_around(dim: int, seed: int) -> FloatArray:
 
 def _screened(problem: Problem, axes: FloatArray, even: FloatArray, num: int) -> FloatArray:
     """Return the most promising rotations."""
-    if problem.dim <= _MAX_COVERED_DIM:
+    if problem.dim <= MAX_COVERED_DIM:
         rotations, _ = screen(problem, even)
         return rotations[_first(num, len(rotations), problem.pattern.mirrored(rotations))]
-    rotations, _ = screen(problem, np.concatenate([axes, even]), num_steps=_UNCOVERED_STEPS)
+    rotations, _ = screen(problem, np.concatenate([axes, even]), num_steps=1)
     return rotations[distinct(rotations, _SAME_RAD, num, mirrored=problem.pattern.mirrored(rotations))]
 
 

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.jobs.shared_table import SharedTable
+from collalign.engine.store.layout import MAX_TEXT
 from data_tools.errors import CollalignError, OptionsError, UnavailableError
 from data_tools.io.locks import PRIVATE
 from data_tools.threads import one_blas_thread
 
-_MAX_FAILURE = 1000
 #: Errors that another run of the same task may not meet.
 _OF_THE_MACHINE = (MemoryError, OSError, ImportError, UnavailableError)
 _ORPHAN_POLL_S = 1.0
@@ -165,7 +165,7 @@ def run_guarded(call: Call, task: Task, guard: Guard | None) -> Outcome:
 
 def describe(error: BaseException) -> str:
     """Return one line about an error: what it says, and for unexpected ones the type and the place."""
-    text = " ".join(str(error).split())[:_MAX_FAILURE]
+    text = " ".join(str(error).split())[:MAX_TEXT]
     if isinstance(error, CollalignError):
         return text
     frames = traceback.extract_tb(error.__traceback__)

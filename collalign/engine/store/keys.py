@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 
 from collalign.engine.store.records import encode
-
-#: Hexadecimal digits of a key: 160 bits of SHA-256.
-KEY_LENGTH = 40
+from data_tools.io.source import DIGEST_LENGTH
 
 
 def fingerprint(algorithm_version: str, options: Any, *content_hashes: str) -> str:
@@ -40,7 +38,7 @@ def fingerprint(algorithm_version: str, options: Any, *content_hashes: str) -> s
     True
     """
     content = {"version": algorithm_version, "options": _canonical(options), "content": list(content_hashes)}
-    return hashlib.sha256(encode(content)).hexdigest()[:KEY_LENGTH]
+    return hashlib.sha256(encode(content)).hexdigest()[:DIGEST_LENGTH]
 
 
 def pair_seed(seed: int, target: str, source: str) -> int:

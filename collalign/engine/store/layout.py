@@ -13,9 +13,11 @@ STAGE, NUM_FILES, FINISHED = "stage", "files", "finished"
 #: Raised whenever the tables or the encoding of records change.
 FORMAT_VERSION = 4
 #: Marks an SQLite file as a store ("cola").
-APPLICATION_ID = 0x636F6C61
+APPLICATION_ID = int.from_bytes(b"cola")
 #: Of the file, in bytes: two records of 64 points fit a page, where SQLite's default would leave a third empty.
 PAGE_SIZE = 8192
+#: Longest key, label and reason of a failure, in characters.
+MAX_TEXT = 1000
 
 _RECORDS = (
     "CREATE TABLE {kind} (key TEXT PRIMARY KEY NOT NULL, label TEXT NOT NULL, seconds REAL, "

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 from data_tools.errors import StoreError
 from data_tools.io.locks import LockFile
 
 #: No process number has more digits.
-_MAX_DIGITS = 21
+_MAX_DIGITS = len(str(sys.maxsize))
 
 
 class StoreLock:

@@ -15,14 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.store.file import open_connection, open_memory, reason_of
-from collalign.engine.store.layout import KINDS, Costs, Counts, Failure, table_of
+from collalign.engine.store.layout import KINDS, MAX_TEXT, Costs, Counts, Failure, table_of
 from collalign.engine.store.lock import StoreLock
 from collalign.engine.store.records import Record, decode, encode
 from data_tools.errors import StoreError
-
-#: Longest key or label and longest reason of a failure, in characters.
-_MAX_NAME = 1000
-_MAX_REASON = 4000
 
 
 class Store:
@@ -135,7 +131,7 @@ class Store:
         data = encode(record)
         table = table_of(kind)
         duration = None if seconds != seconds else float(seconds)
-        row = (_checked(key), _text(label, _MAX_NAME), duration, _digest(kind, key, data), data)
+        row = (_checked(key), _text(label), duration, _digest(kind, key, data), data)
         with self._transaction() as connection:
             connection.execute(f"INSERT OR REPLACE INTO {table} VALUES (?, ?, ?, ?, ?)", row)
             connection.execute("DELETE FROM failures WHERE kind = ? AND key = ?", (kind, key))
@@ -147,7 +143,7 @@ class Store:
     def put_failure(self, kind: str, key: str, reason: str, *, label: str = "", crashed: bool = False) -> None:
         """Record why there is no result for a key."""
         table_of(kind)
-        row = (kind, _checked(key), _text(label, _MAX_NAME), int(crashed), _text(reason, _MAX_REASON))
+        row = (kind, _checked(key), _text(label), int(crashed), _text(reason))
         with self._transaction() as connection:
             connection.execute("INSERT OR REPLACE INTO failures VALUES (?, ?, ?, ?, ?)", row)
 
@@ -166,7 +162,7 @@ class Store:
         :meth:`status` counts against it. Records that are not planned any more stay, for runs with other options.
         """
         table_of(kind)
-        rows = [(kind, _checked(key), _text(label, _MAX_NAME)) for key, label in labels.items()]
+        rows = [(kind, _checked(key), _text(label)) for key, label in labels.items()]
         with self._transaction() as connection:
             connection.execute("DELETE FROM plan WHERE kind = ?", (kind,))
             connection.executemany("INSERT INTO plan VALUES (?, ?, ?)", rows)
@@ -245,11 +241,11 @@ def _digest(kind: str, key: str, data: bytes) -> bytes:
 
 
 def _checked(key: str) -> str:
-    if not isinstance(key, str) or not 0 < len(key) <= _MAX_NAME:
-        raise ValueError(f"a key is a string of 1 to {_MAX_NAME} characters, got {key!r}")
+    if not isinstance(key, str) or not 0 < len(key) <= MAX_TEXT:
+        raise ValueError(f"a key is a string of 1 to {MAX_TEXT} characters, got {key!r}")
     return key
 
 
-def _text(text: str, limit: int) -> str:
+def _text(text: str) -> str:
     """Return text that SQLite can hold: file names may contain bytes that are no Unicode."""
-    return text[:limit].encode("utf-8", "replace").decode("utf-8")
+    return text[:MAX_TEXT].encode("utf-8", "replace").decode("utf-8")

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from collalign.confidence.map_model import FLOOR
 from collalign.nonrigid.collection.bases import CommonBases, common_bases, map_residuals
 from data_tools.arrays import FloatArray, IntArray
 
 #: Log-odds that a candidate map loses per unit of the logarithm of its residual, the number of functions in which
 #: candidates are compared, and rounds of choosing.
 CYCLE_WEIGHT, NUM_COMPARED, MAX_ROUNDS = 4.0, 30, 8
-#: Residuals are not counted as smaller than this.
-FLOOR = 1e-3
 
 
 def choose_maps(

@@ -3,7 +3,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from collalign.engine.store.keys import KEY_LENGTH, fingerprint, pair_seed
+from collalign.engine.store.keys import fingerprint, pair_seed
+from data_tools.io.source import DIGEST_LENGTH
 
 
 @dataclass(frozen=True)
@@ -14,7 +15,7 @@ class Options:
 
 def test_a_key_changes_with_version_options_and_content_only():
     key = fingerprint("1", Options(), "aa", "bb")
-    assert len(key) == KEY_LENGTH
+    assert len(key) == DIGEST_LENGTH
     assert key == fingerprint("1", {"weight": 0.5, "num_points": np.int64(64)}, "aa", "bb")
     others = [
         fingerprint("2", Options(), "aa", "bb"),

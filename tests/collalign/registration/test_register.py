@@ -10,6 +10,7 @@ from collalign.registration.mean import medoid
 from collalign.registration.pose import fitting_similarity
 from collalign.registration.register import MIN_VOLUME_CHANGE, register
 from collalign.registration.surface import RegistrationSurface
+from collalign.registration.tuning import TUNED
 from data_tools.datasets.synthetic import bumped, shuffled
 from data_tools.datasets.synthetic_shapes import crown, figure
 from data_tools.errors import InputError
@@ -20,7 +21,7 @@ from data_tools.surface.shape import Shape
 @pytest.fixture(autouse=True, scope="module")
 def few_centres():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "NUM_CENTRES", 200)
+        patch.setattr(module, "TUNED", TUNED._replace(num_centres=200))
         yield
 
 
