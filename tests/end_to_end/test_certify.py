@@ -71,7 +71,12 @@ def test_a_part_is_named_and_a_shape_that_stands_on_its_head_is_found(result, tm
     assert certification_summary(vague)[2].startswith("Left free: every shape by itself")
     assert np.delete(found.changes_deg, 2).max() < 20.0
     assert found.joint.near_energy > found.joint.energy
-    assert f"Refuted: turning {view.names[2]} costs" in certification_summary(found)[1]
+    refuted = certification_summary(found)[1]
+    assert f"Refuted: turning {view.names[2]} costs" in refuted
+    assert ("none of these is in doubt" in refuted) == (view.confidence[2] >= 0.95)
+    sure, unsure = (certification_summary(replace(found, confidence=np.full(4, one)))[1] for one in (1.0, 0.5))
+    assert "none of these is in doubt" in sure
+    assert f"the result itself doubts {view.names[2]}:" in unsure
 
 
 def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(result, monkeypatch):

@@ -16,16 +16,17 @@ from collalign.output.evidence.gather import json_types
 from collalign.output.evidence.loading import load
 from collalign.output.report.page import write_report
 from collalign.output.write import REPORT_FILE, WRITER, report_title
+from collalign.products.trust import DOUBT
 from collalign.tools.certify.result import CertifiedCollection, JointBound, share_of
+from data_tools.arrays import IntArray
 from data_tools.io.files import read_text, write_atomic
 from data_tools.io.output_folder import OutputFolder
+from data_tools.percent import listed
 
 JSON_FILE = "certification.json"
 FILES = (JSON_FILE, PROOF_FILE)
 #: A shape that the cheapest known arrangement turns by more than this is posed otherwise there.
 OTHERWISE_DEG = 20.0
-#: Shapes named in a sentence.
-_MOST_NAMED = 8
 
 
 def write_certification(certified: CertifiedCollection, output: OutputFolder) -> tuple[Path, ...]:
@@ -115,7 +116,7 @@ def certification_summary(certified: CertifiedCollection) -> tuple[str, ...]:
     own = (
         f"The poses of the result are those of the cheapest arrangement known, up to {OTHERWISE_DEG:.0f} deg."
         if not len(turned)
-        else f"Refuted: turning {_named(names, turned)} costs {less} less."
+        else f"Refuted: turning {listed([names[i] for i in turned])} costs {less} less. " + _evidence(certified, turned)
     )
     return (
         f"Proven: no consistent arrangement of these {len(names)} shapes is cheaper than the result by more than "
@@ -127,6 +128,14 @@ def certification_summary(certified: CertifiedCollection) -> tuple[str, ...]:
         _free(joint),
         "Not proven: that the poses are anatomically right, or that the cheapest poses are.",
     )
+
+
+def _evidence(certified: CertifiedCollection, turned: IntArray) -> str:
+    """Say whether the evidence, of which energies are a part only, lets shapes be turned."""
+    doubtful = [certified.names[i] for i in turned if not certified.confidence[i] >= DOUBT]
+    if not doubtful:
+        return "Other evidence is for the poses of the result, of which none of these is in doubt."
+    return f"Of these the result itself doubts {listed(doubtful)}: see R_cheapest_shape in {JSON_FILE}."
 
 
 def _free(joint: JointBound) -> str:
@@ -141,11 +150,6 @@ def _free(joint: JointBound) -> str:
         "Not asked: which single shapes this leaves free. What is unproven is "
         f"{unproven / own:.2g} of what the pairs of one shape cost on average."
     )
-
-
-def _named(names: tuple[str, ...], chosen: np.ndarray) -> str:
-    more = len(chosen) - _MOST_NAMED
-    return ", ".join(names[i] for i in chosen[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _percent(share: float) -> str:

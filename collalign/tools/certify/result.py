@@ -76,6 +76,8 @@ class CertifiedCollection:
         By how much the cheapest arrangement known turns each shape against the others, compared with the result; NaN
         where it mirrors it.
     same_chirality : ndarray of bool, shape (N,)
+    confidence : ndarray, shape (N,)
+        Of the poses of the result.
     """
 
     names: tuple[str, ...]
@@ -85,6 +87,7 @@ class CertifiedCollection:
     joint: JointBound
     changes_deg: FloatArray
     same_chirality: BoolArray
+    confidence: FloatArray
 
     __repr__ = one_line
 

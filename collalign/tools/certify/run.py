@@ -107,6 +107,7 @@ def certify_collection(
         joint=joint,
         changes_deg=read_only(changes),
         same_chirality=read_only(same),
+        confidence=read_only(collection.confidence[members]),
     )
 
 
