@@ -113,11 +113,10 @@ def certification_summary(certified: CertifiedCollection) -> tuple[str, ...]:
     turned = np.flatnonzero((certified.changes_deg > OTHERWISE_DEG) | ~certified.same_chirality)
     saving = 1.0 - share_of(joint.bound, joint.near_energy)
     less = _percent(1.0 - share_of(joint.energy, joint.near_energy))
-    own = (
-        f"The poses of the result are those of the cheapest arrangement known, up to {OTHERWISE_DEG:.0f} deg."
-        if not len(turned)
-        else f"Refuted: turning {listed([names[i] for i in turned])} costs {less} less. " + _evidence(certified, turned)
-    )
+    own = f"The poses of the result are those of the cheapest arrangement known, up to {OTHERWISE_DEG:.0f} deg."
+    if len(turned):
+        own = f"Refuted: turning {listed([names[i] for i in turned])} costs {less} less. "
+        own += _evidence(certified, turned)
     return (
         f"Proven: no consistent arrangement of these {len(names)} shapes is cheaper than the result by more than "
         f"{_percent(saving)}, nor than the cheapest one known by more than {_percent(1.0 - joint.share)} (lower "
