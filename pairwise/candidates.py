@@ -10,7 +10,7 @@ from data_tools.arrays import read_only
 from data_tools.poses import SAME_DEG
 from data_tools.rotations import rotation_angles
 from pairwise.local.local_search import LocalMinima
-from pairwise.local.rotation_search import distinct
+from pairwise.local.rotation_search import apart_rotations
 from pairwise.options import MatchOptions
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
@@ -45,7 +45,9 @@ def _distinct_of_one(
 ) -> list[Candidate]:
     """Return the distinct poses of one chirality."""
     block = pattern.rotation_block
-    chosen = minima.take(distinct(minima.rotations[:, :block, :block], np.deg2rad(SAME_DEG), options.max_candidates))
+    chosen = minima.take(
+        apart_rotations(minima.rotations[:, :block, :block], np.deg2rad(SAME_DEG), options.max_candidates)
+    )
     return [
         Candidate(
             R_target_source=read_only(chosen.rotations[c].copy()),

@@ -21,7 +21,7 @@ from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import can_certify, prove
 from pairwise.candidates import with_better
 from pairwise.options import MatchOptions
-from pairwise.portfolio import find_poses, wants_relaxation
+from pairwise.portfolio import ranked_poses, wants_relaxation
 from pairwise.problem.problem import Problem, ProblemArguments
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate, MatchResult, RelaxationResult
@@ -129,7 +129,7 @@ def match_problem(problem: Problem, options: MatchOptions, *, starts: FloatArray
     relaxation = None
     if wants_relaxation(problem, options):
         relaxation = solve_pm_sdp(problem, tol=GAP_TOL, time_limit_s=options.time_limit_s)
-    ranked = find_poses(problem, options, relaxation=relaxation, starts=starts)
+    ranked = ranked_poses(problem, options, relaxation=relaxation, starts=starts)
     bound, status = _proven(problem, relaxation, ranked[0])
     if options.certify and status is not Status.PROVEN_OPTIMAL and can_certify(problem):
         spent_s = time.monotonic() - began_s

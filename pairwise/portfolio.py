@@ -29,7 +29,7 @@ def wants_relaxation(problem: Problem, options: MatchOptions) -> bool:
     return by_strategy or (options.certify and not can_certify(problem))
 
 
-def find_poses(
+def ranked_poses(
     problem: Problem,
     options: MatchOptions,
     *,

@@ -28,7 +28,7 @@ MIN_TEMPLATES = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Evidence:
+class RadiusEvidence:
     """What a prediction shows of its own error, without knowing the answer.
 
     Attributes
@@ -75,7 +75,7 @@ class Calibration:
     most_residual: float
 
 
-def calibrate(errors: FloatArray, evidence: Sequence[Evidence]) -> Calibration:
+def calibrate(errors: FloatArray, evidence: Sequence[RadiusEvidence]) -> Calibration:
     """Learn radii from templates that were left out in turn.
 
     A landmark's error on a specimen is expected to be the larger, the larger it is on the other templates, the less
@@ -86,7 +86,7 @@ def calibrate(errors: FloatArray, evidence: Sequence[Evidence]) -> Calibration:
     ----------
     errors : ndarray, shape (t, l)
         Of each landmark on each template, predicted from the others; NaN where unknown.
-    evidence : sequence of Evidence, length t
+    evidence : sequence of RadiusEvidence, length t
         Of those predictions.
 
     References
@@ -109,7 +109,7 @@ def calibrate(errors: FloatArray, evidence: Sequence[Evidence]) -> Calibration:
     return Calibration(landmark_error=landmark_error, factor=factor, most_residual=most)
 
 
-def beyond_range(calibration: Calibration, evidence: Evidence) -> BoolArray:
+def beyond_range(calibration: Calibration, evidence: RadiusEvidence) -> BoolArray:
     """Return where the surface fits worse than on any template, so that no radius can be trusted, shape (l,).
 
     Without a calibration nothing is.
@@ -120,7 +120,7 @@ def beyond_range(calibration: Calibration, evidence: Evidence) -> BoolArray:
     return np.asarray(evidence.residual / evidence.unit > limit)
 
 
-def radii(calibration: Calibration, evidence: Evidence) -> FloatArray:
+def radii(calibration: Calibration, evidence: RadiusEvidence) -> FloatArray:
     """Return the radius of each landmark on a specimen, shape (l,); NaN where nothing was calibrated."""
     return np.asarray(calibration.factor * evidence.expected(calibration.landmark_error))
 

@@ -27,7 +27,7 @@ from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pa
 from collalign.stages.poses.agreement import with_common_match
 from collalign.stages.poses.frame import fix_frame
 from collalign.stages.poses.parts import join_parts, split_shapes
-from collalign.stages.poses.placement import common_labels, common_positions, in_label_order, place_and_scale
+from collalign.stages.poses.placement import common_positions, in_label_order, labels_at_common_poses, place_and_scale
 from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_shapes
 from collalign.stages.proofs import certify_pairs, contradictions
@@ -161,7 +161,7 @@ def pose(run: Run, matched: Matched) -> Posed:
         with session.alone("common matches"):
             rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
             pairs = with_common_match(samples, pairs, solution, rotations)
-            labels = common_labels(samples, pairs, rotations)
+            labels = labels_at_common_poses(samples, pairs, rotations)
         transforms = place_and_scale(samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms)
     return Posed(
         pairs=pairs,

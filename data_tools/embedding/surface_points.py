@@ -27,7 +27,7 @@ RIM_NEIGHBOURS, RIM_GAP = 12, 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SurfacePoints:
+class OrientedPoints:
     """Points of a surface, in the order of farthest point sampling.
 
     Attributes
@@ -47,7 +47,7 @@ class SurfacePoints:
     oriented: bool
 
 
-def surface_points(shape: Shape, num: int) -> SurfacePoints:
+def spread_points(shape: Shape, num: int) -> OrientedPoints:
     """Return at most ``num`` Euclidean farthest points of a mesh or point cloud, in its own coordinates."""
     small = WorkingSurface(shape, SamplingOptions(max_faces=MAX_FACES)).shape
     chosen = farthest_points(small, min(num, len(np.unique(small.vertices, axis=0))), metric="euclidean")
@@ -56,7 +56,7 @@ def surface_points(shape: Shape, num: int) -> SurfacePoints:
     oriented = len(normals) > 0
     directions = normals[chosen] if oriented else plane_normals(small.vertices, points)
     on_rim = _mesh_rim(small, points) if small.is_mesh else cloud_rim(points, directions)
-    return SurfacePoints(
+    return OrientedPoints(
         points=read_only(points), normals=read_only(directions), on_rim=read_only(on_rim), oriented=oriented
     )
 

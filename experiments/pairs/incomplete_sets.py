@@ -22,7 +22,7 @@ from collalign.output.collection import Collection
 from collalign.products.trust import DOUBT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.embedding import Samples, sample_shape
-from data_tools.embedding.surface_points import surface_points
+from data_tools.embedding.surface_points import spread_points
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
@@ -143,7 +143,7 @@ def measure_scan_pairs(cell: Cell) -> Record:
 
 def surface_of(shape: Shape) -> PartialSurface:
     """Return what is matched of a shape."""
-    points = surface_points(shape, MOST_POINTS)
+    points = spread_points(shape, MOST_POINTS)
     return PartialSurface.from_user(points.points, points.normals, points.on_rim, oriented=points.oriented)
 
 

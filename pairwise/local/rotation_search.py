@@ -92,7 +92,7 @@ def explore(problem: Problem, *, seed: int = 0) -> LocalMinima:
         starts = procrustes(problem, MatchingCosts(lead).assign(starts), lead.pattern.mirrored(starts))
     trials = minimise(problem, starts, max_iterations=_TRIAL_STEPS, hold_chirality=True, origins=origins)
     num_kept = max(_LEAST_KEPT, round(_KEPT * num_tried))
-    kept = distinct(
+    kept = apart_rotations(
         trials.rotations[:, : lead.dim, : lead.dim],
         _SAME_RAD,
         num_kept,
@@ -145,7 +145,7 @@ def _screened(problem: Problem, axes: FloatArray, even: FloatArray, num: int) ->
         rotations, _ = screen(problem, even)
         return rotations[_first(num, len(rotations), problem.pattern.mirrored(rotations))]
     rotations, _ = screen(problem, np.concatenate([axes, even]), num_steps=1)
-    return rotations[distinct(rotations, _SAME_RAD, num, mirrored=problem.pattern.mirrored(rotations))]
+    return rotations[apart_rotations(rotations, _SAME_RAD, num, mirrored=problem.pattern.mirrored(rotations))]
 
 
 def _first(num: int, num_all: int, mirrored: BoolArray | None) -> IntArray:
@@ -170,7 +170,7 @@ def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0) -> Loca
         As in :func:`explore`.
     """
     block = problem.pattern.rotation_block
-    centres = distinct(minima.rotations[:, :block, :block], _ANGLE_AROUND_RAD / 2.0, _NUM_CENTRES)
+    centres = apart_rotations(minima.rotations[:, :block, :block], _ANGLE_AROUND_RAD / 2.0, _NUM_CENTRES)
     centres = centres[minima.energies[centres] <= _CENTRE_FACTOR * minima.energies[0]]
     turns = np.tile(np.eye(problem.dim), (_NUM_AROUND, 1, 1))
     turns[:, :block, :block] = _turns_around(block, seed)
@@ -179,7 +179,9 @@ def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0) -> Loca
     return merge([minima, found])
 
 
-def distinct(rotations: FloatArray, angle_rad: float, num: int, *, mirrored: BoolArray | None = None) -> IntArray:
+def apart_rotations(
+    rotations: FloatArray, angle_rad: float, num: int, *, mirrored: BoolArray | None = None
+) -> IntArray:
     """Return positions of the first ``num`` rotations that are pairwise at least ``angle_rad`` apart, in order.
 
     Where it is known which ones are mirrored, the first ones of each chirality follow up to its share of ``num``.

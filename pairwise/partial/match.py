@@ -95,7 +95,7 @@ def match_partial(
     few, many = NUM_POINTS
     poses = refine([target], source, starts, FEW_STEPS, num_points=few, scale_range=scale_range)
     found = counterparts(target, source, poses, few)
-    poses = poses[distinct(poses, found.energies, NUM_REFINED, target.radius)]
+    poses = poses[distinct_similarities(poses, found.energies, NUM_REFINED, target.radius)]
     poses = refine([target], source, poses, MANY_STEPS, num_points=many, scale_range=scale_range)
     found = counterparts(target, source, poses, many)
     return ranked(target, poses, found, num_candidates)
@@ -148,11 +148,11 @@ def ranked(
             overlap_target=float(overlaps[p, 0]),
             overlap_source=float(overlaps[p, 1]),
         )
-        for p in distinct(poses, energies, num_candidates, target.radius)
+        for p in distinct_similarities(poses, energies, num_candidates, target.radius)
     )
 
 
-def distinct(poses: Similarity, energies: FloatArray, num: int, radius: float) -> IntArray:
+def distinct_similarities(poses: Similarity, energies: FloatArray, num: int, radius: float) -> IntArray:
     """Return at most so many poses that differ, the least energy first."""
     kept: list[int] = []
     for p in np.argsort(energies, kind="stable").tolist():
@@ -167,7 +167,7 @@ def distinct(poses: Similarity, energies: FloatArray, num: int, radius: float) -
 
 def _starts(target: PartialSurface, source: PartialSurface, group: str, *, estimate_scale: bool) -> Similarity:
     """Return the best pose of each rotation, the most promising rotations."""
-    from pairwise.partial.screen import screen  # compiled, and loads Numba
+    from pairwise.partial.screen import screen_similarities  # compiled, and loads Numba
 
     turns = rotation_set(3, NUM_TURNS)
     if group == "O":
@@ -177,7 +177,7 @@ def _starts(target: PartialSurface, source: PartialSurface, group: str, *, estim
     # Surfaces are searched about their centres, in radii of the target.
     to, of = target.centred(target.radius), source.centred(target.radius)
     lattice = _lattice()
-    costs, which_shift, which_scale = screen(to, of, turns, lattice, scales)
+    costs, which_shift, which_scale = screen_similarities(to, of, turns, lattice, scales)
     best = np.argsort(costs, kind="stable")[: NUM_STARTS * (2 if group == "O" else 1)]
     turns, factors = turns[best], scales[which_scale[best]]
     shifts = target.centre + target.radius * lattice[which_shift[best]]

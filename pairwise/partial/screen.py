@@ -13,7 +13,7 @@ from pairwise.partial.surface import PartialSurface
 NUM_POINTS, CUTOFF = 64, 0.35
 
 
-def screen(
+def screen_similarities(
     target: PartialSurface, source: PartialSurface, turns: FloatArray, shifts: FloatArray, scales: FloatArray
 ) -> tuple[FloatArray, IntArray, IntArray]:
     """Return the least mean truncated cost at each rotation, and which shift and which scale it has.

@@ -29,7 +29,7 @@ def signed_volume(shape: Shape) -> float:
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
 
-def vertex_normals(shape: Shape) -> FloatArray:
+def summed_normals(shape: Shape) -> FloatArray:
     """Return unit normals, the area-weighted mean of those of the triangles around a vertex, shape (v, 3)."""
     normals = _around(shape) @ _doubled_normals(shape)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -57,7 +57,7 @@ def smoothed_curvature(shape: Shape, operators: SurfaceOperators, *, time: float
     positions = shape.vertices
     for _ in range(2):
         positions = step.solve(mass @ positions)
-    bending = ((operators.stiffness @ positions) * vertex_normals(shape)).sum(axis=1)
+    bending = ((operators.stiffness @ positions) * summed_normals(shape)).sum(axis=1)
     curvature = 0.5 * np.sqrt(shape.area) * step.solve(bending)
     return np.clip(curvature, *np.quantile(curvature, [0.01, 0.99]))
 

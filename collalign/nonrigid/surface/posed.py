@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature, vertex_normals
+from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature, summed_normals
 from collalign.nonrigid.surface.spectral_shape import CURVATURE_TIMES, NUM_ORIENTATION, SpectralShape
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.invariants import heat_kernel_signature, standardised
@@ -72,7 +72,7 @@ def prepare_posed(shape: Shape) -> PosedSurface:
         curvature=curvature[dense],
         orientation=orientation_form(working, eigen.functions[:, :NUM_ORIENTATION])[dense],
     )
-    return posed_surface(spectral, vertex_normals(working)[dense])
+    return posed_surface(spectral, summed_normals(working)[dense])
 
 
 def spectral_samples(**known: Any) -> SpectralShape:
@@ -125,7 +125,7 @@ def first_samples(surface: PosedSurface, num_points: int, num_functions: int) ->
 def sampled_surface(shape: SpectralShape) -> PosedSurface:
     """Return a shape that is prepared in full, at its dense samples; it must have triangles."""
     sampled = _at(shape, shape.dense, shape.orientation, len(shape.eigenvalues))
-    return posed_surface(sampled, vertex_normals(shape.working_shape)[shape.dense])
+    return posed_surface(sampled, summed_normals(shape.working_shape)[shape.dense])
 
 
 def _at(shape: SpectralShape, rows: IntArray | slice, orientation: FloatArray, num_functions: int) -> SpectralShape:

@@ -89,7 +89,7 @@ class PoseWeigher:
         return columns.astype(np.int64), float(costs[rows, columns].sum())
 
 
-def distinct(candidates: Sequence[WeighedPose]) -> list[WeighedPose]:
+def distinct_weighed(candidates: Sequence[WeighedPose]) -> list[WeighedPose]:
     """Return the candidates that most speaks for, best first, of each set of nearly equal rotations only one."""
     scores = evidence_score(np.stack([candidate.evidence for candidate in candidates]))
     ranked = [candidates[at] for at in np.argsort(-scores, kind="stable")]

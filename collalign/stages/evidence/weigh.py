@@ -18,7 +18,7 @@ from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.evidence.candidates import PoseWeigher, distinct
+from collalign.stages.evidence.candidates import PoseWeigher, distinct_weighed
 from collalign.stages.evidence.map_surfaces import StoredSurface, prepare_surfaces
 from collalign.stages.shape_stage import SAMPLING
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
@@ -71,7 +71,7 @@ def weigh_pair(
     candidates = [weigher.candidate_from(start) for start in starts]
     if is_first:
         candidates += weigher.candidates_from_signs(mirrored=group == "O")
-    found = distinct(candidates)
+    found = distinct_weighed(candidates)
     return PairEvidence(
         rotations=np.stack([candidate.rotation for candidate in found]),
         maps=np.stack([candidate.point_map for candidate in found]).astype(np.int32),

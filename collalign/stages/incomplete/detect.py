@@ -17,7 +17,7 @@ from collalign.products.shapes import Shapes
 from collalign.stages.incomplete.posed_points import surface_from_record
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
-from data_tools.embedding.surface_points import SurfacePoints, cloud_rim, plane_normals
+from data_tools.embedding.surface_points import OrientedPoints, cloud_rim, plane_normals
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.percent import percent
@@ -111,14 +111,14 @@ def may_be_cut(session: AlignSession, shapes: Shapes, shape: int) -> bool:
     return not found.is_mesh or is_open_surface(found.vertices, found.faces)
 
 
-def posed_samples(samples: Samples, transform: FloatArray) -> SurfacePoints:
+def posed_samples(samples: Samples, transform: FloatArray) -> OrientedPoints:
     """Return the dense samples of a shape at its transform (4, 4); what has wide gaps around it is the rim."""
     raw = samples.dense_positions * samples.scale + samples.offset
     points = moved_by(transform, raw)
     turn = transform[:3, :3] / scales_of(transform)
     is_oriented = len(samples.dense_normals) > 0
     normals = samples.dense_normals @ turn.T if is_oriented else plane_normals(points, points)
-    return SurfacePoints(points=points, normals=normals, on_rim=cloud_rim(points, normals), oriented=is_oriented)
+    return OrientedPoints(points=points, normals=normals, on_rim=cloud_rim(points, normals), oriented=is_oriented)
 
 
 def share_beyond(surface: PartialSurface, partners: Sequence[PartialSurface]) -> float:

@@ -33,7 +33,7 @@ from collalign.stages.incomplete.posed_points import posed_points, prepare_point
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.steps import Posed, Run
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.embedding.surface_points import SurfacePoints
+from data_tools.embedding.surface_points import OrientedPoints
 from data_tools.errors import InputError
 from data_tools.poses import Similarity, scales_of
 from data_tools.threads import one_blas_thread
@@ -46,7 +46,7 @@ MOST_SHAPES = 40
 
 
 @one_blas_thread()
-def match_scans(target: SurfacePoints, source: SurfacePoints, group: str, estimate_scale: bool) -> Record:
+def match_scans(target: OrientedPoints, source: OrientedPoints, group: str, estimate_scale: bool) -> Record:
     """Return ``transforms`` (m, 4, 4) of the source's file coordinates to the target's, and ``energies`` (m,)."""
     found = match_partial(
         posed_points(target),
@@ -123,7 +123,7 @@ def _relative(found: Mapping[tuple[int, int], Record], target: int, source: int)
 
 @one_blas_thread()
 def _settled(
-    points: Sequence[SurfacePoints], found: Mapping[tuple[int, int], Record], root: int, *, estimate_scale: bool
+    points: Sequence[OrientedPoints], found: Mapping[tuple[int, int], Record], root: int, *, estimate_scale: bool
 ) -> tuple[FloatArray, dict[int, Record]]:
     """Return poses in the root's coordinates, each the best on all others, and what is known of them."""
     num = len(points)

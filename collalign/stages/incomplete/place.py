@@ -18,11 +18,11 @@ from collalign.confidence.overlap_model import certainty, rival_margin
 from collalign.engine.store.records import Record
 from collalign.stages.incomplete.posed_points import posed_points
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.embedding.surface_points import SurfacePoints
+from data_tools.embedding.surface_points import OrientedPoints
 from data_tools.poses import AGREE_DEG, Similarity, turn_deg
 from data_tools.threads import one_blas_thread
 from pairwise.partial.counterparts import counterparts
-from pairwise.partial.match import NUM_POINTS, distinct, match_partial, refine, scales_allowed
+from pairwise.partial.match import NUM_POINTS, distinct_similarities, match_partial, refine, scales_allowed
 from pairwise.partial.surface import PartialSurface
 
 #: Partners that propose poses, those that each proposes, and those of all that are refined on all partners.
@@ -33,8 +33,8 @@ NUM_RIVALS = 3
 
 @one_blas_thread()
 def place_shape(
-    shape: SurfacePoints,
-    partners: tuple[SurfacePoints, ...],
+    shape: OrientedPoints,
+    partners: tuple[OrientedPoints, ...],
     transforms: FloatArray,
     group: str,
     estimate_scale: bool,
@@ -45,8 +45,8 @@ def place_shape(
 
     Parameters
     ----------
-    shape : SurfacePoints
-    partners : tuple of SurfacePoints
+    shape : OrientedPoints
+    partners : tuple of OrientedPoints
     transforms : ndarray, shape (n, 4, 4)
         File coordinates of the partners to the common frame.
     group : {"SO", "O"}
@@ -147,17 +147,17 @@ def settle(
         proposed = proposed[_with_rivals(proposed, energies, radius)]
     poses = refine(targets, source, proposed, scale_range=scale_range, hold_turns=fixed is not None)
     energies = energies_on(targets, source, poses, NUM_POINTS[1])
-    return poses[distinct(poses, np.log(energies).mean(axis=1), NUM_REFINED + NUM_RIVALS, radius)]
+    return poses[distinct_similarities(poses, np.log(energies).mean(axis=1), NUM_REFINED + NUM_RIVALS, radius)]
 
 
 def _with_rivals(poses: Similarity, energies: FloatArray, radius: float) -> IntArray:
     """Return the poses of least energy, and those of least energy that are far from the very best."""
-    best = distinct(poses, energies, NUM_REFINED, radius)
+    best = distinct_similarities(poses, energies, NUM_REFINED, radius)
     apart = turn_deg(poses.rotation, poses.rotation[best[0]]) > 2.0 * AGREE_DEG
     rivals = np.flatnonzero(apart)
     if not len(rivals):
         return best
-    rivals = rivals[distinct(poses[rivals], energies[rivals], NUM_RIVALS, radius)]
+    rivals = rivals[distinct_similarities(poses[rivals], energies[rivals], NUM_RIVALS, radius)]
     return np.concatenate([best, np.setdiff1d(rivals, best)])
 
 

@@ -11,7 +11,7 @@ from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.map_surfaces import wanted_file
 from data_tools.arrays import FloatArray
-from data_tools.embedding.surface_points import SurfacePoints, surface_points
+from data_tools.embedding.surface_points import OrientedPoints, spread_points
 from data_tools.errors import CollectionError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
@@ -20,16 +20,16 @@ from data_tools.poses import moved_by, scales_of
 from pairwise.partial.surface import MOST_POINTS, PartialSurface
 
 
-def points_of_file(path: Origin, name: str, digest: str, cleaning: CleaningOptions) -> SurfacePoints:
+def points_of_file(path: Origin, name: str, digest: str, cleaning: CleaningOptions) -> OrientedPoints:
     """Read one surface, unless it has changed since its digest was taken; runs inside a worker."""
-    return surface_points(read_shape(path, cleaning, name=name, digest=digest), MOST_POINTS)
+    return spread_points(read_shape(path, cleaning, name=name, digest=digest), MOST_POINTS)
 
 
 #: Reads a surface. The version changes whenever the same file would give other points.
-READING = Job(kind="surfaces", version="points-2", run=points_of_file, reader=SurfacePoints)
+READING = Job(kind="surfaces", version="points-2", run=points_of_file, reader=OrientedPoints)
 
 
-def prepare_points(session: AlignSession, shapes: Shapes, chosen: Sequence[int]) -> Results[int, SurfacePoints]:
+def prepare_points(session: AlignSession, shapes: Shapes, chosen: Sequence[int]) -> Results[int, OrientedPoints]:
     """Return the points of some shapes, by position.
 
     Raises
@@ -44,7 +44,7 @@ def prepare_points(session: AlignSession, shapes: Shapes, chosen: Sequence[int])
     return found
 
 
-def posed_points(found: SurfacePoints, transform: FloatArray | None = None) -> PartialSurface:
+def posed_points(found: OrientedPoints, transform: FloatArray | None = None) -> PartialSurface:
     """Return the surface, moved where a transform (4, 4) is given."""
     points, normals = found.points, found.normals
     if transform is not None:
@@ -56,4 +56,4 @@ def posed_points(found: SurfacePoints, transform: FloatArray | None = None) -> P
 
 def surface_from_record(record: Record, name: str) -> PartialSurface:
     """Check a record of points and return the surface."""
-    return posed_points(from_record(SurfacePoints, record, name))
+    return posed_points(from_record(OrientedPoints, record, name))

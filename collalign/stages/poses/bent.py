@@ -49,7 +49,7 @@ def measure_pair(target: Samples, source: Samples, group: str, start: FloatArray
     """
     found = []
     for num in numbers_of_samples(len(target.positions)):
-        problem = pair_problem(first_samples(target, num), first_samples(source, num), group)
+        problem = pair_problem(with_first_samples(target, num), with_first_samples(source, num), group)
         found.append(minimise(problem, start[None], hold_chirality=True).rotations[0])
     return np.stack(found)
 
@@ -59,7 +59,7 @@ def numbers_of_samples(most: int) -> list[int]:
     return sorted({min(most, max(FEWEST_SAMPLES, round(share * most))) for share in SHARES})
 
 
-def first_samples(samples: Samples, num: int) -> Samples:
+def with_first_samples(samples: Samples, num: int) -> Samples:
     """Return the first samples alone, centred and of unit size, with invariants that weigh what they did."""
     positions = samples.positions[:num] - samples.positions[:num].mean(axis=0)
     positions = read_only(positions / max(float(np.linalg.norm(positions)), np.finfo(float).tiny))

@@ -13,7 +13,7 @@ from data_tools.embedding.embedding import Samples
 from data_tools.poses import moved_by
 
 
-def common_labels(samples: Sequence[Samples], pairs: Sequence[Pair], rotations: FloatArray) -> IntArray:
+def labels_at_common_poses(samples: Sequence[Samples], pairs: Sequence[Pair], rotations: FloatArray) -> IntArray:
     """Label the samples of all shapes consistently, from the pairs' maps and the common poses.
 
     Parameters

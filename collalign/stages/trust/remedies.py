@@ -12,9 +12,9 @@ from collalign.products.shapes import Shapes
 from collalign.products.trust import DOUBT
 from collalign.stages.incomplete.detect import may_be_cut
 from collalign.stages.poses.synchronize import pair_graph
-from collalign.stages.trust.words import MAX_NAMES, listed
 from collalign.synchronization.clusters import pair_affinity, spectral_clusters
 from data_tools.arrays import FloatArray
+from data_tools.percent import MAX_NAMED, listed
 
 #: Folders of which at least this share is in doubt may hold several kinds of shapes, ...
 MOST_IN_DOUBT = 0.5
@@ -49,7 +49,7 @@ def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confi
         )
     elif options.incomplete == AUTO:
         doubted = [i for i in np.argsort(confidence, kind="stable").tolist() if confidence[i] < MAY_BE_CUT]
-        cut = [shapes.names[i] for i in doubted[:MAX_NAMES] if may_be_cut(session, shapes, i)]
+        cut = [shapes.names[i] for i in doubted[:MAX_NAMED] if may_be_cut(session, shapes, i)]
         if cut and len(doubted) >= MOST_IN_DOUBT * len(confidence):
             said.append(
                 "Most are in doubt, with open borders: if none is complete, as scans are, --incomplete all helps."

@@ -16,8 +16,8 @@ from collalign.products.pair import Pair
 from collalign.products.trust import Witness
 from collalign.stages.evidence.weigh import judged_by
 from collalign.stages.poses.synchronize import synchronize_pairs
-from collalign.stages.trust.words import listed
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.percent import listed
 from data_tools.poses import APART_DEG, turn_deg
 
 #: Families of evidence that share no measurement, by what they are called in sentences.

@@ -12,11 +12,10 @@ from collalign.products.trust import DOUBT, KINDS, Trust
 from collalign.stages.trust.own_turns import turns_in_words
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.percent import listed
 from data_tools.poses import APART_DEG, turn_deg
 from data_tools.rotations import rotation_angle_deg
 
-#: Names listed in a sentence; of more shapes the number is said.
-MAX_NAMES = 8
 #: Collections whose pairs agree this little, on average, say too little.
 FEWEST_VOTES = 0.5
 #: A pose set by hand that fewer of its pairs than this agree with is contradicted.
@@ -64,13 +63,6 @@ def trust_notes(
             f"In doubt: {listed([names[i] for i in order])}. The report shows them and offers their other poses."
         )
     return tuple(notes)
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return names as a list in a sentence, shortened."""
-    if len(names) > MAX_NAMES:
-        return f"{', '.join(names[:MAX_NAMES])} and {len(names) - MAX_NAMES} more"
-    return ", ".join(names)
 
 
 def _contradicted(names: Sequence[str], trust: Trust, constraints: Constraints) -> list[str]:

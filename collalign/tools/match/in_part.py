@@ -12,7 +12,7 @@ from collalign.confidence.overlap_model import certainty, rival_margin
 from collalign.options import TwoShapeOptions
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
-from data_tools.embedding.surface_points import surface_points
+from data_tools.embedding.surface_points import spread_points
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin, location
@@ -132,5 +132,5 @@ def match_in_part(
 
 
 def _surface(origin: Origin, options: TwoShapeOptions) -> PartialSurface:
-    found = surface_points(read_shape(origin, options.cleaning), MOST_POINTS)
+    found = spread_points(read_shape(origin, options.cleaning), MOST_POINTS)
     return PartialSurface.from_user(found.points, found.normals, found.on_rim, oriented=found.oriented)

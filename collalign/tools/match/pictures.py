@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from collalign.nonrigid.surface.geometry import vertex_normals
+from collalign.nonrigid.surface.geometry import summed_normals
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.figures import new_figure
@@ -45,7 +45,7 @@ def vertices_map(point_map_target_source: IntArray, target: Shape, source: Shape
     return places[point_map_target_source[of_source]]
 
 
-def at_vertices(values: FloatArray, shape: Shape) -> FloatArray:
+def values_at_vertices(values: FloatArray, shape: Shape) -> FloatArray:
     """Return values of a file's vertices at the vertices of the shape as it was read, NaN where there is none."""
     return np.asarray(np.append(values, np.nan)[np.minimum(_file_indices(shape), len(values))])
 
@@ -152,7 +152,7 @@ def _draw(panel: Any, shape: Shape, colours: FloatArray, axes: FloatArray) -> No
 
     seen = (shape.vertices - shape.vertices.mean(axis=0)) @ axes
     if shape.is_mesh:
-        shade = np.abs(vertex_normals(shape) @ axes @ _LIGHT)[:, None]
+        shade = np.abs(summed_normals(shape) @ axes @ _LIGHT)[:, None]
         lit = colours * (0.45 + 0.55 * shade)
         order = np.argsort(seen[shape.faces, 2].mean(axis=1), kind="stable")
         faces = shape.faces[order]

@@ -116,12 +116,12 @@ class NonrigidMatch:
         target, source : as in :func:`collalign.match_shapes`
             The shapes that were matched.
         """
-        from collalign.tools.match.pictures import at_vertices, match_figure, vertices_map
+        from collalign.tools.match.pictures import match_figure, values_at_vertices, vertices_map
 
         left = read_shape(as_origin(target, self.target_name), AS_STORED, name=self.target_name)
         right = read_shape(as_origin(source, self.source_name), AS_STORED, name=self.source_name)
         point_map = vertices_map(self.point_map_target_source, left, right)
-        return match_figure(left, right, point_map, at_vertices(self.vertex_confidence, right))
+        return match_figure(left, right, point_map, values_at_vertices(self.vertex_confidence, right))
 
     def save(self, folder: Path | str) -> tuple[Path, ...]:
         """Write the files of :meth:`stage`, each complete or not at all; other files of these names stay.

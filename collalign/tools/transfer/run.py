@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.confidence.radius_model import Calibration, Evidence, beyond_range, calibrate, radii
+from collalign.confidence.radius_model import Calibration, RadiusEvidence, beyond_range, calibrate, radii
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
 from collalign.landmarks.carry import Template, at_places, off_surface, on_surface, template
@@ -160,12 +160,12 @@ class _Transfer:
         )
         return self._with_surface_points(carried, surface_points) if surface_points else carried
 
-    def _leave_one_out(self) -> tuple[FloatArray, list[Evidence]]:
+    def _leave_one_out(self) -> tuple[FloatArray, list[RadiusEvidence]]:
         """Errors (t, l), in the common frame, of every template predicted from the others, and their evidence."""
         shape = (len(self._templates), len(self._labels))
         if len(self._templates) < 2:
             nothing = np.full(shape[1], np.nan)
-            return np.full(shape, np.nan), [Evidence(spread=nothing, distance=0.0, residual=nothing, unit=1.0)]
+            return np.full(shape, np.nan), [RadiusEvidence(spread=nothing, distance=0.0, residual=nothing, unit=1.0)]
         errors, evidence = [], []
         for at, item in enumerate(self._templates):
             name = self._dense.names[item.shape]
@@ -201,11 +201,11 @@ class _Transfer:
         doubtful = self._collection.confidence[self._collection.index(name)] < DOUBT
         return DOUBTFUL_POSE if doubtful else None
 
-    def _predict(self, name: str, templates: list[Template]) -> tuple[FloatArray, Evidence, BoolArray]:
+    def _predict(self, name: str, templates: list[Template]) -> tuple[FloatArray, RadiusEvidence, BoolArray]:
         """Landmarks of a specimen, in the common frame, what shows their error, and where the surface has nothing."""
         row, dense = self._rows[name], self._dense
         points, spreads = fuse(templates, row, dense.vertices, dense.quality)
-        evidence = Evidence(
+        evidence = RadiusEvidence(
             spread=spreads,
             distance=template_distance(templates, row, dense.vertices),
             residual=at_places(templates, dense.residual[row]).mean(axis=0),

@@ -5,7 +5,7 @@ import numpy as np
 from collalign.confidence.radius_model import (
     COVERAGE,
     MIN_TEMPLATES,
-    Evidence,
+    RadiusEvidence,
     beyond_range,
     calibrate,
     radii,
@@ -19,7 +19,7 @@ from data_tools.surface.closest import SurfaceLocator
 
 def shown(num=30, distance=1.0, residual=1.0):
     """Return evidence of templates that agree."""
-    return Evidence(spread=np.zeros(num), distance=distance, residual=np.full(num, residual), unit=1.0)
+    return RadiusEvidence(spread=np.zeros(num), distance=distance, residual=np.full(num, residual), unit=1.0)
 
 
 def simulated(rng, num):
@@ -57,7 +57,7 @@ def test_specimens_unlike_the_templates_and_bad_fits_get_larger_radii():
     plain = radii(calibration, shown())
     for evidence in (shown(distance=2.0), shown(residual=2.0)):
         assert (radii(calibration, evidence) > 1.05 * plain).all()
-    split = Evidence(spread=np.full(30, 5.0), distance=1.0, residual=np.ones(30), unit=1.0)
+    split = RadiusEvidence(spread=np.full(30, 5.0), distance=1.0, residual=np.ones(30), unit=1.0)
     assert (radii(calibration, split) > plain).all()
 
 

@@ -14,7 +14,7 @@ from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.surface.posed import prepare_posed
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair
-from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, WeighedPose, distinct
+from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, WeighedPose, distinct_weighed
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.rivals import missing_poses, support, voted_poses, votes_of
 from collalign.stages.evidence.weigh import PairEvidence, by_energy, with_candidates, with_evidence
@@ -93,10 +93,10 @@ def test_near_rotations_are_one_candidate_the_better_one():
         WeighedPose(rotation=r, point_map=np.arange(3), evidence=np.full(len(EVIDENCE), value))
         for r, value in ((first, 0.3), (first @ nudge, 0.2), (first @ far, 0.4))
     ]
-    kept = distinct(poses)
+    kept = distinct_weighed(poses)
     assert [c.evidence[0] for c in kept] == [0.2, 0.4]
     many = [replace(poses[0], rotation=random_rotation(rng)) for _ in range(100)]
-    assert len(distinct(many)) == MAX_CANDIDATES
+    assert len(distinct_weighed(many)) == MAX_CANDIDATES
 
 
 def test_maps_of_signs_that_swap_sides_are_for_mirrored_poses_alone():

@@ -3,12 +3,12 @@
 import numpy as np
 
 from data_tools.datasets.synthetic_shapes import blob, crown
-from data_tools.embedding.surface_points import RIM_NEIGHBOURS, cloud_rim, surface_points
+from data_tools.embedding.surface_points import RIM_NEIGHBOURS, cloud_rim, spread_points
 from data_tools.surface.shape import Shape
 
 
 def test_only_open_surfaces_have_points_on_a_rim():
-    closed, opened = surface_points(blob(np.random.default_rng(0)), 300), surface_points(crown(), 300)
+    closed, opened = spread_points(blob(np.random.default_rng(0)), 300), spread_points(crown(), 300)
     assert not closed.on_rim.any()
     assert 0.03 < opened.on_rim.mean() < 0.4
     lowest = opened.points[:, 2] < np.quantile(opened.points[:, 2], 0.02)
@@ -17,7 +17,7 @@ def test_only_open_surfaces_have_points_on_a_rim():
 
 def test_planes_of_a_cloud_agree_with_the_mesh_but_for_their_sign():
     mesh = blob(np.random.default_rng(1))
-    known, fitted = surface_points(mesh, 300), surface_points(Shape.from_arrays(mesh.vertices, name="cloud"), 300)
+    known, fitted = spread_points(mesh, 300), spread_points(Shape.from_arrays(mesh.vertices, name="cloud"), 300)
     assert known.oriented
     assert not fitted.oriented
     np.testing.assert_array_equal(known.points, fitted.points)
@@ -27,8 +27,8 @@ def test_planes_of_a_cloud_agree_with_the_mesh_but_for_their_sign():
 
 def test_a_clouds_rim_is_found_by_its_gaps():
     closed, opened = (Shape.from_arrays(s.vertices, name="c") for s in (blob(np.random.default_rng(2)), crown()))
-    assert surface_points(closed, 300).on_rim.mean() < 0.05
-    found = surface_points(opened, 300)
+    assert spread_points(closed, 300).on_rim.mean() < 0.05
+    found = spread_points(opened, 300)
     lowest = found.points[:, 2] < np.quantile(found.points[:, 2], 0.03)
     assert found.on_rim[lowest].mean() > 0.7
     assert found.on_rim[~lowest].mean() < 0.25

@@ -9,7 +9,7 @@ from experiments.pairs.matching_energies import of_chirality
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_search import (
     _first,
-    distinct,
+    apart_rotations,
     explore,
     initial_rotations,
     leading_problem,
@@ -46,9 +46,9 @@ def test_distinct_keeps_the_first_of_every_cluster():
     turns[:, 2, 2] = 1.0
     turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
     turns[:, 1, 0], turns[:, 0, 1] = np.sin(angles), -np.sin(angles)
-    np.testing.assert_array_equal(distinct(turns, np.deg2rad(15), 8), [0, 2, 4])
-    np.testing.assert_array_equal(distinct(turns, np.deg2rad(15), 2), [0, 2])
-    np.testing.assert_array_equal(distinct(turns, 0.0, 8), [0, 1, 2, 3, 4])
+    np.testing.assert_array_equal(apart_rotations(turns, np.deg2rad(15), 8), [0, 2, 4])
+    np.testing.assert_array_equal(apart_rotations(turns, np.deg2rad(15), 2), [0, 2])
+    np.testing.assert_array_equal(apart_rotations(turns, 0.0, 8), [0, 1, 2, 3, 4])
 
 
 def test_the_mirrored_problem_finds_reflections(rng):
@@ -124,9 +124,9 @@ def test_distinct_goes_on_until_each_chirality_has_its_share():
         [np.eye(3), np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), -np.eye(3), np.diag([-1.0, 1.0, 1.0])]
     )
     mirrored = np.linalg.det(turns) < 0
-    np.testing.assert_array_equal(distinct(turns, 0.1, 2), [0, 1])
-    np.testing.assert_array_equal(distinct(turns, 0.1, 2, mirrored=mirrored), [0, 1])
-    np.testing.assert_array_equal(distinct(turns, 0.1, 3, mirrored=mirrored), [0, 1, 2, 3])
+    np.testing.assert_array_equal(apart_rotations(turns, 0.1, 2), [0, 1])
+    np.testing.assert_array_equal(apart_rotations(turns, 0.1, 2, mirrored=mirrored), [0, 1])
+    np.testing.assert_array_equal(apart_rotations(turns, 0.1, 3, mirrored=mirrored), [0, 1, 2, 3])
 
 
 def test_the_mirror_negates_the_first_coordinate_alone(rng):

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import blob
-from data_tools.embedding.surface_points import surface_points
+from data_tools.embedding.surface_points import spread_points
 from data_tools.errors import InputError, OptionsError
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
@@ -34,7 +34,7 @@ def cut(shape, direction, share):
 
 
 def surface(shape):
-    found = surface_points(shape, NUM)
+    found = spread_points(shape, NUM)
     return PartialSurface.from_user(found.points, found.normals, found.on_rim, oriented=found.oriented)
 
 
