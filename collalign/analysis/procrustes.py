@@ -185,11 +185,26 @@ def unit_size(points: FloatArray) -> FloatArray:
     InputError
         If one is a single point.
     """
-    centred = points - points.mean(axis=1, keepdims=True)
-    sizes = np.sqrt((centred**2).sum(axis=(1, 2)))
+    sizes = centroid_sizes(points)
     if (sizes <= 0).any():
         raise InputError(f"samples: shape {int(sizes.argmin())} is a single point and has no size")
-    return centred / sizes[:, None, None]
+    return (points - points.mean(axis=1, keepdims=True)) / sizes[:, None, None]
+
+
+def centroid_sizes(points: FloatArray) -> FloatArray:
+    """Return the square root of the summed squared distances of points from their centroid, shape (N,).
+
+    Parameters
+    ----------
+    points : ndarray, shape (N, k, 3)
+        NaN where a shape has no such point; the size of a shape without any is NaN.
+    """
+    known = np.asarray(np.isfinite(points).all(axis=2))
+    counts = known.sum(axis=1)
+    filled = np.where(known[..., None], points, 0.0)
+    centres = filled.sum(axis=1) / np.maximum(counts, 1)[:, None]
+    squares = np.where(known, ((filled - centres[:, None]) ** 2).sum(axis=2), 0.0).sum(axis=1)
+    return np.asarray(np.sqrt(np.where(counts > 0, squares, np.nan)))
 
 
 def _cosines(one: FloatArray, others: FloatArray, common: BoolArray) -> FloatArray:

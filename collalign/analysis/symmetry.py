@@ -9,42 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from collalign.analysis.procrustes import MAX_ROUNDS, SETTLED, best_rotations, unit_size
+from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED, AnovaRow, Effects
 from data_tools.arrays import FloatArray, IntArray, as_floats, read_only
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
-#: Random exchanges of left and right that directional asymmetry is tested by, and the seed of their generator.
-NUM_EXCHANGES, _SEED = 999, 0
 #: Points of which a second direction is inverted by so large a part of the first are not mirrored but turned.
 _MOST_INVERTED = 0.5
 #: The mirror plane is x = 0.
 _MIRROR = np.array([-1.0, 1.0, 1.0])
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AnovaRow:
-    """A row of a Procrustes ANOVA.
-
-    Attributes
-    ----------
-    effect : str
-        ``individual``, ``side`` (directional asymmetry), ``individual:side`` (fluctuating asymmetry), ``residual``
-        (differences of replicates), ``total``.
-    df : int
-        Degrees of freedom as of landmarks; those of semilandmarks are fewer.
-    sum_of_squares : float
-        Over all configurations and their mirror images, at unit centroid size.
-    f : float
-        Mean square over that of the effect it is tested against; NaN where there is none.
-    p : float
-        By random exchange of the sides of individuals; NaN where the effect is not tested so.
-    """
-
-    effect: str
-    df: int
-    sum_of_squares: float
-    f: float = float("nan")
-    p: float = float("nan")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,6 +39,9 @@ class ObjectSymmetry:
     asymmetry, fluctuating : ndarray, shape (N,)
         Norm of each asymmetric component, and of what it differs by from the directional one.
     anova : tuple of AnovaRow
+        ``individual``, ``side`` (directional asymmetry), ``individual:side`` (fluctuating asymmetry), with replicates
+        ``residual``, and ``total``, over all configurations and their mirror images. Degrees of freedom are those of
+        landmarks; semilandmarks have fewer.
     """
 
     mean: FloatArray
@@ -202,6 +178,7 @@ def _anova(
     has_replicates = num_shapes > num
     df_residual = (num_shapes - num) * (df_symmetric + df_asymmetric)
     error = sum(within) / df_residual if has_replicates else float("nan")
+    exchanged = _exchange_test(means[1], counts)
     table = [
         AnovaRow(
             effect="individual",
@@ -214,7 +191,8 @@ def _anova(
             df=df_asymmetric,
             sum_of_squares=side,
             f=_ratio(side, df_asymmetric, interaction),
-            p=_exchange_test(means[1], counts),
+            z=float(exchanged.z[0]),
+            p=float(exchanged.p[0]),
         ),
         AnovaRow(
             effect="individual:side",
@@ -239,10 +217,10 @@ def _ratio(sum_of_squares: float, df: int, against: float) -> float:
     return sum_of_squares / df / against if df > 0 and against > 0 else float("nan")
 
 
-def _exchange_test(components: FloatArray, counts: IntArray) -> float:
-    """Share of random exchanges of sides whose mean asymmetry is no less than the one found, itself counted in."""
+def _exchange_test(components: FloatArray, counts: IntArray) -> Effects:
+    """Compare the mean asymmetry with that after random exchanges of the sides of individuals."""
     flat = components.reshape(len(components), -1)
     gram = (counts[:, None] * counts) * (flat @ flat.T)
-    signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(NUM_EXCHANGES, len(components)))
-    found, exchanged = gram.sum(), np.einsum("ei,ij,ej->e", signs, gram, signs)
-    return float(1 + (exchanged >= found * (1 - 1e-12)).sum()) / (1 + NUM_EXCHANGES)
+    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], size=(NUM_PERMUTATIONS + 1, len(components)))
+    signs[0] = 1.0
+    return Effects.of(np.einsum("ei,ij,ej->e", signs, gram, signs)[:, None])

@@ -173,10 +173,12 @@ def test_doubtful_shapes_are_left_out_unless_asked_for(teeth, tmp_path, capsys):
     assert (found["scored"], set(found["left_out"])) == (NUM_SHAPES - 2, {doubted, BROKEN})
     assert main([*classify, "--include-doubtful"]) == 0
     assert json.loads(capsys.readouterr().out)["scored"] == NUM_SHAPES
+    other = next(name for name in view.names if name not in (BROKEN, doubted))
     again = collalign.write_surface_variation(
-        result, tmp_path / "again", include_doubtful=True, run=teeth.run, progress=False
+        result, tmp_path / "again", exclude=[other], include_doubtful=True, run=teeth.run, progress=False
     )
-    assert set(again.names) == {*view.names} - {BROKEN}
+    assert set(again.names) == {*view.names} - {BROKEN, other}
+    assert f"{other},excluded by name" in (tmp_path / "again" / "left_out.csv").read_text()
 
 
 def test_too_few_sure_shapes_have_no_variation(teeth, tmp_path):

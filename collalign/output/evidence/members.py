@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,13 +54,20 @@ class Members:
 
 
 def statistics_members(
-    collection: Collection, *, include_doubtful: bool = False, include_incomplete: bool = False, one_part: bool = True
+    collection: Collection,
+    *,
+    exclude: Sequence[str] = (),
+    include_doubtful: bool = False,
+    include_incomplete: bool = False,
+    one_part: bool = True,
 ) -> Members:
     """Decide who counts in statistics.
 
     Parameters
     ----------
     collection : Collection
+    exclude : sequence of str
+        Names of shapes that do not count, whatever is known of them.
     include_doubtful, include_incomplete : bool
         Let shapes whose pose is in doubt, or of which parts are missing, count as well.
     one_part : bool
@@ -74,6 +82,7 @@ def statistics_members(
         reasons[collection.is_incomplete] = "incomplete"
     if one_part:
         reasons[np.setdiff1d(np.arange(len(collection)), main_part(collection))] = "not aligned with the largest part"
+    reasons[[collection.index(name) for name in exclude]] = "excluded by name"
     return Members(
         chosen=np.flatnonzero(reasons == ""),
         left_out=tuple((collection.names[at], str(reasons[at])) for at in np.flatnonzero(reasons != "")),

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign.output.collection import Collection
-from collalign.output.evidence.members import main_part
 from collalign.output.report.payload import pack_mesh
 from collalign.products.incomplete import Incomplete
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -68,7 +67,7 @@ def incomplete_content(collection: Collection) -> tuple[dict[str, Any], Meshes]:
     Returns
     -------
     content : dict
-        ``shapes``, and ``typical``: which mesh shows how many incomplete shapes have each place of a typical one.
+        ``shapes``, and how many of them are ``drawn``.
     meshes : dict of str to (info, text)
         In file coordinates of the shape that each is drawn with. Values are shares in [0, 1].
     """
@@ -77,7 +76,6 @@ def incomplete_content(collection: Collection) -> tuple[dict[str, Any], Meshes]:
     listed = sorted(collection.incomplete, key=lambda one: (one.coverage, one.shape))
     posed = {i: _posed(collection, i) for one in listed for i in (one.shape, *one.partners.tolist())}
     meshes: Meshes = {}
-    typical = _typical(collection)
     content: dict[str, Any] = {
         "shapes": [_entry(collection, one) for one in listed],
         "drawn": min(len(listed), MOST_DRAWN),
@@ -88,11 +86,6 @@ def incomplete_content(collection: Collection) -> tuple[dict[str, Any], Meshes]:
         shares = np.mean([other.has(own.vertices) for other in others], axis=0)
         entry["own"] = name = f"coverage-{one.shape}"
         meshes[name] = pack_mesh(collection.vertices[one.shape], own.faces, _NONE, shares)
-    if typical is not None:
-        surface = posed.get(typical) or _posed(collection, typical)
-        shares = np.mean([posed[one.shape].has(surface.vertices) for one in listed[:MOST_DRAWN]], axis=0)
-        content["typical"] = {"shape": typical, "mesh": "coverage-typical"}
-        meshes["coverage-typical"] = pack_mesh(collection.vertices[typical], surface.faces, _NONE, shares)
     return content, meshes
 
 
@@ -114,13 +107,3 @@ def _entry(collection: Collection, one: Incomplete) -> dict[str, Any]:
 def _posed(collection: Collection, at: int) -> _Posed:
     T = collection.transforms[at]
     return _Posed(moved_by(T, collection.vertices[at]), collection.faces[at])
-
-
-def _typical(collection: Collection) -> int | None:
-    """Return the complete shape of the main part whose samples are nearest to the mean; None where there is none."""
-    whole = np.array([i for i in main_part(collection).tolist() if not collection.is_incomplete[i]], dtype=np.int64)
-    if not len(whole):
-        return None
-    samples = collection.aligned_landmarks[whole]
-    gaps = np.linalg.norm(samples - np.nanmean(samples, axis=0), axis=2)
-    return int(whole[np.nanmean(gaps, axis=1).argmin()])

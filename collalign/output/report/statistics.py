@@ -5,15 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.cluster.hierarchy import cophenet, leaves_list, linkage
+from scipy.spatial.distance import squareform
 
-from collalign.analysis.ordination import classical_mds, cophenetic_tree
-from collalign.analysis.procrustes import (
-    MIN_LABELS,
-    common_labels,
-    generalized_procrustes,
-    principal_components,
-    procrustes_distances,
-)
+from collalign.analysis.ordination import classical_mds
+from collalign.analysis.procrustes import common_labels, procrustes_distances
 from collalign.output.collection import Collection
 from collalign.output.evidence.members import statistics_members
 
@@ -21,7 +17,7 @@ _HISTOGRAM_BINS = 36
 
 
 def shape_map(collection: Collection) -> dict[str, Any]:
-    """Coordinates by principal components and by multidimensional scaling, and the cophenetic tree."""
+    """Principal coordinates and the cophenetic tree of the Procrustes distances."""
     who = statistics_members(collection)
     members = who.chosen
     if who.too_few(2):
@@ -31,25 +27,20 @@ def shape_map(collection: Collection) -> dict[str, Any]:
     if np.isnan(distances).any():
         return {"problem": "No map: it needs shapes that have three or more sample points in common."}
     coordinates, shares = classical_mds(distances)
-    points = {"MDS": coordinates.tolist()}
-    axes = {"MDS": [f"principal coordinate {at + 1} ({100 * share:.0f} %)" for at, share in enumerate(shares)]}
-    labels = common_labels(samples)
-    if labels.sum() >= MIN_LABELS and len(members) >= MIN_LABELS:
-        components = principal_components(generalized_procrustes(samples[:, labels]).aligned)
-        points = {"PCA": components.scores[:, :2].tolist()} | points
-        words = [f"principal component {at + 1} ({100 * components.shares[at]:.0f} %)" for at in range(2)]
-        axes = {"PCA": words} | axes
-    tree = cophenetic_tree(distances)
+    condensed = squareform(distances, checks=False)
+    joined = linkage(condensed, method="average")
+    heights = cophenet(joined)
+    is_flat = min(np.ptp(condensed), np.ptp(heights)) <= 0
     return {
         "members": members.tolist(),
-        "points": points,
-        "axes": axes,
-        "words": f"Procrustes distances of {len(members)} shapes; {labels.sum()} sample points are common to all. "
-        + who.sentence,
+        "points": coordinates.tolist(),
+        "axes": [f"principal coordinate {at + 1} ({100 * share:.0f} %)" for at, share in enumerate(shares)],
+        "words": f"Procrustes distances of {len(members)} shapes; "
+        f"{common_labels(samples).sum()} sample points are common to all. " + who.sentence,
         "tree": {
-            "linkage": tree.linkage[:, :3].tolist(),
-            "order": tree.order.tolist(),
-            "correlation": tree.correlation,
+            "linkage": joined[:, :3].tolist(),
+            "order": leaves_list(joined).tolist(),
+            "correlation": None if is_flat else float(np.corrcoef(condensed, heights)[0, 1]),
         },
     }
 

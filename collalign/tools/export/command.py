@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -20,6 +20,7 @@ def export(
     to: Path,
     space: Space = "aligned",
     sources: Path | None = None,
+    exclude: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
     include_doubtful: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Write a result in a format of the field.
@@ -34,12 +35,15 @@ def export(
         Coordinates: aligned, aligned in the units of the files, those of the files, or Procrustes superimposed.
     sources
         Folder of the original files where they have moved.
+    exclude
+        Names of shapes that are left out of everything.
     include_doubtful
         Let shapes count in means, distances and superimpositions whose pose is in doubt, and incomplete ones.
     """
     collection = load(result)
-    paths = write_export(collection, format, to, space=space, sources=sources, include_doubtful=include_doubtful)
-    if sentence := left_out_sentence(collection, format, space, include_doubtful=include_doubtful):
+    who: dict[str, Any] = {"exclude": exclude or (), "include_doubtful": include_doubtful}
+    paths = write_export(collection, format, to, space=space, sources=sources, **who)
+    if sentence := left_out_sentence(collection, format, space, **who):
         warn(sentence)
     say_files(paths)
     return 0

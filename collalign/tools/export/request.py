@@ -184,19 +184,6 @@ def member_columns(request: ExportRequest) -> dict[str, list[Any]]:
     return columns
 
 
-def centroid_sizes(collection: Collection) -> FloatArray:
-    """Square root of the summed squared distances of landmarks from their centroid, in file units, shape (N,).
-
-    NaN where a shape has no landmarks.
-    """
-    known = np.asarray(np.isfinite(collection.landmarks).all(axis=2))
-    counts = known.sum(axis=1)
-    filled = np.where(known[..., None], collection.landmarks, 0.0)
-    centres = filled.sum(axis=1) / np.maximum(counts, 1)[:, None]
-    squares = np.where(known, ((filled - centres[:, None]) ** 2).sum(axis=2), 0.0).sum(axis=1)
-    return np.asarray(np.sqrt(np.where(counts > 0, squares, np.nan)))
-
-
 def label_columns(collection: Collection, taken: Iterable[str]) -> dict[str, list[str]]:
     """Label columns for a table that has the columns ``taken`` already, which get ``label_`` before their name."""
     fixed = set(taken)

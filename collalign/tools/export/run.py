@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members, statistics_members
+from collalign.output.report.shown import some_shapes
 from collalign.tools.export import itk, meshes, morphologika, shapeworks, slicer_json, tables, tps
 from collalign.tools.export.request import ExportRequest, Space
 from data_tools.checks import check_choice
@@ -43,6 +46,7 @@ def export(
     sources: Path | str | None = None,
     semilandmarks: tuple[SemilandmarkRows, ...] = (),
     system: CoordinateSystem = "LPS",
+    exclude: Sequence[str] = (),
     include_doubtful: bool = False,
 ) -> tuple[Path, ...]:
     """Write a collection in one format.
@@ -64,6 +68,8 @@ def export(
         Which landmarks are on curves: Slicer's markups have such a type.
     system : {"LPS", "RAS"}
         Coordinates of the files that declare none, as 3D Slicer's formats say it of raw landmarks.
+    exclude : sequence of str
+        Names of shapes that are not written, nor count anywhere.
     include_doubtful : bool
         Let shapes whose pose is in doubt, and incomplete ones, count in what is computed of several shapes: tables of
         means, distances and components, and all that is superimposed. They are left out of these otherwise.
@@ -71,7 +77,7 @@ def export(
     Returns
     -------
     tuple of Path
-        The files written; ``left_out.csv`` is among them where anything was computed of several shapes.
+        The files written; ``left_out.csv`` is among them where anything was computed of several shapes or excluded.
 
     Raises
     ------
@@ -84,16 +90,17 @@ def export(
     """
     check_choice("format", format, FORMATS)
     collection = collection if isinstance(collection, Collection) else load(collection)
-    who = _who_counts(collection, include_doubtful)
+    who = _who_counts(collection, exclude, include_doubtful)
     if space == "procrustes" and who.too_few(1):
         raise InputError(f"space: {who.too_few(1)}")
     folder = Path(to)
+    written = [at for at, name in enumerate(collection.names) if name not in exclude]
     read = {*collection.inputs, *([Path(sources)] if sources else [])}
     try:
         with OutputFolder.open(folder, writer=f"export {format}", inputs=read) as output:
             request = ExportRequest(
                 system=system,
-                collection=collection,
+                collection=some_shapes(collection, np.array(written, dtype=np.int64)) if exclude else collection,
                 folder=output.staging,
                 who=who,
                 space=space,
@@ -103,7 +110,7 @@ def export(
             if space == "procrustes":
                 request = request.counted
             staged = FORMATS[format](request)
-            if _computes(format, space):
+            if exclude or _computes(format, space):
                 output.stage(LEFT_OUT_FILE).write_bytes(who.table)
                 staged = (*staged, output.staging / LEFT_OUT_FILE)
             output.publish()
@@ -112,13 +119,17 @@ def export(
         raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
 
 
-def left_out_sentence(collection: Collection, format: str, space: Space, *, include_doubtful: bool) -> str:
+def left_out_sentence(
+    collection: Collection, format: str, space: Space, *, exclude: Sequence[str] = (), include_doubtful: bool
+) -> str:
     """Return whom an export leaves out of what it computes of several shapes; empty where that is nobody."""
-    return _who_counts(collection, include_doubtful).sentence if _computes(format, space) else ""
+    return _who_counts(collection, exclude, include_doubtful).sentence if exclude or _computes(format, space) else ""
 
 
-def _who_counts(collection: Collection, include_doubtful: bool) -> Members:
-    return statistics_members(collection, include_doubtful=include_doubtful, include_incomplete=include_doubtful)
+def _who_counts(collection: Collection, exclude: Sequence[str], include_doubtful: bool) -> Members:
+    return statistics_members(
+        collection, exclude=exclude, include_doubtful=include_doubtful, include_incomplete=include_doubtful
+    )
 
 
 def _computes(format: str, space: Space) -> bool:

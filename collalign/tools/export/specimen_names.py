@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from collalign.tools.export.request import ExportRequest, centroid_sizes, label_columns, member_columns
+from collalign.analysis.procrustes import centroid_sizes
+from collalign.tools.export.request import ExportRequest, label_columns, member_columns
 from data_tools.io.csv_cells import csv_text
 
 #: Section names of morphologika files. Readers search for them anywhere in a line, so no specimen may contain one.
@@ -57,7 +58,7 @@ def specimen_table(request: ExportRequest, written: list[str]) -> Path:
         "name": list(collection.names),
         "id": written,
         "file": list(collection.files),
-        "centroid_size": centroid_sizes(collection).tolist(),
+        "centroid_size": centroid_sizes(collection.landmarks).tolist(),
         "confidence": collection.confidence.tolist(),
         "reflected": collection.reflected.astype(int).tolist(),
         "group": collection.part_numbers.tolist(),

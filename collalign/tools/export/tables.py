@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from collalign.analysis.procrustes import generalized_procrustes, principal_components, procrustes_distances
-from collalign.tools.export.request import (
-    ExportRequest,
+from collalign.analysis.procrustes import (
     centroid_sizes,
-    complete_labels,
-    label_columns,
-    member_columns,
+    generalized_procrustes,
+    principal_components,
+    procrustes_distances,
 )
+from collalign.tools.export.request import ExportRequest, complete_labels, label_columns, member_columns
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 
@@ -73,7 +72,7 @@ def _shapes(request: ExportRequest) -> Table:
         "confidence": collection.confidence.tolist(),
         "reflected": collection.reflected.astype(int).tolist(),
         "group": collection.part_numbers.tolist(),
-        "centroid_size": centroid_sizes(collection).tolist(),
+        "centroid_size": centroid_sizes(collection.landmarks).tolist(),
         "scale": collection.scales.tolist(),
         **member_columns(request),
         **{f"T{at // 4 + 1}{at % 4 + 1}": column for at, column in enumerate(entries)},

@@ -28,6 +28,7 @@ def variation(
     landmarks: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
     symmetry: str | None = None,
     individuals: str | None = None,
+    exclude: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
     include_doubtful: Annotated[bool, Parameter(negative=())] = False,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
@@ -49,6 +50,8 @@ def variation(
         CSV file with two landmarks, left and right, in each row; landmarks in none are on the midline.
     individuals
         Column of the labels that says whom each shape belongs to, where individuals were measured several times.
+    exclude
+        Names of shapes that do not count.
     include_doubtful
         Let shapes whose pose is in doubt count as well.
     """
@@ -67,10 +70,12 @@ def variation(
             landmarks=landmarks or (),
             symmetry=symmetry,
             individuals=owners,
+            exclude=exclude or (),
             include_doubtful=include_doubtful,
             run=with_changes(run, store=store),
         )
-    if sentence := statistics_members(collection, include_doubtful=include_doubtful).sentence:
-        warn(sentence)
+    who = statistics_members(collection, exclude=exclude or (), include_doubtful=include_doubtful)
+    if who.left_out:
+        warn(who.sentence)
     say_files([to / PAGE_FILE])
     return 0

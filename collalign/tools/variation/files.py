@@ -12,6 +12,7 @@ from collalign.output.evidence.members import LEFT_OUT_FILE, Members
 from collalign.output.report.page import render_page
 from collalign.tools.variation.page_content import build_variation
 from collalign.tools.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_tables, write_tables
+from collalign.tools.variation.shape_statistics import statistics_tables
 from collalign.tools.variation.surface_symmetry import SurfaceSymmetry
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation, group_means, signed_offsets
 from data_tools.arrays import FloatArray, IntArray
@@ -62,11 +63,12 @@ def write_variation(
         If the folder cannot be written or files of somebody else's are in the way.
     """
     with OutputFolder.open(to, writer=_WRITER) as output:
-        document, blobs = build_variation(variation, columns, landmarks, symmetry)
+        tables = statistics_tables(variation, columns)
+        document, blobs = build_variation(variation, columns, landmarks, tables, symmetry)
         said = [*notes, *([who.sentence] if who.left_out else [])]
         page = render_page("Shape variation", _summary(variation, said), document, blobs, version=version)
         write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
-        write_tables(variation, columns, output)
+        write_tables(variation, columns, tables, output)
         write_atomic(output.stage(LEFT_OUT_FILE), who.table)
         _write_meshes(variation, columns, output)
         if symmetry is not None:

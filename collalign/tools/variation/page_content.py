@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from collalign.output.evidence.camera import camera
 from collalign.output.evidence.display_mesh import display_mesh
 from collalign.output.evidence.gather import json_types
 from collalign.output.report.payload import pack, sample_colors
+from collalign.tools.variation.r_tables import ANOVA_HEADING, Rows, anova_rows, procrustes_scores
 from collalign.tools.variation.surface_symmetry import SurfaceSymmetry
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
 from data_tools.arrays import FloatArray
@@ -28,6 +30,7 @@ def build_variation(
     variation: SurfaceVariation,
     columns: dict[str, tuple[str, ...]],
     landmarks: tuple[tuple[str, ...], FloatArray],
+    tables: Mapping[str, Rows],
     symmetry: SurfaceSymmetry | None = None,
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Collect the page's content.
@@ -39,6 +42,8 @@ def build_variation(
         Labels of the shapes, "" where unknown.
     landmarks : (names, points)
         Points (l, 3) on the mean, in its coordinates; NaN where a landmark is on no template.
+    tables : mapping of str to rows
+        See :func:`collalign.tools.variation.shape_statistics.statistics_tables`.
     symmetry : SurfaceSymmetry, optional
 
     Returns
@@ -82,6 +87,7 @@ def build_variation(
         "kind": "variation",
         "camera": {"R": view, "extent": _ROOM * np.abs(mean @ view.T).max(axis=0) / np.abs(mean).max()},
         "names": variation.names,
+        "tables": tables,
         "columns": columns,
         "centroidSizes": variation.centroid_sizes,
         "fields": fields,
@@ -89,7 +95,7 @@ def build_variation(
         "numVertices": len(mean),
         "shares": variation.components.shares[:count],
         "deviations": deviations,
-        "scores": variation.components.scores[:, :count],
+        "scores": procrustes_scores(variation.components)[:, :count],
         "landmarks": {
             "names": [name for name, there in zip(names, known, strict=True) if there],
             "points": points[known],
@@ -104,10 +110,7 @@ def _asymmetries(symmetry: SurfaceSymmetry) -> dict[str, Any]:
     return {
         "asymmetry": symmetry.asymmetry,
         "fluctuating": symmetry.fluctuating,
-        "anova": [
-            {"effect": row.effect, "df": row.df, "sum": row.sum_of_squares, "f": row.f, "p": row.p}
-            for row in symmetry.anova
-        ],
+        "anova": [ANOVA_HEADING, *anova_rows(symmetry.anova)],
     }
 
 

@@ -1,12 +1,13 @@
-"""What R needs of surfaces in correspondence: points as TPS, sizes, scores, pairs, asymmetry and its ANOVA."""
+"""Tables of surfaces in correspondence: sizes, scores, tests, asymmetry and its ANOVA."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from collalign.analysis.procrustes import PrincipalComponents
-from collalign.tools.export.specimen_names import without_blanks, written_names
-from collalign.tools.export.tps import tps_text
+from collalign.analysis.shape_tests import AnovaRow
 from collalign.tools.variation.surface_symmetry import SurfaceSymmetry
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
 from data_tools.arrays import FloatArray
@@ -14,60 +15,61 @@ from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 
-SCORES_FILE, POINTS_FILE = "scores.csv", "points.tps"
-SYMMETRY_FOLDER = "symmetry"
+SCORES_FILE, SYMMETRY_FOLDER = "scores.csv", "symmetry"
+ANOVA_HEADING = ("effect", "Df", "SS", "MS", "Rsq", "F", "Z", "P")
 Columns = Mapping[str, Sequence[str]]
+Rows = list[list[object]]
 
 
-def write_tables(variation: SurfaceVariation, columns: Columns, output: OutputFolder) -> None:
-    """Write scores with centroid sizes, and evenly spread points of all specimens."""
+def write_tables(
+    variation: SurfaceVariation, columns: Columns, tests: Mapping[str, Rows], output: OutputFolder
+) -> None:
+    """Write scores with centroid sizes, and ``statistics/``."""
     sizes = {"centroid_size": variation.centroid_sizes}
     _csv(output, [SCORES_FILE], score_rows(variation.names, columns, variation.components, sizes))
-    _tps(output, [POINTS_FILE], variation.names, variation.points)
+    for name, rows in tests.items():
+        _csv(output, ["statistics", f"{name}.csv"], rows)
 
 
 def write_symmetry_tables(
     names: Sequence[str], symmetry: SurfaceSymmetry, columns: Columns, output: OutputFolder
 ) -> None:
-    """Write ``symmetry/``: asymmetries, both sets of scores, the ANOVA, and pairs of points with their numbers."""
+    """Write ``symmetry/``: asymmetries, both sets of scores, and the ANOVA."""
     numbers = {"asymmetry": symmetry.asymmetry, "fluctuating": symmetry.fluctuating}
     symmetric = score_rows(names, columns, symmetry.symmetric_components, {})
     asymmetric = score_rows(names, columns, symmetry.asymmetric_components, numbers)
     _csv(output, [SYMMETRY_FOLDER, "symmetric.csv"], symmetric)
     _csv(output, [SYMMETRY_FOLDER, "asymmetric.csv"], asymmetric)
-    _csv(output, [SYMMETRY_FOLDER, "procrustes_anova.csv"], anova_rows(symmetry))
-    num = symmetry.pairs.shape[1] // 2
-    pairs = [["left", "right"], *([at, num + at] for at in range(1, num + 1))]
-    _csv(output, [SYMMETRY_FOLDER, "land_pairs.csv"], pairs)
-    _tps(output, [SYMMETRY_FOLDER, POINTS_FILE], names, symmetry.pairs)
+    _csv(output, [SYMMETRY_FOLDER, "procrustes_anova.csv"], [[*ANOVA_HEADING], *anova_rows(symmetry.anova)])
 
 
 def score_rows(
     names: Sequence[str], columns: Columns, components: PrincipalComponents, numbers: Mapping[str, FloatArray]
-) -> list[list[object]]:
-    """Return a row per specimen: labels, numbers, scores on the components (lengths in radii of the mean)."""
+) -> Rows:
+    """Return a row per specimen: labels, numbers, scores on the components (Procrustes distances)."""
     count = min(NUM_COMPONENTS, len(components.shares))
-    rows: list[list[object]] = [["name", *columns, *numbers, *(f"PC{at}" for at in range(1, count + 1))]]
+    rows: Rows = [["name", *columns, *numbers, *(f"PC{at}" for at in range(1, count + 1))]]
     for at, name in enumerate(names):
-        values = [*(one[at] for one in numbers.values()), *components.scores[at, :count]]
+        values = [*(one[at] for one in numbers.values()), *procrustes_scores(components)[at, :count]]
         rows.append([name, *(labels[at] for labels in columns.values()), *map(float, values)])
     return rows
 
 
-def anova_rows(symmetry: SurfaceSymmetry) -> list[list[object]]:
-    """Return the Procrustes ANOVA with mean squares and parts of the total."""
-    total = symmetry.anova[-1].sum_of_squares
-    rows: list[list[object]] = [["effect", "Df", "SS", "MS", "Rsq", "F", "P"]]
-    for row in symmetry.anova:
+def procrustes_scores(components: PrincipalComponents) -> FloatArray:
+    """Return scores of surfaces whose lengths are in root mean square radii, at unit centroid size, shape (N, m)."""
+    return np.asarray(components.scores / np.sqrt(len(components.mean)))
+
+
+def anova_rows(anova: Sequence[AnovaRow]) -> Rows:
+    """Return a Procrustes ANOVA with mean squares and parts of the total, under :data:`ANOVA_HEADING`."""
+    total = anova[-1].sum_of_squares
+    rows: Rows = []
+    for row in anova:
         share = row.sum_of_squares / total if total > 0 else float("nan")
         mean_square = row.sum_of_squares / row.df if row.df > 0 else float("nan")
-        rows.append([row.effect, row.df, row.sum_of_squares, mean_square, share, row.f, row.p])
+        rows.append([row.effect, row.df, row.sum_of_squares, mean_square, share, row.f, row.z, row.p])
     return rows
 
 
-def _csv(output: OutputFolder, path: Sequence[str], rows: list[list[object]]) -> None:
+def _csv(output: OutputFolder, path: Sequence[str], rows: Rows) -> None:
     write_atomic(output.stage(*path), csv_text(rows).encode())
-
-
-def _tps(output: OutputFolder, path: Sequence[str], names: Sequence[str], points: FloatArray) -> None:
-    write_atomic(output.stage(*path), tps_text(written_names(names, without_blanks), points).encode())

@@ -43,6 +43,7 @@ def write_surface_variation(
     landmarks: Mapping[str, Landmarks] | Sequence[str | Path] = (),
     symmetry: Literal["auto"] | str | Path | Sequence[tuple[str, str]] | None = None,
     individuals: Sequence[str] | None = None,
+    exclude: Sequence[str] = (),
     include_doubtful: bool = False,
     run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
@@ -64,6 +65,8 @@ def write_surface_variation(
         (a CSV file with a row per pair, or the pairs), or with "auto" the one whose mirror image fits best.
     individuals : sequence of str, optional
         Whom each shape of the result belongs to, where some are replicates, which tell asymmetry from errors.
+    exclude : sequence of str
+        Names of shapes that do not count.
     include_doubtful : bool
         Let shapes whose pose is in doubt count as well. Incomplete ones cannot: not all their places are known.
     run : RunOptions, optional
@@ -98,7 +101,7 @@ def write_surface_variation(
     collection = load(result)
     inputs = () if isinstance(landmarks, Mapping) else (shape_of(path)[1] for path in landmarks)
     refuse_overlap(Path(to), {*collection.inputs, *inputs})
-    who = statistics_members(collection, include_doubtful=include_doubtful)
+    who = statistics_members(collection, exclude=exclude, include_doubtful=include_doubtful)
     if who.too_few(2):
         raise CollectionError(f"variation: {who.too_few(2)}")
     names = [name for name, _ in who.left_out]

@@ -8,16 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from collalign.analysis.procrustes import PrincipalComponents, principal_components
-from collalign.analysis.symmetry import AnovaRow, object_symmetry
+from collalign.analysis.shape_tests import AnovaRow
+from collalign.analysis.symmetry import object_symmetry
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
-from data_tools.embedding.sampling import farthest_points
 from data_tools.surface.closest import SurfacePoints
-from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
-
-#: Points of one side that are written for other programs, with their counterparts; and how far from the plane they
-#: keep, in radii: nearer ones are hardly other than their counterparts.
-NUM_PAIRS, _OFF_PLANE = 100, 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,9 +32,6 @@ class SurfaceSymmetry:
     symmetric_components, asymmetric_components : PrincipalComponents
         Of each component of shape variation.
     anova : tuple of AnovaRow
-    pairs : ndarray, shape (N, 2 p, 3)
-        Evenly spread places of one side, and after them their counterparts in the same order, in the unit of the
-        vertices given; mirrored specimens as they were before.
     """
 
     mean: FloatArray
@@ -50,7 +42,6 @@ class SurfaceSymmetry:
     symmetric_components: PrincipalComponents
     asymmetric_components: PrincipalComponents
     anova: tuple[AnovaRow, ...]
-    pairs: FloatArray
 
 
 @one_blas_thread()
@@ -90,7 +81,6 @@ def surface_symmetry(
     found = object_symmetry(both, partner, individuals=individuals)
     unit = float(np.sqrt(2 * num))
     mean = unit * found.mean[:num]
-    chosen = _one_side(mean, faces)
     return SurfaceSymmetry(
         mean=read_only(mean),
         directional=read_only(unit * found.directional[:num]),
@@ -100,11 +90,4 @@ def surface_symmetry(
         symmetric_components=principal_components(unit * found.symmetric[:, :num]),
         asymmetric_components=principal_components(unit * found.asymmetric[:, :num]),
         anova=found.anova,
-        pairs=read_only(both[:, np.concatenate([chosen, num + chosen])]),
     )
-
-
-def _one_side(mean: FloatArray, faces: IntArray) -> IntArray:
-    """Vertices on the side of positive x, spread evenly."""
-    spread = farthest_points(Shape.from_arrays(mean, faces), min(4 * NUM_PAIRS, len(mean)), metric="euclidean")
-    return spread[mean[spread, 0] > _OFF_PLANE][:NUM_PAIRS]

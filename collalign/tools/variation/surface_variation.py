@@ -7,17 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.analysis.procrustes import PrincipalComponents, generalized_procrustes, principal_components
+from collalign.analysis.procrustes import (
+    PrincipalComponents,
+    centroid_sizes,
+    generalized_procrustes,
+    principal_components,
+)
 from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.embedding.sampling import farthest_points
 from data_tools.surface.normals import vertex_normals
-from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
 #: Components that are shown and written.
 NUM_COMPONENTS = 6
-#: Semilandmarks that are written for R.
-NUM_POINTS = 200
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,12 +34,10 @@ class SurfaceVariation:
     shapes : ndarray, shape (N, v, 3)
         Of unit size, turned and shifted to fit the mean best.
     centroid_sizes : ndarray, shape (N,)
-        Root of the summed squared distances of the vertices from their centroid, divided by the root of their
-        number, in the unit of the vertices given.
+        Square root of the summed squared distances of all vertices from their centroid, in the unit of the vertices
+        given.
     components : PrincipalComponents
         Of the shapes.
-    points : ndarray, shape (N, p, 3)
-        Evenly spread vertices of each surface, as given, for programs that cannot take all.
     """
 
     names: tuple[str, ...]
@@ -47,7 +46,6 @@ class SurfaceVariation:
     shapes: FloatArray
     centroid_sizes: FloatArray
     components: PrincipalComponents
-    points: FloatArray
 
 
 @one_blas_thread()
@@ -69,16 +67,13 @@ def surface_variation(names: Sequence[str], faces: IntArray, vertices: FloatArra
     found = generalized_procrustes(vertices)
     unit = float(np.sqrt(vertices.shape[1]))
     components = principal_components(unit * found.aligned)
-    mean = Shape.from_arrays(components.mean, faces)
-    spread = farthest_points(mean, min(NUM_POINTS, vertices.shape[1]), metric="euclidean")
     return SurfaceVariation(
         names=tuple(names),
         faces=faces,
         mean=components.mean,
         shapes=read_only(unit * found.aligned),
-        centroid_sizes=read_only(np.linalg.norm(vertices - vertices.mean(axis=1, keepdims=True), axis=(1, 2)) / unit),
+        centroid_sizes=read_only(centroid_sizes(vertices)),
         components=components,
-        points=read_only(vertices[:, spread]),
     )
 
 

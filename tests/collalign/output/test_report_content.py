@@ -144,7 +144,10 @@ def test_shapes_without_a_place_on_the_map_are_listed_still():
     view = dataclasses.replace(view_of(9), part_numbers=np.array([1, 0, 0, 0, 0, 0, 0, 0, 1]))
     found = shape_map(view)
     assert found["members"] == [2, 3, 4, 5, 6, 7]
-    assert len(found["points"]["PCA"]) == len(found["points"]["MDS"]) == len(found["tree"]["order"]) == 6
+    assert len(found["points"]) == len(found["tree"]["order"]) == 6
+    heights = [height for _, _, height in found["tree"]["linkage"]]
+    assert heights == sorted(heights)
+    assert 0 < found["tree"]["correlation"] <= 1
     assert list(build_content(view)[0]["orders"]) == ["similarity", "name", "confidence", "taxon", "side"]
     for order in build_content(view)[0]["orders"].values():
         assert sorted(order) == list(range(9))

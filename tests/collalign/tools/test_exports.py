@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from collalign.analysis.procrustes import centroid_sizes
 from collalign.products.incomplete import Incomplete
-from collalign.tools.export.request import centroid_sizes
-from collalign.tools.export.run import FORMATS, export
+from collalign.tools.export.run import FORMATS, export, left_out_sentence
 from data_tools.errors import InputError, OptionsError
 from data_tools.landmarks.landmark_files import read_landmarks
 from data_tools.landmarks.landmark_tables import read_specimens
@@ -281,9 +281,9 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
 def test_shapes_have_their_sizes(view, tmp_path):
     export(view, "csv", tmp_path)
     shapes = rows(tmp_path / "shapes.csv")
-    assert [float(row["centroid_size"]) for row in shapes] == centroid_sizes(view).tolist()
+    assert [float(row["centroid_size"]) for row in shapes] == centroid_sizes(view.landmarks).tolist()
     assert [float(row["scale"]) for row in shapes] == view.scales.tolist()
-    assert not np.allclose(centroid_sizes(view), view.scales)
+    assert not np.allclose(centroid_sizes(view.landmarks), view.scales)
 
 
 def test_label_columns_never_hide_the_table_s_own(view, tmp_path):
@@ -298,6 +298,18 @@ def test_procrustes_space_is_for_landmarks_only(view, tmp_path):
     assert text.count(f"LM3={NUM_SAMPLES - 3}") == 5, "of the shapes that count, in doubt is one"
     with pytest.raises(OptionsError, match="landmarks only"):
         export(view, "ply", tmp_path, space="procrustes")
+
+
+def test_who_is_excluded_is_written_nowhere_and_listed(view, tmp_path):
+    out, *others = view.names
+    for format, table in (("tps", "specimens.csv"), ("csv", "shapes.csv")):
+        export(view, format, tmp_path / format, exclude=[out])
+        assert [row["name"] for row in csv.DictReader((tmp_path / format / table).open())] == others
+        assert f"{out},excluded by name" in (tmp_path / format / "left_out.csv").read_text().splitlines()
+    assert out in left_out_sentence(view, "tps", "raw", exclude=[out], include_doubtful=False)
+    assert not left_out_sentence(view, "tps", "raw", include_doubtful=False)
+    with pytest.raises(InputError, match="nobody"):
+        export(view, "tps", tmp_path, exclude=["nobody"])
 
 
 def test_too_few_common_landmarks_are_refused_with_advice(view, tmp_path):

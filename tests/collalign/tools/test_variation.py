@@ -9,6 +9,7 @@ import trimesh
 
 from collalign.output.evidence.members import Members
 from collalign.tools.variation.files import _write_mesh, write_variation
+from collalign.tools.variation.shape_statistics import statistics_tables
 from collalign.tools.variation.surface_symmetry import surface_symmetry
 from collalign.tools.variation.surface_variation import (
     group_means,
@@ -89,10 +90,6 @@ def written(variation, tmp_path_factory):
     mean, faces = sphere_mesh(300)
     other_side = SurfaceLocator(mean, faces).closest(mean * [-1, 1, 1])
     symmetry = surface_symmetry(stretched()[0], faces, other_side)
-    here, there = np.split(symmetry.pairs, 2, axis=1)
-    across = (here - there) / np.linalg.norm(here - there, axis=2, keepdims=True)
-    assert len(np.unique(here[0], axis=0)) == here.shape[1] == 100, "each pair once, and as many as are written"
-    assert (across @ across.mean(axis=1)[:, :, None] > 0.9).all(), "all on the same side"
     paths = write_variation(
         variation, to, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), who=ALL, symmetry=symmetry
     )
@@ -102,17 +99,33 @@ def written(variation, tmp_path_factory):
 
 def test_tables_and_meshes_are_written(written, variation):
     scores = list(csv.DictReader((written / "scores.csv").open()))
-    np.testing.assert_allclose([float(row["PC1"]) for row in scores], variation.components.scores[:, 0])
+    np.testing.assert_allclose(
+        [float(row["PC1"]) for row in scores], variation.components.scores[:, 0] / np.sqrt(len(variation.mean))
+    )
     assert [row["form"] for row in scores] == list(LABELS)
     assert {path.name for path in (written / "groups").iterdir()} == {"form-flat.ply", "form-long.ply"}
     assert len(list((written / "specimens").iterdir())) == 8
+
+
+def test_tests_leave_out_who_has_no_label_or_is_alone(variation):
+    tables = statistics_tables(variation, {"form": LABELS, "one": ("a", "a", "a", *"bcd", "", "")})
+    groups = [row for row in tables["groups"][1:] if row[0] == "one"]
+    assert [row[1:3] for row in groups] == [["(none)", 2], ["a", 3], ["b", 1], ["c", 1], ["d", 1]]
+    assert {row[3] for row in groups} == {"not tested"}
+    assert [row[:3] for row in tables["pairs"][1:]] == [["form", "flat", "long"]]
+    models = [row[0] for row in tables["anova"][1:]]
+    size = "log(centroid size)"
+    assert list(dict.fromkeys(models)) == [size, "form", f"{size} + form"]
+    assert np.isclose(variation.centroid_sizes[0], np.linalg.norm(stretched()[0][0] - stretched()[0][0].mean(axis=0)))
+    size_and_score = np.array([row[-2:] for row in tables["allometry"][1:]])
+    np.testing.assert_allclose(size_and_score[:, 0], np.log(variation.centroid_sizes))
 
 
 def test_a_second_write_gives_the_same_bytes(written, variation, tmp_path):
     points = np.vstack([variation.mean[[0, 10]], [[np.nan] * 3]])
     write_variation(variation, tmp_path, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), who=ALL)
     assert not (tmp_path / "symmetry").exists()
-    for name in ("scores.csv", "points.tps", "components/PC1-low.ply"):
+    for name in ("scores.csv", "statistics/pairs.csv", "components/PC1-low.ply"):
         assert (tmp_path / name).read_bytes() == (written / name).read_bytes(), name
 
 
@@ -123,16 +136,23 @@ def test_the_page_works_in_a_browser(browser, written, variation, tmp_path):
         opened.wait_until_changed("#components canvas", before)
         assert page.locator("#morphospace polygon").count() == 2
         page.locator("#morphospace select").nth(0).select_option("1")
-        assert "component 2" in page.locator("#morphospace text.axis").first.text_content()
+        assert "component 2" in page.locator("#morphospace text.title").first.text_content()
         page.locator("#morphospace .dot").nth(5).dispatch_event("click")
         assert "s5" in page.locator("#specimens p.muted").text_content()
         assert page.locator("#landmarks tbody tr").count() == 2
         assert page.locator("#symmetry tbody tr").count() == 4 + 8
         page.locator("#symmetry select").select_option("3")
         assert "s2: asymmetry" in page.locator("#symmetry p[aria-live]").text_content()
-        with page.expect_download() as started:
-            page.get_by_role("button", name="Save chart (SVG)").click()
-        assert "<polygon" in Path(started.value.path()).read_text()
+        assert "log(centroid size) explains" in page.locator("#statistics p").first.text_content()
+        assert page.locator("#statistics table").nth(1).locator("tbody tr").count() == 1
+        assert page.locator("#statistics svg .dot").count() == 8
+        for ending, words in (("SVG", "<polygon"), ("PDF", "principal component")):
+            with page.expect_download() as started:
+                page.locator("#morphospace").get_by_role("button", name=f"Save chart ({ending})").click()
+            text = Path(started.value.path()).read_text()
+            assert words in text
+        starts = [int(line[:10]) for line in text.split("xref\n")[1].splitlines() if line.endswith("00000 n ")]
+        assert [text[at:].split(" 0 obj")[0] for at in starts] == ["1", "2", "3", "4", "5"]
         assert page.evaluate("document.documentElement.scrollWidth") <= 400
     write_variation(variation, tmp_path, columns={}, landmarks=((), np.empty((0, 3))), who=ALL)
     with Page(browser, tmp_path / "variation.html") as plain:

@@ -1,4 +1,7 @@
-// Saves what is shown: canvases as PNG, charts as SVG, surfaces as PLY with values.
+// Saves what is shown: canvases as PNG, charts as SVG and PDF, surfaces as PLY with values.
+
+import { button } from "./dom.js";
+import { pdfOf } from "./pdf.js";
 
 function save(name, blob) {
   const link = document.createElement("a");
@@ -12,8 +15,27 @@ export function savePng(name, canvas) {
   canvas.toBlob((blob) => save(`${name}.png`, blob));
 }
 
-// The chart with the colours that the page gives it at the moment.
-export function saveSvg(name, chart) {
+// What `make` returns in the light theme: charts go onto white paper.
+function inLight(make) {
+  const root = document.documentElement;
+  const { theme } = root.dataset;
+  root.dataset.theme = "light";
+  const made = make();
+  if (theme) root.dataset.theme = theme;
+  else delete root.dataset.theme;
+  return made;
+}
+
+// Buttons that save the chart in `picture` as it is then.
+export function chartButtons(name, picture) {
+  const chart = () => picture.querySelector("svg");
+  return [
+    button("Save chart (SVG)", () => save(`${name}.svg`, new Blob([inLight(() => svgOf(chart()))], { type: "image/svg+xml" }))),
+    button("Save chart (PDF)", () => save(`${name}.pdf`, new Blob([inLight(() => pdfOf(chart()))], { type: "application/pdf" }))),
+  ];
+}
+
+function svgOf(chart) {
   const copy = chart.cloneNode(true);
   const shown = [chart, ...chart.querySelectorAll("*")];
   [copy, ...copy.querySelectorAll("*")].forEach((node, at) => {
@@ -24,7 +46,7 @@ export function saveSvg(name, chart) {
     node.removeAttribute("class");
   });
   copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
-  save(`${name}.svg`, new Blob([new XMLSerializer().serializeToString(copy)], { type: "image/svg+xml" }));
+  return new XMLSerializer().serializeToString(copy);
 }
 
 export function savePly(name, positions, faces, offsets) {

@@ -38,15 +38,9 @@ function legend() {
 }
 
 export function incompleteSection(app) {
-  const { shapes, drawn, typical } = app.collection.incomplete;
+  const { shapes, drawn } = app.collection.incomplete;
   const intro = "Colours say how many of the shapes that an incomplete one was posed on have a counterpart of each place.";
   const parts = [el("p", { class: "muted" }, intro), legend()];
-  if (typical) {
-    const row = el("div", { class: "figures few" });
-    const caption = `${app.collection.shapes[typical.shape].name}, a complete shape: how many of the incomplete ones have each place`;
-    figure(app, row, caption, () => [after(app, typical.shape, { mesh: typical.mesh })]);
-    parts.push(row);
-  }
   if (drawn < shapes.length) parts.push(el("p", null, `The ${drawn} that cover least are drawn.`));
   return [...parts, ...shapes.map((one) => entry(app, one))];
 }

@@ -30,14 +30,14 @@ function neighbour(places, from, [dx, dy]) {
   return best;
 }
 
-function scatter(app, method, column, size) {
+function scatter(app, column, size) {
   const [width, height] = size;
   const { members, axes, points } = app.collection.map;
   const { shapes, labels } = app.collection;
   const values = members.map((index) => (column ? labels[column][index] : ""));
   const { color } = labelColors(values);
-  const place = scaler(points[method], size);
-  const places = points[method].map(place);
+  const place = scaler(points, size);
+  const places = points.map(place);
   const dots = places.map(([x, y], at) => {
     const shape = shapes[members[at]];
     const name = [shape.name, values[at]].filter(Boolean).join(", ");
@@ -61,8 +61,8 @@ function scatter(app, method, column, size) {
       event.preventDefault();
     });
   });
-  const titles = [svg("text", { x: width / 2, y: height - 8, "text-anchor": "middle", class: "axis" }, axes[method][0]),
-    svg("text", { x: 14, y: height / 2, "text-anchor": "middle", class: "axis", transform: `rotate(-90 14 ${height / 2})` }, axes[method][1])];
+  const titles = [svg("text", { x: width / 2, y: height - 8, "text-anchor": "middle", class: "axis" }, axes[0]),
+    svg("text", { x: 14, y: height / 2, "text-anchor": "middle", class: "axis", transform: `rotate(-90 14 ${height / 2})` }, axes[1])];
   const kind = members.length > NAMED || width < WIDE[0] ? "map crowded" : "map";
   return svg("svg", { class: kind, viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": `Shape map, ${members.length} shapes` }, ...titles, ...dots);
 }
@@ -77,13 +77,11 @@ export function mapSection(app) {
   const { collection } = app;
   const { map, categories: columns } = collection;
   if (!map.members) return [el("p", null, map.problem), surfacesNote()];
-  let [method, column] = [Object.keys(map.points)[0], columns[0] ?? ""];
+  let column = columns[0] ?? "";
   const picture = el("div", { class: "picture" });
-  const show = responsive(picture, (narrow) => [scatter(app, method, column, narrow ? NARROW : WIDE), column && legend(app, column)]);
-  const methods = Object.keys(map.points).map((key) => [key, key]);
+  const show = responsive(picture, (narrow) => [scatter(app, column, narrow ? NARROW : WIDE), column && legend(app, column)]);
   return [
     el("div", { class: "row tools" },
-      select("Method", methods, (key) => { method = key; show(); }, method),
       columns.length ? select("Colour by", [...columns.map((key) => [key, key]), ["", "nothing"]], (key) => { column = key; show(); }, column) : "",
       el("span", { class: "muted" }, map.words)),
     picture,

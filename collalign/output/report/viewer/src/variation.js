@@ -5,6 +5,7 @@ import { DIVERGING_CSS, categorical } from "./colors.js";
 import { button, el, number, select, table } from "./dom.js";
 import { savePly, savePng } from "./downloads.js";
 import { morphospaceSection } from "./morphospace.js";
+import { shownTable, statisticsSection } from "./statistics.js";
 import { largestOf } from "./variation_data.js";
 
 const LARGEST_DEVIATION = 3;
@@ -12,6 +13,7 @@ const LARGEST_DEVIATION = 3;
 export const VARIATION_SECTIONS = [
   ["components", "Principal components", componentsSection],
   ["morphospace", "Morphospace", morphospaceSection],
+  ["statistics", "Statistics", statisticsSection],
   ["groups", "Group means", groupsSection],
   ["specimens", "Each specimen against the mean", specimensSection],
   ["symmetry", "Symmetry", symmetrySection],
@@ -157,8 +159,6 @@ function symmetrySection(app) {
     words.textContent = at === 0 ? "Directional asymmetry: what all have in common." : `${variation.names[at - 1]}: asymmetry ${number(symmetry.asymmetry[at - 1])}, without the directional part ${number(symmetry.fluctuating[at - 1])} (root mean square, in radii)`;
     view.show(variation.asymmetricSurface(at, factor), offsets, largestOf(offsets));
   };
-  const share = (row) => `${((100 * row.sum) / symmetry.anova.at(-1).sum).toFixed(1)} %`;
-  const cell = (value) => (value === null ? "" : number(value));
   const order = variation.names.map((_, shape) => shape).sort((a, b) => symmetry.asymmetry[b] - symmetry.asymmetry[a]);
   draw();
   return [
@@ -167,7 +167,7 @@ function symmetrySection(app) {
       select("Asymmetry of", [["0", "all (directional)"], ...variation.names.map((name, shape) => [String(shape + 1), name])], (value) => { at = Number(value); draw(); }, "0"),
       slider("Times", 0, 20, 1, factor, (value) => { factor = value; draw(); }).field),
     words, view.canvas, bar.box, el("div", { class: "row tools" }, ...view.buttons),
-    table("Procrustes ANOVA", ["effect", "degrees of freedom", "sum of squares", "of the total", "F", "p"], symmetry.anova.map((row) => [row.effect, String(row.df), number(row.sum), share(row), cell(row.f), cell(row.p)])),
+    shownTable("Procrustes ANOVA of asymmetry", symmetry.anova),
     table("Asymmetry of every specimen, in radii", ["specimen", "asymmetry", "without the directional part"], order.map((shape) => [variation.names[shape], number(symmetry.asymmetry[shape]), number(symmetry.fluctuating[shape])])),
   ];
 }

@@ -1,0 +1,55 @@
+// Shape against size and groups: what explains how much of the variation, allometry, every two groups, disparity.
+
+import { el, number, responsive, select, table } from "./dom.js";
+import { chartButtons } from "./downloads.js";
+import { scatter } from "./scatter.js";
+
+const cell = (value) => (typeof value === "number" ? number(value) : (value ?? ""));
+
+// A table of the files, its first row the heading; of equal neighbours in its first column only the first is written.
+export function shownTable(caption, [head, ...rows]) {
+  const lines = rows.map((row, at) => row.map((value, column) => (column === 0 && at > 0 && rows[at - 1][0] === value ? "" : cell(value))));
+  return table(caption, head.map((word) => word.replaceAll("_", " ")), lines, { class: "numbers" });
+}
+
+// What a model's only term explains, in words.
+function explains([model, effect, , , , share, , , p]) {
+  return model === effect ? `${effect} explains ${(100 * share).toFixed(1)} % of the variation of shape (p = ${number(p)}).` : "";
+}
+
+function allometry(app) {
+  const [head, ...rows] = app.variation.tables.allometry;
+  const columns = Object.keys(app.variation.columns);
+  const picture = el("div", { class: "picture" });
+  let column = columns[0] ?? "";
+  const show = responsive(picture, (narrow) => scatter({
+    points: rows.map((row) => row.slice(-2)),
+    names: app.variation.names,
+    values: rows.map((row) => (column ? row[head.indexOf(column, 1)] : "")),
+    titles: ["logarithm of centroid size", "regression score (Procrustes distance)"],
+    words: `Allometry of ${rows.length} specimens`,
+    narrow,
+    open: app.showSpecimen,
+  }));
+  return [
+    el("h3", null, "Allometry"),
+    el("div", { class: "row tools" },
+      columns.length ? select("Colour by", [...columns.map((key) => [key, key]), ["", "nothing"]], (key) => { column = key; show(); }, column) : "",
+      ...chartButtons("allometry", picture)),
+    picture,
+  ];
+}
+
+export function statisticsSection(app) {
+  const { anova, groups, pairs } = app.variation.tables;
+  const said = anova.slice(1).map(explains).filter(Boolean);
+  return [
+    el("p", null, said.join(" ") || "There are too few specimens for tests."),
+    el("p", { class: "muted" }, "Procrustes ANOVA of whole surfaces at unit centroid size: sums of squares in sequence, p and effect sizes (Z) by 999 random permutations of residuals. In a model of several terms each counts beyond those before it."),
+    shownTable("Procrustes ANOVA", anova), ...allometry(app),
+    pairs.length > 1 ? el("h3", null, "Groups") : el("p", null, "No labels tell groups of two specimens or more apart. Give a table with --labels."),
+    pairs.length > 1 ? shownTable("Means of every two groups, and their disparity", pairs) : "",
+    groups.length > 1 ? shownTable("Disparity within groups (Procrustes variance)", groups) : "",
+    el("p", { class: "muted" }, "The same tables are in the folder statistics."),
+  ];
+}

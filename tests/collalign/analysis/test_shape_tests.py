@@ -1,0 +1,157 @@
+"""Tests of shape against other formulas (Gower's matrices of distances), on expert landmarks of 62 mouse skulls."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import pdist, squareform
+
+from collalign.analysis.procrustes import centroid_sizes, generalized_procrustes
+from collalign.analysis.shape_tests import (
+    NUM_PERMUTATIONS,
+    Effects,
+    compare_groups,
+    procrustes_anova,
+)
+from data_tools.errors import InputError
+
+WILD = ["CAST", "CZECHII", "LEWES", "MOLF", "MOLG", "PERC", "PWD", "PWK", "SF", "SKIVE", "SPRET", "TALLYHO", "WSB"]
+
+
+def kind_of(strain):
+    return "wild" if strain.split("_")[0] in WILD else "cross" if "F1" in strain else "inbred"
+
+
+def projector(columns):
+    design = np.column_stack([np.ones(len(columns)), columns])
+    return design @ np.linalg.pinv(design)
+
+
+def gower(distances):
+    centring = np.eye(len(distances)) - 1 / len(distances)
+    return -0.5 * centring @ distances**2 @ centring
+
+
+def gower_anova(shapes, terms, draws=0):
+    """Sums of squares, F and p from distances alone: McArdle and Anderson 2001, residuals permuted as matrices."""
+    rng, matrix = np.random.default_rng(7), gower(squareform(pdist(shapes)))
+    columns, before = np.empty((len(shapes), 0)), np.full((len(shapes),) * 2, 1 / len(shapes))
+    full = projector(np.column_stack(list(terms.values())))
+    rows = []
+    for term in terms.values():
+        columns = np.column_stack([columns, term])
+        after = projector(columns)
+        rest = (np.eye(len(shapes)) - before) @ matrix @ (np.eye(len(shapes)) - before)
+        df, left = round(np.trace(after - before)), round(len(shapes) - np.trace(full))
+        ratios = []
+        for at in range(draws + 1):
+            order = rng.permutation(len(shapes)) if at else np.arange(len(shapes))
+            drawn = rest[np.ix_(order, order)]
+            explained, residual = np.sum((after - before) * drawn), np.trace(drawn) - np.sum(full * drawn)
+            ratios.append((explained / df) / (residual / left))
+        rows.append((np.sum((after - before) * matrix), df, ratios[0], np.mean(np.array(ratios) >= ratios[0])))
+        before = after
+    return rows, np.trace(matrix)
+
+
+@pytest.fixture(scope="module")
+def skulls(shared_data):
+    files = sorted((shared_data / "mouse_skulls62" / "landmarks").glob("*.csv"))
+    points = np.array([np.genfromtxt(file, delimiter=",")[-51:, -3:] for file in files])
+    shapes = generalized_procrustes(points).aligned.reshape(len(files), -1)
+    return shapes, np.log(centroid_sizes(points)), [kind_of(file.stem) for file in files]
+
+
+def terms_of(sizes, kinds):
+    group = (np.array(kinds)[:, None] == np.unique(kinds)).astype(float)
+    return {"size": sizes[:, None], "kind": group, "size:kind": sizes[:, None] * group}
+
+
+@pytest.mark.data
+def test_sums_of_squares_and_p_of_mouse_skulls_are_those_of_their_distances(skulls):
+    shapes, sizes, kinds = skulls
+    for terms in (terms_of(sizes, kinds), {"kind": terms_of(sizes, kinds)["kind"]}):
+        expected, total = gower_anova(shapes, terms, draws=2000)
+        *found, residual, whole = procrustes_anova(shapes, terms)
+        for row, (squares, df, f, p) in zip(found, expected, strict=True):
+            assert (row.df, abs(row.sum_of_squares - squares) < 1e-8) == (df, True)
+            assert np.isclose(row.f, f, rtol=1e-8)
+            assert abs(row.p - p) < 4 * np.sqrt(p * (1 - p) * (1 / NUM_PERMUTATIONS + 1 / 2000)) + 0.002
+        assert abs(whole.sum_of_squares - total) < 1e-8
+        assert residual.df + sum(row.df for row in found) == whole.df == len(shapes) - 1
+
+
+@pytest.mark.data
+def test_groups_of_mouse_skulls_differ_as_their_distances_say(skulls):
+    shapes, _, kinds = skulls
+    squared = squareform(pdist(shapes)) ** 2
+    disparities, distances, differences = compare_groups(shapes, kinds)
+    members = [np.array(kinds) == group for group in disparities]
+    within = [squared[np.ix_(one, one)].sum() / (2 * one.sum() * (one.sum() - 1)) for one in members]
+    np.testing.assert_allclose([*disparities.values()], within, atol=1e-12)
+    pairs = list(combinations(range(len(within)), 2))
+    for (a, b), distance in zip(pairs, distances.values, strict=True):
+        sums = [squared[np.ix_(members[a], members[b])].mean()]
+        sums += [-squared[np.ix_(members[at], members[at])].mean() / 2 for at in (a, b)]
+        assert np.isclose(distance**2, sum(sums), atol=1e-12)
+    np.testing.assert_allclose(differences.values, [abs(within[a] - within[b]) for a, b in pairs])
+
+
+def family(rng, num=30):
+    return rng.standard_normal((num, 12)), np.repeat(["a", "b", "c"], num // 3).tolist()
+
+
+def test_only_what_was_planted_is_found():
+    rng = np.random.default_rng(0)
+    shapes, labels = family(rng)
+    sizes = rng.standard_normal(30)
+    group = np.array(labels)[:, None] == ["a", "b", "c"]
+    planted = shapes + 2 * group[:, [1]] * np.eye(12)[0] + np.outer(sizes, np.eye(12)[1]) * 2
+    terms = {"size": sizes[:, None], "group": group.astype(float), "again": group[:, :2].astype(float)}
+    size, kind, again, *_ = procrustes_anova(planted, terms)
+    assert (size.p, kind.p, again.df) == (0.001, 0.001, 0)
+    assert np.isnan([again.f, again.z, again.p]).all()
+    assert min(size.z, kind.z) > 3 > procrustes_anova(shapes, terms)[1].z
+    distances = compare_groups(planted, labels)[1]
+    assert distances.p[[0, 2]].max() < 0.01 < distances.p[1]
+    wider = compare_groups(shapes * np.where(group[:, [2]], 3.0, 1.0), labels)[2]
+    assert wider.p[[1, 2]].max() < 0.01 < wider.p[0]
+
+
+def test_p_is_as_often_small_as_it_says_where_there_is_nothing():
+    rng = np.random.default_rng(1)
+    found = [compare_groups(*family(rng)) for _ in range(60)]
+    for at in (1, 2):
+        p = np.array([one[at].p[0] for one in found])
+        assert 0.3 < p.mean() < 0.7
+        assert np.mean(p <= 0.05) < 0.15
+
+
+def test_neither_order_nor_names_decide():
+    rng = np.random.default_rng(2)
+    shapes, labels = family(rng)
+    order = rng.permutation(30)
+    one, other = compare_groups(shapes, labels), compare_groups(shapes[order], [labels[at] for at in order])
+    np.testing.assert_allclose(one[1].p, other[1].p)
+    np.testing.assert_allclose(one[2].z, other[2].z)
+    sizes = rng.random((30, 1))
+    rows = procrustes_anova(shapes, {"size": sizes}), procrustes_anova(shapes[order], {"size": sizes[order]})
+    assert np.isclose(rows[0][0].p, rows[1][0].p)
+
+
+def test_p_counts_what_was_found_and_holm_is_no_smaller():
+    found = Effects.of(np.array([[3.0, 1.0, 2.0], [1, 2, 2], [2, 3, 1], [1, 4, 1]]))
+    np.testing.assert_allclose(found.p, [0.25, 1.0, 0.5])
+    np.testing.assert_allclose(found.holm, [0.75, 1.0, 1.0])
+    np.testing.assert_allclose(
+        Effects(values=found.values, z=found.z, p=np.array([0.02, 0.5, 0.01])).holm, [0.04, 0.5, 0.03]
+    )
+
+
+def test_too_few_shapes_are_refused():
+    rng = np.random.default_rng(3)
+    with pytest.raises(InputError, match="3 columns"):
+        procrustes_anova(rng.random((3, 4)), {"size": rng.random((3, 2))})
+    for labels in (["a", "a", "a"], ["a", "a", "b"]):
+        with pytest.raises(InputError, match="two groups"):
+            compare_groups(rng.random((3, 4)), labels)
