@@ -72,7 +72,7 @@ class Given:
 def align(
     folder: Annotated[list[Path], Parameter(negative=())],
     *,
-    out: Path,
+    out: Path | None = None,
     check: Annotated[bool, Parameter(negative=())] = False,
     report: bool = True,
     given: Annotated[Given, Parameter(name="*")] = Given(),
@@ -88,6 +88,7 @@ def align(
         these a line.
     out
         Folder for the results; an interrupted run goes on from the store in it.
+        Needed but with --check.
     check
         Only read every file and say what is in it: nothing is aligned or written.
     report
@@ -95,11 +96,15 @@ def align(
     """
     listing, inputs = _listed(folder if folder[1:] else folder[0], recursive=given.recursive, parts=given.parts)
     own, of_own = (Own(), set[Path]()) if given.own is None else read_own(given.own)
-    refuse_overlap(out, inputs := inputs | of_own)
+    inputs |= of_own
+    if out is not None:
+        refuse_overlap(out, inputs)
     fixed = fixed_by([read_corrections(path) for path in given.corrections or ()], listing.names)
     table = _labels(given.labels, listing.names)
     if check:
         return check_shapes(listing, options)
+    if out is None:
+        raise OptionsError("--out: which folder gets the results?")
     store = run.store or out / STORE_FILE
     run = replace(run, store=store)
     with resumable(store), OutputFolder.open(out, writer=WRITER, inputs=inputs) as output:

@@ -162,8 +162,9 @@ class Session(Generic[OptionsT]):
                 self._keep(job.kind, label, outcome)
                 if strict and outcome.failure is not None:
                     outcomes.close()
-                    raise InputError(f"{label}: {outcome.failure}")
+                    raise InputError(outcome.failure if label in outcome.failure else f"{label}: {outcome.failure}")
         done, failures = self.store.keys(job.kind), self.store.failures(job.kind)
+        self.store.plan(job.kind, {key: one.label for key, one in by_key.items() if key in done or key in failures})
         left = {name: failures.get(one.key) for name, one in wanted.items() if one.key not in done}
         reasons = {name: "no time was left" if failure is None else failure.reason for name, failure in left.items()}
         return Results(self.store, job, wanted, reasons)

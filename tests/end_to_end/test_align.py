@@ -201,6 +201,7 @@ def test_one_bad_file_is_left_out_and_named(folder, planted, tmp_path, capsys):
     assert any("merged" in note for note in record["shape_notes"][usual.stem]), "usual, and not said"
     assert len(record["shapes"]) == 5
     assert main(["align", str(mixed), "--out", str(tmp_path / "strict"), "--strict", *FLAGS]) == 2
+    assert capsys.readouterr().err.count("broken.ply") == 1
     assert not (tmp_path / "strict" / "alignment.json").exists()
 
 

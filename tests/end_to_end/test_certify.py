@@ -79,10 +79,12 @@ def test_a_part_is_named_and_a_shape_that_stands_on_its_head_is_found(result, tm
     assert f"the result itself doubts {view.names[2]}:" in unsure
 
 
-def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(result, monkeypatch):
+def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(result, tmp_path, monkeypatch):
     monkeypatch.setattr("collalign.tools.certify.rounds._SETTLED", -1.0)
-    run = collalign.RunOptions(jobs=1)
+    run = collalign.RunOptions(jobs=1, store=tmp_path / "store.sqlite")
+    shutil.copy(result / "store.sqlite", tmp_path)
     found = collalign.certify_collection(result, budget_s=1e-9, run=run, progress=False).joint
+    assert main(["status", str(tmp_path / "store.sqlite")]) == 0
     assert (found.bound, found.ended) == (0.0, "there was no time for another round")
     run = collalign.RunOptions(jobs=1, store=result / "store.sqlite")
     ended = []

@@ -90,13 +90,16 @@ class Store:
         Raises
         ------
         StoreError
-            If the record is damaged.
+            If the record is damaged; it is taken out, so that the next run makes it anew.
         """
         rows = self._query(f"SELECT label, digest, record FROM {table_of(kind)} WHERE key = ?", (key,))
         for label, digest, data in rows:
             name = f"{self._name}: {kind} {key} ({str(label)[:80]!r})"
             if not isinstance(data, bytes) or digest != _digest(kind, key, data):
-                raise StoreError(f"{name}: damaged; remove the store, and the next run makes all of it anew")
+                if not self.read_only:
+                    with self._transaction() as connection:
+                        connection.execute(f"DELETE FROM {table_of(kind)} WHERE key = ?", (key,))
+                raise StoreError(f"{name}: damaged; run the same command again, which makes it anew")
             return decode(data, name)
         return None
 

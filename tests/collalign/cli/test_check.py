@@ -36,7 +36,8 @@ def test_a_check_reads_every_file_and_writes_nothing(folder, capsys):
     assert told["skipped"] == ["readme.md"]
     assert told["notes"] == ["Much smaller than the median shape, perhaps in another unit: metres (1e+03 times)."]
     assert not out.exists()
-    assert main(["align", str(folder / "left"), "--out", str(out), *FLAGS, "--check"]) == 0
+    assert main(["align", str(folder / "left"), *FLAGS, "--check"]) == 0
+    assert main(["align", str(folder / "left"), *FLAGS]) == 2
     assert "2 of 2 files can be aligned." in capsys.readouterr().out
     (folder / "right" / "readme.md").write_text("again")
     assert main(["align", str(folder), "--recursive", "--out", str(out), *FLAGS, "--check", "--json"]) == 3

@@ -130,15 +130,16 @@ def tamper(path, *statements):
         "UPDATE pairs SET key = CASE key WHEN 'k' THEN 'l' ELSE 'k' END",
     ],
 )
-def test_damaged_rows_are_refused(path, statement):
+def test_damaged_rows_are_refused_and_made_anew_by_the_next_run(path, statement):
     with Store.open(path) as store:
         store.put("pairs", "k", RECORD)
         assert store.get("pairs", "k") is not None
     tamper(path, statement)
     with Store.open(path) as store:
         key = next(iter(store.keys("pairs")))
-        with pytest.raises(StoreError, match="damaged"):
+        with pytest.raises(StoreError, match="damaged; run the same command again"):
             store.get("pairs", key)
+        assert store.missing("pairs", [key]) == [key]
 
 
 @pytest.mark.parametrize(
