@@ -21,8 +21,8 @@ def folder(tmp_path_factory):
 def made(folder):
     shapes = chairs(3).shapes
     named = {"<one>": shapes[0], "two": shapes[1], "points": shapes[2].vertices}
-    options = collalign.AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=0))
-    aligned = collalign.align_collection(named, options=options, run=collalign.RunOptions(jobs=1), progress=False)
+    options = {"seed": 3, "sampling": {"num_points": 16, "num_dense_points": 0}}
+    aligned = collalign.align_collection(named, options=options, seed=1, jobs=1, progress=False)
     aligned.save(folder, report=False)
     return aligned
 
@@ -30,6 +30,11 @@ def made(folder):
 @pytest.fixture(params=["made", "loaded"])
 def result(request, made, folder):
     return made if request.param == "made" else collalign.load(folder)
+
+
+def test_options_may_be_keywords_which_win_and_tables(result):
+    sampling = SamplingOptions(num_points=16, num_dense_points=0)
+    assert result.options == collalign.AlignOptions(seed=1, sampling=sampling)
 
 
 def test_shapes_are_found_by_name_and_position(result, made):

@@ -106,15 +106,11 @@ def test_maps_are_consistent_and_samples_lie_on_the_shapes(aligned, planted):
         aligned.maps["nobody", a]
 
 
-def test_rigid_keeps_sizes(folder, run):
-    rigid = align_collection(folder, options=replace(OPTIONS, scaling="rigid"), run=run)
-    assert np.allclose(np.linalg.det(rigid.transforms[:, :3, :3]), 1)
-
-
-def test_a_reference_and_fixed_poses_are_respected(folder, aligned, run):
+def test_a_reference_and_fixed_poses_are_respected_and_rigid_keeps_sizes(folder, aligned, run):
     name = aligned.names[3]
-    other = align_collection(folder, options=replace(OPTIONS, reference=name), run=run)
-    assert np.allclose(other.rotations[3], np.eye(3))
+    rigid = align_collection(folder, options=replace(OPTIONS, reference=name, scaling="rigid"), run=run)
+    assert np.allclose(rigid.rotations[3], np.eye(3))
+    assert np.allclose(np.linalg.det(rigid.transforms[:, :3, :3]), 1)
     pose = np.diag([-1.0, -1.0, 1.0])
     fixed = align_collection(folder, options=OPTIONS, run=run, fixed={name: pose})
     assert np.allclose(fixed.rotations[3], pose)

@@ -26,10 +26,15 @@ def align(shapes, **run):
 
 
 @pytest.fixture(scope="module")
-def from_memory(planted):
+def store(tmp_path_factory):
+    return tmp_path_factory.mktemp("store") / "store.sqlite"
+
+
+@pytest.fixture(scope="module")
+def from_memory(planted, store):
     meshes = [trimesh.Trimesh(s.vertices, s.faces, process=False) for s in planted.shapes[1:]]
     first = planted.shapes[0]
-    return align({"a": (first.vertices, first.faces), "b": meshes[0], "c": meshes[1]})
+    return align({"a": (first.vertices, first.faces), "b": meshes[0], "c": meshes[1]}, store=store)
 
 
 def test_memory_and_folder_give_the_same_result(planted, from_memory, tmp_path):
@@ -43,9 +48,7 @@ def test_memory_and_folder_give_the_same_result(planted, from_memory, tmp_path):
         assert found.made.digests == from_memory.made.digests
 
 
-def test_the_store_knows_shapes_by_their_content(planted, tmp_path):
-    store = tmp_path / "store.sqlite"
-    align(list(planted.shapes), store=store)
+def test_the_store_knows_shapes_by_their_content(planted, from_memory, store):
     assert align(list(planted.shapes), store=store).run.num_reused == 6
 
 

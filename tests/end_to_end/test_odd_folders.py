@@ -13,7 +13,6 @@ from data_tools.datasets.synthetic import write_collection
 from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
-from data_tools.surface.shape import Shape
 from tests.end_to_end.test_align import FLAGS, OPTIONS
 from tests.finished_runs import chairs
 
@@ -51,22 +50,6 @@ def test_copies_of_one_shape_are_sure_and_copies_of_a_box_fit_in_four_poses(rng)
     assert any("6 of 6 shapes fit as well in other poses" in note for note in boxes.notes)
 
 
-def test_samples_are_vertices_of_the_file_whatever_cleaning_drops(planted, tmp_path):
-    fragment = np.array([[9.0, 9.0, 9.0], [9.1, 9.0, 9.0], [9.0, 9.1, 9.0]])
-    stored = {}
-    for shape in planted.shapes[:2]:
-        stored[shape.name] = np.vstack([fragment, shape.vertices, shape.vertices[:5]])
-        faces = np.vstack([[[0, 1, 2]], shape.faces + 3])
-        write_mesh(tmp_path / f"{shape.name}.ply", Shape.from_arrays(stored[shape.name], faces))
-    found = align_collection(tmp_path, options=OPTIONS, run=RunOptions(jobs=1))
-    for name, indices, transform, placed in zip(
-        found.names, found.samples, found.transforms, found.positions, strict=True
-    ):
-        vertices = stored[name][indices]
-        assert np.allclose(vertices @ transform[:3, :3].T + transform[:3, 3], placed, atol=1e-5)
-    assert all("dropped" in " ".join(notes) for notes in found.made.shape_notes)
-
-
 def test_a_shape_without_any_pair_is_named_first(folder, tmp_path, monkeypatch, capsys):
     def match_all_but_the_last(*args, **options):
         pairs, failed = match_pairs(*args, **options)
@@ -82,17 +65,21 @@ def test_a_shape_without_any_pair_is_named_first(folder, tmp_path, monkeypatch, 
     assert np.isfinite(shapes[4]["transform"]).all()
 
 
-def test_samples_are_vertices_of_a_file_with_gaps_and_the_note_says_so(planted, tmp_path, capsys):
-    for i, shape in enumerate(planted.shapes[:3]):
-        vertices = shape.vertices.copy()
-        if i == 1:
-            vertices[[0, 3], 1] = np.nan
-        write_mesh(tmp_path / f"{shape.name}.ply", replace(shape, vertices=vertices))
+def test_samples_are_vertices_of_the_file_whatever_cleaning_drops_and_notes_say_what(planted, tmp_path, capsys):
+    fragment = np.array([[9.0, 9.0, 9.0], [9.1, 9.0, 9.0], [9.0, 9.1, 9.0]])
+    stored = [np.vstack([fragment, shape.vertices, shape.vertices[:5]]) for shape in planted.shapes[:3]]
+    stored[1][[3, 6], 1] = np.nan
+    for shape, vertices in zip(planted.shapes, stored, strict=False):
+        faces = np.vstack([[[0, 1, 2]], shape.faces + 3])
+        write_mesh(tmp_path / f"{shape.name}.ply", replace(shape, vertices=vertices, faces=faces))
     assert main(["align", str(tmp_path), "--out", f"{tmp_path}-out", *FLAGS]) == 0
     said = capsys.readouterr().out
-    assert f"copy ({planted.shapes[1].name}: dropped 2 vertices that are NaN or infinite" in said
+    assert "dropped" in said
+    notes = json.loads((tmp_path.parent / f"{tmp_path.name}-out" / "alignment.json").read_text())["shape_notes"]
+    assert "NaN or infinite" in " ".join(notes[planted.shapes[1].name])
+    assert all("kept the largest of 2 components" in " ".join(notes[shape.name]) for shape in planted.shapes[:3])
     with np.load(f"{tmp_path}-out/correspondences.npz") as found:
         transforms = load(f"{tmp_path}-out").transforms
-        for i, shape in enumerate(planted.shapes[:3]):
-            moved = shape.vertices[found["vertex_indices"][i]] @ transforms[i, :3, :3].T + transforms[i, :3, 3]
+        for i, vertices in enumerate(stored):
+            moved = vertices[found["vertex_indices"][i]] @ transforms[i, :3, :3].T + transforms[i, :3, 3]
             assert np.allclose(moved, found["positions"][i], atol=1e-5)

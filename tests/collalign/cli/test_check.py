@@ -65,9 +65,10 @@ def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(fol
     assert "perhaps in another unit: metres" in said.out
     assert "Left out: right/b.xyz: " in said.err
     assert load(out).names == ("c", "left/a", "left/b", "metres", "right/a")
-    other = folder.parent / "other"
-    assert main(["align", str(folder / "right"), str(folder / "left"), "--out", str(other), *FLAGS]) == 3
-    assert {"c", "left/a", "metres", "right/a"} < {*load(other).names}
-    assert len({path.name for path in (other / "meshes").iterdir()}) == 5
+    assert len({path.name for path in (out / "meshes").iterdir()}) == 5
+    places = [str(folder / "right"), str(folder / "left")]
+    assert main(["align", *places, "--out", str(out), *FLAGS, "--check", "--json"]) == 3
+    told = json.loads(capsys.readouterr().out)
+    assert {"c", "left/a", "metres", "right/a"} < {one["name"] for one in told["shapes"]}
     assert main(["align", str(folder), "--out", str(out)]) == 2
     assert "its folders do: left (2), right (4)" in capsys.readouterr().err

@@ -66,6 +66,11 @@ def aligned_mixed(mixed, store):
     return align_collection(mixed, options=OPTIONS, run=store)
 
 
+@pytest.fixture(scope="module")
+def aligned_one_sided(one_sided, store):
+    return align_collection(one_sided, options=OPTIONS, run=store)
+
+
 def without_decision(collection):
     """What two runs share if one was asked for what the other decided."""
     record = alignment_record(collection)
@@ -86,8 +91,8 @@ def test_a_mix_is_noticed_and_aligned_as_if_asked_for(aligned_mixed, mixed, stor
     assert (alignment_record(asked)["options"]["group"], asked.group) == ("O", "O")
 
 
-def test_one_side_comes_out_as_with_rotations_only(one_sided, store):
-    found = align_collection(one_sided, options=OPTIONS, run=store)
+def test_one_side_comes_out_as_with_rotations_only(aligned_one_sided, one_sided, store):
+    found = aligned_one_sided
     assert found.group == "SO"
     assert not found.reflected.any()
     assert "No shape is mirrored" in " ".join(found.notes)
@@ -152,7 +157,7 @@ def test_the_pilot_takes_the_nearest_pairs_of_every_shape():
     assert kept.tolist() == [[0, 4], [1, 4]], "only pairs of the run"
 
 
-def test_added_shapes_keep_what_was_decided(aligned_mixed, one_sided, mixed, store, tmp_path):
+def test_added_shapes_keep_what_was_decided(aligned_mixed, aligned_one_sided, mixed, store, tmp_path):
     new = tmp_path / "new"
     late = read_folder(mixed).files[4]
     write_copy(late, new / "late.ply")
@@ -160,7 +165,7 @@ def test_added_shapes_keep_what_was_decided(aligned_mixed, one_sided, mixed, sto
     added = add_to_collection(tmp_path / "mixed", new, run=store)
     assert (added.group, added.options.group) == ("O", "auto")
     assert added.reflected.tolist() == [*aligned_mixed.reflected.tolist(), True]
-    align_collection(one_sided, options=OPTIONS, run=store).save(tmp_path / "one", report=False)
+    aligned_one_sided.save(tmp_path / "one", report=False)
     added = add_to_collection(tmp_path / "one", new, run=store)
     assert added.group == "SO"
     assert not added.reflected.any()
