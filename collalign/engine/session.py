@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import takewhile
+from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from collalign.engine.jobs.job import Job, K, Results, Runner, T, Wanted, table_of_stored
@@ -162,7 +163,8 @@ class Session(Generic[OptionsT]):
                 self._keep(job.kind, label, outcome)
                 if strict and outcome.failure is not None:
                     outcomes.close()
-                    raise InputError(outcome.failure if label in outcome.failure else f"{label}: {outcome.failure}")
+                    is_named = Path(outcome.failure.partition(": ")[0]).name == Path(label).name
+                    raise InputError(outcome.failure if is_named else f"{label}: {outcome.failure}")
         done, failures = self.store.keys(job.kind), self.store.failures(job.kind)
         self.store.plan(job.kind, {key: one.label for key, one in by_key.items() if key in done or key in failures})
         left = {name: failures.get(one.key) for name, one in wanted.items() if one.key not in done}
