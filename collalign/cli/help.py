@@ -22,8 +22,6 @@ _BASIC = frozenset(
         "--budget-s",
         "--corrections",
         "--curves",
-        "--enough",
-        "--max-rounds",
         "--shapes",
         "--dry-run",
         "--file",
