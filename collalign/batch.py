@@ -32,13 +32,14 @@ class BatchJob:
     folders : tuple of Path
         What ``collalign align`` takes: folders, files, patterns, ``@FILE``.
     out : Path
-    recursive : bool
+    recursive, parts : bool
     options : AlignOptions
     """
 
     folders: tuple[Path, ...]
     out: Path
     recursive: bool
+    parts: bool
     options: AlignOptions
 
 
@@ -46,8 +47,8 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
     """Read a batch file.
 
     It is TOML with a table ``[options]`` for all jobs (as in a configuration file of ``collalign align``) and one
-    ``[[jobs]]`` per folder with ``folder`` (or a list of several), ``out``, perhaps ``recursive = true`` and, where
-    they differ, ``[jobs.options]``. Paths are relative to the file.
+    ``[[jobs]]`` per folder with ``folder`` (or a list of several), ``out``, perhaps ``recursive = true`` or ``parts = true``
+    and, where they differ, ``[jobs.options]``. Paths are relative to the file.
 
     Raises
     ------
@@ -87,7 +88,7 @@ def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
     """
     is_auto = job.options.group == "auto"
     options = replace(job.options, group="SO") if is_auto else job.options
-    listing = list_shapes(job.folders, recursive=job.recursive)
+    listing = list_shapes(job.folders, recursive=job.recursive, parts=job.parts)
     costs, start_s = try_shapes(listing, options, run)
     work = _workload(listing, replace(job, options=options), run)
     asks_sides = is_auto and work.missing_pairs > work.num_pairs // 2
@@ -114,18 +115,15 @@ def _workload(listing: FolderListing, job: BatchJob, run: RunOptions) -> Workloa
 
 def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> BatchJob:
     name = f"{path}: job {number}"
-    if not isinstance(entry, dict) or not {"folder", "out"} <= entry.keys() <= {
-        "folder",
-        "out",
-        "recursive",
-        "options",
-    }:
-        raise InputError(f"{name}: expected 'folder', 'out' and perhaps 'recursive' and 'options'")
+    known = {"folder", "out", "recursive", "parts", "options"}
+    if not isinstance(entry, dict) or not {"folder", "out"} <= entry.keys() <= known:
+        raise InputError(f"{name}: expected 'folder', 'out' and perhaps 'recursive', 'parts' and 'options'")
     places = entry["folder"] if isinstance(entry["folder"], list) else [entry["folder"]]
     if not places or not all(isinstance(place, str) for place in (*places, entry["out"])):
         raise InputError(f"{name}: 'folder' and 'out' must be paths in quotes, 'folder' perhaps a list")
-    if not isinstance(recursive := entry.get("recursive", False), bool):
-        raise InputError(f"{name}: 'recursive' must be true or false")
+    how = {key: entry.get(key, False) for key in ("recursive", "parts")}
+    if not all(isinstance(value, bool) for value in how.values()):
+        raise InputError(f"{name}: 'recursive' and 'parts' must be true or false")
     special = entry.get("options", {})
     if not isinstance(special, dict):
         raise InputError(f"{name}: [jobs.options] must be a table")
@@ -136,7 +134,7 @@ def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> Batc
     folders = tuple(
         Path(f"@{path.parent / place[1:]}") if place.startswith("@") else path.parent / place for place in places
     )
-    return BatchJob(folders=folders, out=path.parent / entry["out"], recursive=recursive, options=options)
+    return BatchJob(folders=folders, out=path.parent / entry["out"], options=options, **how)
 
 
 def _merged(general: Mapping[str, Any], special: Mapping[str, Any]) -> dict[str, Any]:

@@ -46,7 +46,7 @@ def batch(
                     code = align(
                         [*job.folders],
                         out=job.out,
-                        given=Given(recursive=job.recursive),
+                        given=Given(recursive=job.recursive, parts=job.parts),
                         options=job.options,
                         run=run,
                     )

@@ -3,6 +3,7 @@
 import errno
 import math
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -56,8 +57,13 @@ def test_jobs_share_options_and_override_them(folder):
     assert second.options.sampling.num_dense_points == 50
     (several,) = read_batch(batch_file(folder, "[[jobs]]\nfolder = ['a', '@b.txt']\nout = 'c'\nrecursive = true\n"))
     assert several.folders == (folder / "a", Path(f"@{folder / 'b.txt'}"))
-    assert several.recursive
-    assert not second.recursive
+    assert (several.recursive, several.parts) == (True, False)
+    assert (second.recursive, second.parts) == (False, False)
+    (whole,) = read_batch(batch_file(folder, "[[jobs]]\nfolder = 'a'\nout = 'c'\nparts = true\n"))
+    (folder / "a").mkdir(exist_ok=True)
+    for name in ("one.left", "one.right", "two.left", "two.right", "three.left", "three.right"):
+        shutil.copy(next((folder / "chairs").iterdir()), folder / "a" / f"{name}.ply")
+    assert estimate_job(whole, RunOptions(jobs=1)).num_shapes == 3
     assert first.folders == (folder / "chairs",)
 
 
@@ -66,6 +72,7 @@ def test_jobs_share_options_and_override_them(folder):
     [
         ("jobs = 3", InputError, "nothing to do"),
         ("[[jobs]]\nfolder = 'x'", InputError, "job 1"),
+        ("[[jobs]]\nfolder = 'x'\nout = 'y'\nparts = 1", InputError, "true or false"),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\nextra = 1", InputError, "job 1"),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\n[[jobs]]\nfolder = 'z'\nout = 'y'", InputError, "same folder"),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\n[jobs.options]\ngruop = 'O'", OptionsError, "gruop"),
