@@ -11,7 +11,7 @@ from collalign.output.evidence.gather import (
     shown_pair,
 )
 from collalign.products.consistent_maps import ConsistentMaps
-from collalign.products.pair import Pair
+from tests.products import pair_of
 
 K = 12
 HALF_TURN = np.diag([1.0, -1.0, -1.0])
@@ -19,15 +19,8 @@ MIRROR = np.diag([1.0, 1.0, -1.0])
 
 
 def matched(i, j, rotations, map_i_j, choice=0):
-    return Pair(
-        target=i,
-        source=j,
-        rotations=np.array(rotations).reshape(-1, 3, 3),
-        maps=np.zeros((len(rotations), K), dtype=np.int64),
-        energies=0.5 + np.arange(len(rotations)),
-        map_target_source=map_i_j,
-        choice=choice,
-    )
+    energies = 0.5 + np.arange(len(rotations))
+    return pair_of(rotations, energies, target=i, source=j, map_target_source=map_i_j, choice=choice)
 
 
 def test_pair_maps_are_in_terms_of_labels():

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
-from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.bent import _nearest_map, _trust, numbers_of_samples, with_first_samples
 from collalign.stages.poses.refinement import refine_poses
@@ -19,6 +18,7 @@ from collalign.synchronization.problem.frames import transposed
 from collalign.synchronization.solvers.averaging import average_frames, residuals_deg
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from tests.collalign.stages.test_pose_refinement import posed_crowns
+from tests.products import pair_of
 
 NUM = 5
 EDGES = np.array(list(itertools.combinations(range(NUM), 2)))
@@ -44,14 +44,7 @@ def true_pairs(truth):
 def weighed_pairs(measured):
     """Return pairs whose one candidate is that of a map."""
     return [
-        Pair(
-            target=int(i),
-            source=int(j),
-            rotations=rotation[None],
-            maps=np.arange(32)[None],
-            energies=np.array([0.1]),
-            log_odds=np.zeros(1),
-        )
+        pair_of([rotation], [0.1], target=int(i), source=int(j), num_samples=32, log_odds=np.zeros(1))
         for (i, j), rotation in zip(EDGES, measured, strict=True)
     ]
 
@@ -112,14 +105,7 @@ def test_shares_of_few_samples_are_not_counted_twice(most, numbers):
 def test_the_likeliest_candidate_near_the_pose_is_the_maps(rng):
     asked = random_rotation(rng)
     poses = np.stack([np.diag([1.0, -1, -1]) @ asked, *turned(np.stack([asked, asked, asked]), 10.0, rng)])
-    pair = Pair(
-        target=0,
-        source=1,
-        rotations=poses,
-        maps=np.zeros((4, 8), dtype=np.int64),
-        energies=np.ones(4),
-        log_odds=np.array([9.0, 1.0, 2.0, -np.inf]),
-    )
+    pair = pair_of(poses, np.ones(4), log_odds=np.array([9.0, 1.0, 2.0, -np.inf]))
     assert np.array_equal(_nearest_map(pair, asked), poses[2])
     assert not _nearest_map(pair, np.diag([-1.0, 1, -1]) @ asked).any()
     unweighed = replace(pair, log_odds=np.zeros(0), energies=np.array([0.1, 0.3, 0.2, 0.4]))

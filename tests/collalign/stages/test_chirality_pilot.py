@@ -10,7 +10,6 @@ from collalign import AlignOptions, RunOptions, align_collection
 from collalign.cli import main
 from collalign.extend import add_to_collection
 from collalign.output.write import alignment_record
-from collalign.products.pair import Pair
 from collalign.stages.chirality import pilot
 from collalign.stages.chirality.pilot import KEPT_UNMIRRORED, chirality_energies, nearest_pairs
 from collalign.stages.pairs.sparse_pairs import all_pairs
@@ -24,6 +23,7 @@ from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 from experiments.collections.posed import pose_collection
 from experiments.datasets import read_teeth
+from tests.products import pair_of
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
 ONE = RunOptions(jobs=1)
@@ -116,18 +116,6 @@ def test_bilateral_shapes_are_not_mirrored(tmp_path):
     found = align_collection(tmp_path, options=OPTIONS, run=ONE)
     assert found.group == "SO"
     assert not found.reflected.any()
-
-
-def pair_of(rotations, energies):
-    return Pair(
-        target=0,
-        source=1,
-        rotations=np.array(rotations),
-        maps=np.zeros((len(energies), 8), dtype=np.int64),
-        energies=np.array(energies),
-        lower_bound=float("nan"),
-        status="LOCAL_OPTIMUM",
-    )
 
 
 def test_the_energies_of_both_kinds_are_told_apart():

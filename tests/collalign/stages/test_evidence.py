@@ -13,7 +13,6 @@ from collalign.engine.store.typed import from_record
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.surface.posed import prepare_posed
 from collalign.options import AlignOptions
-from collalign.products.pair import Pair
 from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, WeighedPose, distinct_weighed
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.rivals import missing_poses, support, voted_poses, votes_of
@@ -27,17 +26,12 @@ from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from tests.products import pair_of
 
 
 def a_pair(energies):
     rng = np.random.default_rng(0)
-    return Pair(
-        target=0,
-        source=1,
-        rotations=np.stack([random_rotation(rng) for _ in energies]),
-        maps=np.tile(np.arange(5), (len(energies), 1)),
-        energies=np.array(energies),
-    )
+    return pair_of([random_rotation(rng) for _ in energies], energies, num_samples=5)
 
 
 def a_record(num):

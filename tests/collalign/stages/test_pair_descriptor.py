@@ -4,25 +4,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from collalign.stages.pairs.descriptor import shape_descriptor
-from data_tools.embedding.embedding import Samples
+from tests.products import samples_at
 
 
 def samples_of(points, invariants=None):
     centred = points - points.mean(axis=0)
-    return Samples(
-        name="",
-        vertex_indices=np.arange(len(points)),
-        positions=centred,
-        coordinates=centred,
-        block_sizes=(3,),
-        invariants=np.empty((len(points), 0)) if invariants is None else invariants,
-        offset=points.mean(axis=0),
-        scale=1.0,
-        dense_indices=np.empty(0, dtype=np.int64),
-        dense_positions=np.empty((0, 3)),
-        dense_normals=np.empty((0, 3)),
-        dense_invariants=np.empty((0, 0)),
-    )
+    return samples_at(centred, invariants=invariants, offset=points.mean(axis=0))
 
 
 def test_pose_size_mirroring_and_order_do_not_matter(rng):

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from collalign.options import AlignOptions
-from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.agreement import resolve_pair
 from collalign.stages.poses.frame import turned
 from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.synchronize import synchronize_pairs, synchronize_shapes
 from data_tools.datasets.synthetic_shapes import chair
-from data_tools.embedding.embedding import Samples, sample_shape
+from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import CollectionError, OptionsError
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
+from tests.products import pair_of, samples_at
 from tests.synchronization_problems import mixed_collection, pose_errors_deg
 
 SIZES = (9, 7)
@@ -33,27 +33,14 @@ def pairs():
     problem, _ = mixed_collection(np.random.default_rng(4), SIZES, wrong=0.1)
     assert problem.energies is not None
     return [
-        Pair(
-            target=int(i), source=int(j), rotations=rotations, maps=np.arange(6)[None], energies=1e-6 * energies,
-            lower_bound=float("nan"), status="LOCAL_OPTIMUM",
-        )
+        pair_of(rotations, 1e-6 * energies, target=int(i), source=int(j), num_samples=6)
         for (i, j), rotations, energies in zip(problem.edges, problem.rotations, problem.energies, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 @pytest.fixture
 def samples(rng):
-    none = np.zeros(0, dtype=np.int64)
-    clouds = rng.standard_normal((sum(SIZES), 6, 3))
-    return [
-        Samples(
-            name=str(i), vertex_indices=np.arange(6), positions=points, coordinates=points, block_sizes=(3,),
-            invariants=np.empty((6, 0)), offset=np.zeros(3), scale=1.0, dense_indices=none,
-            dense_positions=np.empty((0, 3)), dense_normals=np.empty((0, 3)),
-            dense_invariants=np.empty((0, 0)),
-        )
-        for i, points in enumerate(clouds)
-    ]  # fmt: skip
+    return [samples_at(points, name=str(i)) for i, points in enumerate(rng.standard_normal((sum(SIZES), 6, 3)))]
 
 
 def solve(samples, pairs, clusters, constraints=NONE):

@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from collalign.engine.store.records import decode, encode
 from collalign.engine.store.typed import from_record, to_record
-from collalign.products.pair import Pair
 from collalign.stages.proofs import (
     LISTED_WITHIN,
     PairProof,
@@ -23,19 +22,14 @@ from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.pose_lists import list_poses
 from pairwise.problem.problem import Problem
 from pairwise.status import Status
+from tests.products import pair_of
 from tests.rigid_problems import planted_cube
 
 
 def pair(*energies):
     num = len(energies)
-    return Pair(
-        target=0,
-        source=1,
-        rotations=np.tile(np.eye(3), (num, 1, 1)),
-        maps=np.tile(np.arange(4), (num, 1)),
-        energies=np.array(energies),
-        lower_bound=float("nan"),
-        status="LOCAL_OPTIMUM",
+    return pair_of(
+        np.tile(np.eye(3), (num, 1, 1)), energies, num_samples=4, lower_bound=np.nan, status="LOCAL_OPTIMUM"
     )
 
 
