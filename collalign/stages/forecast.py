@@ -11,7 +11,6 @@ import numpy as np
 
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
-from collalign.engine.store.layout import Costs
 from collalign.engine.store.store import Store
 from collalign.options import AUTO, AlignOptions
 from collalign.stages.chirality.pilot import MOST_SHAPES
@@ -75,7 +74,7 @@ class Workload:
     pilot: bool = False
 
 
-def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -> tuple[dict[str, Costs], float]:
+def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -> tuple[dict[str, float], float]:
     """Prepare and match some shapes of a folder, keep nothing of it, and return what each kind of record cost.
 
     Also the seconds until the workers had started.
@@ -98,23 +97,23 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
         if wants_maps(options, pairs):
             weigh_pairs(session, shapes, pairs)
         costs = costs_of(session.store)
-    busy_s = costs["shapes"].mean_seconds * len(shapes.names) / min(run.num_workers, len(shapes.names))
+    busy_s = costs["shapes"] * len(shapes.names) / min(run.num_workers, len(shapes.names))
     return costs, max(0.0, prepared_s - busy_s)
 
 
-def costs_of(store: Store) -> dict[str, Costs]:
+def costs_of(store: Store) -> dict[str, float]:
     """Return what each kind of record that the forecast reckons with cost on average."""
-    return {kind: store.costs(kind) for kind in ("shapes", "pairs", "surfaces", "evidence")}
+    return {kind: store.mean_seconds(kind) for kind in ("shapes", "pairs", "surfaces", "evidence")}
 
 
 def forecast(
-    costs: Mapping[str, Costs], work: Workload, options: AlignOptions, num_jobs: int, *, start_s: float = 0.0
+    costs: Mapping[str, float], work: Workload, options: AlignOptions, num_jobs: int, *, start_s: float = 0.0
 ) -> RunEstimate:
     """Return what a workload will take.
 
     Parameters
     ----------
-    costs : mapping of str to Costs
+    costs : mapping of str to float
         Of similar shapes and pairs, and of their maps, none where the collection needs none.
     work : Workload
     options : AlignOptions
@@ -123,13 +122,13 @@ def forecast(
     start_s : float
         Until they have started.
     """
-    match_s, prepare_s = costs["pairs"].mean_seconds, costs["shapes"].mean_seconds
+    match_s, prepare_s = costs["pairs"], costs["shapes"]
     num, new = work.num_shapes, work.missing_pairs + work.pilot * PILOT * min(work.num_shapes, MOST_SHAPES)
     refines = float(options.refine)
     shared = {"shapes": _times(work.missing_shapes, prepare_s), "pairs": _times(new, match_s)}
     alone = {"start": start_s, "outputs": TILE * match_s * min(num, MOST_TILES)}
-    if work.missing_pairs and costs["evidence"].num_records:
-        shared["maps"] = num * costs["surfaces"].mean_seconds + work.missing_pairs * costs["evidence"].mean_seconds
+    if work.missing_pairs and not math.isnan(costs["evidence"]):
+        shared["maps"] = num * costs["surfaces"] + work.missing_pairs * costs["evidence"]
     if options.synchronization == "robust":
         shared["poses"] = refines * LOCAL * num * match_s
         alone["poses"] = SYNCHRONIZATION * work.num_pairs * match_s

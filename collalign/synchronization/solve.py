@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +22,6 @@ from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
-from pairwise.problem.pattern import PatternLike
 
 #: Methods that find the frames of a connected graph, (N, d, d), from one rotation per pair, (E, d, d), and weights.
 BASELINES: dict[str, Callable[[PairGraph, FloatArray, FloatArray], FloatArray]] = {"spectral": spectral_frames}
@@ -36,14 +36,10 @@ def synchronize(
     edges: ArrayLike,
     rotations: ArrayLike,
     *,
-    energies: ArrayLike | None = None,
-    weights: ArrayLike | None = None,
-    group: str = "SO",
     method: str = "robust",
-    num_shapes: int | None = None,
-    rotation_pattern: PatternLike = None,
     fixed: Mapping[int, ArrayLike] | None = None,
     reference: int = 0,
+    **keywords: Any,
 ) -> SynchronizationResult:
     """Find one pose per shape from the pairs' relative rotations, and say how far each can be trusted.
 
@@ -53,24 +49,18 @@ def synchronize(
         Shapes i, j of each pair; each unordered pair at most once.
     rotations : array_like, shape (E, d, d) or (E, m, d, d)
         ``R_i_j``, taking j's coordinates to i's, or m candidates of it.
-    energies : array_like, shape (E,) or (E, m), optional
-        Energy of each candidate; ``inf`` marks a candidate that is not there.
-    weights : array_like, shape (E,), optional
-        Prior trust in each pair, all equal by default.
-    group : {"SO", "O"}
-        Whether the rotation block has determinant +1; with ``"O"`` shapes may come out mirrored.
     method : {"robust", "spectral"}
         ``"robust"`` finds the most likely poses under a model whose noise, outliers and use of energies are estimated
         from the pairs. ``"spectral"`` is the eigenprojection of appendix B of Maron et al. (2016) of each pair's
         best candidate.
-    num_shapes : int, optional
-        N; one more than the largest index by default.
-    rotation_pattern : optional
-        Sizes of diagonal blocks, the rotation block first; see :class:`pairwise.problem.pattern.RotationPattern`.
     fixed : mapping of int to array_like (d, d), optional
         ``R_common_i`` of shapes that a user has set by hand: they come out exactly so.
     reference : int
         Shape whose pose is the identity (in its component; the first member in others), where none is fixed.
+    **keywords
+        What else makes the graph, see :meth:`collalign.PairGraph.from_user`: ``energies`` of the candidates,
+        ``weights`` of the pairs, ``group`` ("SO", or "O", where shapes may come out mirrored), ``num_shapes`` and
+        ``rotation_pattern``.
 
     Returns
     -------
@@ -92,15 +82,7 @@ def synchronize(
     True
     """
     check_choice("method", method, METHODS)
-    graph = PairGraph.from_user(
-        edges,
-        rotations,
-        energies=energies,
-        weights=weights,
-        group=group,
-        num_shapes=num_shapes,
-        rotation_pattern=rotation_pattern,
-    )
+    graph = PairGraph.from_user(edges, rotations, **keywords)
     if not 0 <= reference < graph.num_shapes:
         raise InputError(f"reference: shape {reference} of {graph.num_shapes}")
     return synchronize_graph(graph, method=method, fixed=_checked_fixed(fixed, graph), reference=reference)

@@ -11,7 +11,6 @@ import pytest
 from collalign.batch import estimate_job, read_batch
 from collalign.cli import main
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.layout import Costs
 from collalign.options import AlignOptions
 from collalign.stages.forecast import Workload, forecast
 from data_tools.datasets.synthetic import write_collection
@@ -124,7 +123,7 @@ def test_one_bad_folder_does_not_stop_the_others(folder):
     ("incomplete", "num_shapes", "looked_for"), [("auto", 40, True), ("auto", 2, False), ("none", 40, False)]
 )
 def test_incomplete_shapes_cost_where_they_are_looked_for(incomplete, num_shapes, looked_for):
-    costs = Costs(num_records=3, mean_seconds=1.0)
+    costs = 1.0
     kinds = dict.fromkeys(("shapes", "pairs", "surfaces", "evidence"), costs)
     work = Workload(num_shapes=num_shapes, num_pairs=10, missing_pairs=10)
     estimate = forecast(kinds, work, AlignOptions(incomplete=incomplete), 1)

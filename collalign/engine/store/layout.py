@@ -62,14 +62,6 @@ class Counts:
     left: int
 
 
-@dataclass(frozen=True, kw_only=True)
-class Costs:
-    """What the finished records of one kind took: how many, mean seconds (NaN where unknown)."""
-
-    num_records: int
-    mean_seconds: float
-
-
 def table_of(kind: str) -> str:
     """Return the table of a kind of records.
 

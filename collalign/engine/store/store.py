@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.store.file import open_connection, open_memory, reason_of
-from collalign.engine.store.layout import KINDS, MAX_TEXT, Costs, Counts, Failure, table_of
+from collalign.engine.store.layout import KINDS, MAX_TEXT, Counts, Failure, table_of
 from collalign.engine.store.lock import StoreLock
 from collalign.engine.store.records import Record, decode, encode
 from data_tools.errors import StoreError
@@ -200,12 +200,10 @@ class Store:
         """Return, for each kind, how much of the plan is done, failed and left."""
         return {kind: self._counts(kind) for kind in KINDS}
 
-    def costs(self, kind: str) -> Costs:
-        """Return what the finished records of a kind took on average, for estimates of further runs."""
-        table = table_of(kind)
-        sql = f"SELECT count(*), avg(seconds) FROM {table}"
-        ((number, seconds),) = self._query(sql)
-        return Costs(num_records=int(number), mean_seconds=float("nan") if seconds is None else float(seconds))
+    def mean_seconds(self, kind: str) -> float:
+        """Return what a finished record of a kind took on average, for estimates of further runs; NaN if unknown."""
+        ((seconds,),) = self._query(f"SELECT avg(seconds) FROM {table_of(kind)}")
+        return float("nan") if seconds is None else float(seconds)
 
     @property
     def _name(self) -> str:

@@ -4,13 +4,12 @@ import math
 
 import pytest
 
-from collalign.engine.store.layout import Costs
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
 from collalign.stages.forecast import Workload, costs_of, forecast
 
-NOTHING = Costs(num_records=0, mean_seconds=math.nan)
-COSTS = Costs(num_records=5, mean_seconds=2.0)
+NOTHING = math.nan
+COSTS = 2.0
 KINDS = {"shapes": COSTS, "pairs": COSTS, "surfaces": NOTHING, "evidence": NOTHING}
 
 
