@@ -47,8 +47,8 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
     """Read a batch file.
 
     It is TOML with a table ``[options]`` for all jobs (as in a configuration file of ``collalign align``) and one
-    ``[[jobs]]`` per folder with ``folder`` (or a list of several), ``out``, perhaps ``recursive = true`` or ``parts = true``
-    and, where they differ, ``[jobs.options]``. Paths are relative to the file.
+    ``[[jobs]]`` per folder with ``folder`` (or a list of several), ``out``, perhaps ``recursive = true`` or
+    ``parts = true`` and, where they differ, ``[jobs.options]``. Paths are relative to the file.
 
     Raises
     ------

@@ -6,6 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from collalign.batch import estimate_job, read_batch
@@ -59,9 +60,10 @@ def test_jobs_share_options_and_override_them(folder):
     assert (several.recursive, several.parts) == (True, False)
     assert (second.recursive, second.parts) == (False, False)
     (whole,) = read_batch(batch_file(folder, "[[jobs]]\nfolder = 'a'\nout = 'c'\nparts = true\n"))
-    (folder / "a").mkdir(exist_ok=True)
-    for name in ("one.left", "one.right", "two.left", "two.right", "three.left", "three.right"):
-        shutil.copy(next((folder / "chairs").iterdir()), folder / "a" / f"{name}.ply")
+    for file in (folder / "chairs").glob("*.ply"):
+        (folder / "a" / file.stem).mkdir(parents=True)
+        shutil.copy(file, folder / "a" / file.stem / "seat.ply")
+        np.savetxt(folder / "a" / file.stem / "nails.xyz", np.eye(3))
     assert estimate_job(whole, RunOptions(jobs=1)).num_shapes == 3
     assert first.folders == (folder / "chairs",)
 
