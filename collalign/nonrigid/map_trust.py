@@ -57,7 +57,7 @@ def trust_of(target: SpectralShape, source: SpectralShape, found: Sequence[Refin
     vertex_confidence : ndarray, shape (w,)
         That of the nearest dense sample.
     """
-    whole = map_probability(map_terms(target, source, found, 0), knows_sides=_knows_sides(found[0]))
+    whole = map_probability(map_terms(target, source, found, 0), knows_sides=_knows_map_orientation(found[0]))
     at_samples = point_probability(point_terms(target, source, found, 0), whole)
     return whole, at_samples[source.nearest_dense]
 
@@ -86,5 +86,5 @@ def _weights(found: Sequence[Refined]) -> FloatArray:
     return np.asarray(weights / weights.sum())
 
 
-def _knows_sides(candidate: Refined) -> bool:
+def _knows_map_orientation(candidate: Refined) -> bool:
     return bool(np.isfinite(candidate.evidence.orientation))

@@ -36,7 +36,7 @@ class Refiner:
         last = min(last, len(target.eigenvalues) + 1, len(source.eigenvalues) + 1)
         self._form_target, self._form_source = target.orientation[:num_dense], source.orientation[:num_dense]
         self._target, self._source = target.basis[self.on_target], source.basis[self.on_source]
-        features = descriptors(target, source)
+        features = vertex_curvatures(target, source)
         if features is not None:
             features = features[0][self.on_target], features[1][self.on_source]
         self._zoomout = ZoomOut(
@@ -87,7 +87,7 @@ class Refiner:
         return self._zoomout.refine(*mutual_nearest_rows(rows_target, rows_source))
 
 
-def descriptors(target: SpectralShape, source: SpectralShape) -> tuple[FloatArray, FloatArray] | None:
+def vertex_curvatures(target: SpectralShape, source: SpectralShape) -> tuple[FloatArray, FloatArray] | None:
     """Return the curvatures of all working vertices, each of mean 0 and variance 1; None without normals."""
     if not (np.isfinite(target.curvature).all() and np.isfinite(source.curvature).all()):
         return None

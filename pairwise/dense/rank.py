@@ -36,7 +36,7 @@ def ranked_on_dense(
     dense : pair of DensePoints
         Of target and source, in the coordinates of the rotation block and the units of the samples.
     """
-    poses = [_refine(candidate, problem, dense) for candidate in result.candidates]
+    poses = [_refined_on_dense(candidate, problem, dense) for candidate in result.candidates]
     pairs = sorted(zip(result.candidates, poses, strict=True), key=_both_energies)
     best = pairs[0][0]
     is_other = best.energy > result.energy
@@ -51,7 +51,7 @@ def ranked_on_dense(
     return ranked, tuple(pose for _, pose in pairs)
 
 
-def _refine(candidate: Candidate, problem: Problem, dense: tuple[DensePoints, DensePoints]) -> RefinedPose:
+def _refined_on_dense(candidate: Candidate, problem: Problem, dense: tuple[DensePoints, DensePoints]) -> RefinedPose:
     block = problem.pattern.rotation_block
     return refine_pose(
         *dense,

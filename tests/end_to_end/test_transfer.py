@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 import collalign
 from collalign.cli import main
 from collalign.output.evidence.loading import load
-from collalign.tools.correspond.run import reference_shape
+from collalign.tools.correspond.run import lender_of_triangles
 from collalign.tools.transfer.result import CARRIED, DOUBTFUL_POSE, NO_COUNTERPART, PLACED
 from data_tools.datasets.synthetic import deformed_family, planted_collection
 from data_tools.datasets.synthetic_shapes import chair
@@ -98,12 +98,12 @@ def test_landmarks_of_one_specimen_reach_all_others(result, templates, planted, 
 def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles(result):
     view = load(result)
     members = list(range(NUM_SHAPES))
-    chosen = reference_shape(view, members)
+    chosen = lender_of_triangles(view, members)
     for factor in (0.5, 2.0):
         transforms = np.array(view.transforms)
         transforms[chosen, :3] *= factor
-        assert reference_shape(replace(view, transforms=transforms), members) == chosen
-    assert reference_shape(view, [at for at in members if at != chosen]) != chosen
+        assert lender_of_triangles(replace(view, transforms=transforms), members) == chosen
+    assert lender_of_triangles(view, [at for at in members if at != chosen]) != chosen
 
 
 def test_several_templates_err_less_and_know_by_how_much(result, templates, planted, run):

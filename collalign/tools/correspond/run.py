@@ -88,10 +88,10 @@ def dense_correspondence(
     ]
     maps = collection.vertex_maps if (Path(result) / VERTEX_MAPS_FILE).is_file() else None
     with Session.open(None, as_options("run", run, RunOptions), progress_display(progress)) as session:
-        return correspond(session, files, members.index(reference_shape(collection, members)), maps)
+        return correspond(session, files, members.index(lender_of_triangles(collection, members)), maps)
 
 
-def reference_shape(collection: Collection, members: list[int]) -> int:
+def lender_of_triangles(collection: Collection, members: list[int]) -> int:
     """Return which of some shapes lends its triangles: in the middle of all, complete and without a rim if one is."""
     whole = [at for at in members if not collection.is_incomplete[at]] or members
     clouds = [_of_unit_size(moved_by(collection.transforms[at], collection.vertices[at])) for at in whole]

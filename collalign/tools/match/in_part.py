@@ -120,7 +120,7 @@ def match_in_part(
     """
     options = as_options("options", options, TwoShapeOptions, keywords)
     origins = as_origin(target, "target"), as_origin(source, "source")
-    to, of = (_surface(origin, options) for origin in origins)
+    to, of = (_partial_surface(origin, options) for origin in origins)
     poses = match_partial(
         to, of, group=options.group, estimate_scale=options.sampling.normalisation != "none", num_candidates=8
     )
@@ -131,6 +131,6 @@ def match_in_part(
     )
 
 
-def _surface(origin: Origin, options: TwoShapeOptions) -> PartialSurface:
+def _partial_surface(origin: Origin, options: TwoShapeOptions) -> PartialSurface:
     found = spread_points(read_shape(origin, options.cleaning), MOST_POINTS)
     return PartialSurface.from_user(found.points, found.normals, found.on_rim, oriented=found.oriented)
