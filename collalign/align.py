@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.engine.store.layout import FINISHED
-from collalign.options import AUTO, AlignOptions, AlignSession
+from collalign.options import AUTO, MAX_ROUNDS, AlignOptions, AlignSession
 from collalign.output.collection import Collection
 from collalign.output.evidence.gather import by_label, cycle_errors_deg, part_numbers
 from collalign.products.consistent_maps import ConsistentMaps
@@ -41,8 +41,6 @@ from data_tools.io.source import location
 from data_tools.poses import each_moved_by
 from data_tools.threads import one_blas_thread
 
-#: How often incomplete shapes are looked for among those that are left.
-MAX_ROUNDS = 3
 #: The run of the shapes that are posed, its group decided; their pairs; their poses.
 _Answer: TypeAlias = tuple[Run, Matched, Posed]
 _LIBRARIES = ("collalign", "numpy", "scipy", "trimesh", "potpourri3d", "robust-laplacian", "joblib")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias, get_args
 
+import numpy as np
+
 from collalign.engine.session import Session
 from data_tools.checks import check_choice, check_count, check_flag, check_number, take_tables
 from data_tools.errors import OptionsError
@@ -12,7 +14,9 @@ from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOption
 from pairwise.options import MatchOptions, PairOptions
 
 #: Seeds are below this: stores and keys hold 64-bit numbers.
-_SEED_LIMIT = 2**63
+_SEED_LIMIT = int(np.iinfo(np.int64).max) + 1
+#: Most rounds of what is repeated until nothing is new: pairs added, rivals asked, incomplete shapes looked for.
+MAX_ROUNDS = 3
 #: Seconds for the proof of a pair where nobody says how many.
 PROOF_S = 30.0
 #: Rotations only, mirror images as well, or whichever of the two the shapes ask for.

@@ -12,8 +12,6 @@ from data_tools.arrays import FloatArray
 
 #: A template without any counterpart at a landmark still counts so much, beside one that corresponds perfectly.
 _LEAST_QUALITY = 0.1
-#: Nearer templates than this share of the farthest one's mean square count no more.
-_LEAST_SQUARE = 1e-12
 
 
 def template_weights(
@@ -38,7 +36,7 @@ def template_weights(
     trust = _LEAST_QUALITY + np.sqrt(np.stack(rows) * here)
     squares = _squared_distances(templates, specimen, vertices)
     largest = float(squares.max())
-    trust /= np.maximum(squares / largest, _LEAST_SQUARE)[:, None] if largest > 0 else 1.0
+    trust /= np.maximum(squares / largest, np.finfo(float).eps)[:, None] if largest > 0 else 1.0
     trust *= np.stack([np.isfinite(item.offsets).all(axis=1) for item in templates])
     total = trust.sum(axis=0)
     return np.asarray(trust / np.where(total > 0, total, 1.0))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from collalign.output.evidence.camera import camera
-from collalign.output.evidence.display_mesh import display_mesh
+from collalign.output.evidence.display_mesh import FEWEST_FACES, display_mesh
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.figures import new_figure
@@ -21,17 +21,13 @@ from data_tools.surface.shape import Shape
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Of the doubtful poses, those below it are more likely wrong than right, and red instead of orange.
-_EVEN_ODDS = 0.5
 _LIGHT = np.array([0.3, 0.5, 0.81])
-_MAX_FACES = 1500
 _COLOUR = np.array([0.85, 0.8, 0.68])
 _CELL_INCHES = 1.5
 #: In cells: of a row with its line of text, and of the space left free around a shape.
 _ROW_HEIGHT, _MARGIN = 1.2, 0.03
 #: From the cell of a shape before alignment to the one after.
 _RIGHT = np.array([1.0, 0.0])
-_MAX_COLUMNS = 10
 #: Half the time of the usual level, for 4 % more bytes.
 _PNG = {"compress_level": 3}
 
@@ -57,7 +53,7 @@ def tile_of(shape: Shape, transform: FloatArray, confidence: float) -> Tile:
         File coordinates to the common frame.
     confidence : float
     """
-    vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=_MAX_FACES)
+    vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=FEWEST_FACES)
     return Tile(name=shape.name, vertices=vertices, faces=faces, transform=transform, confidence=confidence)
 
 
@@ -90,7 +86,7 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     tiles = list(tiles)
-    columns = min(_MAX_COLUMNS, max(2, int(np.ceil(np.sqrt(len(tiles))))))
+    columns = max(2, int(np.ceil(np.sqrt(len(tiles)))))
     rows = -(-len(tiles) // columns)
     size = (2.0 * columns, rows * _ROW_HEIGHT)
     figure = new_figure(figsize=(size[0] * _CELL_INCHES, size[1] * _CELL_INCHES), dpi=100)
@@ -113,7 +109,12 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
         if not np.isnan(tile.confidence):
             right = corner[0] + 2.0 - _MARGIN
             axes.text(
-                right, corner[1] + 1.0, percent(tile.confidence), ha="right", color=_colour(tile.confidence), **words
+                right,
+                corner[1] + 1.0,
+                percent(tile.confidence),
+                ha="right",
+                color="tab:green" if tile.confidence >= DOUBT else "tab:red",
+                **words,
             )
     _draw(axes, [panel for panel in panels if panel.faces])
     for panel in panels:
@@ -165,7 +166,3 @@ def _draw(axes: Any, panels: list[_Panel]) -> None:
     mesh = TriMesh(Triangulation(corners[:, 0], corners[:, 1], triangles))
     mesh.set_facecolor(colours)
     axes.add_collection(mesh, autolim=False)
-
-
-def _colour(confidence: float) -> str:
-    return "tab:green" if confidence >= DOUBT else "tab:orange" if confidence >= _EVEN_ODDS else "tab:red"

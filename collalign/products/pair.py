@@ -14,6 +14,8 @@ from pairwise.certificates.certificate import Certificate
 
 #: Differences of gaps below this say little, in squared radii.
 SMALLEST_GAP = 0.003
+#: Alternatives reported per shape.
+MAX_ALTERNATIVES = 3
 
 
 def _nothing(*shape: int, dtype: type = np.float64) -> Callable[[], Any]:

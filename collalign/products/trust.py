@@ -8,6 +8,9 @@ from data_tools.arrays import BoolArray, FloatArray
 
 #: Poses below this confidence are called doubtful, on the command line, in the contact sheet and in the report.
 DOUBT = 0.95
+#: Shapes below this one get further pairs; lower than what is called doubtful in the end, because few pairs say less
+#: than they will.
+UNCERTAIN = 0.9
 #: Kinds of evidence about a pose, the columns of :attr:`Trust.evidence`.
 KINDS = ("votes", "margin", "collection votes", "lead", "contradictions")
 

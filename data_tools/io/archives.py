@@ -13,12 +13,8 @@ from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
-from data_tools.io.source import Source
+from data_tools.io.source import MAX_FILE_BYTES, Source
 
-#: Archives that unpack to more are refused, in bytes.
-MAX_UNPACKED_BYTES = 2**30
-#: Longest header of an array, in bytes.
-_MAX_HEADER_BYTES = 2**16
 #: Names of the points in an NPZ archive of a shape, the first found is read.
 POINT_KEYS = ("vertices", "points", "positions", "xyz")
 _DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, NotImplementedError, RuntimeError)
@@ -38,7 +34,7 @@ def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
     Raises
     ------
     InputError
-        If it is no archive, damaged, holds objects, or unpacks to more than :data:`MAX_UNPACKED_BYTES`.
+        If it is no archive, damaged, holds objects, or unpacks to more than a file may hold.
     """
     stream = io.BytesIO(content)
     if not zipfile.is_zipfile(stream):
@@ -47,8 +43,8 @@ def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
         with zipfile.ZipFile(stream) as archive:
             members = {info.filename: info for info in archive.infolist() if info.filename.endswith(".npy")}
             total = sum(info.file_size for info in members.values())
-            if total > MAX_UNPACKED_BYTES:
-                raise InputError(f"{name}: unpacks to {total} bytes, more than {MAX_UNPACKED_BYTES}")
+            if total > MAX_FILE_BYTES:
+                raise InputError(f"{name}: unpacks to {total} bytes, more than {MAX_FILE_BYTES}")
             return {file.removesuffix(".npy"): _array(archive, info, name) for file, info in members.items()}
     except InputError:
         raise
@@ -71,7 +67,7 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str) -> NDArra
         version = np.lib.format.read_magic(stream)
         if version not in _HEADER_READERS:
             raise InputError(f"{name}: {info.filename} is of NPY version {version}, which is not read")
-        shape, fortran, dtype = _HEADER_READERS[version](stream, max_header_size=_MAX_HEADER_BYTES)
+        shape, fortran, dtype = _HEADER_READERS[version](stream)
         if dtype.hasobject:
             raise InputError(f"{name}: {info.filename} holds Python objects (a pickle), which are never read")
         left = info.file_size - stream.tell()

@@ -10,8 +10,6 @@ from scipy.sparse.csgraph import connected_components
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 
-#: Triangles whose corners are in memory at a time.
-_BLOCK = 2**16
 #: A boundary shorter than this times the square root of the area is a hole in a closed surface, not its rim.
 OPEN_BOUNDARY = 0.5
 
@@ -56,11 +54,8 @@ def mesh_edges(faces: IntArray) -> Edges:
 
 def face_crosses(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Return (b - a) x (c - a) of the triangles' corners, shape (f, 3): the normal, twice as long as the area."""
-    crosses = np.empty((len(faces), 3))
-    for start in range(0, len(faces), _BLOCK):
-        a, b, c = vertices[faces[start : start + _BLOCK].T]
-        crosses[start : start + _BLOCK] = np.cross(b - a, c - a)
-    return crosses
+    a, b, c = vertices[faces.T]
+    return np.asarray(np.cross(b - a, c - a))
 
 
 def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:

@@ -27,16 +27,11 @@ except ImportError as error:
 
 Answer = TypeVar("Answer")
 
-_log = logging.getLogger(__name__)
-#: Together below half a minute: until somebody listens at the address, until that turns out to be a scheduler.
-_LISTEN_TIMEOUT_S = 15.0
-_CONNECT_TIMEOUT_S = 10.0
-#: Until the first worker joins.
-_JOIN_TIMEOUT_S = 25.0
-#: Until a question is answered, and how fast at least what is sent with it is expected to go out.
+#: Until somebody listens at the address, and as long again until that turns out to be a scheduler.
+_CONNECT_TIMEOUT_S = 12.0
+#: Until the first worker joins or a question is answered, and how fast at least what is sent with it goes out.
 _ANSWER_TIMEOUT_S, _LEAST_BYTES_PER_S = 25.0, 5e7
-#: Workers may all be gone for a while, as in a queue of jobs: until that is said, and until the run is given up.
-_WORKERLESS_NOTE_S = 20.0
+#: Workers may all be gone for a while, as in a queue of jobs: until the run is given up.
 _WORKERLESS_END_S = 600.0
 #: Packages of which all machines need the same version for the same bytes.
 _PACKAGES = ("collalign", "numpy", "scipy")
@@ -55,7 +50,6 @@ class Cluster:
         self.client = client
         self._address = address
         self._seen_workers_s = time.monotonic()
-        self._noted = False
 
     @classmethod
     @contextmanager
@@ -119,7 +113,7 @@ class Cluster:
         """Return the cores of all workers; 0 while there are none."""
         num = sum(self.ask(self.client.nthreads).values())
         if num:
-            self._seen_workers_s, self._noted = time.monotonic(), False
+            self._seen_workers_s = time.monotonic()
         return num
 
     def check(self) -> None:
@@ -135,13 +129,10 @@ class Cluster:
         gone_s = time.monotonic() - self._seen_workers_s
         if gone_s > _WORKERLESS_END_S:
             raise RunLost(f"{self._address}: all workers are gone, for {gone_s:.0f} s now")
-        if gone_s > _WORKERLESS_NOTE_S and not self._noted:
-            _log.warning("%s: all workers are gone; waiting for others (Ctrl-C loses nothing)", self._address)
-            self._noted = True
 
     def _wait_for_workers(self) -> None:
         while not self.num_cores():
-            if time.monotonic() - self._seen_workers_s > _JOIN_TIMEOUT_S:
+            if time.monotonic() - self._seen_workers_s > _ANSWER_TIMEOUT_S:
                 raise RunLost(
                     f"{self._address}: the scheduler has no workers; start some with 'dask worker {self._address}'"
                 )
@@ -201,7 +192,7 @@ def _wait_for_listener(address: str) -> None:
         raise OptionsError(f"scheduler: {address!r} is no address such as tcp://host:8786 ({error})") from None
     if scheme not in ("tcp", "tls"):
         return
-    deadline = time.monotonic() + _LISTEN_TIMEOUT_S
+    deadline = time.monotonic() + _CONNECT_TIMEOUT_S
     while True:
         try:
             socket.create_connection((host, port), timeout=max(0.1, deadline - time.monotonic())).close()
@@ -209,7 +200,7 @@ def _wait_for_listener(address: str) -> None:
         except OSError as error:
             if time.monotonic() > deadline:
                 raise RunLost(f"{address}: nobody listens there ({error.strerror or error})") from None
-        time.sleep(min(0.2, _LISTEN_TIMEOUT_S / 4))
+        time.sleep(min(0.2, _CONNECT_TIMEOUT_S / 4))
 
 
 @contextmanager

@@ -29,9 +29,8 @@ except ImportError as error:
         f"--scheduler needs Dask, which cannot be imported ({error}); install it with: pip install 'collalign[dask]'"
     ) from None
 
-#: Batches submitted ahead for each core of the cluster, and at least so many.
+#: Batches submitted ahead for each core of the cluster.
 _AHEAD_PER_CORE = 2
-_MIN_AHEAD = 4
 #: Times that a batch is submitted again after Dask lost or cancelled it, or its worker had no table yet.
 _MAX_RESUBMISSIONS = 10
 #: Without a result for so long, the scheduler is asked whether it is still there.
@@ -227,7 +226,7 @@ class _DaskRun:
                 self._cluster.ask(self._cluster.client.unregister_worker_plugin, self._plugin.name)
 
     def _ahead(self) -> int:
-        return max(_MIN_AHEAD, _AHEAD_PER_CORE * self._cluster.num_cores())
+        return _AHEAD_PER_CORE * max(1, self._cluster.num_cores())
 
 
 def _plugin_for(table: SharedTable) -> TablePlugin:

@@ -24,14 +24,11 @@ from joblib.externals.loky.process_executor import ShutdownExecutorError
 from collalign.engine.jobs.worker import Call, Guard, Outcome, Task, end_with_parent, run_guarded
 from data_tools.errors import CollalignError
 
-#: Deaths of its worker after which a task is given up: one retry, or two where the worker was killed from outside.
-_MAX_DEATHS = 2
-_MAX_DEATHS_KILLED = 3
-#: Deaths in a row, before any task started, after which workers count as unable to start: by themselves or killed.
-_MAX_STALLS = 5
-_MAX_STALLS_KILLED = 50
-#: How joblib names a worker that somebody else ended: a person, the system short of memory, a batch system.
-_KILLED = "SIGKILL"
+#: Deaths of its worker after which a task is given up; somebody else may have ended it: a person, a system short of
+#: memory, a batch system.
+_MAX_DEATHS = 3
+#: Deaths in a row, before any task started, after which workers count as unable to start.
+_MAX_STALLS = 10
 
 
 def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int) -> Generator[Outcome]:
@@ -114,7 +111,7 @@ class _LocalRun:
                 guilty = {task.token: task for task in lost if task.token in started}
                 self._suspects.update(guilty)
                 stalls = 0 if guilty else stalls + 1
-                if _too_often(0, stalls, _cause(error)):
+                if stalls >= _MAX_STALLS:
                     raise CollalignError(f"worker processes die before they start a task: {_cause(error)}") from None
                 tasks = chain((task for task in lost if task.token not in guilty), tasks)
 
@@ -137,7 +134,7 @@ class _LocalRun:
                     stalls += 1
                 else:
                     deaths += 1
-                if _too_often(deaths, stalls, cause):
+                if deaths >= _MAX_DEATHS or stalls >= _MAX_STALLS:
                     return _crash(task, f"{cause}, {deaths} times in a row")
 
     def _parallel(self, tasks: Iterable[Task], num_jobs: int) -> Generator[Outcome]:
@@ -238,13 +235,6 @@ def _closing(outcomes: Generator[Outcome]) -> Iterator[Generator[Outcome]]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             outcomes.close()
-
-
-def _too_often(deaths: int, stalls: int, cause: str) -> bool:
-    """Whether to give up after so many deaths on a task, and so many before it started."""
-    if _KILLED in cause:
-        return deaths >= _MAX_DEATHS_KILLED or stalls >= _MAX_STALLS_KILLED
-    return deaths >= _MAX_DEATHS or stalls >= _MAX_STALLS
 
 
 def _crash(task: Task, reason: str) -> Outcome:

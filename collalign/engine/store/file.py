@@ -10,11 +10,8 @@ from pathlib import Path
 
 from collalign.engine.store.layout import APPLICATION_ID, FORMAT_VERSION, PAGE_SIZE, STATEMENTS
 from data_tools.errors import InputError, StoreError, UnavailableError
-from data_tools.io.files import open_regular, resolved, write_atomic
+from data_tools.io.files import MAX_TEXT_BYTES, open_regular, resolved, write_atomic
 
-#: Largest row, in bytes: bounds what a damaged length field can make SQLite allocate.
-_MAX_ROW_BYTES = 256 * 2**20
-_BUSY_TIMEOUT_S = 30.0
 #: How SQLite's files beside a store begin (https://www.sqlite.org/fileformat.html and walformat.html).
 _JOURNALS = {
     "-wal": (bytes.fromhex("377f0682"), bytes.fromhex("377f0683")),
@@ -36,7 +33,7 @@ def open_connection(path: Path, *, read_only: bool) -> sqlite3.Connection:
     _prepare(path, read_only)
     uri = f"{path.as_uri()}?mode={'ro' if read_only else 'rw'}"
     try:
-        connection = sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_BUSY_TIMEOUT_S)
+        connection = sqlite3.connect(uri, uri=True, isolation_level=None)
     except sqlite3.Error as error:
         raise StoreError(f"{path}: cannot be opened ({error})") from None
     try:
@@ -120,7 +117,7 @@ def _start(path: Path, num: int) -> bytes | None:
 def _harden(connection: sqlite3.Connection) -> None:
     """Let nothing inside the file run code or demand unbounded memory."""
     connection.text_factory = lambda data: data.decode("utf-8", "replace")
-    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_ROW_BYTES)
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_TEXT_BYTES)
     connection.execute("PRAGMA trusted_schema = OFF")
     connection.execute("PRAGMA cell_size_check = ON")
     connection.execute("PRAGMA mmap_size = 0")

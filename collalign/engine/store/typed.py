@@ -25,7 +25,7 @@ T = TypeVar("T")
 Reader: TypeAlias = type[T] | Callable[[Record, str], T]
 
 #: Indices are below this.
-MAX_INDEX = 2**31
+MAX_INDEX = int(np.iinfo(np.int32).max) + 1
 
 
 def to_record(value: Any) -> Record:

@@ -9,15 +9,15 @@ from data_tools.surface.decimation import decimate
 
 #: A report holds about this many triangles in all, but each shape between the two limits.
 _FACES_IN_ALL = 200_000
-_FEWEST, _MOST = 1_500, 4_000
-#: No collection holds more triangles than this: in one of many thousand shapes each has fewer than ``_FEWEST``.
+FEWEST_FACES, _MOST = 1_500, 4_000
+#: No collection holds more triangles than this: of many thousand shapes each has fewer than :data:`FEWEST_FACES`.
 _MOST_IN_ALL = 4_000_000
 
 
 def faces_per_shape(num_shapes: int) -> int:
     """Triangles per shape that keep a report of ``num_shapes`` shapes small enough to send."""
     num = max(num_shapes, 1)
-    return min(int(np.clip(_FACES_IN_ALL // num, _FEWEST, _MOST)), max(_MOST_IN_ALL // num, 1))
+    return min(int(np.clip(_FACES_IN_ALL // num, FEWEST_FACES, _MOST)), max(_MOST_IN_ALL // num, 1))
 
 
 def display_mesh(vertices: FloatArray, faces: IntArray, *, max_faces: int) -> tuple[FloatArray, IntArray]:

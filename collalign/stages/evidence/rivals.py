@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.options import AlignSession
+from collalign.options import MAX_ROUNDS, AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.weigh import weigh_starts, with_candidates
@@ -23,8 +23,6 @@ from data_tools.poses import SAME_DEG, keep_apart, turn_deg
 
 #: Poses of a shape within this angle are one rival, and how many are tried beside the present pose.
 SAME_RIVAL_DEG, NUM_RIVALS = 25.0, 3
-#: Rounds of synchronizing and asking.
-MAX_ROUNDS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,9 +11,9 @@ from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
-from collalign.products.pair import Alternative, Pair
+from collalign.products.pair import MAX_ALTERNATIVES, Alternative, Pair
 from collalign.products.shapes import Constraints, Shapes
-from collalign.products.trust import KINDS, Trust
+from collalign.products.trust import KINDS, UNCERTAIN, Trust
 from collalign.stages.incomplete.place import nearest_labels, place_shape, pose_certainty
 from collalign.stages.incomplete.posed_points import prepare_points
 from collalign.stages.poses.placement import common_positions
@@ -23,12 +23,8 @@ from data_tools.percent import percent
 from data_tools.poses import AGREE_DEG, turn_deg
 from pairwise.status import Status
 
-#: Complete shapes that an incomplete one is posed on.
+#: Complete shapes that an incomplete one is posed on, those that are not uncertain first.
 MAX_PARTNERS = 8
-#: Of these, the ones of at least this confidence come first.
-SURE = 0.9
-#: Other poses reported per shape.
-MAX_ALTERNATIVES = 3
 
 
 def with_incomplete(run: Run, complete: Posed, reasons: Mapping[int, str]) -> Posed:
@@ -80,7 +76,7 @@ def place_on(
 def _partners(shapes: Shapes, complete: Posed, at: IntArray) -> IntArray:
     """Return the complete shapes, by position among them, that others are posed on: sure ones, by content."""
     part, confidence = max(complete.solution.parts, key=len), complete.solution.confidence
-    order = sorted(part.tolist(), key=lambda c: (not confidence[c] >= SURE, shapes.keys[at[c]]))
+    order = sorted(part.tolist(), key=lambda c: (not confidence[c] >= UNCERTAIN, shapes.keys[at[c]]))
     return np.array(sorted(order[:MAX_PARTNERS]), dtype=np.int64)
 
 

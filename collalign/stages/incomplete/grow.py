@@ -30,6 +30,7 @@ from collalign.stages.incomplete.place import (
     settle,
 )
 from collalign.stages.incomplete.posed_points import posed_points, prepare_points
+from collalign.stages.pairs.choose import MAX_ALL_PAIRS
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.steps import Posed, Run
 from data_tools.arrays import FloatArray, IntArray
@@ -41,8 +42,6 @@ from pairwise.partial.match import match_partial
 
 #: How often every shape is posed on all others.
 NUM_SWEEPS = 3
-#: More shapes without a complete one among them would take all pairs of them too long.
-MOST_SHAPES = 40
 
 
 @one_blas_thread()
@@ -78,10 +77,10 @@ def align_scans(run: Run, outline: Posed, reasons: Mapping[int, str]) -> Posed:
     """
     session, shapes, constraints = run.session, run.shapes, run.constraints
     num = len(shapes.names)
-    if num > MOST_SHAPES or constraints.fixed:
+    if num > MAX_ALL_PAIRS or constraints.fixed:
         raise InputError(
             "incomplete: poses of shapes none of which is complete are found together, for at most "
-            f"{MOST_SHAPES} shapes and without fixed poses"
+            f"{MAX_ALL_PAIRS} shapes and without fixed poses"
         )
     estimate_scale = session.options.scaling == "similarity"
     with run.stage("incomplete shapes"):

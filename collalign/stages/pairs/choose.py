@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from collalign.options import AlignOptions, AlignSession
+from collalign.options import MAX_ROUNDS, AlignOptions, AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Constraints, Excluded, Shapes
 from collalign.stages.own_knowledge import with_own
@@ -18,8 +18,6 @@ from data_tools.arrays import FloatArray, IntArray
 
 #: Collections up to this size match all their pairs with ``pairs="auto"``.
 MAX_ALL_PAIRS = 40
-#: How often pairs are added where synchronization is uncertain.
-MAX_ROUNDS = 3
 
 
 def describe_shapes(shapes: Shapes) -> FloatArray:

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from collalign.products.trust import UNCERTAIN
 from collalign.stages.pairs.sparse_pairs import (
     all_pairs,
     near_partners,
@@ -28,9 +29,6 @@ from data_tools.arrays import FloatArray, IntArray
 DEGREE = 12
 #: Neighbours that each shape names; about a third of them name it back, so pairs are fewer than names.
 NUM_NEAR = 4
-#: Shapes below this confidence get further pairs; lower than what is called doubtful in the end, because few pairs
-#: say less than they will.
-UNCERTAIN = 0.9
 #: Pairs per uncertain shape that one round of :func:`adaptive_pairs` adds.
 ADDED = 6
 

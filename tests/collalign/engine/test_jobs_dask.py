@@ -31,7 +31,7 @@ def cluster():
         distributed.LocalCluster(silence_logs=logging.CRITICAL, **options) as cluster,
         pytest.MonkeyPatch.context() as patch,
     ):
-        for name in ("_CONNECT_TIMEOUT_S", "_JOIN_TIMEOUT_S", "_ANSWER_TIMEOUT_S"):
+        for name in ("_CONNECT_TIMEOUT_S", "_ANSWER_TIMEOUT_S"):
             patch.setattr(f"collalign.engine.jobs.cluster.{name}", 300.0)
         done = threading.Event()
         replacing = threading.Thread(target=replace_lost_workers, args=(cluster, done))

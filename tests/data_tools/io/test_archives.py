@@ -62,7 +62,7 @@ def test_a_bomb_is_refused_before_memory_is_taken():
 def test_many_arrays_count_together(monkeypatch):
     content = archive(a=np.zeros(1000), b=np.zeros(1000))
     load_arrays(content, "a.npz")
-    monkeypatch.setattr("data_tools.io.archives.MAX_UNPACKED_BYTES", 10_000)
+    monkeypatch.setattr("data_tools.io.archives.MAX_FILE_BYTES", 10_000)
     with pytest.raises(InputError, match="unpacks to"):
         load_arrays(content, "a.npz")
 
