@@ -13,19 +13,11 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
+from collalign.nonrigid.map_tuning import TUNED
 from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from pairwise.local.local_search import LocalMinima, MatchingCosts, minimise, procrustes
 from pairwise.problem.problem import Problem
-
-#: Functions whose signs are enumerated: 2^8 combinations.
-NUM_SIGNS = 8
-#: Functions in which the maps that the signs give are improved, one after the other.
-DESCENT_SIZES = (12, 17)
-#: Maps that go from one descent to the next.
-NUM_KEPT = 96
-#: Share of the target's samples that each source sample may match, by the wave kernel signature.
-WAVE_SHARE = 0.15
 
 
 def embedded_problem(
@@ -60,9 +52,9 @@ def sign_starts(
     Eigenfunctions of near-isometric shapes agree up to sign where their eigenvalues are simple; a full R in the
     larger spaces repairs those that are not.
     """
-    problem = embedded_problem(target, source, source_samples, allowed, NUM_SIGNS)
-    signs = np.array(list(product((1.0, -1.0), repeat=NUM_SIGNS)))
-    maps = np.unique(MatchingCosts(problem).assign(signs[:, :, None] * np.eye(NUM_SIGNS)), axis=0)
+    problem = embedded_problem(target, source, source_samples, allowed, TUNED.num_signs)
+    signs = np.array(list(product((1.0, -1.0), repeat=TUNED.num_signs)))
+    maps = np.unique(MatchingCosts(problem).assign(signs[:, :, None] * np.eye(TUNED.num_signs)), axis=0)
     return descend_maps(target, source, source_samples, allowed, maps, "signs")
 
 
@@ -74,13 +66,13 @@ def descend_maps(
     maps: IntArray,
     origin: str,
     *,
-    sizes: tuple[int, ...] = DESCENT_SIZES,
+    sizes: tuple[int, ...] = TUNED.descent_sizes,
 ) -> LocalMinima:
     """Improve maps of the samples by local minimisation in more and more functions."""
     for dim in sizes:
         problem = embedded_problem(target, source, source_samples, allowed, dim)
         minima = minimise(problem, procrustes(problem, maps), max_iterations=20, origins=origin)
-        maps = minima.maps[:NUM_KEPT]
+        maps = minima.maps[: TUNED.num_kept]
     return minima
 
 

@@ -7,17 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.confidence.map_model import Evidence
-from collalign.nonrigid.eigen_starts import (
-    WAVE_SHARE,
-    candidate_mask,
-    descriptor_start,
-    sign_starts,
-    wave_gaps,
-)
+from collalign.nonrigid.eigen_starts import candidate_mask, descriptor_start, sign_starts, wave_gaps
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION, judge
 from collalign.nonrigid.map_options import NonrigidOptions
+from collalign.nonrigid.map_tuning import TUNED
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.nonrigid.refine import Refiner
 from collalign.nonrigid.surface.posed import NUM_FUNCTIONS, NUM_POINTS, first_samples, sampled_surface
@@ -25,32 +20,13 @@ from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray
 from pairwise.local.local_search import LocalMinima, merge
 
-#: Distinct starts that are refined on few samples, and how few.
-NUM_SCREENED, NUM_SCREEN_SAMPLES = 12, 400
-#: Origin of maps that only poses lead to, and how much better their score must be than that of
-#: maps from within: chosen on the 60 pairs of SHREC07's ants, teddy bears and glasses on which maps are published.
-FROM_POSES, POSED_HANDICAP = "poses", 0.7
-#: Candidates from poses, and of those that are smooth from the start, that are refined with all samples.
-NUM_POSED = 6
+#: Origin of maps that only poses lead to.
+FROM_POSES = "poses"
 #: Weights of the Dirichlet energy in the last iterations, on all samples.
 SETTLING = (SMOOTHNESS,) * 3
 #: The same on the way from a rough start. Tips of limbs as starts beside poses made no map better that was measured:
 #: 33 pairs of ants, humans and armadillos, cats and dogs, teddies and glasses err .109 without them, .133 with them.
 ANNEALED = tuple(np.geomspace(1e-2, SMOOTHNESS, 8).tolist())
-#: Screened candidates of each orientation that are composed with the target's self-maps.
-NUM_TURNED = 2
-#: Refinement on few samples ends with this number of functions.
-SCREEN_LAST = 60
-#: Starts closer than this in the lowest 8 functions (Frobenius norm) are one, and how many functions that are.
-SAME_START, NUM_START_COMPARED = 1.0, 8
-#: Refined maps closer than this in the lowest 20 functions are one: front and back differ in few of these.
-SAME_MAP = 1.2
-#: Functions in which a map is composed with a symmetry, and in which full refinement begins.
-NUM_COMPOSED = 30
-#: Samples of the source that are matched to all samples of the target where a search starts.
-NUM_SOURCE = 50
-#: Functions in which maps are compared with each other.
-NUM_COMPARED = 20
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,7 +40,7 @@ class Refined:
     @property
     def score(self) -> float:
         """The lower the better; maps that only poses lead to have a handicap."""
-        return self.evidence.score + (POSED_HANDICAP if self.origin == FROM_POSES else 0.0)
+        return self.evidence.score + (TUNED.posed_handicap if self.origin == FROM_POSES else 0.0)
 
 
 def find_candidates(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> list[Refined]:
@@ -93,10 +69,10 @@ def candidates_from_within(target: SpectralShape, source: SpectralShape, options
     starts = portfolio_starts(target, source)
     screen = screening_refiner(target, source)
     screened: list[Refined] = []
-    for i in distinct_starts(starts, NUM_SCREENED):
+    for i in distinct_starts(starts, TUNED.num_screened):
         maps = start_maps(screen, starts.rotations[i], has_normals=has_normals(target, source))
         screened += [judged(target, source, refined, str(starts.origins[i])) for refined in maps]
-    turned = composed(target, source, of_both_orientations(distinct_maps(screened), 2 * NUM_TURNED), screen)
+    turned = composed(target, source, of_both_orientations(distinct_maps(screened), 2 * TUNED.num_turned), screen)
     best = of_both_orientations(distinct_maps([*screened, *turned]), options.num_candidates)
     return distinct_maps(finish_by_zoomout(target, source, best))
 
@@ -135,7 +111,7 @@ def _best_posed(few: PoseMapper, maps: list[FunctionalMap], options: NonrigidOpt
     found = [with_pose_evidence(few, judged(target, source, one, FROM_POSES), options) for one in maps]
     if options.orientation == "preserving":
         found = [candidate for candidate in found if candidate.evidence.orientation > 0]
-    return distinct_maps(found)[:NUM_POSED]
+    return distinct_maps(found)[: TUNED.num_posed]
 
 
 def with_pose_evidence(mapper: PoseMapper, candidate: Refined, options: NonrigidOptions) -> Refined:
@@ -167,18 +143,20 @@ def has_normals(target: SpectralShape, source: SpectralShape) -> bool:
 
 def screening_refiner(target: SpectralShape, source: SpectralShape) -> Refiner:
     """Return the quick refinement on few samples that all starts go through."""
-    return Refiner(target, source, num_dense=NUM_SCREEN_SAMPLES, first=18, last=SCREEN_LAST, factor=1.35)
+    return Refiner(target, source, num_dense=TUNED.num_screen_samples, first=18, last=TUNED.screen_last, factor=1.35)
 
 
 def finish_by_zoomout(target: SpectralShape, source: SpectralShape, screened: list[Refined]) -> list[Refined]:
     """Refine with all dense samples and functions, and then settle to what is smooth both ways."""
     last = len(target.eigenvalues) + 1
     num_dense = max(len(target.dense), len(source.dense))
-    full = Refiner(target, source, num_dense=num_dense, first=NUM_COMPOSED, last=last, factor=1.2)
+    full = Refiner(target, source, num_dense=num_dense, first=TUNED.num_composed, last=last, factor=1.2)
     harmonic = full_harmonic(target, source)
     refined = []
     for candidate in screened:
-        coarse = full.from_functional_map(candidate.functional_map.C_source_target[:NUM_COMPOSED, :NUM_COMPOSED])
+        coarse = full.from_functional_map(
+            candidate.functional_map.C_source_target[: TUNED.num_composed, : TUNED.num_composed]
+        )
         settled = harmonic.refine(coarse.map_target_source, coarse.map_source_target, SETTLING)
         refined.append(judged(target, source, settled, candidate.origin))
     return refined
@@ -204,18 +182,18 @@ def full_harmonic(target: SpectralShape, source: SpectralShape) -> HarmonicRefin
 
 def portfolio_starts(target: SpectralShape, source: SpectralShape) -> LocalMinima:
     """Return the minima that all ways to start lead to, best energy first."""
-    samples = source.samples[: min(NUM_SOURCE, len(target.samples))]
-    allowed = candidate_mask(wave_gaps(target, source, samples), WAVE_SHARE)
+    samples = source.samples[: min(TUNED.num_source, len(target.samples))]
+    allowed = candidate_mask(wave_gaps(target, source, samples), TUNED.wave_share)
     return merge([sign_starts(target, source, samples, allowed), descriptor_start(target, source, samples, allowed)])
 
 
 def distinct_starts(starts: LocalMinima, num: int) -> list[int]:
     """Return positions of the first starts that differ in the lowest functions; each origin has its best one."""
-    size = NUM_START_COMPARED
+    size = TUNED.num_start_compared
     kept: list[int] = []
     for i in range(len(starts)):
         gaps = [np.linalg.norm(starts.rotations[i, :size, :size] - starts.rotations[j, :size, :size]) for j in kept]
-        if all(gap >= SAME_START for gap in gaps):
+        if all(gap >= TUNED.same_start for gap in gaps):
             kept.append(i)
     firsts = {str(origin): i for i, origin in reversed(list(enumerate(starts.origins)))}
     chosen = kept[:num]
@@ -258,8 +236,8 @@ def composed(target: SpectralShape, source: SpectralShape, best: list[Refined], 
 
 def is_same_map(first: FloatArray, second: FloatArray) -> bool:
     """Whether two functional maps agree in the lowest functions."""
-    size = NUM_COMPARED + 1
-    return float(np.linalg.norm(first[:size, :size] - second[:size, :size])) < SAME_MAP
+    size = TUNED.num_compared + 1
+    return float(np.linalg.norm(first[:size, :size] - second[:size, :size])) < TUNED.same_map
 
 
 def judged(target: SpectralShape, source: SpectralShape, refined: FunctionalMap, origin: str) -> Refined:

@@ -6,13 +6,9 @@ import numpy as np
 
 from collalign.nonrigid.functional_map import FunctionalMap, ZoomOut, mutual_nearest_rows, zoomout_sizes
 from collalign.nonrigid.map_evidence import paired_forms
+from collalign.nonrigid.map_tuning import TUNED
 from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
-
-#: Root mean square weight of a curvature relative to one eigenfunction in nearest neighbours.
-CURVATURE_WEIGHT = 0.3
-#: Functions, the constant one included, that start a map of chosen orientation.
-NUM_ORIENTED = 11
 
 
 class Refiner:
@@ -44,7 +40,7 @@ class Refiner:
             self._source,
             zoomout_sizes(min(first, last), last, factor=factor),
             descriptors=features,
-            descriptor_weight=CURVATURE_WEIGHT,
+            descriptor_weight=TUNED.curvature_weight,
         )
 
     def from_rotation(self, rotation_target_source: FloatArray) -> FunctionalMap:
@@ -76,7 +72,7 @@ class Refiner:
         c_source_target : ndarray, shape (m, m)
         preserving : bool
         """
-        size = min(len(c_source_target), NUM_ORIENTED)
+        size = min(len(c_source_target), TUNED.num_oriented)
         weight = np.sqrt(size)
         on_target, on_source = paired_forms(
             self._form_target, self._form_source, c_source_target, sign=1.0 if preserving else -1.0

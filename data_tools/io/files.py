@@ -15,8 +15,8 @@ from typing import Any
 
 from data_tools.errors import InputError, UnavailableError
 
-#: Longer texts and rows of stores are refused before they are read, in bytes: manifests, summaries and records
-#: are far shorter, and a damaged length field could ask for any memory.
+#: Longer texts and rows of stores are refused before they are read, in bytes: manifests, summaries, records are far
+#: shorter, and a damaged length field could ask for any memory.
 MAX_TEXT_BYTES = 256 * 2**20
 #: For ``os.open``: no pipe is waited for, no child inherits the file, bytes come as they are; each system has some.
 _AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)

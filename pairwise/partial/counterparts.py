@@ -15,20 +15,8 @@ from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import Similarity
 from data_tools.rotations import nearest_orthogonal
 from pairwise.partial.surface import PartialSurface
+from pairwise.partial.tuning import TUNED
 
-#: Weight of unit normals beside positions, in radii of the target. With weights 0, .1, .2 and .4, 52, 65, 82 and 88 %
-#: of 40 pairs of teeth that are both cut are right, and 23, 40, 53 and 53 % of 30 pairs of ants of which one is;
-#: .4 loses glasses (70 for 75 % of 20). The shapes at even positions of each collection, a quarter cut off.
-NORMAL_WEIGHT = 0.3
-#: Costs count by their logarithm, this squared length (in radii of the target) added: the noise of shapes that differ
-#: is unknown, and a fit that is twice as good over a part counts as much at any level.
-RESOLUTION = 0.05
-#: Whatever is farther than this, in radii of the target, is as good as absent.
-CUTOFF = 0.4
-#: A point has a counterpart if its cost is below this squared length.
-COUNTERPART = 0.25
-#: A pose's own cutoff is so many times the root of the median cost of what has a counterpart, and not below this.
-OWN_CUTOFF, LEAST_CUTOFF = 2.5, 0.06
 #: Sum of weights, of at most 2, below which a pose moves no more.
 _LEAST_WEIGHT = 1e-3
 
@@ -53,7 +41,7 @@ class Counterparts:
     def energies(self) -> FloatArray:
         """Geometric mean over both surfaces of cost + resolution^2, costs at most the squared cutoff, shape (p,)."""
         means = [
-            np.log(np.minimum(costs, CUTOFF**2) + RESOLUTION**2).mean(axis=1)
+            np.log(np.minimum(costs, TUNED.cutoff**2) + TUNED.resolution**2).mean(axis=1)
             for costs in (self.source_costs, self.target_costs)
         ]
         return np.asarray(np.exp(means[0] + means[1]) ** 0.5)
@@ -61,14 +49,14 @@ class Counterparts:
     def own_cutoffs(self) -> FloatArray:
         """Return the cutoff that suits each pose, from the median cost of what has a counterpart, shape (p,)."""
         costs = np.concatenate([self.source_costs, self.target_costs], axis=1)
-        there = np.where(costs < COUNTERPART**2, costs, np.nan)
-        there[np.isnan(there).all(axis=1)] = COUNTERPART**2
-        return np.clip(OWN_CUTOFF * np.sqrt(np.nanmedian(there, axis=1)), LEAST_CUTOFF, COUNTERPART)
+        there = np.where(costs < TUNED.counterpart**2, costs, np.nan)
+        there[np.isnan(there).all(axis=1)] = TUNED.counterpart**2
+        return np.clip(TUNED.own_cutoff * np.sqrt(np.nanmedian(there, axis=1)), TUNED.least_cutoff, TUNED.counterpart)
 
     def overlaps(self) -> FloatArray:
         """Return the share of the target, and that of the source, with a counterpart, shape (p, 2)."""
         return np.stack(
-            [(costs < COUNTERPART**2).mean(axis=1) for costs in (self.target_costs, self.source_costs)], axis=1
+            [(costs < TUNED.counterpart**2).mean(axis=1) for costs in (self.target_costs, self.source_costs)], axis=1
         )
 
 
@@ -83,8 +71,8 @@ def counterparts(target: PartialSurface, source: PartialSurface, poses: Similari
     back = ((poses.undo(to) - source.points[of_target]) ** 2).sum(axis=2) / target.radius**2
     back *= poses.scale[:, None] ** 2
     signed = target.oriented and source.oriented
-    there += NORMAL_WEIGHT**2 * _apart(turned, target.normals[of_source], signed=signed)
-    back += NORMAL_WEIGHT**2 * _apart(unturned, source.normals[of_target], signed=signed)
+    there += TUNED.normal_weight**2 * _apart(turned, target.normals[of_source], signed=signed)
+    back += TUNED.normal_weight**2 * _apart(unturned, source.normals[of_target], signed=signed)
     return Counterparts(
         of_source=of_source,
         of_target=of_target,

@@ -21,23 +21,8 @@ from data_tools.threads import one_blas_thread
 from pairwise.local.rotation_sets import rotation_set
 from pairwise.partial.counterparts import Counterparts, counterparts, step
 from pairwise.partial.surface import PartialSurface
+from pairwise.partial.tuning import TUNED
 
-#: Rotations that are searched, about 20 degrees apart; per chirality.
-NUM_TURNS = 1500
-#: Shifts of the centroids that are searched, and their lattice's spacing, in radii of the target.
-REACH, SPACING = 0.6, 0.3
-#: Sizes of the source relative to the target's that are searched: a shape without a quarter is smaller by up to a
-#: third than the whole one of the same root mean square radius.
-SCALES = (1.15, 1.0, 0.87, 0.75)
-#: Scales, relative to equal radii, beyond which refinement does not go.
-SCALE_RANGE = (0.6, 1.6)
-#: Points of each surface that are compared in the refinement of many poses, and of few.
-NUM_POINTS = (150, 500)
-#: Poses that are refined on few points, and those of them that are on many.
-NUM_STARTS, NUM_REFINED = 300, 40
-#: Cutoffs, in radii: of the refinement's steps on few points, and on many; None for a pose's own.
-FEW_STEPS = (0.4,) * 4 + (0.35,) * 6
-MANY_STEPS = (0.35,) * 3 + (0.3,) * 3 + (0.25,) * 4 + (None,) * 8
 #: Poses nearer than this in angle and in shift (radii) are one.
 SAME_POSE_DEG, SAME_SHIFT = 10.0, 0.3
 
@@ -92,11 +77,11 @@ def match_partial(
     check_choice("group", group, ("SO", "O"))
     scale_range = scales_allowed(target, source, estimate_scale=estimate_scale)
     starts = _starts(target, source, group, estimate_scale=estimate_scale)
-    few, many = NUM_POINTS
-    poses = refine([target], source, starts, FEW_STEPS, num_points=few, scale_range=scale_range)
+    few, many = TUNED.num_points
+    poses = refine([target], source, starts, TUNED.few_steps, num_points=few, scale_range=scale_range)
     found = counterparts(target, source, poses, few)
-    poses = poses[distinct_similarities(poses, found.energies, NUM_REFINED, target.radius)]
-    poses = refine([target], source, poses, MANY_STEPS, num_points=many, scale_range=scale_range)
+    poses = poses[distinct_similarities(poses, found.energies, TUNED.num_refined, target.radius)]
+    poses = refine([target], source, poses, TUNED.many_steps, num_points=many, scale_range=scale_range)
     found = counterparts(target, source, poses, many)
     return ranked(target, poses, found, num_candidates)
 
@@ -106,16 +91,16 @@ def scales_allowed(target: PartialSurface, source: PartialSurface, *, estimate_s
     if not estimate_scale:
         return 1.0, 1.0
     ratio = target.radius / source.radius
-    return SCALE_RANGE[0] * ratio, SCALE_RANGE[1] * ratio
+    return TUNED.scale_range[0] * ratio, TUNED.scale_range[1] * ratio
 
 
 def refine(
     targets: Sequence[PartialSurface],
     source: PartialSurface,
     poses: Similarity,
-    cutoffs: Sequence[float | None] = MANY_STEPS,
+    cutoffs: Sequence[float | None] = TUNED.many_steps,
     *,
-    num_points: int = NUM_POINTS[1],
+    num_points: int = TUNED.num_points[1],
     scale_range: tuple[float, float],
     hold_turns: bool = False,
 ) -> Similarity:
@@ -169,16 +154,16 @@ def _starts(target: PartialSurface, source: PartialSurface, group: str, *, estim
     """Return the best pose of each rotation, the most promising rotations."""
     from pairwise.partial.screen import screen_similarities  # compiled, and loads Numba
 
-    turns = rotation_set(3, NUM_TURNS)
+    turns = rotation_set(3, TUNED.num_turns)
     if group == "O":
         turns = np.concatenate([turns, -turns])
     ratio = target.radius / source.radius if estimate_scale else 1.0
-    scales = ratio * np.array(SCALES) if estimate_scale else np.ones(1)
+    scales = ratio * np.array(TUNED.scales) if estimate_scale else np.ones(1)
     # Surfaces are searched about their centres, in radii of the target.
     to, of = target.centred(target.radius), source.centred(target.radius)
     lattice = _lattice()
     costs, which_shift, which_scale = screen_similarities(to, of, turns, lattice, scales)
-    best = np.argsort(costs, kind="stable")[: NUM_STARTS * (2 if group == "O" else 1)]
+    best = np.argsort(costs, kind="stable")[: TUNED.num_starts * (2 if group == "O" else 1)]
     turns, factors = turns[best], scales[which_scale[best]]
     shifts = target.centre + target.radius * lattice[which_shift[best]]
     return Similarity(rotation=turns, scale=factors, shift=shifts - factors[:, None] * (turns @ source.centre))
@@ -187,8 +172,9 @@ def _starts(target: PartialSurface, source: PartialSurface, group: str, *, estim
 @lru_cache(maxsize=1)
 def _lattice() -> FloatArray:
     """Return the shifts of a cubic lattice within reach, the shortest first, shape (t, 3)."""
-    steps = SPACING * np.arange(-int(REACH / SPACING), int(REACH / SPACING) + 1)
+    most = int(TUNED.reach / TUNED.spacing)
+    steps = TUNED.spacing * np.arange(-most, most + 1)
     shifts = np.array(list(product(steps, steps, steps)))
     lengths = np.linalg.norm(shifts, axis=1)
     order = np.argsort(lengths, kind="stable")
-    return read_only(shifts[order[lengths[order] <= REACH + 1e-9]])
+    return read_only(shifts[order[lengths[order] <= TUNED.reach + 1e-9]])

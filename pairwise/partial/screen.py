@@ -6,8 +6,8 @@ import numba
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
-from pairwise.partial.counterparts import NORMAL_WEIGHT
 from pairwise.partial.surface import PartialSurface
+from pairwise.partial.tuning import TUNED
 
 #: Points of each surface that are compared, and the cutoff in radii of the target.
 NUM_POINTS, CUTOFF = 64, 0.35
@@ -37,7 +37,7 @@ def screen_similarities(
     to, of = (
         (surface.grid, surface.corner, surface.cell, surface.points, surface.normals) for surface in (target, source)
     )
-    weight = NORMAL_WEIGHT if target.oriented and source.oriented else 0.0
+    weight = TUNED.normal_weight if target.oriented and source.oriented else 0.0
     return _screen(to, of, np.ascontiguousarray(turns), shifts, scales, weight**2)
 
 

@@ -22,8 +22,9 @@ from data_tools.embedding.surface_points import OrientedPoints
 from data_tools.poses import AGREE_DEG, Similarity, turn_deg
 from data_tools.threads import one_blas_thread
 from pairwise.partial.counterparts import counterparts
-from pairwise.partial.match import NUM_POINTS, distinct_similarities, match_partial, refine, scales_allowed
+from pairwise.partial.match import distinct_similarities, match_partial, refine, scales_allowed
 from pairwise.partial.surface import PartialSurface
+from pairwise.partial.tuning import TUNED
 
 #: Partners that propose poses, those that each proposes, and those of all that are refined on all partners.
 NUM_PROPOSERS, NUM_PROPOSED, NUM_REFINED = 4, 8, 6
@@ -103,12 +104,12 @@ def pose_record(
     proposed_energies: FloatArray,
 ) -> Record:
     """Return what is known of the poses, the best first, as :func:`place_shape` says."""
-    found = [counterparts(target, source, poses[:1], NUM_POINTS[1]) for target in targets]
+    found = [counterparts(target, source, poses[:1], TUNED.num_points[1]) for target in targets]
     return {
         "turns": poses.rotation,
         "scales": poses.scale,
         "shifts": poses.shift,
-        "energies": energies_on(targets, source, poses, NUM_POINTS[1]),
+        "energies": energies_on(targets, source, poses, TUNED.num_points[1]),
         "overlaps": np.concatenate([item.overlaps() for item in found]),
         "proposed": proposed,
         "proposed_energies": proposed_energies,
@@ -143,10 +144,10 @@ def settle(
         kept = np.argsort(apart, kind="stable")[:NUM_REFINED]
         proposed = replace(proposed[kept], rotation=np.tile(fixed, (len(kept), 1, 1)))
     else:
-        energies = np.log(energies_on(targets, source, proposed, NUM_POINTS[0])).mean(axis=1)
+        energies = np.log(energies_on(targets, source, proposed, TUNED.num_points[0])).mean(axis=1)
         proposed = proposed[_with_rivals(proposed, energies, radius)]
     poses = refine(targets, source, proposed, scale_range=scale_range, hold_turns=fixed is not None)
-    energies = energies_on(targets, source, poses, NUM_POINTS[1])
+    energies = energies_on(targets, source, poses, TUNED.num_points[1])
     return poses[distinct_similarities(poses, np.log(energies).mean(axis=1), NUM_REFINED + NUM_RIVALS, radius)]
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.map_tuning import TUNED
 from collalign.nonrigid.portfolio import (
-    NUM_COMPOSED,
     Refined,
     candidates_from_within,
     distinct_maps,
@@ -63,7 +63,7 @@ def self_maps(shape: SpectralShape) -> FloatArray:
     searched = candidates_from_within(own, own, NonrigidOptions(num_candidates=NUM_SELF_MAPS))
     candidates = distinct_maps([*searched, *_negations(own)])
     maps = [candidate.functional_map.C_source_target for candidate in candidates]
-    size = min([NUM_COMPOSED, *(len(c) for c in maps)])
+    size = min([TUNED.num_composed, *(len(c) for c in maps)])
     kept = [c[:size, :size] for c in maps if not is_same_map(c, np.eye(len(c)))]
     return read_only(np.array(kept[:NUM_SELF_MAPS]).reshape(-1, size, size))
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.map_tuning import TUNED
 from collalign.tools.match.nonrigid import match_prepared, match_shapes
 from collalign.tools.match.pictures import draw_match, transferred_colours
 from collalign.tools.match.prepare import prepare_file, prepare_shape
@@ -24,7 +25,7 @@ QUICK = NonrigidOptions()
 
 @pytest.fixture(autouse=True)
 def few_samples(monkeypatch):
-    monkeypatch.setattr("collalign.nonrigid.portfolio.NUM_SOURCE", 30)
+    monkeypatch.setattr("collalign.nonrigid.portfolio.TUNED", TUNED._replace(num_source=30))
 
 
 @pytest.fixture(scope="module")
