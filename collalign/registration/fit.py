@@ -9,19 +9,12 @@ from scipy.spatial import cKDTree
 
 from collalign.registration.pieces import MapGoals, RigidPieces
 from collalign.registration.start import laid_by_map
-from collalign.registration.tuning import TUNED
+from collalign.registration.tuning import BENT, TUNED
 from data_tools.arrays import FloatArray
 from data_tools.surface.normals import vertex_normals
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
-#: Over so many root mean square radii what a map, and then what closest points, say of neighbours is averaged. Twenty
-#: bodies of SCAPE, on which both were chosen, err .0144 to .0147 sqrt(area) with the first from .03 to .1 before
-#: closest points pull, and .0163 with .2; the centaur, held back, errs least with .06.
-_MAP_LENGTH, _POINT_LENGTH = 0.05, 0.03
-#: Weight of unit normals beside positions, in radii: normals lay muscles and features onto each other. With a third
-#: of that, seven bodies of SCAPE err 2 % more.
-_NORMAL_WEIGHT = 0.4
 #: Correspondences beyond the cutoff, or so many radii where that is more, do not count, nor do those whose normals
 #: differ by more than the cosine says.
 _LEAST_DISTANCE, _MIN_COSINE = 0.01, 0.5
@@ -45,13 +38,13 @@ def fitted_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray:
     """
     size = math.sqrt(target.area / source.area)
     enlarged = Shape.from_arrays(size * source.vertices, source.faces, name=source.name)
-    moved = laid_by_map(RigidPieces(enlarged), goals, _MAP_LENGTH)
+    moved = laid_by_map(RigidPieces(enlarged), goals, BENT.map_length)
     solver = RigidPieces(Shape.from_arrays(moved, source.faces, name=source.name))
     fixed = vertex_normals(target.vertices, target.faces)
     for _ in range(_NUM_ROUNDS):
         normals = vertex_normals(moved, source.faces)
         pulls, trust = _closest_points(target.vertices, fixed, moved, normals, solver.radius)
-        pull = solver.pull(pulls, trust, _POINT_LENGTH * solver.radius)
+        pull = solver.pull(pulls, trust, BENT.point_length * solver.radius)
         for _ in range(_NUM_TURNS):
             moved = pull.places(solver.turned_edges(moved))
     return moved
@@ -61,7 +54,7 @@ def _closest_points(
     places: FloatArray, fixed: FloatArray, moved: FloatArray, normals: FloatArray, radius: float
 ) -> tuple[MapGoals, FloatArray]:
     """Return the target's points that are closest to moved ones and to which those are, and the trust in each."""
-    weight = _NORMAL_WEIGHT * radius
+    weight = BENT.normal_weight * radius
     theirs, ours = np.hstack([places, weight * fixed]), np.hstack([moved, weight * normals])
     at = np.concatenate([np.arange(len(ours)), cKDTree(ours).query(theirs)[1]])
     to = np.concatenate([cKDTree(theirs).query(ours)[1], np.arange(len(theirs))])

@@ -9,26 +9,15 @@ import numpy as np
 
 from collalign.registration.pieces import MapGoals, RigidPieces
 from collalign.registration.pose import fitting_similarity
-from collalign.registration.tuning import TUNED
+from collalign.registration.tuning import BENT, TUNED
 from data_tools.arrays import FloatArray
 from data_tools.poses import scales_of
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
-#: Over so many root mean square radii what a map says of neighbours is averaged.
-_LENGTH = 0.1
 #: Times that the map is asked where it can be trusted, and for each that places and rotations are found in turn.
 _NUM_TRUSTS, _NUM_ROUNDS = 3, 5
-#: So loosely, in radii, unbent copies stay where the source is: an unbent surface may lie anywhere.
-_LOOSE = 1e3
-#: A map with goals for less than this share of the surface starts nothing.
-_LEAST_SHARE = 0.5
-#: Nor does one that leaves less than this of the surface's extent: one without order takes all to the middle.
-_LEAST_EXTENT = 0.5
-#: Nor one that turns the whole surface by more than this against its pose: of six ants, armadillos, humans and
-#: centaurs, maps are right that turn it by up to 16 degrees; those by 176 and more take the head for the tail.
-_MOST_TURN_DEG = 60.0
 
 
 @one_blas_thread()
@@ -56,12 +45,12 @@ def bent_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray | N
     size = math.sqrt(target.area / source.area)
     rest = Shape.from_arrays(size * source.vertices, source.faces, name=source.name)
     solver = RigidPieces(rest)
-    if solver.mass[np.unique(goals.vertices)].sum() < _LEAST_SHARE * solver.mass.sum():
+    if solver.mass[np.unique(goals.vertices)].sum() < BENT.least_share * solver.mass.sum():
         return None
-    moved = laid_by_map(solver, goals, _LENGTH)
+    moved = laid_by_map(solver, goals, BENT.length)
     fit = fitting_similarity(moved, rest.vertices, solver.mass)[:3, :3]
-    is_small = scales_of(fit) < _LEAST_EXTENT
-    is_turned = rotation_angle_deg(nearest_orthogonal(fit), np.eye(3)) > _MOST_TURN_DEG
+    is_small = scales_of(fit) < BENT.least_extent
+    is_turned = rotation_angle_deg(nearest_orthogonal(fit), np.eye(3)) > BENT.most_turn_deg
     return None if is_small or is_turned else moved
 
 
@@ -95,5 +84,5 @@ def unbent(source: Shape, copies: Sequence[FloatArray]) -> list[FloatArray]:
     """
     solver = RigidPieces(source)
     every = MapGoals(vertices=np.arange(len(source.vertices)), places=source.vertices)
-    pull = solver.pull(every, np.ones(len(source.vertices)), _LOOSE * solver.radius)
+    pull = solver.pull(every, np.ones(len(source.vertices)), BENT.loose * solver.radius)
     return [pull.places(solver.turned_back(copy)) for copy in copies]

@@ -47,5 +47,34 @@ class Tuning(NamedTuple):
     """As ``cutoff``, while the pose settles; 3 leaves sizes of skulls .1 % worse and turns .03 deg."""
 
 
+class BentTuning(NamedTuple):
+    """Numbers of a registration that starts from maps of bodies that bend; lengths in the same unit.
+
+    What starts was chosen while looking at six ants, armadillos, humans and centaurs each, by where landmarks end up;
+    six glasses were only measured: .10 radii instead of .30 (``docs/tutorials/deformable.md``). The fit was chosen on
+    twenty bodies of SCAPE; of the centaur, which was held back, ``python -m experiments tosca`` measures the maps.
+    """
+
+    length: float = 0.1
+    """What a map says of neighbours is averaged over so far."""
+    loose: float = 1e3
+    """So loosely unbent copies stay where the source is: an unbent surface may lie anywhere."""
+    least_share: float = 0.5
+    """A map with goals for less than this share of the surface starts nothing."""
+    least_extent: float = 0.5
+    """Nor does one that leaves less than this of the surface's extent: one without order takes all to the middle."""
+    most_turn_deg: float = 60.0
+    """Nor one that turns the whole surface by more than this against its pose: maps are right that turn it by up to
+    16 degrees; those by 176 and more take the head for the tail."""
+    map_length: float = 0.05
+    """What a map says of neighbours is averaged over so far before closest points pull. The bodies err .0144 to .0147
+    sqrt(area) with .03 to .1, and .0163 with .2; the centaur errs least with .06."""
+    point_length: float = 0.03
+    """What closest points say of neighbours is averaged over so far."""
+    normal_weight: float = 0.4
+    """Of unit normals beside positions: normals lay muscles and features onto each other. With a third of that, seven
+    bodies err 2 % more."""
+
+
 #: The numbers in use.
-TUNED = Tuning()
+TUNED, BENT = Tuning(), BentTuning()

@@ -12,7 +12,7 @@ import numpy as np
 from collalign.align import align_collection
 from collalign.engine.run_options import RunOptions
 from collalign.options import AlignOptions
-from collalign.synchronization.problem import model
+from collalign.synchronization.problem import priors
 from data_tools.rotations import rotation_angle_deg
 from experiments.calibration.scan import Calibration, Finding, constants_of
 from experiments.collections.aligning import pose_some
@@ -48,16 +48,16 @@ def measure_model(data: Path, collections: Sequence[str], quick: bool) -> dict[s
             if len(errors) > 1:
                 num_best, num_others = num_best + (right == 0), num_others + (right > 0)
     found = {
-        "PRIOR_NOISE_RAD": float(np.sqrt(np.mean(np.square(angles_rad)) / 3.0)),
-        "PRIOR_OUTLIERS": 1.0 - len(angles_rad) / num_pairs,
-        "PRIOR_LOG_ODDS": float(np.log((num_best + 1) / (num_others + 1))),
+        "noise_rad": float(np.sqrt(np.mean(np.square(angles_rad)) / 3.0)),
+        "outliers": 1.0 - len(angles_rad) / num_pairs,
+        "log_odds": float(np.log((num_best + 1) / (num_others + 1))),
     }
     return {name: Finding(value=value) for name, value in found.items()}
 
 
 CALIBRATION = Calibration(
-    module=model.__name__,
-    constants=constants_of(model, "PRIOR_NOISE_RAD", "PRIOR_OUTLIERS", "PRIOR_LOG_ODDS"),
+    module=priors.__name__,
+    constants=constants_of(priors.PRIORS, "noise_rad", "outliers", "log_odds"),
     measure=measure_model,
     collections=("teeth", "glasses", "ant"),
 )

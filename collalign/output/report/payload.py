@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from data_tools.arrays import FloatArray, IntArray
 
 #: Stands for a missing coordinate.
-MISSING = -32768
-_LARGEST = 32767
+MISSING, _LARGEST = int(np.iinfo(np.int16).min), int(np.iinfo(np.int16).max)
 
 #: Name, type and length of each array of a pack, in order.
 Fields = list[tuple[str, str, int]]

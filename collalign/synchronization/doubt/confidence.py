@@ -6,23 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.products.pair import Alternative
+from collalign.products.pair import MAX_ALTERNATIVES, Alternative
+from collalign.synchronization.problem.priors import PRIORS
 from collalign.synchronization.result import WeakCut
 from collalign.synchronization.solvers.search import State
 from collalign.synchronization.solvers.turns import SAME_TURN
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 
-#: Differences of cost between answers count by this part: pairs are not as independent as the model says, and beliefs
-#: on a graph with loops repeat themselves. Set on simulations (``python -m tests.benchmarks.bench_synchronization
-#: --only poses`` prints what is right of the shapes at .95), so that of these at least 95 % are.
-EVIDENCE_PART = 0.5
-
 #: No confidence is stated beyond this: the model itself may be wrong.
 MOST_CONFIDENT = 0.999
-
-#: Evidence below this makes beliefs overconfident; confidences shrink, to half without evidence. Set on the
-#: same simulations.
-ENOUGH_SIGNAL = 2.0
 
 #: Doubted blocks of at least this share of the shapes, and this many, are parts of their own
 #: (set on simulations: tests/benchmarks/bench_synchronization.py).
@@ -30,9 +22,6 @@ SMALLEST_PART, FEWEST_OF_PART = 0.05, 3.0
 
 #: Pairs of turns that are compared at once: more would only take memory.
 _MOST_COMPARED = 2048**2
-
-#: Alternatives reported per shape.
-MAX_ALTERNATIVES = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,7 +61,7 @@ def assess(states: list[State], cuts: list[WeakCut], frames: FloatArray, free: B
     """
     best = states[0]
     graph = best.model.graph
-    confidence = beliefs_of_answers(states) * (0.5 + 0.5 * min(1.0, evidence_signal(best) / ENOUGH_SIGNAL))
+    confidence = beliefs_of_answers(states) * (0.5 + 0.5 * min(1.0, evidence_signal(best) / PRIORS.enough_signal))
     for cut in cuts:
         votes = max(cut.pairs_for + cut.pairs_against, 1)
         cap = 1.0 / (1.0 + np.exp(-cut.log_odds)) if not cut.structured else cut.pairs_for / votes
@@ -114,7 +103,7 @@ def beliefs_of_answers(states: list[State]) -> FloatArray:
     """
     best = states[0]
     costs = np.array([state.cost for state in states])
-    share = np.exp(-EVIDENCE_PART * np.maximum(costs - costs[0], 0.0))
+    share = np.exp(-PRIORS.evidence_part * np.maximum(costs - costs[0], 0.0))
     agree = np.array([agreement(best.frames, state.frames) for state in states])
     supported = share @ agree / share.sum()
     return np.minimum(best.beliefs[:, 0] * supported, MOST_CONFIDENT)

@@ -4,9 +4,7 @@ A pair's likelihood at frames ``P`` is ``sum_k (1 - p_out) pi_k exp(-r_k^2 / (4 
 is the Frobenius distance of candidate k to ``P_i P_j^T`` (``r^2 / 2`` is the squared angle, for small angles),
 ``s_e`` the noise per axis and ``u_e`` the ratio of the uniform density on the group to the peak of the normal one.
 Everything in it is estimated from the pairs themselves: noise, share of outliers, what energies say of candidates.
-The priors and limits below hold where pairs are too few to say. They were set on the generated collections of
-``python -m tests.benchmarks.bench_synchronization``; ``python -m experiments calibrate model`` measures what the
-priors stand for on the public collections.
+Its priors and limits are those of :mod:`collalign.synchronization.problem.priors`.
 """
 
 from __future__ import annotations
@@ -19,41 +17,18 @@ from scipy.special import gamma
 
 from collalign.synchronization.problem.frames import relative
 from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization.problem.priors import PRIORS
 from data_tools.arrays import FloatArray, IntArray
-
-#: Prior noise per axis, radians, and the number of pairs that it counts for.
-PRIOR_NOISE_RAD, PRIOR_PAIRS = 0.1, 3.0
-
-#: Noise per axis is kept between these, radians.
-NOISE_RANGE_RAD = (1e-5, 0.35)
-
-#: Prior share of pairs without any right candidate, and the number of pairs that it counts for.
-PRIOR_OUTLIERS, PRIOR_OUTLIER_PAIRS = 0.1, 4.0
-
-#: Share of pairs without any right candidate is kept between these.
-OUTLIER_RANGE = (1e-3, 0.9)
-
-#: Energies of pairs count within this factor of their median, either way.
-ENERGY_FACTOR = 100.0
 
 #: Pairs that state a constraint weigh this many times the heaviest other pair; the least weight of a pair.
 FIXED_WEIGHT, LEAST_WEIGHT = 1e3, 1e-9
-
-#: Most of the right candidates that the frames may use up, when degrees of freedom are counted.
-SPENT_SHARE = 0.8
 
 #: The power of the energy that the noise follows: its limits, and the spread of log-energies and the number of right
 #: pairs from which on it is estimated.
 POWER_RANGE, LEAST_SPREAD, FEWEST_RIGHT = (0.0, 2.0), 0.1, 10.0
 
-#: Largest log-odds of the best candidate, and per unit of log-energy.
-MOST_LOG_ODDS = (6.0, 50.0)
-
-#: Prior log-odds of a pair's lowest energy against another candidate of median energy.
-PRIOR_LOG_ODDS = 1.5
-
-#: Precision of that prior, either half of it; Newton steps to what energies say of candidates.
-PRIOR_PRECISION, MAX_NEWTON_STEPS = 1.0, 10
+#: Newton steps to what energies say of candidates.
+MAX_NEWTON_STEPS = 10
 
 
 def group_volume(dim: int) -> float:
@@ -82,11 +57,11 @@ class EdgeModel:
     """
 
     graph: PairGraph
-    noise_rad: float = PRIOR_NOISE_RAD
+    noise_rad: float = PRIORS.noise_rad
     noise_power: float = 0.0
-    outliers: float = PRIOR_OUTLIERS
-    best_log_odds: float = PRIOR_LOG_ODDS / 2
-    energy_slope: float = PRIOR_LOG_ODDS / 2
+    outliers: float = PRIORS.outliers
+    best_log_odds: float = PRIORS.log_odds / 2
+    energy_slope: float = PRIORS.log_odds / 2
 
     @cached_property
     def log_prior(self) -> FloatArray:
@@ -146,8 +121,8 @@ class EdgeModel:
         share = self.responsibilities(squared)
         free = ~self.graph.fixed
         right = share.sum(axis=1) * free
-        outliers = (free.sum() - right.sum() + PRIOR_OUTLIERS * PRIOR_OUTLIER_PAIRS) / (
-            free.sum() + PRIOR_OUTLIER_PAIRS
+        outliers = (free.sum() - right.sum() + PRIORS.outliers * PRIORS.outlier_pairs) / (
+            free.sum() + PRIORS.outlier_pairs
         )
         power = _fitted_power(self, share, squared)
         noise = _fitted_noise(replace(self, noise_power=power), share, squared)
@@ -156,7 +131,7 @@ class EdgeModel:
             graph=self.graph,
             noise_rad=noise,
             noise_power=power,
-            outliers=float(np.clip(outliers, *OUTLIER_RANGE)),
+            outliers=float(np.clip(outliers, *PRIORS.outlier_range)),
             best_log_odds=best,
             energy_slope=slope,
         )
@@ -192,14 +167,18 @@ def candidate_features(graph: PairGraph) -> FloatArray:
 
 
 def relative_energies(graph: PairGraph) -> FloatArray:
-    """Return each pair's lowest energy over their median, shape (E,), within :data:`ENERGY_FACTOR`; else ones."""
+    """Return each pair's lowest energy over their median, shape (E,), within a factor; else ones."""
     if graph.energies is None or not (~graph.fixed).any():
         return np.ones(graph.num_edges)
     lowest = np.where(graph.present, graph.energies, np.inf).min(axis=1)
     middle = float(np.median(lowest[~graph.fixed]))
     if middle <= 0.0:
         return np.ones(graph.num_edges)
-    return np.where(graph.fixed, 1.0 / ENERGY_FACTOR, np.clip(lowest / middle, 1.0 / ENERGY_FACTOR, ENERGY_FACTOR))
+    return np.where(
+        graph.fixed,
+        1.0 / PRIORS.energy_factor,
+        np.clip(lowest / middle, 1.0 / PRIORS.energy_factor, PRIORS.energy_factor),
+    )
 
 
 def relative_weights(graph: PairGraph) -> FloatArray:
@@ -217,10 +196,10 @@ def _fitted_noise(model: EdgeModel, share: FloatArray, squared: FloatArray) -> f
     dof = graph.dim * (graph.dim - 1) / 2.0
     share = share * ~graph.fixed[:, None]
     scaled = squared / 2.0 / (model.variances / model.noise_rad**2)[:, None]
-    spent = min(graph.num_shapes - 1, SPENT_SHARE * float(share.sum()))
-    total = float((share * scaled).sum()) + PRIOR_PAIRS * dof * PRIOR_NOISE_RAD**2
-    count = dof * (float(share.sum()) - spent) + PRIOR_PAIRS * dof
-    return float(np.clip(np.sqrt(total / count), *NOISE_RANGE_RAD))
+    spent = min(graph.num_shapes - 1, PRIORS.spent_share * float(share.sum()))
+    total = float((share * scaled).sum()) + PRIORS.noise_pairs * dof * PRIORS.noise_rad**2
+    count = dof * (float(share.sum()) - spent) + PRIORS.noise_pairs * dof
+    return float(np.clip(np.sqrt(total / count), *PRIORS.noise_range_rad))
 
 
 def _fitted_power(model: EdgeModel, share: FloatArray, squared: FloatArray) -> float:
@@ -246,7 +225,7 @@ def _fitted_candidates(model: EdgeModel, share: FloatArray) -> tuple[float, floa
     features, counts = features[used], share[used]
     totals = counts.sum(axis=1)
     value = np.array([model.best_log_odds, model.energy_slope])
-    prior, precision = np.array([PRIOR_LOG_ODDS / 2, PRIOR_LOG_ODDS / 2]), PRIOR_PRECISION
+    prior, precision = np.array([PRIORS.log_odds / 2, PRIORS.log_odds / 2]), PRIORS.precision
     for _ in range(MAX_NEWTON_STEPS):
         score = np.where(model.graph.present[used], -(features @ value), -np.inf)
         chance = np.exp(score - score.max(axis=1, keepdims=True))
@@ -255,7 +234,7 @@ def _fitted_candidates(model: EdgeModel, share: FloatArray) -> tuple[float, floa
         gradient = totals @ mean - np.einsum("ek,ekf->f", counts, features) - precision * (value - prior)
         centred = features - mean[:, None]
         hessian = np.einsum("e,ek,ekf,ekg->fg", totals, chance, centred, centred) + precision * np.eye(2)
-        value = np.clip(value + np.linalg.solve(hessian, gradient), 0.0, MOST_LOG_ODDS)
+        value = np.clip(value + np.linalg.solve(hessian, gradient), 0.0, PRIORS.most_log_odds)
     return float(value[0]), float(value[1])
 
 

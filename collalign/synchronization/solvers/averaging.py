@@ -6,6 +6,7 @@ import numpy as np
 
 from collalign.synchronization.problem.frames import relative
 from collalign.synchronization.solvers.least_squares import gauss_newton_step
+from collalign.synchronization.solvers.robust import LEAST_SHARE
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import chordal_angles
 from data_tools.threads import one_blas_thread
@@ -14,8 +15,6 @@ from data_tools.threads import one_blas_thread
 SMALLEST_RESIDUAL_DEG = 3.0
 #: Reweightings at most; they end with a step shorter than this, radians.
 MAX_REWEIGHTINGS, SETTLED_RAD = 40, 1e-6
-#: No pair that was measured weighs less than this share of the heaviest: the equations keep full rank.
-LEAST_SHARE = 1e-9
 
 
 @one_blas_thread()

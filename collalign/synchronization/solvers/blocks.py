@@ -6,20 +6,15 @@ import numpy as np
 from scipy.sparse import coo_matrix, diags, identity
 
 from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization.problem.priors import PRIORS
 from collalign.synchronization.result import WeakCut
 from collalign.synchronization.solvers.spectral import leading_eigenvectors
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-
-#: A pair speaks for a side of a cut when its cost differs by more than this, nats.
-CLEAR_VOTE = 0.5
 
 #: A block is doubted when more than this share of the votes across the cut speak against it, and more than among all
 #: votes about the same turn, by ``SPIN_GLASS sqrt(N) + 1`` standard deviations. The best of all blocks of a random
 #: graph reaches .76 sqrt(N) (the ground state of the Sherrington-Kirkpatrick model), and is no evidence.
 DOUBTED_SHARE, SPIN_GLASS = 0.25, 0.76
-
-#: Or when the pairs across the cut prefer the reported pose by less than this, nats.
-DOUBTED_LOG_ODDS = 6.0
 
 #: Orders of the shapes, by slow vectors of the signed Laplacian, along which blocks are looked for.
 NUM_SLOW = 4
@@ -114,7 +109,7 @@ def _most_contradicted(graph: PairGraph, costs: FloatArray, orders: IntArray) ->
     The sweep's best cut starts a two-block stochastic block model: pairs contradict at one rate within the sides, at
     another across; single shapes change sides while the likelihood grows.
     """
-    against, clear = (costs < -CLEAR_VOTE).astype(float), (np.abs(costs) > CLEAR_VOTE).astype(float)
+    against, clear = (costs < -PRIORS.clear_vote).astype(float), (np.abs(costs) > PRIORS.clear_vote).astype(float)
     best, best_excess = orders[0] < 2, -np.inf
     sizes = np.arange(2, orders.shape[1] - 1)
     for rank in orders:
@@ -173,7 +168,7 @@ def _turned_side(block: BoolArray, fixed: BoolArray) -> BoolArray | None:
 
 def _judged(graph: PairGraph, costs: FloatArray, turn: FloatArray, block: BoolArray) -> WeakCut:
     across = block[graph.edges[:, 0]] != block[graph.edges[:, 1]]
-    against, clear = costs < -CLEAR_VOTE, np.abs(costs) > CLEAR_VOTE
+    against, clear = costs < -PRIORS.clear_vote, np.abs(costs) > PRIORS.clear_vote
     votes, votes_against = int((clear & across).sum()), int((against & across).sum())
     excess = float(_excess(np.array(float(votes_against)), np.array(float(votes)), against.sum(), clear.sum()))
     structured = votes_against > DOUBTED_SHARE * votes and excess > SPIN_GLASS * np.sqrt(graph.num_shapes) + 1.0
@@ -185,5 +180,5 @@ def _judged(graph: PairGraph, costs: FloatArray, turn: FloatArray, block: BoolAr
         pairs_for=votes - votes_against,
         pairs_against=votes_against,
         structured=bool(structured),
-        doubted=bool(structured or log_odds < DOUBTED_LOG_ODDS),
+        doubted=bool(structured or log_odds < PRIORS.doubted_log_odds),
     )

@@ -19,6 +19,7 @@ from collalign.synchronization.problem.model import (
     best_candidates,
     squared_distances,
 )
+from collalign.synchronization.problem.priors import PRIORS
 from collalign.synchronization.result import SynchronizationResult, WeakCut
 from collalign.synchronization.solvers.least_squares import polish
 from collalign.synchronization.solvers.search import State, find_poses
@@ -27,12 +28,6 @@ from pairwise.problem.pattern import RotationPattern
 
 #: Pairs whose right candidate is at least this probable agree with the answer.
 INLIER_PROBABILITY = 0.5
-
-#: How many times the variance of lowest candidates that of others is at most.
-MOST_VARIANCE = 10.0
-
-#: Kinds of candidates are told apart by their residuals where there are this many of each.
-FEWEST_PAIRS = 10.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,9 +85,11 @@ def refinement_weights(model: EdgeModel, squared: FloatArray, choice: IntArray) 
     apart = squared[rows, choice]
     lowest = choice == graph.best_choice
     variance = model.variances / model.noise_rad**2
-    if min(share[lowest].sum(), share[~lowest].sum()) >= FEWEST_PAIRS:
+    if min(share[lowest].sum(), share[~lowest].sum()) >= PRIORS.fewest_pairs:
         spread = [float(share[part] @ apart[part] / share[part].sum()) for part in (~lowest, lowest)]
-        variance = np.where(lowest, 1.0, np.clip(spread[0] / max(spread[1], 1e-12), 1.0, MOST_VARIANCE)) * variance
+        variance = (
+            np.where(lowest, 1.0, np.clip(spread[0] / max(spread[1], 1e-12), 1.0, PRIORS.most_variance)) * variance
+        )
     weights = share / variance**2
     weights[graph.fixed] = FIXED_WEIGHT * weights[~graph.fixed].max(initial=1.0)
     return np.maximum(weights / weights.max(), LEAST_WEIGHT)

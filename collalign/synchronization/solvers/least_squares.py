@@ -11,10 +11,8 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.sparse.linalg import SuperLU, splu
 
 from collalign.synchronization.problem.frames import cayley
+from collalign.synchronization.solvers.spectral import DENSE_LIMIT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-
-#: Up to this many shapes the Laplacian is factored densely.
-DENSE_SHAPES = 400
 
 #: Largest tangent step per axis, radians: beyond it the quadratic model means nothing.
 MAX_STEP_RAD = 0.7
@@ -103,7 +101,7 @@ def _solve_laplacian(
     left, right = edges.T
     degree = np.bincount(edges.ravel(), weights=np.repeat(weights, 2), minlength=count).astype(np.float64)
     degree += 1e-12 * max(float(degree.max(initial=0.0)), np.finfo(float).tiny)
-    if count <= DENSE_SHAPES:
+    if count <= DENSE_LIMIT:
         laplacian = np.zeros((count, count))
         laplacian[left, right] = laplacian[right, left] = -weights
         laplacian[np.arange(count), np.arange(count)] = degree

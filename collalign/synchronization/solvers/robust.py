@@ -6,6 +6,7 @@ import numpy as np
 
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.problem.model import EdgeModel, squared_distances
+from collalign.synchronization.problem.priors import PRIORS
 from collalign.synchronization.solvers.least_squares import gauss_newton_step
 from collalign.synchronization.solvers.spectral import spectral_frames
 from data_tools.arrays import BoolArray, FloatArray
@@ -13,9 +14,6 @@ from data_tools.arrays import BoolArray, FloatArray
 #: The scale of good pairs is this many times the quantile of their squared distances below which this share of all
 #: pairs lies, but not less than the least scale (set on simulations: tests/benchmarks/bench_synchronization.py).
 GOOD_SCALE, GOOD_SHARE, LEAST_SCALE = 2.0, 0.25, 1e-6
-
-#: Where reweighting starts: squared distances of this size count half.
-FIRST_SCALE = 2.0
 
 #: Factor of the scale from one step to the next, and how near its goal it has arrived (set on the same simulations).
 SCALE_FACTOR, SCALE_ARRIVED = 0.7, 1.01
@@ -62,8 +60,8 @@ def reweighted_frames(
         squared = ((rotations - frames[left] @ np.swapaxes(frames[right], 1, 2)) ** 2).sum(axis=(1, 2))
         target = max(GOOD_SCALE * float(np.quantile(squared, GOOD_SHARE)), LEAST_SCALE)
         is_first = not np.isfinite(scale)
-        falling = SCALE_FACTOR * min(scale, FIRST_SCALE)
-        scale = target if is_first and target > FIRST_SCALE else max(target, falling)
+        falling = SCALE_FACTOR * min(scale, PRIORS.first_scale)
+        scale = target if is_first and target > PRIORS.first_scale else max(target, falling)
         redescending = np.where(graph.fixed, 1.0, (scale / (scale + squared)) ** 2)
         current = np.maximum(weights * redescending, LEAST_SHARE * weights.max())
         frames, step = gauss_newton_step(frames, graph.edges, rotations * current[:, None, None], current, free)

@@ -9,6 +9,7 @@ import numpy as np
 
 from collalign.synchronization.problem.graph import PairGraph, degrees
 from collalign.synchronization.problem.model import EdgeModel
+from collalign.synchronization.problem.priors import PRIORS
 from collalign.synchronization.result import WeakCut
 from collalign.synchronization.solvers.belief_propagation import propagate_beliefs
 from collalign.synchronization.solvers.blocks import turn_differences, weak_cuts
@@ -20,28 +21,11 @@ from collalign.synchronization.solvers.robust import (
 from collalign.synchronization.solvers.turns import TurnSet, aligned_candidates, propose_turns, turn_costs
 from data_tools.arrays import BoolArray, FloatArray
 
-#: Noise is this many times larger where turns are chosen, with one candidate per pair and with several: frames fitted
-#: to one choice of candidates fit their noise too, which would count as evidence for the choice.
-LABEL_NOISE_FACTORS = (2.0, 3.0)
-
 #: Costs that fall by less than this, nats, have not fallen.
 COST_TOL = 1e-6
 
-#: How probable a shape's own pose is where beliefs start, and all its other turns together
-#: (set on simulations: tests/benchmarks/bench_synchronization.py).
-OWN_POSE, OTHER_TURNS = 0.9, 0.1
-
 #: Rounds of choosing turns and refining, per start.
 MAX_ROUNDS = 4
-
-#: Starts from random poses, tried where the pairs leave shapes in doubt.
-RANDOM_STARTS = 6
-
-#: Most blocks of shapes turned at the end.
-MAX_BLOCK_MOVES = 5
-
-#: No further starts where fewer shapes than this are expected to be wrong.
-SETTLED_SHARE = 0.005
 
 #: Random starts are left out of graphs with more candidates than this.
 MAX_CANDIDATES = 60_000
@@ -89,7 +73,7 @@ def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> tuple[list[
     for frames in _starts(graph, free):
         states.append(improve(EdgeModel(graph=graph), _in_gauge(frames, gauge, graph), free, is_fixed))
         best = min(states, key=lambda state: state.cost)
-        if 1.0 - best.beliefs[:, 0].mean() <= SETTLED_SHARE:
+        if 1.0 - best.beliefs[:, 0].mean() <= PRIORS.settled_share:
             break
     states.sort(key=lambda state: state.cost)
     states[0], cuts = turn_blocks(states[0], free, is_fixed)
@@ -107,7 +91,7 @@ def turn_blocks(state: State, free: BoolArray, fixed: BoolArray) -> tuple[State,
     fixed : ndarray of bool, shape (N,)
         Shapes that may not turn.
     """
-    for remaining in range(MAX_BLOCK_MOVES, -1, -1):
+    for remaining in range(PRIORS.max_block_moves, -1, -1):
         cuts = weak_cuts(state.model.graph, state.turn_differences, state.alternatives.common, fixed)
         cheapest = min(cuts, key=lambda cut: cut.log_odds, default=None)
         if cheapest is None or cheapest.log_odds >= 0.0 or not remaining:
@@ -150,10 +134,10 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: 
     aligned = aligned_candidates(graph, frames)
     alternatives = propose_turns(model, aligned)
     several = graph.candidates.shape[1] > 1
-    blurred = model.with_noise(LABEL_NOISE_FACTORS[several] * model.noise_rad)
+    blurred = model.with_noise(PRIORS.label_noise_factors[several] * model.noise_rad)
     costs = turn_costs(blurred, aligned, alternatives)
-    start = np.full((graph.num_shapes, costs.shape[2]), OTHER_TURNS / (costs.shape[2] - 1))
-    start[:, 0] = OWN_POSE
+    start = np.full((graph.num_shapes, costs.shape[2]), PRIORS.other_turns / (costs.shape[2] - 1))
+    start[:, 0] = PRIORS.own_pose
     beliefs = propagate_beliefs(graph.edges, costs, start=start, fixed=~free)
     beliefs[fixed] = np.arange(beliefs.shape[1]) == 0
     cost = float(costs[:, 0, 0].sum())
@@ -175,7 +159,7 @@ def _starts(graph: PairGraph, free: BoolArray) -> Iterator[FloatArray]:
     yield reweighted_frames(graph, rotations, 1.0 / model.variances, spectral, free)
     yield spectral
     generator = np.random.default_rng(0)
-    for _ in range(RANDOM_STARTS if graph.present.sum() <= MAX_CANDIDATES else 0):
+    for _ in range(PRIORS.random_starts if graph.present.sum() <= MAX_CANDIDATES else 0):
         random = generator.standard_normal((graph.num_shapes, graph.dim, graph.dim))
         yield graph.pattern.project(random)
 

@@ -20,7 +20,8 @@ from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 from pairwise.problem.pattern import RotationPattern
 
-#: Up to this many rows LAPACK finds the leading eigenvectors, beyond it Lanczos does.
+#: Up to this many rows LAPACK finds the leading eigenvectors, beyond it Lanczos does; up to as many shapes the
+#: Laplacian of least squares is factored densely.
 DENSE_LIMIT = 400
 #: Matrices with more than this share of entries are multiplied as dense ones.
 DENSE_SHARE = 0.2

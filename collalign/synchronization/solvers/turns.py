@@ -8,23 +8,15 @@ import numpy as np
 
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.problem.model import EdgeModel
+from collalign.synchronization.problem.priors import PRIORS
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from pairwise.problem.pattern import RotationPattern
 
 #: Turns closer than this (squared Frobenius distance, 30 degrees) are one turn.
 SAME_TURN = 8.0 * np.sin(np.deg2rad(15.0)) ** 2
 
-#: A shape of which this share of the pairs is explained has no turns but the common ones.
-EXPLAINED_SHARE = 0.8
-
-#: Common turns by which fewer pairs than this are wrong are left out of their costs.
-RARE_FLIP = 0.003
-
 #: Turns per shape, L, at most, the identity and those of the whole collection among them; the latter, at most.
 MAX_TURNS, MAX_GLOBAL = 6, 3
-
-#: How many pairs, of one more, are taken to be wrong by each common turn where none is seen.
-PRIOR_FLIPPED = 0.1
 
 #: Cost of a turn that is not offered.
 FORBIDDEN = 1e4
@@ -96,7 +88,7 @@ def propose_turns(model: EdgeModel, aligned: FloatArray) -> TurnSet:
         turns=turns[:, :used],
         offered=offered[:, :used],
         common=common,
-        rates=(flipped.sum(axis=0) + PRIOR_FLIPPED) / (graph.num_edges + 1.0),
+        rates=(flipped.sum(axis=0) + PRIORS.flipped) / (graph.num_edges + 1.0),
     )
 
 
@@ -112,7 +104,7 @@ def _add_own_turns(
     starts = np.searchsorted(owner, np.arange(graph.num_shapes + 1))
     share = np.bincount(owner, weights=explained[edge], minlength=graph.num_shapes) / np.maximum(np.diff(starts), 1)
     chance = np.exp(model.log_prior)
-    for shape in np.flatnonzero(share < EXPLAINED_SHARE):
+    for shape in np.flatnonzero(share < PRIORS.explained_share):
         part = slice(starts[shape], starts[shape + 1])
         mine = aligned[edge[part]]
         mine = np.where(side[part][:, None, None, None] == 0, mine, np.swapaxes(mine, 2, 3))
@@ -265,7 +257,7 @@ def _directed_flips(alternatives: TurnSet) -> list[tuple[FloatArray, float]]:
     """Return the common turns that happen, and their inverses where these differ, with their rates."""
     flips: list[tuple[FloatArray, float]] = []
     for turn, rate in zip(alternatives.common, alternatives.rates, strict=True):
-        if rate < RARE_FLIP:
+        if rate < PRIORS.rare_flip:
             continue
         if ((turn - turn.T) ** 2).sum() <= SAME_TURN:
             flips.append((turn, float(rate)))

@@ -21,7 +21,7 @@ from data_tools.surface.normals import vertex_normals
 
 #: Triangles of the mean that is drawn, and what all shapes together may have.
 _MOST_FACES, _FEWEST_FACES, _FACES_IN_ALL = 8_000, 1_500, 700_000
-_LARGEST = 32767
+_LARGEST = int(np.iinfo(np.int16).max)
 #: How much more than the mean is in view, for what is moved away from it.
 _ROOM = 1.1
 

@@ -6,7 +6,8 @@ import pytest
 from scipy.sparse.linalg import splu
 
 from collalign.synchronization.solvers import least_squares
-from collalign.synchronization.solvers.least_squares import DENSE_SHAPES, _solve_laplacian
+from collalign.synchronization.solvers.least_squares import _solve_laplacian
+from collalign.synchronization.solvers.spectral import DENSE_LIMIT
 
 GRAPHS = {
     "chain": nx.path_graph(900),
@@ -37,7 +38,7 @@ def laplacian(edges, weights, free):
 @pytest.mark.parametrize("kind", GRAPHS)
 def test_large_laplacians_are_solved(kind, spread):
     edges, weights, free, force = problem(kind, spread)
-    assert len(free) > DENSE_SHAPES
+    assert len(free) > DENSE_LIMIT
     matrix = laplacian(edges, weights, free)
     exact = np.linalg.solve(matrix, force)
     error = _solve_laplacian(edges, weights, len(free), free, force) - exact

@@ -12,7 +12,6 @@ from collalign.synchronization.clusters import pair_affinity, part_turns, spectr
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.frames import relative, transposed
 from collalign.synchronization.problem.model import (
-    PRIOR_LOG_ODDS,
     EdgeModel,
     _fitted_noise,
     _fitted_power,
@@ -22,6 +21,7 @@ from collalign.synchronization.problem.model import (
     relative_weights,
     squared_distances,
 )
+from collalign.synchronization.problem.priors import PRIORS
 from collalign.synchronization.solvers.blockwise import connectivity_warnings, refinement_weights, restricted
 from collalign.synchronization.solvers.signs import synchronize_signs
 from collalign.synchronization.solvers.turns import (
@@ -343,7 +343,7 @@ def test_what_energies_say_of_candidates_is_learnt_from_the_pairs():
 
     lower = rng.uniform(0.1, 0.2, (len(both), 1))
     right, wrong = learnt(np.hstack([lower, 2.0 * lower])), learnt(np.hstack([2.0 * lower, lower]))
-    assert right.best_log_odds + right.energy_slope > PRIOR_LOG_ODDS > wrong.best_log_odds + wrong.energy_slope
+    assert right.best_log_odds + right.energy_slope > PRIORS.log_odds > wrong.best_log_odds + wrong.energy_slope
 
 
 def test_blocks_above_three_coordinates_are_reflected_where_the_first_may_not_be():

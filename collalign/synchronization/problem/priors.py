@@ -1,0 +1,75 @@
+"""Every number that synchronization was tuned by, in one table."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Priors(NamedTuple):
+    """What holds where pairs are too few to say, and how far beliefs are believed.
+
+    Set on the generated collections of ``python -m tests.benchmarks.bench_synchronization`` (``--only poses`` prints
+    what is right of the shapes at .95, of these at least 95 %). No public collection was looked at for that;
+    ``python -m experiments calibrate model`` measures on three of them what the first priors stand for.
+    """
+
+    noise_rad: float = 0.1
+    """Prior noise per axis, radians, ..."""
+    noise_pairs: float = 3.0
+    """... and the number of pairs that it counts for."""
+    noise_range_rad: tuple[float, float] = (1e-5, 0.35)
+    """Noise per axis is kept between these."""
+    outliers: float = 0.1
+    """Prior share of pairs without any right candidate, ..."""
+    outlier_pairs: float = 4.0
+    """... and the number of pairs that it counts for."""
+    outlier_range: tuple[float, float] = (1e-3, 0.9)
+    """That share is kept between these."""
+    log_odds: float = 1.5
+    """Prior log-odds of a pair's lowest energy against another candidate of median energy, ..."""
+    precision: float = 1.0
+    """... and the precision of either half of it."""
+    most_log_odds: tuple[float, float] = (6.0, 50.0)
+    """Largest log-odds of the best candidate, and per unit of log-energy."""
+    energy_factor: float = 100.0
+    """Energies of pairs count within this factor of their median, either way."""
+    spent_share: float = 0.8
+    """Most of the right candidates that the frames may use up, when degrees of freedom are counted."""
+    first_scale: float = 2.0
+    """Where reweighting starts: squared distances of this size count half."""
+    most_variance: float = 10.0
+    """How many times the variance of lowest candidates that of others is at most ..."""
+    fewest_pairs: float = 10.0
+    """... where there are this many of each."""
+    label_noise_factors: tuple[float, float] = (2.0, 3.0)
+    """Noise is this many times larger where turns are chosen, with one candidate per pair and with several: frames
+    fitted to one choice of candidates fit their noise too, which would count as evidence for the choice."""
+    own_pose: float = 0.9
+    """How probable a shape's own pose is where beliefs start, ..."""
+    other_turns: float = 0.1
+    """... and all its other turns together."""
+    settled_share: float = 0.005
+    """No further starts where fewer shapes than this are expected to be wrong."""
+    random_starts: int = 6
+    """Starts from random poses, tried where the pairs leave shapes in doubt."""
+    max_block_moves: int = 5
+    """Most blocks of shapes turned at the end."""
+    explained_share: float = 0.8
+    """A shape of which this share of the pairs is explained has no turns but the common ones."""
+    flipped: float = 0.1
+    """How many pairs, of one more, are taken to be wrong by each common turn where none is seen."""
+    rare_flip: float = 0.003
+    """Common turns by which fewer pairs than this are wrong are left out of their costs."""
+    clear_vote: float = 0.5
+    """A pair speaks for a side of a cut when its cost differs by more than this, nats."""
+    doubted_log_odds: float = 6.0
+    """A block is doubted where the pairs across its cut prefer the reported pose by less than this, nats."""
+    evidence_part: float = 0.5
+    """Differences of cost between answers count by this part: pairs are not as independent as the model says, and
+    beliefs on a graph with loops repeat themselves."""
+    enough_signal: float = 2.0
+    """Evidence below this makes beliefs overconfident; confidences shrink, to half without evidence."""
+
+
+#: The numbers in use.
+PRIORS = Priors()
