@@ -14,7 +14,7 @@ from collalign.options import AlignOptions
 from collalign.stages.forecast import RunEstimate, Workload, forecast, try_shapes
 from collalign.stages.pairs.choose import planned_edges
 from collalign.stages.pairs.match import pair_key
-from collalign.stages.shape_stage import shape_keys
+from collalign.stages.shape_stage import wanted_shapes
 from data_tools.checks import as_options
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import read_toml, resolved
@@ -97,8 +97,8 @@ def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
 
 def _workload(listing: FolderListing, job: BatchJob, run: RunOptions) -> Workload:
     """Return what the job has to do and what its store lacks of it, counted as if no shape were bad."""
-    keyed, _ = shape_keys(listing, job.options)
-    keys = [item.key for item in keyed.values()]
+    wanted, _ = wanted_shapes(listing, job.options, {})
+    keys = [one.key for one in wanted.values()]
     edges = planned_edges(len(keys), job.options)
     shapes, pairs, store = frozenset[str](), frozenset[str](), run.store or job.out / STORE_FILE
     if store.exists():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,15 +22,6 @@ from data_tools.io.source import Origin, Source
 SMALLEST_SHARE = 0.5
 #: Shapes so many times smaller or larger than the median are named: units that are mixed up differ by 10 at least.
 ODD_FACTOR = 8.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class KeyedFile:
-    """A file, the digest of its content and the key of its record in the store."""
-
-    file: Origin
-    digest: str
-    key: str
 
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
@@ -132,32 +123,16 @@ def _prepare(
     session: AlignSession, listing: FolderListing, options: AlignOptions, own: Mapping[str, OwnPoints]
 ) -> Shapes:
     """Read, clean, sample and embed every file, each at as many points as asked for or as it has."""
-    keyed, excluded = shape_keys(listing, options, own)
-    session.store.set_note(NUM_FILES, str(len(keyed)))
-    wanted = {
-        name: Wanted(
-            key=item.key,
-            label=item.file.name,
-            arguments={
-                "file": item.file.absolute(),
-                "cleaning": options.cleaning,
-                "sampling": options.sampling,
-                "embedding": options.embedding,
-                "name": name,
-                "digest": item.digest,
-                "own": own.get(name),
-            },
-        )
-        for name, item in keyed.items()
-    }
+    wanted, excluded = wanted_shapes(listing, options, own)
+    session.store.set_note(NUM_FILES, str(len(wanted)))
     found = session.compute(SAMPLING, wanted, time_limit_s=session.run.shape_time_limit_s, strict=options.strict)
-    excluded += [excluded_file(keyed[name].file, name, reason) for name, reason in found.failures.items()]
-    good = [keyed[name] for name in found]
+    files = {name: one.arguments["file"] for name, one in wanted.items()}
+    excluded += [excluded_file(files[name], name, reason) for name, reason in found.failures.items()]
     return Shapes(
         names=tuple(found),
-        files=tuple(item.file.absolute() for item in good),
-        digests=tuple(item.digest for item in good),
-        keys=tuple(item.key for item in good),
+        files=tuple(files[name] for name in found),
+        digests=tuple(wanted[name].arguments["digest"] for name in found),
+        keys=tuple(wanted[name].key for name in found),
         samples=tuple(replace(samples, name=name) for name, samples in found.items()),
         excluded=tuple(excluded),
     )
@@ -171,11 +146,11 @@ def excluded_file(file: Origin, name: str, reason: str) -> Excluded:
     return Excluded(file=shown, reason=reason)
 
 
-def shape_keys(
-    listing: FolderListing, options: AlignOptions, own: Mapping[str, OwnPoints] | None = None
-) -> tuple[dict[str, KeyedFile], list[Excluded]]:
-    """Return the file and its key of every name, and the files that cannot even be opened."""
-    keyed, excluded = {}, []
+def wanted_shapes(
+    listing: FolderListing, options: AlignOptions, own: Mapping[str, OwnPoints]
+) -> tuple[dict[str, Wanted], list[Excluded]]:
+    """Return what is wanted of the file of every name, and the files that cannot even be opened."""
+    wanted, excluded = {}, []
     settings = {"cleaning": options.cleaning, "sampling": options.sampling, "embedding": options.embedding}
     for file, name in zip(listing.files, listing.names, strict=True):
         try:
@@ -186,7 +161,10 @@ def shape_keys(
             excluded.append(excluded_file(file, name, str(error)))
             continue
         # The reader depends on the suffix as well as on the content.
-        given = (own[name].digest,) if own and name in own else ()
-        key = SAMPLING.key(settings | {"suffix": file.suffix.lower()}, digest, *given)
-        keyed[name] = KeyedFile(file=file, digest=digest, key=key)
-    return keyed, excluded
+        given = (own[name].digest,) if name in own else ()
+        wanted[name] = Wanted(
+            key=SAMPLING.key(settings | {"suffix": file.suffix.lower()}, digest, *given),
+            label=file.name,
+            arguments=settings | {"file": file.absolute(), "name": name, "digest": digest, "own": own.get(name)},
+        )
+    return wanted, excluded
