@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
-class Tuning(NamedTuple):
+class MapTuning(NamedTuple):
     """Numbers of the portfolio: what starts a map, what is screened, and what is one map.
 
     Chosen while looking at SCAPE and the classes of SHREC07. Held out are the 15 pairs of TOSCA's centaur
@@ -52,4 +52,4 @@ class Tuning(NamedTuple):
 
 
 #: The numbers in use.
-TUNED = Tuning()
+TUNED = MapTuning()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
-class Tuning(NamedTuple):
+class RegistrationTuning(NamedTuple):
     """Numbers of a registration; lengths are in parts of the shapes' root mean square radius.
 
     Chosen on eight mouse skulls and sixteen molars, by how well their landmarks carry each other's places over from
@@ -77,4 +77,4 @@ class BentTuning(NamedTuple):
 
 
 #: The numbers in use.
-TUNED, BENT = Tuning(), BentTuning()
+TUNED, BENT = RegistrationTuning(), BentTuning()

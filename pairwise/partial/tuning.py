@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
-class Tuning(NamedTuple):
+class PartialTuning(NamedTuple):
     """Numbers of a search; lengths are in root mean square radii of the target.
 
     Chosen on shapes at even positions of teeth, glasses and ants with a quarter cut off. Of 8 pairs each at odd
@@ -52,4 +52,4 @@ class Tuning(NamedTuple):
 
 
 #: The numbers in use.
-TUNED = Tuning()
+TUNED = PartialTuning()
