@@ -100,10 +100,10 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
         row, column = divmod(position, columns)
         corner = np.array([2.0 * column, size[1] - (row + 1) * _ROW_HEIGHT])
         linear = tile.transform[:3, :3]
-        panels.append(_panel(tile.vertices @ view.T, tile.faces, corner, flipped=False))
+        panels.append(seen_panel(tile.vertices @ view.T, tile.faces, corner, _COLOUR))
         moved = tile.vertices @ (view @ linear).T
         flipped = bool(np.linalg.det(linear) < 0)
-        panels.append(_panel(moved, tile.faces, corner + _RIGHT, flipped=flipped))
+        panels.append(seen_panel(moved, tile.faces, corner + _RIGHT, _COLOUR, flipped=flipped))
         words: dict[str, Any] = {"fontsize": 7, "va": "bottom", "parse_math": False}
         axes.text(corner[0] + _MARGIN, corner[1] + 1.0, tile.name, **words)
         if not np.isnan(tile.confidence):
@@ -116,53 +116,63 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
                 color="tab:green" if tile.confidence >= DOUBT else "tab:red",
                 **words,
             )
-    _draw(axes, [panel for panel in panels if panel.faces])
-    for panel in panels:
-        if not panel.faces:
-            axes.scatter(panel.corners[:, 0], panel.corners[:, 1], s=1, c=panel.shades, cmap="bone", linewidths=0)
+    draw_panels(axes, panels)
     return figure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Panel:
-    """A shape seen from the viewpoint, the farthest first: corners of triangles or points, and their shades."""
+class Panel:
+    """A shape seen from the viewpoint, the farthest first: corners of triangles or points, and their colours."""
 
     faces: bool
     corners: FloatArray
-    shades: FloatArray
+    colours: FloatArray
 
 
-def _panel(vertices: FloatArray, faces: IntArray, corner: FloatArray, *, flipped: bool) -> _Panel:
-    """Project one mesh (or point cloud) into the cell of unit size at ``corner``, with Lambert shading."""
+def seen_panel(
+    vertices: FloatArray, faces: IntArray, corner: FloatArray, colours: FloatArray, *, flipped: bool = False
+) -> Panel:
+    """Project a mesh (or point cloud) into the cell of unit size at ``corner``, with Lambert shading.
+
+    Parameters
+    ----------
+    vertices, faces : ndarray
+        Turned to the screen: to the right, upwards and to the viewer.
+    corner : ndarray, shape (2,)
+    colours : ndarray, shape (3,) or (v, 3)
+        Of all or each of the vertices, in [0, 1].
+    flipped : bool
+        Whether the triangles face inwards.
+    """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     points = (vertices - 0.5 * (low + high)) / (0.5 * (high - low)[:2].max() or 1.0)
     flat = corner + 0.5 + (0.5 - _MARGIN) * points[:, :2]
+    colours = np.broadcast_to(colours, vertices.shape)
     if not len(faces):
         order = np.argsort(points[:, 2])
-        return _Panel(faces=False, corners=flat[order], shades=points[order, 2])
+        depth = np.clip(0.6 + 0.4 * points[order, 2:], 0.0, 1.0)
+        return Panel(faces=False, corners=flat[order], colours=depth * colours[order])
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    facing = normals @ _LIGHT * (-1.0 if flipped else 1.0)
+    shades = np.clip(0.25 + 0.7 * np.abs(normals @ _LIGHT * (-1.0 if flipped else 1.0)), 0.0, 1.0)
     order = np.argsort(corners[:, :, 2].mean(axis=1))
-    return _Panel(
-        faces=True,
-        corners=flat[faces][order],
-        shades=np.clip(0.25 + 0.7 * np.abs(facing), 0.0, 1.0)[order],
-    )
+    lit = np.clip(shades[:, None] * colours[faces].mean(axis=1), 0.0, 1.0)
+    return Panel(faces=True, corners=flat[faces][order], colours=lit[order])
 
 
-def _draw(axes: Any, panels: list[_Panel]) -> None:
-    """Draw the triangles of all panels at once, in order (the painter's algorithm)."""
+def draw_panels(axes: Any, panels: list[Panel]) -> None:
+    """Draw the triangles of all panels at once, in order (the painter's algorithm), and the points of clouds."""
     from matplotlib.collections import TriMesh
     from matplotlib.tri import Triangulation
 
-    if not panels:
-        return
-    corners = np.concatenate([panel.corners for panel in panels]).reshape(-1, 2)
-    shades = np.concatenate([panel.shades for panel in panels])
-    triangles = np.arange(len(corners)).reshape(-1, 3)
-    colours: Any = np.repeat(np.clip(shades[:, None] * _COLOUR, 0.0, 1.0), 3, axis=0)
-    mesh = TriMesh(Triangulation(corners[:, 0], corners[:, 1], triangles))
-    mesh.set_facecolor(colours)
-    axes.add_collection(mesh, autolim=False)
+    if meshes := [panel for panel in panels if panel.faces]:
+        corners = np.concatenate([panel.corners for panel in meshes]).reshape(-1, 2)
+        triangles = np.arange(len(corners)).reshape(-1, 3)
+        mesh = TriMesh(Triangulation(corners[:, 0], corners[:, 1], triangles))
+        colours: Any = np.repeat(np.concatenate([panel.colours for panel in meshes]), 3, axis=0)
+        mesh.set_facecolor(colours)
+        axes.add_collection(mesh, autolim=False)
+    for panel in panels:
+        if not panel.faces:
+            axes.scatter(panel.corners[:, 0], panel.corners[:, 1], s=1, c=panel.colours, linewidths=0)

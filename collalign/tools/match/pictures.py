@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from collalign.nonrigid.surface.geometry import summed_normals
+from collalign.output.contact_sheet import draw_panels, seen_panel
+from collalign.output.evidence.camera import camera
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.figures import new_figure
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _GREY = np.full(3, 0.6)
-_LIGHT = np.array([0.3, 0.4, 0.87])
 #: Half turn about the vertical axis of the picture.
 _FROM_BEHIND = np.diag([-1.0, 1.0, -1.0])
 
@@ -58,7 +58,7 @@ def _file_indices(shape: Shape) -> IntArray:
 def transferred_colours(target: Shape, point_map_target_source: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return colours in [0, 1] of the target's vertices and of the source's, shapes (u, 3) and (v, 3).
 
-    Red, green and blue are the target's coordinates in its principal axes; unmatched vertices are grey.
+    Red, green and blue are the target's coordinates as the picture shows it; unmatched vertices are grey.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def transferred_colours(target: Shape, point_map_target_source: IntArray) -> tup
     """
     if len(point_map_target_source) and int(point_map_target_source.max()) >= len(target.vertices):
         raise InputError(f"the map names vertex {point_map_target_source.max()} of {target.name}, which has fewer")
-    places = (target.vertices - target.vertices.mean(axis=0)) @ _axes(target.vertices)
+    places = target.vertices @ camera([(target.vertices, target.faces)]).T
     low, high = places.min(axis=0), places.max(axis=0)
     colours = 0.08 + 0.84 * (places - low) / np.where(high > low, high - low, 1.0)
     images = np.maximum(point_map_target_source, 0)
@@ -108,21 +108,28 @@ def match_figure(
     title : str
     """
     of_target, of_source = transferred_colours(target, point_map_target_source)
-    frame = _axes(target.vertices)
+    view = camera([(target.vertices, target.faces)])
     matched = np.flatnonzero(point_map_target_source >= 0)
-    turned = frame
+    turned = view
     if len(matched):
-        turned = _procrustes(target.vertices[point_map_target_source[matched]], source.vertices[matched]).T @ frame
-    panels = [(target, of_target, frame, target.name), (source, of_source, turned, source.name)]
+        turned = view @ _procrustes(target.vertices[point_map_target_source[matched]], source.vertices[matched])
+    shown = [(target, of_target, view, target.name), (source, of_source, turned, source.name)]
     if confidence is not None:
-        panels.append((source, _confidence_colours(confidence), turned, "confidence: dark 0, yellow 1"))
-    figure = new_figure(figsize=(4.5 * len(panels), 3.6), dpi=130)
-    for column, (shape, colours, axes, name) in enumerate(panels):
-        for view, behind in enumerate((np.eye(3), _FROM_BEHIND)):
-            panel = figure.add_subplot(1, 2 * len(panels), 2 * column + view + 1)
-            _draw(panel, shape, colours, axes @ behind)
-            panel.set_title(name if view == 0 else "from behind", fontsize="small")
-    figure.suptitle(title, fontsize="small")
+        shown.append((source, _confidence_colours(confidence), turned, "confidence: dark 0, yellow 1"))
+    size = (2.0 * len(shown), 1.2)
+    figure = new_figure(figsize=(2.25 * size[0], 2.25 * size[1] + 0.4), dpi=130)
+    axes = figure.add_axes(
+        (0.0, 0.0, 1.0, 0.9), xlim=(0.0, size[0]), ylim=(0.0, size[1]), aspect="equal", title=title
+    )
+    axes.set_axis_off()
+    panels = []
+    for column, (shape, colours, frame, name) in enumerate(shown):
+        for place, behind in enumerate((np.eye(3), _FROM_BEHIND)):
+            corner = np.array([2.0 * column + place, 0.0])
+            panels.append(seen_panel(shape.vertices @ (behind @ frame).T, shape.faces, corner, colours))
+            words = "from behind" if place else name
+            axes.text(corner[0], 1.05, words, fontsize="small", parse_math=False)
+    draw_panels(axes, panels)
     return figure
 
 
@@ -133,36 +140,5 @@ def _confidence_colours(confidence: FloatArray) -> FloatArray:
     return np.where(np.isnan(confidence)[:, None], _GREY, colours)
 
 
-def _axes(vertices: FloatArray) -> FloatArray:
-    """Return the frame of the picture as columns: second axis across, longest up, shortest towards the viewer."""
-    centred = vertices - vertices.mean(axis=0)
-    _, vectors = np.linalg.eigh(centred.T @ centred)
-    frame = vectors[:, [1, 2, 0]]
-    frame[:, 2] *= np.sign(np.linalg.det(frame))
-    return np.ascontiguousarray(frame)
-
-
 def _procrustes(target: FloatArray, source: FloatArray) -> FloatArray:
     return nearest_orthogonal((target - target.mean(axis=0)).T @ (source - source.mean(axis=0)), determinant=1.0)
-
-
-def _draw(panel: Any, shape: Shape, colours: FloatArray, axes: FloatArray) -> None:
-    """Draw a shape by the painter's algorithm: far triangles first."""
-    from matplotlib.collections import PolyCollection
-
-    seen = (shape.vertices - shape.vertices.mean(axis=0)) @ axes
-    if shape.is_mesh:
-        shade = np.abs(summed_normals(shape) @ axes @ _LIGHT)[:, None]
-        lit = colours * (0.45 + 0.55 * shade)
-        order = np.argsort(seen[shape.faces, 2].mean(axis=1), kind="stable")
-        faces = shape.faces[order]
-        corners = seen[faces][:, :, :2]
-        panel.add_collection(
-            PolyCollection(corners, facecolors=lit[faces].mean(axis=1), edgecolors="face", linewidths=0.2)
-        )
-    else:
-        order = np.argsort(seen[:, 2], kind="stable")
-        panel.scatter(seen[order, 0], seen[order, 1], c=colours[order], s=1.0)
-    panel.set_aspect("equal")
-    panel.set_axis_off()
-    panel.autoscale_view()
