@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from collalign.confidence.candidate_model import candidate_chances
+from collalign.confidence.pose_model import symmetric_confidence
 from collalign.output.certificates import write_certificates
 from collalign.output.collection import MESH_FOLDER, Collection
 from collalign.output.contact_sheet import ContactSheet, tile_of
@@ -24,7 +25,7 @@ from collalign.output.evidence.gather import shown_pair
 from collalign.output.report.page import Page, report_pages
 from collalign.output.shape_files import share_out, write_shapes
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, PlaceColours, save_vertex_maps
-from collalign.products.trust import KINDS
+from collalign.products.trust import KINDS, Trust
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import declared_system
 from data_tools.io.csv_cells import csv_text
@@ -152,6 +153,14 @@ def _evidence(collection: Collection, shape: int) -> dict[str, float | None]:
     return {kind: _number(value) for kind, value in zip(KINDS, row, strict=True)}
 
 
+def _symmetry(trust: Trust | None, shape: int) -> dict[str, Any]:
+    """Return the turns that leave a shape's class as it is, and the confidence up to them; nothing without any."""
+    if trust is None or len(trust.symmetries[shape]) < 2:
+        return {}
+    up_to = float(symmetric_confidence(trust)[shape])
+    return {"confidence_up_to_symmetry": _number(up_to), "symmetry": trust.symmetries[shape][1:].tolist()}
+
+
 def _incomplete(collection: Collection) -> dict[str, Any]:
     """Return what is known of the incomplete shapes; nothing where all are complete."""
     if not collection.incomplete:
@@ -203,6 +212,7 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
                 "transform": transform.tolist(),
                 "reflected": bool(reflected),
                 "confidence": _number(confidence),
+                **_symmetry(collection.made.trust, i),
                 "evidence": _evidence(collection, i),
                 **({"coordinate_system": system} if (system := declared_system(file)) else {}),
             }

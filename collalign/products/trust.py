@@ -57,6 +57,10 @@ class Trust:
         The margin of each of them.
     leads : tuple of ndarray, each (r,)
         The lead over each of them.
+    symmetries : tuple of ndarray, each (t, 3, 3)
+        Turns of the common frame after which the shapes of its part look alike, the identity first; for each shape.
+    up_to_symmetry : ndarray, shape (N, len(KINDS))
+        The evidence where poses that differ by such a turn count as one.
     witnesses : tuple of Witness
     """
 
@@ -64,4 +68,6 @@ class Trust:
     rivals: tuple[FloatArray, ...]
     excess: tuple[FloatArray, ...]
     leads: tuple[FloatArray, ...]
+    symmetries: tuple[FloatArray, ...]
+    up_to_symmetry: FloatArray
     witnesses: tuple[Witness, ...] = ()

@@ -201,11 +201,15 @@ def _trust(trust: Trust | None, at: IntArray, num: int) -> Trust | None:
     evidence[at] = trust.evidence
     position = {int(i): c for c, i in enumerate(at)}
     none = read_only(np.zeros((0, 3, 3))), read_only(np.zeros(0))
+    up_to_symmetry = np.full((num, len(KINDS)), np.nan)
+    up_to_symmetry[at] = trust.up_to_symmetry
     return Trust(
         evidence=read_only(evidence),
         rivals=tuple(trust.rivals[position[i]] if i in position else none[0] for i in range(num)),
         excess=tuple(trust.excess[position[i]] if i in position else none[1] for i in range(num)),
         leads=tuple(trust.leads[position[i]] if i in position else none[1] for i in range(num)),
+        symmetries=tuple(trust.symmetries[position[i]] if i in position else none[0] for i in range(num)),
+        up_to_symmetry=read_only(up_to_symmetry),
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.confidence.candidate_model import LEAST_COST
-from collalign.confidence.pose_model import pose_confidence
+from collalign.confidence.pose_model import is_as_good, pose_confidence
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.products.pair import Alternative, Pair
@@ -61,37 +61,77 @@ def gather_trust(
     partners = partners_of(pairs, rotations)
     mirrored = session.options.group == "O"
     turns = _turns_of_parts(samples, partners, rotations, components)
-    poses = [
-        np.concatenate(
-            [
-                rotations[i][None],
-                rival_poses(samples[i], rotations[i], partners[i], turns=turns[i], mirrored=mirrored),
-            ]
-        )
+    rivals = tuple(
+        read_only(rival_poses(samples[i], rotations[i], partners[i], turns=turns[i], mirrored=mirrored))
         for i in range(len(samples))
-    ]
+    )
+    poses = [np.concatenate([pose[None], rivals[i], turns[i] @ pose]) for i, pose in enumerate(rotations)]
     costs = _costs(session, samples, rotations, partners, poses)
-    votes = np.array([_votes(pose, own) for pose, own in zip(rotations, partners, strict=True)])
-    evidence = np.full((len(samples), len(KINDS)), np.nan)
-    excess, leads = [], []
-    for i, cost in enumerate(costs):
-        rises = np.log(cost[1:].mean(axis=1) / cost[0].mean()) if cost.size else np.zeros(0)
-        excess.append(rises)
-        leads.append(leads_over(poses[i][0], poses[i][1:], partners[i]) if cost.size else np.zeros(0))
-        if cost.size:
-            evidence[i, [VOTES, MARGIN, LEAD]] = votes[i], rises.min(), leads[i].min()
+    excess = [np.log(cost[1:].mean(axis=1) / cost[0].mean()) if cost.size else np.zeros(0) for cost in costs]
+    leads = [
+        leads_over(pose[0], pose[1:], own) if own else np.zeros(0) for pose, own in zip(poses, partners, strict=True)
+    ]
+    unknown = np.full((len(samples), len(KINDS)), np.nan)
+    trust = Trust(
+        evidence=unknown,
+        rivals=rivals,
+        excess=tuple(read_only(rises[: len(own)]) for rises, own in zip(excess, rivals, strict=True)),
+        leads=tuple(read_only(over[: len(own)]) for over, own in zip(leads, rivals, strict=True)),
+        witnesses=tuple(hear_witnesses(session.options, pairs, rotations, components)),
+        symmetries=_symmetries(turns, excess, leads, components),
+        up_to_symmetry=unknown,
+    )
+    apart = [np.eye(3)[None]] * len(samples)
+    return replace(
+        trust,
+        evidence=_evidence(trust, rotations, partners, components, apart),
+        up_to_symmetry=_evidence(trust, rotations, partners, components, trust.symmetries),
+    )
+
+
+def _symmetries(
+    turns: Sequence[FloatArray],
+    excess: Sequence[FloatArray],
+    leads: Sequence[FloatArray],
+    components: Sequence[IntArray],
+) -> tuple[FloatArray, ...]:
+    """Return for each shape the turns of its part after which this fits as well, the identity first.
+
+    ``excess`` and ``leads`` end with those over the poses that the turns lead to.
+    """
+    found = [read_only(np.eye(3)[None])] * len(turns)
+    for members in components:
+        known = [i for i in members if len(excess[i])]
+        if len(known) > 1 and len(turns[known[0]]):
+            num = len(turns[known[0]])
+            rises, over = (np.mean([values[i][-num:] for i in known], axis=0) for values in (excess, leads))
+            for i in members:
+                found[i] = read_only(np.stack([np.eye(3), *turns[i][is_as_good(rises, over)]]))
+    return tuple(found)
+
+
+def _evidence(
+    trust: Trust,
+    rotations: FloatArray,
+    partners: Sequence[Sequence[Partner]],
+    components: Sequence[IntArray],
+    alike: Sequence[FloatArray],
+) -> FloatArray:
+    """Return the evidence about every pose, one row per shape, where poses that turns (t, 3, 3) part count as one."""
+    evidence = np.full((len(rotations), len(KINDS)), np.nan)
+    for i, own in enumerate(partners):
+        poses = alike[i] @ rotations[i]
+        if own:
+            others = (turn_deg(trust.rivals[i][:, None], poses) > APART_DEG).all(axis=1)
+            margins = (least[i][others].min(initial=np.inf) for least in (trust.excess, trust.leads))
+            evidence[i, [MARGIN, LEAD]] = tuple(margins)
+            evidence[i, VOTES] = _votes(poses, own)
+        heard = [witness.poses[i] for witness in trust.witnesses]
+        evidence[i, CONTRADICTIONS] = sum((turn_deg(pose, poses) > APART_DEG).all() for pose in heard)
     for members in components:
         known = members[~np.isnan(evidence[members, VOTES])]
         evidence[known, COLLECTION_VOTES] = evidence[known, VOTES].mean() if len(known) else np.nan
-    witnesses = hear_witnesses(session.options, pairs, rotations, components)
-    evidence[:, CONTRADICTIONS] = np.sum([witness.contradicts for witness in witnesses], axis=0)
-    return Trust(
-        evidence=read_only(evidence),
-        rivals=tuple(read_only(pose[1:]) for pose in poses),
-        excess=tuple(read_only(rises) for rises in excess),
-        leads=tuple(read_only(own) for own in leads),
-        witnesses=tuple(witnesses),
-    )
+    return read_only(evidence)
 
 
 def _turns_of_parts(
@@ -139,10 +179,10 @@ def partners_of(pairs: Sequence[Pair], rotations: FloatArray) -> list[list[Partn
     return [sorted(own, key=lambda partner: (partner.energy, partner.shape)) for own in partners]
 
 
-def _votes(pose: FloatArray, partners: Sequence[Partner]) -> float:
-    """Return the share of the pairs whose most plausible candidate asks for the pose, few pairs near one half."""
-    asked = np.array([partner.poses[0] for partner in partners]).reshape(-1, 3, 3)
-    angles = turn_deg(asked, pose)
+def _votes(poses: FloatArray, partners: Sequence[Partner]) -> float:
+    """Return the share of the pairs whose likeliest candidate asks for one of the poses, few pairs near one half."""
+    asked = np.stack([partner.poses[0] for partner in partners])
+    angles = turn_deg(asked, poses[:, None]).min(axis=0)
     return float(((angles <= AGREE_DEG).sum() + PRIOR_VOTES) / (len(partners) + 2.0 * PRIOR_VOTES))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from collalign.stages.surface_gap import point_gaps, surface_gap, surface_points
 from data_tools.arrays import FloatArray
@@ -13,8 +14,9 @@ from pairwise.local.rotation_sets import quaternions_to_rotations, super_fibonac
 
 #: Turns that are looked at, at so many points, and the best of them that are refined, in so many steps.
 NUM_TURNS, NUM_SCREEN_POINTS, NUM_REFINED, NUM_STEPS = 600, 100, 40, 8
-#: Turns that are returned, the best ones; the cube has 23.
-MAX_TURNS = 12
+#: Turns that are kept, the best ones (the cube has 23); so many about one axis are taken for any angle about it.
+MAX_TURNS, MANY_TURNS = 12, 5
+TWELFTHS = np.arange(30.0, 360.0, 30.0)
 #: Cosine of the angle within which axes are told as one.
 SAME_AXIS = np.cos(np.deg2rad(10.0))
 
@@ -24,7 +26,8 @@ _Surface = tuple[FloatArray, FloatArray]
 def near_symmetries(samples: Samples) -> FloatArray:
     """Return the turns that bring a shape's surface nearest to itself, the best first, shape (m, 3, 3).
 
-    Every second dense point is compared with the others, so that no point finds itself.
+    Every second dense point is compared with the others, so that no point finds itself. An axis about which many are
+    found may be one of rotation: then all turns about it by twelfths are returned instead.
     """
     fixed, moving = surface_points(samples, first=0), surface_points(samples, first=1)
     turns = quaternions_to_rotations(super_fibonacci(NUM_TURNS))
@@ -34,7 +37,15 @@ def near_symmetries(samples: Samples) -> FloatArray:
     best = [_refined(fixed, moving, turn) for turn in turns[np.argsort(gaps, kind="stable")[:NUM_REFINED]]]
     exact = np.array([surface_gap(fixed, moving, turn) for turn in best])
     ranked = np.stack([np.eye(3), *(best[n] for n in np.argsort(exact, kind="stable"))])
-    return ranked[keep_apart(ranked, APART_DEG, num=MAX_TURNS + 1)][1:]
+    found = ranked[keep_apart(ranked, APART_DEG, num=MAX_TURNS + 1)][1:]
+    axes = Rotation.from_matrix(found).as_rotvec()
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    about = np.abs(axes @ axes.T) > SAME_AXIS
+    most = about[int(np.argmax(about.sum(axis=1)))]
+    if most.sum() < MANY_TURNS:
+        return found
+    axis = np.linalg.eigh(axes[most].T @ axes[most])[1][:, -1]
+    return np.concatenate([Rotation.from_rotvec(np.outer(TWELFTHS, axis), degrees=True).as_matrix(), found[~most]])
 
 
 def _refined(fixed: _Surface, moving: _Surface, turn: FloatArray) -> FloatArray:
@@ -67,7 +78,8 @@ def turns_in_words(turns: FloatArray) -> str:
     parts = []
     for axis, angles in by_axis[:3]:
         degrees = ", ".join(f"{angle:.0f}" for angle in sorted({round(angle) for angle in angles}))
-        parts.append(f"{degrees} deg about ({', '.join(f'{x:.2f}' for x in axis)})")
+        amount = "any angle" if len(angles) == len(TWELFTHS) else f"{degrees} deg"
+        parts.append(f"{amount} about ({', '.join(f'{x:.2f}' for x in axis)})")
     more = f" and turns about {len(by_axis) - 3} more axes" if len(by_axis) > 3 else ""
     return "; ".join([*parts, *(["mirror images"] if mirrored.any() else [])]) + more
 

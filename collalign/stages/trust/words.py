@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from collalign.confidence.pose_model import is_symmetric, tied_rivals
+from collalign.confidence.pose_model import symmetric_confidence
 from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT, KINDS, Trust
 from collalign.stages.trust.own_turns import turns_in_words
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.percent import listed
+from data_tools.percent import listed, percent
 from data_tools.poses import APART_DEG, turn_deg
 from data_tools.rotations import rotation_angle_deg
 
@@ -46,7 +46,7 @@ def trust_notes(
     """
     notes = [
         *_contradicted(names, trust, constraints),
-        *_symmetric(trust, rotations),
+        *_symmetric(trust, confidence),
         *_blocks(names, first, rotations),
     ]
     free = [i for i in range(len(names)) if i not in constraints.fixed]
@@ -75,19 +75,17 @@ def _contradicted(names: Sequence[str], trust: Trust, constraints: Constraints) 
     ]
 
 
-def _symmetric(trust: Trust, rotations: FloatArray) -> list[str]:
+def _symmetric(trust: Trust, confidence: FloatArray) -> list[str]:
     """Return the sentence about collections whose shapes look the same in several poses."""
-    tied = tied_rivals(trust)
-    num = sum(own.any() for own in tied)
-    if not is_symmetric(np.array([own.any() for own in tied])):
+    alike = max(trust.symmetries, key=len)
+    if len(alike) < 2:
         return []
-    turns = [
-        rivals[own] @ pose.T for rivals, own, pose in zip(trust.rivals, tied, rotations, strict=True) if len(own)
-    ]
-    typical = max(turns, key=len)
+    of_part = [len(turns) > 1 for turns in trust.symmetries]
+    typical, up_to = (np.nanmedian(chances[of_part]) for chances in (confidence, symmetric_confidence(trust)))
     return [
-        f"{num} of {len(tied)} shapes fit as well in other poses: poses are defined only up to turns "
-        f"that leave such shapes as they are, in the common frame {turns_in_words(typical)}."
+        f"{sum(of_part)} of {len(of_part)} shapes fit as well in other poses: poses are defined only up to turns "
+        f"that leave such shapes as they are, in the common frame {turns_in_words(alike[1:])}. They are right up to "
+        f"these turns with a confidence of {percent(up_to)}, absolutely with {percent(typical)} (medians)."
     ]
 
 

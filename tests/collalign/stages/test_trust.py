@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.confidence.candidate_model import EVIDENCE, evidence_score
-from collalign.confidence.pose_model import MOST_CONFIDENT, pose_confidence, probability
+from collalign.confidence.pose_model import MOST_CONFIDENT, pose_confidence, probability, symmetric_confidence
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
@@ -147,7 +147,14 @@ def test_evidence_for_a_pose_never_lowers_its_probability():
 def trust_of(evidence, excess, leads=None):
     turns = np.array([Rotation.from_euler("z", r + 1.0).as_matrix() for r in range(len(excess))]).reshape(-1, 3, 3)
     over = np.zeros(len(excess)) if leads is None else np.array(leads)
-    return Trust(evidence=np.array([[*evidence, 0.0]]), rivals=(turns,), excess=(np.array(excess),), leads=(over,))
+    return trust_in([[*evidence, 0.0]], [turns], [np.array(excess)], [over])
+
+
+def trust_in(evidence, rivals, excess, leads):
+    """Return trust in shapes that no turn leaves as they are."""
+    seen, none = np.array(evidence), (np.eye(3)[None],) * len(evidence)
+    rest = {"rivals": tuple(rivals), "excess": tuple(excess), "leads": tuple(leads)}
+    return Trust(evidence=seen, symmetries=none, up_to_symmetry=seen, **rest)
 
 
 def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit():
@@ -167,21 +174,13 @@ def test_rivals_that_fit_as_well_share_the_confidence():
     assert pose_confidence(trust_of(sure, [0.0, 0.0], [2.0, 0.5])) == 1 / 2  # pairs tell the first apart
 
 
-def test_what_ties_most_shapes_ties_all():
-    sure, turns = np.array([1.0, 0.8, 1.0, 4.0, 0.0]), np.tile(np.eye(3), (2, 1, 1))
-
-    def chances(excess, leads):
-        trust = Trust(
-            evidence=np.tile(sure, (4, 1)),
-            rivals=(turns,) * 4,
-            excess=tuple(np.array([one, 0.5]) for one in excess),
-            leads=tuple(np.array([one, 5.0]) for one in leads),
-        )
-        return pose_confidence(trust).tolist()
-
-    assert chances([0.0, 0.0, 0.0, 0.5], [0.0] * 4) == [0.5] * 4
-    assert chances([0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 3.0, 3.0]) == [0.5] * 4
-    assert chances([0.0, 0.5, 0.5, 0.5], [0.0] * 4) == [0.5, *[MOST_CONFIDENT] * 3]
+def test_poses_that_are_alike_share_the_confidence_of_all_shapes():
+    sure = np.array([1.0, 0.8, 1.0, 4.0, 0.0])
+    plain = trust_in([sure, sure], [np.eye(3)[None]] * 2, [np.array([0.5])] * 2, [np.array([5.0])] * 2)
+    assert pose_confidence(plain).tolist() == [MOST_CONFIDENT] * 2
+    alike = replace(plain, symmetries=(np.stack([np.eye(3), HALF_TURN]), np.eye(3)[None]))
+    assert pose_confidence(alike).tolist() == [MOST_CONFIDENT / 2, MOST_CONFIDENT]
+    assert symmetric_confidence(alike).tolist() == [MOST_CONFIDENT] * 2
 
 
 def test_cheaper_rivals_are_likelier_and_come_first():
@@ -399,6 +398,42 @@ def test_cubes_are_named_as_symmetric_and_in_doubt(rng):
     assert (pose_confidence(trust) <= 0.1).all()
     notes = trust_notes([*"abcd"], trust, pose_confidence(trust), solved(pairs), poses, Constraints())
     assert any("4 of 4 shapes fit as well in other poses" in note and "deg about" in note for note in notes)
+
+
+def generated(kind, rng):
+    """Return a table that a half turn leaves as it is, a cup that any turn does, or a mug, each of its own mesh."""
+    directions, faces = sphere_mesh(1200)
+    u = directions @ random_rotation(rng)
+    around, angle = np.hypot(u[:, 0], u[:, 1]), np.arctan2(u[:, 1], u[:, 0])
+    if kind == "table":
+        extent = 1.0 / np.maximum(around / (1.0 + 0.35 * np.sin(2.0 * angle)), np.abs(u[:, 2]) / 0.6)
+        extent *= 1.0 + 0.25 * (u[:, 2] > 0.3)
+    else:
+        extent = 1.0 / np.maximum(around * (1.3 - 0.5 * u[:, 2]), np.abs(u[:, 2]) / 1.2)
+    if kind == "mug":
+        extent *= 1.0 + 0.5 * np.exp(-8.0 * ((u - [1.0, 0.0, 0.0]) ** 2).sum(axis=1))
+    return bumped(Shape.from_arrays(u * extent[:, None], faces), rng, rms=0.005)
+
+
+@pytest.mark.parametrize(("kind", "num", "words"), [("table", 2, "180"), ("cup", 12, "any angle"), ("mug", 1, "")])
+def test_what_turns_leave_as_it_is_is_right_up_to_them(kind, num, words, rng):
+    angles = rng.choice([0.0, 180.0], NUM) if kind == "table" else rng.uniform(0.0, 360.0 * (kind == "cup"), NUM)
+    samples = samples_of([generated(kind, rng) for _ in range(NUM)])
+    poses = Rotation.from_euler("z", angles[:, None], degrees=True).as_matrix()
+    pairs = pairs_at(poses)
+    if kind != "mug":  # energies do not tell which of the two
+        pairs = [replace(pair, energies=rng.permutation([0.1, 0.102])) for pair in pairs]
+    trust = trusted(samples, pairs, poses)
+    assert [len(turns) for turns in trust.symmetries] == [num] * NUM
+    absolute, up_to = pose_confidence(trust), symmetric_confidence(trust)
+    assert (absolute <= up_to / num).all()
+    assert np.median(up_to) > 0.9
+    notes = " ".join(trust_notes([*"abcdefgh"], trust, absolute, solved(pairs), poses, Constraints()))
+    assert ("8 of 8 shapes fit as well" in notes) == (num > 1)
+    assert words in notes
+    if num > 1:
+        turn = trust.symmetries[0][1]
+        assert abs(np.linalg.eigh(turn + turn.T)[1][2, -1]) > 0.99
 
 
 def test_turns_are_told_by_their_axes():
