@@ -32,7 +32,6 @@ from collalign.synchronization import synchronize as synchronize
 from collalign.synchronization import synchronize_graph as synchronize_graph
 from collalign.synchronization.problem.graph import PairGraph as PairGraph
 from collalign.synchronization.result import SynchronizationResult as SynchronizationResult
-from collalign.synchronization.result import WeakCut as WeakCut
 from collalign.tools.certify.result import CertifiedCollection as CertifiedCollection
 from collalign.tools.certify.result import JointBound as JointBound
 from collalign.tools.certify.run import certify_collection as certify_collection

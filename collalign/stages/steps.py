@@ -129,13 +129,12 @@ def weigh(run: Run, matched: Matched) -> Matched:
 class Posed:
     """The poses, with all that follows from them.
 
-    ``matched`` are the pairs within parts as they were first matched, and ``first`` is the synchronization of these.
+    ``matched`` are the pairs within parts as they were first matched.
     ``consensus`` is the mean position of every label, that of complete shapes where there are incomplete ones.
     """
 
     pairs: list[Pair]
     matched: list[Pair]
-    first: SynchronizationResult
     solution: SynchronizationResult
     rotations: FloatArray
     transforms: FloatArray
@@ -166,7 +165,6 @@ def pose(run: Run, matched: Matched) -> Posed:
     return Posed(
         pairs=pairs,
         matched=linked,
-        first=first,
         solution=solution,
         rotations=rotations,
         transforms=transforms,
@@ -185,7 +183,7 @@ def state_trust(run: Run, posed: Posed) -> Posed:
     with run.stage("confidence"):
         trust = gather_trust(run.session, run.shapes.samples, posed.matched, rotations, posed.solution.components)
         solution = with_trust(posed.solution, trust, run.constraints, posed.may_be_mirrored)
-        notes = trust_notes(names, trust, solution.confidence, posed.first, rotations, run.constraints)
+        notes = trust_notes(names, trust, solution.confidence, run.constraints)
         helps = remedies(run.session, run.shapes, posed.matched, solution.confidence)
     notes = (*posed.notes, *notes, *witness_notes(names, trust.witnesses, rotations), *helps)
     return replace(posed, solution=solution, trust=trust, notes=notes)

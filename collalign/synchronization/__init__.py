@@ -4,14 +4,13 @@ from collalign.synchronization.clusters import find_parts
 from collalign.synchronization.gauge import principal_axes_gauge
 from collalign.synchronization.permutations import synchronize_maps
 from collalign.synchronization.problem.graph import PairGraph
-from collalign.synchronization.result import SynchronizationResult, WeakCut
+from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solve import synchronize, synchronize_graph
 from collalign.synchronization.solvers.spectral import alternate_assignments
 
 __all__ = [
     "PairGraph",
     "SynchronizationResult",
-    "WeakCut",
     "alternate_assignments",
     "find_parts",
     "principal_axes_gauge",

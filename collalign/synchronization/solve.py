@@ -139,7 +139,6 @@ def _baseline(
         edge_choice=read_only(graph.best_choice),
         parts=components,
         components=components,
-        weak_cuts=(),
         alternatives=((),) * graph.num_shapes,
         warnings=connectivity_warnings(len(components)),
     )

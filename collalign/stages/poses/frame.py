@@ -52,17 +52,8 @@ def turned(solution: SynchronizationResult, turns: FloatArray) -> Synchronizatio
     turns : ndarray, shape (N, 3, 3)
         The same for all shapes of a connected part.
     """
-    cuts = tuple(
-        replace(cut, rotation=read_only(turns[cut.members[0]] @ cut.rotation @ turns[cut.members[0]].T))
-        for cut in solution.weak_cuts
-    )
     alternatives = tuple(
         tuple(replace(pose, rotation=read_only(turn @ pose.rotation)) for pose in poses)
         for turn, poses in zip(turns, solution.alternatives, strict=True)
     )
-    return replace(
-        solution,
-        rotations=read_only(turns @ solution.rotations),
-        weak_cuts=cuts,
-        alternatives=alternatives,
-    )
+    return replace(solution, rotations=read_only(turns @ solution.rotations), alternatives=alternatives)

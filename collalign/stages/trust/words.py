@@ -10,11 +10,8 @@ from collalign.confidence.pose_model import symmetric_confidence
 from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT, KINDS, Trust
 from collalign.stages.trust.own_turns import turns_in_words
-from collalign.synchronization import SynchronizationResult
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray
 from data_tools.percent import listed, percent
-from data_tools.poses import APART_DEG, turn_deg
-from data_tools.rotations import rotation_angle_deg
 
 #: Collections whose pairs agree this little, on average, say too little.
 FEWEST_VOTES = 0.5
@@ -26,8 +23,6 @@ def trust_notes(
     names: Sequence[str],
     trust: Trust,
     confidence: FloatArray,
-    first: SynchronizationResult,
-    rotations: FloatArray,
     constraints: Constraints,
 ) -> tuple[str, ...]:
     """Return the sentences about doubtful poses.
@@ -37,17 +32,12 @@ def trust_notes(
     names : sequence of str
     trust : Trust
     confidence : ndarray, shape (N,)
-    first : SynchronizationResult
-        Of the pairs as matched.
-    rotations : ndarray, shape (N, 3, 3)
-        The reported poses.
     constraints : Constraints
         Poses set by hand, or kept from an earlier run with their whole transforms.
     """
     notes = [
         *_contradicted(names, trust, constraints),
         *_symmetric(trust, confidence),
-        *_blocks(names, first, rotations),
     ]
     free = [i for i in range(len(names)) if i not in constraints.fixed]
     doubted = [i for i in free if not confidence[i] >= DOUBT]
@@ -87,34 +77,3 @@ def _symmetric(trust: Trust, confidence: FloatArray) -> list[str]:
         f"that leave such shapes as they are, in the common frame {turns_in_words(alike[1:])}. They are right up to "
         f"these turns with a confidence of {percent(up_to)}, absolutely with {percent(typical)} (medians)."
     ]
-
-
-def _blocks(names: Sequence[str], first: SynchronizationResult, rotations: FloatArray) -> list[str]:
-    """Return the sentences about blocks that may be turned as one, where the final poses still have them so."""
-    notes, said = [], set[tuple[int, ...]]()
-    for cut in first.weak_cuts:
-        block = cut.members if 2 * len(cut.members) <= len(names) else _others(cut.members, len(names))
-        key = tuple(block.tolist())
-        if not cut.doubted or len(block) < 2 or key in said or not _still(first.rotations, rotations, block):
-            continue
-        said.add(key)
-        angle = float(rotation_angle_deg(cut.rotation))
-        other = "their mirror image" if np.isnan(angle) else f"a turn of {angle:.0f} deg"
-        notes.append(
-            f"{listed([names[i] for i in block])} may be turned together against the others: {cut.pairs_for} pairs "
-            f"between them speak for the poses as they are, {cut.pairs_against} for {other}. Compare one of them "
-            "with one of the others."
-        )
-    return notes
-
-
-def _others(members: IntArray, num: int) -> IntArray:
-    return np.setdiff1d(np.arange(num), members)
-
-
-def _still(before: FloatArray, after: FloatArray, block: IntArray) -> bool:
-    """Whether most shapes of the block stand to most others as they did before."""
-    others = _others(block, len(before))
-    was = np.swapaxes(before[block], 1, 2)[:, None] @ before[others][None]
-    now = np.swapaxes(after[block], 1, 2)[:, None] @ after[others][None]
-    return bool(np.nanmedian(turn_deg(was, now)) <= APART_DEG)

@@ -8,17 +8,12 @@ import numpy as np
 
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative
 from collalign.synchronization.problem.priors import PRIORS
-from collalign.synchronization.result import WeakCut
 from collalign.synchronization.solvers.search import State
 from collalign.synchronization.solvers.turns import SAME_TURN
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray
 
 #: No confidence is stated beyond this: the model itself may be wrong.
 MOST_CONFIDENT = 0.999
-
-#: Doubted blocks of at least this share of the shapes, and this many, are parts of their own
-#: (set on simulations: tests/benchmarks/bench_synchronization.py).
-SMALLEST_PART, FEWEST_OF_PART = 0.05, 3.0
 
 #: Pairs of turns that are compared at once: more would only take memory.
 _MOST_COMPARED = 2048**2
@@ -33,48 +28,28 @@ class Doubts:
     confidence : ndarray, shape (N,)
     alternatives : list of tuple of Alternative
         Per shape.
-    cuts : list of WeakCut
-        Weak blocks, doubted ones first.
-    parts : list of ndarray of int
-        Parts that the doubted blocks leave.
     """
 
     confidence: FloatArray
     alternatives: list[tuple[Alternative, ...]]
-    cuts: list[WeakCut]
-    parts: list[IntArray]
 
 
-def assess(states: list[State], cuts: list[WeakCut], frames: FloatArray, free: BoolArray) -> Doubts:
+def assess(states: list[State], frames: FloatArray, free: BoolArray) -> Doubts:
     """Return the doubts about an answer.
 
     Parameters
     ----------
     states : list of State
         What the starts led to, the answer first.
-    cuts : list of WeakCut
-        Weak blocks of the answer.
     frames : ndarray, shape (N, d, d)
         The reported frames: the answer's, refined.
     free : ndarray of bool, shape (N,)
         Shapes that are not fixed by hand; the others are certain.
     """
     best = states[0]
-    graph = best.model.graph
     confidence = beliefs_of_answers(states) * (0.5 + 0.5 * min(1.0, evidence_signal(best) / PRIORS.enough_signal))
-    for cut in cuts:
-        votes = max(cut.pairs_for + cut.pairs_against, 1)
-        cap = 1.0 / (1.0 + np.exp(-cut.log_odds)) if not cut.structured else cut.pairs_for / votes
-        if cut.doubted:
-            confidence[cut.members] = np.minimum(confidence[cut.members], cap)
     confidence[~free] = 1.0
-    large = max(FEWEST_OF_PART, SMALLEST_PART * graph.num_shapes)
-    return Doubts(
-        confidence=confidence,
-        alternatives=pose_alternatives(best, frames),
-        cuts=cuts,
-        parts=_parts(graph.num_shapes, [cut.members for cut in cuts if cut.doubted and len(cut.members) >= large]),
-    )
+    return Doubts(confidence=confidence, alternatives=pose_alternatives(best, frames))
 
 
 def evidence_signal(state: State) -> float:
@@ -107,16 +82,6 @@ def beliefs_of_answers(states: list[State]) -> FloatArray:
     agree = np.array([agreement(best.frames, state.frames) for state in states])
     supported = share @ agree / share.sum()
     return np.minimum(best.beliefs[:, 0] * supported, MOST_CONFIDENT)
-
-
-def _parts(num_shapes: int, blocks: list[IntArray]) -> list[IntArray]:
-    """Return the classes of shapes that are in the same blocks, ordered by first member."""
-    inside = np.zeros((num_shapes, len(blocks)), dtype=bool)
-    for column, members in enumerate(blocks):
-        inside[members, column] = True
-    _, labels = np.unique(inside, axis=0, return_inverse=True)
-    parts = [np.flatnonzero(labels.ravel() == label) for label in range(labels.max() + 1)]
-    return sorted(parts, key=lambda part: int(part[0]))
 
 
 def agreement(frames: FloatArray, others: FloatArray) -> BoolArray:

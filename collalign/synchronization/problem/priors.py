@@ -52,18 +52,12 @@ class Priors(NamedTuple):
     """No further starts where fewer shapes than this are expected to be wrong."""
     random_starts: int = 6
     """Starts from random poses, tried where the pairs leave shapes in doubt."""
-    max_block_moves: int = 5
-    """Most blocks of shapes turned at the end."""
     explained_share: float = 0.8
     """A shape of which this share of the pairs is explained has no turns but the common ones."""
     flipped: float = 0.1
     """How many pairs, of one more, are taken to be wrong by each common turn where none is seen."""
     rare_flip: float = 0.003
     """Common turns by which fewer pairs than this are wrong are left out of their costs."""
-    clear_vote: float = 0.5
-    """A pair speaks for a side of a cut when its cost differs by more than this, nats."""
-    doubted_log_odds: float = 6.0
-    """A block is doubted where the pairs across its cut prefer the reported pose by less than this, nats."""
     evidence_part: float = 0.5
     """Differences of cost between answers count by this part: pairs are not as independent as the model says, and
     beliefs on a graph with loops repeat themselves."""

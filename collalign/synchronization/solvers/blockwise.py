@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from collalign.synchronization.problem.model import (
     squared_distances,
 )
 from collalign.synchronization.problem.priors import PRIORS
-from collalign.synchronization.result import SynchronizationResult, WeakCut
+from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solvers.least_squares import polish
 from collalign.synchronization.solvers.search import State, find_poses
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
@@ -41,20 +41,17 @@ class BlockOutcome:
     inlier : ndarray of bool, shape (E,)
     states : list of State
         What the starts led to, the answer first.
-    cuts : list of WeakCut
-        Weak blocks of the answer.
     """
 
     frames: FloatArray
     choice: IntArray
     inlier: BoolArray
     states: list[State]
-    cuts: list[WeakCut]
 
 
 def solve_block(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> BlockOutcome:
     """Find the poses of a connected group and bring them to a stationary point of the weighted least squares."""
-    states, cuts = find_poses(graph, fixed)
+    states = find_poses(graph, fixed)
     best = states[0]
     squared = squared_distances(graph, best.frames)
     choice = best_candidates(squared, best.model)
@@ -67,7 +64,6 @@ def solve_block(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> BlockOutco
         choice=choice,
         inlier=best.model.responsibilities(squared_distances(graph, frames)).sum(axis=1) >= INLIER_PROBABILITY,
         states=states,
-        cuts=cuts,
     )
 
 
@@ -138,8 +134,6 @@ def robust_synchronization(
         local = {int(np.searchsorted(members, i)): fixed[i].T for i in fixed if i in members}
         if part.num_edges:
             _solve_component(draft, part, members, kept, local)
-        else:
-            draft.parts.append(members)
     poses = fix_gauge(transposed(draft.frames), components, reference=reference, fixed=fixed, pattern=graph.pattern)
     return _result(graph, full, draft, poses, components)
 
@@ -153,8 +147,6 @@ class _Draft:
     inlier: BoolArray
     confidence: FloatArray
     alternatives: list[tuple[Alternative, ...]]
-    parts: list[IntArray] = field(default_factory=list)
-    cuts: list[WeakCut] = field(default_factory=list)
 
     @classmethod
     def empty(cls, graph: PairGraph) -> _Draft:
@@ -180,7 +172,7 @@ def _solve_component(
         draft.choice[kept], draft.inlier[kept] = found.choice, found.inlier
         free = np.ones(len(members), dtype=bool)
         free[list(fixed)] = False
-        _note_doubts(draft, assess(found.states, found.cuts, found.frames, free), members)
+        _note_doubts(draft, assess(found.states, found.frames, free), members)
 
 
 def _note_doubts(draft: _Draft, doubts: Doubts, members: IntArray) -> None:
@@ -188,8 +180,6 @@ def _note_doubts(draft: _Draft, doubts: Doubts, members: IntArray) -> None:
     draft.confidence[members] = doubts.confidence
     for shape, alternatives in zip(members, doubts.alternatives, strict=True):
         draft.alternatives[shape] = alternatives
-    draft.parts.extend(members[part] for part in doubts.parts)
-    draft.cuts.extend(replace(cut, members=members[cut.members], rotation=cut.rotation.T) for cut in doubts.cuts)
 
 
 def _result(
@@ -200,20 +190,13 @@ def _result(
     nearest = np.argmin(np.where(graph.present, squared_distances(graph, transposed(poses)), np.inf), axis=1)
     choice = np.where(full.fixed[:count], nearest, draft.choice[:count])
     gauge = (poses @ draft.frames)[:, index[:, None], index]
-    identity = np.eye(graph.dim)
-    cuts = [
-        replace(cut, rotation=_embedded(gauge[s] @ cut.rotation @ gauge[s].T, identity, index))
-        for cut in draft.cuts
-        for s in cut.members[:1]
-    ]
     return SynchronizationResult(
         rotations=read_only(poses),
         confidence=read_only(draft.confidence),
         edge_inlier=read_only(draft.inlier[:count]),
         edge_choice=read_only(choice),
-        parts=tuple(sorted(draft.parts, key=lambda part: int(part[0]))),
+        parts=components,
         components=components,
-        weak_cuts=tuple(cuts),
         alternatives=_posed_alternatives(draft, poses, gauge, index),
         warnings=connectivity_warnings(len(components)),
     )

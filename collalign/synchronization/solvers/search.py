@@ -10,9 +10,7 @@ import numpy as np
 from collalign.synchronization.problem.graph import PairGraph, degrees
 from collalign.synchronization.problem.model import EdgeModel
 from collalign.synchronization.problem.priors import PRIORS
-from collalign.synchronization.result import WeakCut
 from collalign.synchronization.solvers.belief_propagation import propagate_beliefs
-from collalign.synchronization.solvers.blocks import turn_differences, weak_cuts
 from collalign.synchronization.solvers.robust import (
     maximise_likelihood,
     reweighted_frames,
@@ -42,8 +40,6 @@ class State:
     beliefs : ndarray, shape (N, L)
         Probability of each turn before the last refinement; turn 0 is the pose itself.
     alternatives : TurnSet
-    turn_differences : ndarray, shape (G, E)
-        What turning one end of each pair by each common turn costs.
     cost : float
         Minus the log-likelihood of the pairs at the noise by which turns are chosen.
     """
@@ -52,12 +48,11 @@ class State:
     frames: FloatArray
     beliefs: FloatArray
     alternatives: TurnSet
-    turn_differences: FloatArray
     cost: float
 
 
-def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> tuple[list[State], list[WeakCut]]:
-    """Return the states that several starts lead to, the most likely one first, and the weak blocks of that one.
+def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> list[State]:
+    """Return the states that several starts lead to, the most likely one first.
 
     Parameters
     ----------
@@ -75,34 +70,7 @@ def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> tuple[list[
         best = min(states, key=lambda state: state.cost)
         if 1.0 - best.beliefs[:, 0].mean() <= PRIORS.settled_share:
             break
-    states.sort(key=lambda state: state.cost)
-    states[0], cuts = turn_blocks(states[0], free, is_fixed)
-    return states, cuts
-
-
-def turn_blocks(state: State, free: BoolArray, fixed: BoolArray) -> tuple[State, list[WeakCut]]:
-    """Return the state after turning whole blocks of shapes while that makes the pairs more likely, and its cuts.
-
-    Parameters
-    ----------
-    state : State
-    free : ndarray of bool, shape (N,)
-        Shapes that refinement moves; the others hold the gauge.
-    fixed : ndarray of bool, shape (N,)
-        Shapes that may not turn.
-    """
-    for remaining in range(PRIORS.max_block_moves, -1, -1):
-        cuts = weak_cuts(state.model.graph, state.turn_differences, state.alternatives.common, fixed)
-        cheapest = min(cuts, key=lambda cut: cut.log_odds, default=None)
-        if cheapest is None or cheapest.log_odds >= 0.0 or not remaining:
-            break
-        frames = state.frames.copy()
-        frames[cheapest.members] = frames[cheapest.members] @ cheapest.rotation
-        moved = improve(state.model, frames, free, fixed)
-        if moved.cost >= state.cost - COST_TOL:
-            break
-        state = moved
-    return state, cuts
+    return sorted(states, key=lambda state: state.cost)
 
 
 def improve(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: BoolArray) -> State:
@@ -146,7 +114,6 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: 
         frames=frames,
         beliefs=beliefs,
         alternatives=alternatives,
-        turn_differences=turn_differences(costs, len(alternatives.common)),
         cost=cost,
     )
 

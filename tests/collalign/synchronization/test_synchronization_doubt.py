@@ -5,7 +5,6 @@ import pytest
 
 from collalign.synchronization import PairGraph, find_parts, synchronize
 from collalign.synchronization.doubt.confidence import agreement
-from collalign.synchronization.solvers.blocks import turn_differences, weak_cuts
 from data_tools.errors import OptionsError
 from tests.synchronization_problems import (
     D2_FLIPS,
@@ -25,19 +24,6 @@ def _solve(problem, **options):
     return synchronize(problem.edges, problem.rotations, energies=problem.energies, **options)
 
 
-def test_a_block_flipped_by_most_of_its_pairs_is_flagged():
-    problem, block = group_flip(np.random.default_rng(0), complete_edges(40), 40, share=0.3, chance=0.6)
-    found = _solve(problem)
-    cut = found.weak_cuts[0]
-    assert cut.doubted
-    assert set(cut.members) == set(np.flatnonzero(block))
-    assert len(found.parts) == 2
-    assert found.confidence[block].max() < 0.95
-    turned = found.rotations.copy()
-    turned[cut.members] = cut.rotation @ turned[cut.members]
-    assert pose_errors_deg(turned, problem.truth).max() < 20.0
-
-
 def test_a_block_flipped_by_fewer_pairs_comes_out_right():
     problem, _ = group_flip(np.random.default_rng(1), complete_edges(60), 60, share=0.3, chance=0.45)
     assert (pose_errors_deg(_solve(problem).rotations, problem.truth) < 20.0).mean() > 0.97
@@ -47,7 +33,6 @@ def test_random_flips_are_not_called_blocks():
     for seed in range(3):
         problem = flipped_pairs(np.random.default_rng(seed), complete_edges(40), 40, wrong=0.4)
         found = _solve(problem)
-        assert len(found.parts) == 1
         assert found.confidence.min() > 0.95
 
 
@@ -121,16 +106,3 @@ def test_agreement_sees_one_flipped_shape(compared, monkeypatch):
     assert agreement(frames, others).all()
     others[4] = D2_FLIPS[1] @ others[4]
     assert np.flatnonzero(~agreement(frames, others)).tolist() == [4]
-
-
-def test_a_planted_cut_is_the_weakest():
-    edges = complete_edges(10)
-    block = np.arange(10) < 3
-    costs = np.where(block[edges[:, 0]] != block[edges[:, 1]], 0.1, 5.0)
-    graph = PairGraph.from_user(edges, np.tile(np.eye(3), (len(edges), 1, 1)))
-    cuts = weak_cuts(graph, costs[None], D2_FLIPS[1:2], np.zeros(10, dtype=bool))
-    assert any(cut.members.tolist() == [0, 1, 2] for cut in cuts)
-    assert cuts[0].log_odds == pytest.approx(2.1)
-    held = weak_cuts(graph, costs[None], D2_FLIPS[1:2], block)
-    assert all(not set(cut.members) & {0, 1, 2} for cut in held)
-    assert turn_differences(np.zeros((45, 2, 2)), 1).shape == (1, 45)
