@@ -120,9 +120,10 @@ def weigh(run: Run, matched: Matched) -> Matched:
     if not wants_maps(run.session.options, matched.pairs):
         return matched
     with run.stage("maps"):
-        search = try_rivals(run.session, run.shapes, weigh_pairs(run.session, run.shapes, matched.pairs))
+        weighed = weigh_pairs(run.session, run.shapes, matched.pairs)
+        pairs, solution, gain = try_rivals(run.session, run.shapes, weighed)
     # Mirrored energies cannot tell a mirrored body from one in another posture; maps can.
-    return replace(matched, pairs=search.pairs, solution=search.solution, search_gain=search.gain, may_be_mirrored=())
+    return replace(matched, pairs=pairs, solution=solution, search_gain=gain, may_be_mirrored=())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -40,26 +40,9 @@ class Votes:
     weights: FloatArray
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RivalSearch:
-    """What trying the rival poses of all shapes came to.
-
-    Attributes
-    ----------
-    pairs : list of Pair
-        With the candidates that were found.
-    solution : SynchronizationResult
-        Of these pairs.
-    gain : float
-        Log-odds, summed over the pairs, of its poses against those of the first synchronization.
-    """
-
-    pairs: list[Pair]
-    solution: SynchronizationResult
-    gain: float
-
-
-def try_rivals(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> RivalSearch:
+def try_rivals(
+    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]
+) -> tuple[list[Pair], SynchronizationResult, float]:
     """Try the rival poses of all shapes against all their partners by maps, until nothing is new.
 
     Parameters
@@ -69,6 +52,15 @@ def try_rivals(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> 
     shapes : Shapes
     pairs : sequence of Pair
         Weighed.
+
+    Returns
+    -------
+    pairs : list of Pair
+        With the candidates that were found.
+    solution : SynchronizationResult
+        Of these pairs.
+    gain : float
+        Log-odds, summed over the pairs, of its poses against those of the first synchronization.
     """
     tried = list(pairs)
     first = solution = synchronize_pairs(session.options, len(shapes.names), tried)
@@ -83,8 +75,7 @@ def try_rivals(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> 
         if not grown:
             break
         solution = synchronize_pairs(session.options, len(shapes.names), tried)
-    gain = support(tried, solution.rotations) - support(tried, first.rotations)
-    return RivalSearch(pairs=tried, solution=solution, gain=gain)
+    return tried, solution, support(tried, solution.rotations) - support(tried, first.rotations)
 
 
 def support(pairs: Sequence[Pair], poses: FloatArray) -> float:
