@@ -22,11 +22,8 @@ _NOTHING = 1e-8
 class Effects:
     """Numbers that are the larger, the stronger an effect is, beside what permutations make of them.
 
-    Attributes
-    ----------
-    values, z, p : ndarray, shape (t,)
-        As found; standard deviates of their logarithms among permutations (effect sizes); shares of permutations that
-        give as much, the one found counted among them.
+    As found, shape (t,); standard deviates of their logarithms among permutations (effect sizes); shares of
+    permutations that give as much, the one found counted among them.
     """
 
     values: FloatArray
@@ -54,19 +51,10 @@ class Effects:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AnovaRow:
-    """A row of a Procrustes ANOVA.
+    """A row of a Procrustes ANOVA, at unit centroid size.
 
-    Attributes
-    ----------
-    effect : str
-    df : int
-        Degrees of freedom.
-    sum_of_squares : float
-        At unit centroid size.
-    f : float
-        Mean square over that of the effect it is tested against; NaN where there is none.
-    z, p : float
-        Effect size and probability by permutation; NaN where the effect is not tested so.
+    F is the mean square over that of the effect it is tested against; effect size and P are by permutation. NaN where
+    the effect is not tested so.
     """
 
     effect: str
@@ -95,11 +83,6 @@ def procrustes_anova(shapes: FloatArray, terms: Mapping[str, FloatArray]) -> tup
     -------
     tuple of AnovaRow
         One per term, ``residual``, ``total``.
-
-    Raises
-    ------
-    InputError
-        If there are no more shapes than columns.
 
     References
     ----------
@@ -140,7 +123,6 @@ def compare_groups(shapes: FloatArray, labels: Sequence[str]) -> tuple[dict[str,
     Parameters
     ----------
     shapes : ndarray, shape (N, m)
-        As for :func:`procrustes_anova`.
     labels : sequence of str, length N
         Of two groups or more, each of two shapes or more.
 

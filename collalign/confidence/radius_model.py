@@ -25,6 +25,9 @@ _LEAST_DISTANCE, _LEAST_RESIDUAL = 1e-3, 2e-4
 _LEAST_RANGE = 0.05
 #: Fewest templates that anything can be calibrated on.
 MIN_TEMPLATES = 4
+#: Of one, two or three templates a radius is so many times the specimen's distance from them and their spread: 90 %
+#: lie within it on 14 molars, on which it was chosen, 97 % on 15 mouse skulls, 88, 89 and 91 % on 12 more molars.
+_FEW_FACTORS = (1.85, 1.32, 1.13)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,12 +69,14 @@ class Calibration:
         Root mean square error of each landmark when templates are predicted from each other.
     factor : float
         A radius is so many times the expected error; NaN where there are too few templates.
+    num_templates : int
     most_residual : float
         Largest residual at any landmark, in radii: nothing is known of errors where it is larger.
     """
 
     landmark_error: FloatArray
     factor: float
+    num_templates: int
     most_residual: float
 
 
@@ -95,9 +100,10 @@ def calibrate(errors: FloatArray, evidence: Sequence[RadiusEvidence]) -> Calibra
     (2018), section 5.2 (locally weighted conformal inference). The scores of one specimen depend on each other, and
     specimens of another kind than the templates are not covered.
     """
-    landmark_error = _rms(errors)
-    if len(errors) < MIN_TEMPLATES:
-        return Calibration(landmark_error=landmark_error, factor=math.nan, most_residual=math.nan)
+    landmark_error, num = _rms(errors), len(errors)
+    if num < MIN_TEMPLATES:
+        nothing = math.nan
+        return Calibration(landmark_error=landmark_error, factor=nothing, num_templates=num, most_residual=nothing)
     others = np.stack([_rms(np.delete(errors, at, axis=0)) for at in range(len(errors))])
     expected = [one.expected(without) for one, without in zip(evidence, others, strict=True)]
     scores = errors / np.array(expected)
@@ -106,7 +112,7 @@ def calibrate(errors: FloatArray, evidence: Sequence[RadiusEvidence]) -> Calibra
     factor = float(scores[rank - 1]) if rank <= len(scores) else math.nan
     seen = np.concatenate([one.residual / one.unit for one in evidence])
     most = float(np.nanmax(seen)) if np.isfinite(seen).any() else math.nan
-    return Calibration(landmark_error=landmark_error, factor=factor, most_residual=most)
+    return Calibration(landmark_error=landmark_error, factor=factor, num_templates=num, most_residual=most)
 
 
 def beyond_range(calibration: Calibration, evidence: RadiusEvidence) -> BoolArray:
@@ -121,7 +127,14 @@ def beyond_range(calibration: Calibration, evidence: RadiusEvidence) -> BoolArra
 
 
 def radii(calibration: Calibration, evidence: RadiusEvidence) -> FloatArray:
-    """Return the radius of each landmark on a specimen, shape (l,); NaN where nothing was calibrated."""
+    """Return the radius of each landmark on a specimen, shape (l,); NaN where there is no template.
+
+    Too few templates to calibrate on get the wider radii of other collections.
+    """
+    if 0 < calibration.num_templates < MIN_TEMPLATES:
+        distance = max(evidence.distance, _LEAST_DISTANCE * evidence.unit)
+        known = np.hypot(distance, _SPREAD_WEIGHT * evidence.spread)
+        return np.asarray(_FEW_FACTORS[calibration.num_templates - 1] * known)
     return np.asarray(calibration.factor * evidence.expected(calibration.landmark_error))
 
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import CollalignError, InputError
+from data_tools.io.csv_cells import plain_cell
 from data_tools.io.files import existing_file, read_text
 from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks, read_landmarks, specimen_of
+
+_HEADING = "name,landmark,x,y,z\n"
 
 
 def read_specimens(path: Path | str) -> dict[str, Landmarks]:
@@ -20,6 +25,7 @@ def read_specimens(path: Path | str) -> dict[str, Landmarks]:
 
     ``.tps``: a specimen is called by its ``ID``, else by the file that ``IMAGE`` names; ``SCALE`` is multiplied by,
     ``POINTS`` are open curves. ``.nts``, ``.dta``: by the row labels. ``.morphologika``, ``.txt``: by ``[names]``.
+    ``.csv`` with the heading ``name,landmark,x,y,z``: a row for each landmark, as the page of a transfer writes it.
     Missing landmarks (NaN, NA, the code of an NTS header) are NaN. A file of one unnamed specimen, and what else
     :func:`data_tools.landmarks.landmark_files.read_landmarks` reads, is that of the specimen called like the file.
 
@@ -30,6 +36,8 @@ def read_specimens(path: Path | str) -> dict[str, Landmarks]:
     """
     path = existing_file(Path(path))
     reader = _READERS.get(path.suffix.lower())
+    if reader is None and path.suffix.lower() == ".csv" and read_text(path, "utf-8-sig").startswith(_HEADING):
+        reader = _read_table
     if reader is None:
         return {specimen_of(path): read_landmarks(path)}
     try:
@@ -47,6 +55,14 @@ def read_specimens(path: Path | str) -> dict[str, Landmarks]:
             f"{path}: {'holds no landmarks' if twice is None else f'two specimens are called {twice!r}'}"
         )
     return dict(zip(names, [marks for _, marks in found], strict=True))
+
+
+def _read_table(path: Path, text: str) -> list[tuple[str, Landmarks]]:
+    found: dict[str, dict[str, list[float]]] = {}
+    for name, label, *place in (map(plain_cell, row) for row in list(csv.reader(text.splitlines()))[1:] if row):
+        found.setdefault(name, {})[label] = [float(word or "nan") for word in place]
+    every = {name: _points([*map(str, chain(*marks.values()))], len(marks)) for name, marks in found.items()}
+    return [(name, replace(_landmarks(every[name]), labels=tuple(marks))) for name, marks in found.items()]
 
 
 def _read_tps(path: Path, text: str) -> list[tuple[str, Landmarks]]:

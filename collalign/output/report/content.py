@@ -40,31 +40,21 @@ def build_content(collection: Collection) -> tuple[dict[str, Any], dict[str, str
     blobs : dict of str to str
         Base64 text by the element's id.
     """
-    meshes: dict[str, Any] = {}
-    blobs: dict[str, str] = {}
+    document, blobs = shapes_content(collection)
     incomplete, parts = incomplete_content(collection)
-    packed = {
-        str(at): pack_mesh(*parts)
-        for at, parts in enumerate(zip(collection.vertices, collection.faces, collection.landmarks, strict=True))
-    }
     places = place_meshes(collection)
-    for name, (info, text) in (packed | parts | places).items():
-        meshes[name], blobs[f"mesh-{name}"] = info, text
+    for name, (info, text) in (parts | places).items():
+        document["meshes"][name], blobs[f"mesh-{name}"] = info, text
     pair_fields, blobs["pairs"], statuses = _pairs(collection)
     shape_statistics = shape_map(collection)
-    shapes = _shapes(collection)
-    document = {
-        "shapes": shapes,
-        "camera": _camera(collection, shapes),
+    document |= {
         "numSamples": collection.landmarks.shape[1],
         "numParts": len(np.unique(collection.part_numbers)),
         "mainPart": int(collection.part_numbers[main_part(collection)[0]]),
-        "run": _run_key(collection),
         "labelColors": np.round(sample_colors(collection.aligned_landmarks), 3),
         "doubtThreshold": DOUBT,
         "labels": collection.labels,
         "categories": categories(collection),
-        "meshes": meshes,
         "pairFields": pair_fields,
         "statuses": statuses,
         "orders": _orders(collection, shape_statistics),
@@ -80,6 +70,17 @@ def build_content(collection: Collection) -> tuple[dict[str, Any], dict[str, str
         "timings": collection.run.times_s,
     }
     return json_types(document), blobs
+
+
+def shapes_content(collection: Collection) -> tuple[dict[str, Any], dict[str, str]]:
+    """Collect what every page of shapes holds: their display meshes, poses and what they are seen from."""
+    meshes: dict[str, Any] = {}
+    blobs: dict[str, str] = {}
+    for at, parts in enumerate(zip(collection.vertices, collection.faces, collection.landmarks, strict=True)):
+        meshes[str(at)], blobs[f"mesh-{at}"] = pack_mesh(*parts)
+    shapes = _shapes(collection)
+    view = _camera(collection, shapes)
+    return {"shapes": shapes, "camera": view, "run": _run_key(collection), "meshes": meshes}, blobs
 
 
 def place_meshes(collection: Collection) -> dict[str, tuple[dict[str, Any], str]]:

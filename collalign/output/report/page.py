@@ -24,7 +24,7 @@ from data_tools.threads import one_blas_thread
 PAGES_FOLDER = "report_pages"
 
 #: Doubtful shapes that the first line names.
-_MOST_NAMED = 8
+MOST_NAMED = 8
 _MARKER = re.compile(r"\{\{(\w+)\}\}")
 
 
@@ -195,8 +195,8 @@ def _summary(collection: Collection, notes: tuple[str, ...]) -> str:
     num_parts = len(np.unique(collection.part_numbers))
     words = [f"{len(collection) - len(doubtful)} of {len(collection)} poses are sure."]
     if doubtful:
-        more = f' and <a href="#confidence">{len(doubtful) - _MOST_NAMED} more</a>' if doubtful[_MOST_NAMED:] else ""
-        words.append(f"Look at: {', '.join(map(_opener, doubtful[:_MOST_NAMED]))}{more}.")
+        more = f' and <a href="#confidence">{len(doubtful) - MOST_NAMED} more</a>' if doubtful[MOST_NAMED:] else ""
+        words.append(f"Look at: {', '.join(map(opener, doubtful[:MOST_NAMED]))}{more}.")
     if num_parts > 1:
         words.append(f"The shapes form {num_parts} parts that are not surely joined.")
     if collection.excluded:
@@ -216,6 +216,6 @@ def _summary(collection: Collection, notes: tuple[str, ...]) -> str:
     return f'<p class="verdict {kind}">{" ".join(words)}</p><ul class="facts">{items}</ul>{told}'
 
 
-def _opener(name: str) -> str:
+def opener(name: str) -> str:
     """Return a button that opens the dialog of a shape."""
     return f'<button type="button" class="link" data-shape="{html.escape(name)}">{html.escape(name)}</button>'

@@ -19,6 +19,7 @@ from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, Space, left_out_sentence
 from collalign.tools.export.run import export as write_export
 from collalign.tools.transfer.files import left_out_summary, write_transfer
+from collalign.tools.transfer.landmarks_page import landmarks_page
 from collalign.tools.transfer.result import TransferredLandmarks
 from collalign.tools.transfer.run import transfer_landmarks
 from data_tools.errors import InputError
@@ -31,7 +32,7 @@ class Written:
     """What is written, and how."""
 
     to: Path
-    """Folder for the landmarks of all shapes and transfer.csv with an error radius for each."""
+    """Folder for the landmarks of all shapes, transfer.csv with an error radius for each, and landmarks.html."""
 
     format: Annotated[str, Parameter(help=f"One of {', '.join(FORMATS)}.")] = "slicer-json"
 
@@ -63,7 +64,8 @@ def transfer(
         Folder that ``collalign align`` wrote.
     landmarks
         Landmark files (.mrk.json, .fcsv, .csv), each called like the shape it belongs to, or SHAPE=FILE; or those of
-        several specimens, by their names (.tps, .nts, morphologika's .txt). Curves become semilandmarks.
+        several specimens, by their names (.tps, .nts, morphologika's .txt, templates.csv of landmarks.html). Curves
+        become semilandmarks.
     """
     collection = load(result)
     beside = (*semilandmarks.curves, *semilandmarks.patches)
@@ -77,6 +79,7 @@ def transfer(
     with resumable(store):
         run = with_changes(run, store=store)
         found = transfer_landmarks(result, given, semilandmarks=semilandmarks, run=run)
+    page = landmarks_page(collection, found, result, written.to)
     collection = with_changes(collection, landmarks=found.points, landmark_names=found.labels, pairs=())
     paths = write_export(
         collection,
@@ -91,7 +94,7 @@ def transfer(
         collection, written.format, written.space, include_doubtful=written.include_doubtful
     ):
         warn(sentence)
-    say_files((*paths, *write_transfer(found, written.to, leave_one_out=written.leave_one_out)))
+    say_files((*paths, *write_transfer(found, written.to, page=page, leave_one_out=written.leave_one_out)))
     return _summarise(found, leave_one_out=written.leave_one_out)
 
 

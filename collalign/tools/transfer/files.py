@@ -9,6 +9,7 @@ import numpy as np
 
 from collalign.confidence.radius_model import COVERAGE
 from collalign.landmarks.curves import slider_rows
+from collalign.tools.transfer.landmarks_page import PAGE_FILE
 from collalign.tools.transfer.result import TransferredLandmarks
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
@@ -20,13 +21,17 @@ SLIDERS_FILE, SURFACES_FILE = "curveslide.csv", "surfaces.csv"
 _WRITER = "transfer"
 
 
-def write_transfer(transferred: TransferredLandmarks, to: Path, *, leave_one_out: bool) -> tuple[Path, ...]:
-    """Write ``transfer.csv``, tables of semilandmarks where there are any, and what leaving out templates showed.
+def write_transfer(
+    transferred: TransferredLandmarks, to: Path, *, page: str, leave_one_out: bool
+) -> tuple[Path, ...]:
+    """Write page and ``transfer.csv``, tables of semilandmarks where there are any, and what leaving out showed.
 
     Parameters
     ----------
     transferred : TransferredLandmarks
     to : Path
+    page : str
+        See :func:`collalign.tools.transfer.landmarks_page.landmarks_page`.
     leave_one_out : bool
 
     Raises
@@ -36,6 +41,7 @@ def write_transfer(transferred: TransferredLandmarks, to: Path, *, leave_one_out
     """
     with OutputFolder.open(to, writer=_WRITER) as output:
         staged = [_write(output.stage(TRANSFER_FILE), transfer_rows(transferred))]
+        staged.append(write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace")))
         if transferred.semilandmarks:
             staged.append(_write(output.stage(SLIDERS_FILE), slider_table(transferred)))
             staged.append(_write(output.stage(SURFACES_FILE), surface_table(transferred)))

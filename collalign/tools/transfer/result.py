@@ -35,7 +35,7 @@ class TransferredLandmarks:
         keeps its own.
     radii : ndarray, shape (N, l)
         Nine of ten landmarks are at most so far from where an expert would put them, on specimens like the templates;
-        0 for a template's own, NaN where fewer than four templates allow no calibration.
+        0 for a template's own. With fewer than four templates, wider ones that were found on molars.
     status : tuple of tuple of str
         What became of each landmark of each shape.
     templates : tuple of str

@@ -20,12 +20,7 @@ _LEAST, _LEAST_FOR_SLOPES = 2, 4
 def statistics_tables(variation: SurfaceVariation, columns: Columns) -> dict[str, Rows]:
     """Return the tables ``anova``, ``groups``, ``pairs`` and ``allometry``, each with its heading.
 
-    Parameters
-    ----------
-    variation : SurfaceVariation
-    columns : mapping of str to sequence of str
-        Labels of the shapes, "" where unknown. Shapes without a label, or alone with theirs, do not count in the
-        tests of the column, which ``groups`` says.
+    Shapes without a label, or alone with theirs, do not count in the tests of a column, which ``groups`` says.
     """
     shapes = procrustes_scores(variation.components)
     sizes = np.log(variation.centroid_sizes)

@@ -61,9 +61,16 @@ def test_specimens_unlike_the_templates_and_bad_fits_get_larger_radii():
     assert (radii(calibration, split) > plain).all()
 
 
-def test_too_few_templates_give_no_radius():
+def test_few_templates_have_wider_radii_the_fewer_and_the_farther_they_are_and_none_has_none():
     errors = simulated(np.random.default_rng(3), MIN_TEMPLATES - 1)
-    assert np.isnan(radii(calibrate(errors, [shown()] * len(errors)), shown())).all()
+    few = [calibrate(errors[:num], [shown()] * num) for num in range(MIN_TEMPLATES)]
+    assert np.isnan(radii(few[0], shown())).all()
+    sizes = [radii(one, shown(distance=0.2)) for one in few[1:]]
+    assert (np.diff(sizes, axis=0) < 0).all()
+    np.testing.assert_allclose(radii(few[1], shown(distance=0.4)), 2 * sizes[0])
+    split = RadiusEvidence(spread=np.ones(30), distance=0.2, residual=np.ones(30), unit=1.0)
+    assert (radii(few[2], split) > sizes[1]).all()
+    assert (radii(few[1], shown(distance=0.0)) > 0).all()
 
 
 def test_missing_landmarks_count_for_nothing():

@@ -11,6 +11,10 @@ function save(name, blob) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
+export function saveText(name, text) {
+  save(name, new Blob([text]));
+}
+
 export function savePng(name, canvas) {
   canvas.toBlob((blob) => save(`${name}.png`, blob));
 }

@@ -10,6 +10,7 @@ import { doubtSection } from "./doubt.js";
 import { excludedSection, runSection } from "./tables.js";
 import { gallerySection } from "./gallery.js";
 import { incompleteSection } from "./incomplete.js";
+import { startLandmarks } from "./landmarks.js";
 import { mapSection } from "./shape_map.js";
 import { pairDialog, shapeDialog } from "./dialogs.js";
 import { pairsSection } from "./matrix.js";
@@ -73,6 +74,7 @@ async function start() {
   const main = document.querySelector("main");
   const nav = document.querySelector("nav");
   if (collection.kind === "variation") await startVariation(collection, main, nav);
+  else if (collection.kind === "landmarks") startLandmarkPage(collection, main, nav);
   else await startReport(collection, main, nav);
   document.documentElement.dataset.ready = "yes";
 }
@@ -81,6 +83,18 @@ async function startVariation(collection, main, nav) {
   const stage = new Stage(collection);
   const app = { collection, stage, variation: await loadVariation(collection) };
   furnish(VARIATION_SECTIONS, app, main, nav);
+}
+
+function startLandmarkPage(collection, main, nav) {
+  const app = { collection, stage: new Stage(collection) };
+  startLandmarks(app, main, (sections) => furnish(sections, app, main, nav));
+  openByName(app);
+}
+
+// Names at the top of a page open their shape.
+function openByName(app) {
+  const opens = (box) => box.addEventListener("click", () => app.openShape(app.collection.shapes.findIndex(({ name }) => name === box.dataset.shape)));
+  document.querySelectorAll("[data-shape]").forEach(opens);
 }
 
 async function startReport(collection, main, nav) {
@@ -93,8 +107,7 @@ async function startReport(collection, main, nav) {
   const sections = SECTIONS.filter(([id]) => !absent[id]);
   furnish(sections, app, main, nav);
   main.append(correctionBar(app.corrections, collection));
-  const opens = (box) => box.addEventListener("click", () => app.openShape(collection.shapes.findIndex(({ name }) => name === box.dataset.shape)));
-  document.querySelectorAll("[data-shape]").forEach(opens);
+  openByName(app);
   app.overlay.set(app.overlay.presets()[0][2]);
 }
 

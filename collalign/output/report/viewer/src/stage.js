@@ -59,16 +59,19 @@ export class Stage {
     canvas.tile = tile;
     canvas.width = 0;
     this.tiles.add(tile);
-    if (handle) {
-      makeTurnable(handle, {
-        turn: turn ?? ((dx, dy) => this.turn(dx, dy)),
-        setMoving: (moving) => this.setMoving(moving),
-        zoom: zoomable ? (factor) => this.zoom(tile, factor) : null,
-      });
-    }
+    if (handle) this.turnable(handle, tile, zoomable, turn);
     this.watcher.observe(canvas);
     this.sizes.observe(canvas);
     return tile;
+  }
+
+  // Dragging on `handle` turns; what listens before may take the pointer for itself.
+  turnable(handle, tile, zoomable = true, turn = null) {
+    makeTurnable(handle, {
+      turn: turn ?? ((dx, dy) => this.turn(dx, dy)),
+      setMoving: (moving) => this.setMoving(moving),
+      zoom: zoomable ? (factor) => this.zoom(tile, factor) : null,
+    });
   }
 
   remove(tile) {
