@@ -16,9 +16,9 @@ from typing import Any
 
 from collalign.engine.store.file import open_connection, open_memory, reason_of
 from collalign.engine.store.layout import KINDS, MAX_TEXT, Counts, Failure, table_of
-from collalign.engine.store.lock import StoreLock
 from collalign.engine.store.records import Record, decode, encode
 from data_tools.errors import StoreError
+from data_tools.io.locks import LockFile
 
 
 class Store:
@@ -31,7 +31,7 @@ class Store:
     read_only : bool
     """
 
-    def __init__(self, connection: sqlite3.Connection, path: Path | None, lock: StoreLock | None) -> None:
+    def __init__(self, connection: sqlite3.Connection, path: Path | None, lock: LockFile | None) -> None:
         self._connection = connection
         self._lock = lock
         self.path = path
@@ -54,7 +54,7 @@ class Store:
             If another run has it open for writing, it is no store, or it is of another format version.
         """
         path = Path(path).absolute()
-        lock = None if read_only else StoreLock.acquire(path)
+        lock = None if read_only else _locked(path)
         try:
             return cls(open_connection(path, read_only=read_only), path, lock)
         except BaseException:
@@ -72,6 +72,7 @@ class Store:
         self._connection.close()
         if self._lock is not None:
             self._lock.release()
+            self._lock = None
 
     def __enter__(self) -> Store:
         return self
@@ -250,3 +251,16 @@ def _checked(key: str) -> str:
 def _text(text: str) -> str:
     """Return text that SQLite can hold: file names may contain bytes that are no Unicode."""
     return text[:MAX_TEXT].encode("utf-8", "replace").decode("utf-8")
+
+
+def _locked(path: Path) -> LockFile:
+    """Lock a store at once or refuse, by a file beside it, which the system frees however the writer ends."""
+    beside = path.with_name(path.name + ".lock")
+    try:
+        return LockFile.take(beside)
+    except BlockingIOError:
+        raise StoreError(
+            f"{path}: another run is writing to this store; wait for it, or name another store"
+        ) from None
+    except OSError as error:
+        raise StoreError(f"{beside}: cannot be opened and locked ({error.strerror})") from None

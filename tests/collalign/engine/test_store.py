@@ -84,7 +84,7 @@ def test_missing_tries_crashes_again_but_not_errors():
 def test_a_second_writer_is_refused_and_a_reader_is_not(path):
     with Store.open(path) as store:
         store.put("pairs", "k", RECORD)
-        with pytest.raises(StoreError, match=f"process {os.getpid()}"):
+        with pytest.raises(StoreError, match="another run is writing"):
             Store.open(path)
         with Store.open(path, read_only=True) as reader:
             assert reader.keys("pairs") == {"k"}
@@ -207,8 +207,7 @@ def test_somebody_elses_files_are_not_touched(tmp_path):
     assert database.read_bytes() == before
     lock = tmp_path / "poetry.lock"
     lock.write_text("# a lock file of another tool\n")
-    with pytest.raises(StoreError, match="of somebody else"):
-        Store.open(tmp_path / "poetry")
+    Store.open(tmp_path / "poetry").close()
     assert lock.read_text() == "# a lock file of another tool\n"
 
 
