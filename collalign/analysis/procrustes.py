@@ -23,22 +23,6 @@ MIN_LABELS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ProcrustesMean:
-    """A generalised Procrustes superimposition.
-
-    Attributes
-    ----------
-    mean : ndarray, shape (k, 3)
-        Of unit centroid size.
-    aligned : ndarray, shape (N, k, 3)
-        The superimposed shapes, of unit centroid size.
-    """
-
-    mean: FloatArray
-    aligned: FloatArray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class PrincipalComponents:
     """Principal components of superimposed shapes.
 
@@ -72,7 +56,7 @@ def common_labels(samples: ArrayLike) -> BoolArray:
 
 
 @one_blas_thread()
-def generalized_procrustes(samples: ArrayLike) -> ProcrustesMean:
+def generalized_procrustes(samples: ArrayLike) -> FloatArray:
     """Superimpose all shapes, at unit size, on their mean, repeatedly, until the mean stands still.
 
     Rotations only: shapes of opposite handedness must have been mirrored before, as aligned samples are.
@@ -84,7 +68,8 @@ def generalized_procrustes(samples: ArrayLike) -> ProcrustesMean:
 
     Returns
     -------
-    ProcrustesMean
+    ndarray, shape (N, k, 3)
+        The superimposed shapes, of unit centroid size.
 
     Raises
     ------
@@ -107,7 +92,7 @@ def generalized_procrustes(samples: ArrayLike) -> ProcrustesMean:
         moved, mean = np.sum((new - mean) ** 2) / np.sum(mean**2), new
         if moved <= SETTLED:
             break
-    return ProcrustesMean(mean=read_only(mean), aligned=read_only(aligned))
+    return read_only(aligned)
 
 
 def best_rotations(targets: FloatArray, sources: FloatArray) -> FloatArray:

@@ -99,7 +99,7 @@ def candidate_mask(gaps: FloatArray, share: float) -> BoolArray:
     """
     ranks = gaps.argsort(axis=0, kind="stable").argsort(axis=0, kind="stable")
     allowed = ranks < max(1, round(share * len(gaps)))
-    while not _has_injective_map(allowed):
+    while not _signs_have_injective_map(allowed):
         share = min(1.0, 1.5 * share)
         allowed |= ranks < round(share * len(gaps))
     return allowed
@@ -111,6 +111,6 @@ def wave_gaps(target: SpectralShape, source: SpectralShape, source_samples: IntA
     return np.abs(differences).mean(axis=2)
 
 
-def _has_injective_map(allowed: BoolArray) -> bool:
+def _signs_have_injective_map(allowed: BoolArray) -> bool:
     matched = maximum_bipartite_matching(csr_array(allowed), perm_type="row")
     return bool((matched >= 0).all())

@@ -107,7 +107,7 @@ def measure_morphospace(cell: Cell) -> Record:
 
 def products(configurations: FloatArray) -> FloatArray:
     """Return the inner products of configurations, superimposed and centred on their mean, shape (N, N)."""
-    aligned = generalized_procrustes(configurations).aligned
+    aligned = generalized_procrustes(configurations)
     flat = (aligned - aligned.mean(axis=0)).reshape(len(aligned), -1)
     return np.asarray(flat @ flat.T)
 

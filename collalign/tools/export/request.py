@@ -119,7 +119,7 @@ class ExportRequest:
             return tuple(labels.tolist()), moved
         common = complete_labels(self.collection)
         superimposed = generalized_procrustes(self.collection.aligned_landmarks[:, common])
-        return tuple(labels[common].tolist()), superimposed.aligned
+        return tuple(labels[common].tolist()), superimposed
 
     def source_shape(self, at: int) -> Shape:
         """Read one original file again, whole.

@@ -52,11 +52,11 @@ def result_tables(request: ExportRequest) -> dict[str, Table]:
         return tables
     superimposed = generalized_procrustes(counted.collection.aligned_landmarks[:, common])
     labels = [f"{counted.collection.landmark_names[at]}_{axis}" for at in np.flatnonzero(common) for axis in "xyz"]
-    flat = superimposed.aligned.reshape(len(superimposed.aligned), -1)
+    flat = superimposed.reshape(len(superimposed), -1)
     names = list(counted.collection.names)
     tables["procrustes_coordinates"] = {"name": names} | dict(zip(labels, flat.T.tolist(), strict=True))
     if len(names) > 1:
-        scores = principal_components(superimposed.aligned).scores
+        scores = principal_components(superimposed).scores
         tables["principal_components"] = {"name": names} | {
             f"PC{at + 1}": s.tolist() for at, s in enumerate(scores.T)
         }

@@ -64,14 +64,13 @@ def surface_variation(names: Sequence[str], faces: IntArray, vertices: FloatArra
     InputError
         If there are fewer than two surfaces, or vertices are missing.
     """
-    found = generalized_procrustes(vertices)
-    unit = float(np.sqrt(vertices.shape[1]))
-    components = principal_components(unit * found.aligned)
+    shapes = float(np.sqrt(vertices.shape[1])) * generalized_procrustes(vertices)
+    components = principal_components(shapes)
     return SurfaceVariation(
         names=tuple(names),
         faces=faces,
         mean=components.mean,
-        shapes=read_only(unit * found.aligned),
+        shapes=read_only(shapes),
         centroid_sizes=read_only(centroid_sizes(vertices)),
         components=components,
     )

@@ -58,7 +58,7 @@ def gower_anova(shapes, terms, draws=0):
 def skulls(shared_data):
     files = sorted((shared_data / "mouse_skulls62" / "landmarks").glob("*.csv"))
     points = np.array([np.genfromtxt(file, delimiter=",")[-51:, -3:] for file in files])
-    shapes = generalized_procrustes(points).aligned.reshape(len(files), -1)
+    shapes = generalized_procrustes(points).reshape(len(files), -1)
     return shapes, np.log(centroid_sizes(points)), [kind_of(file.stem) for file in files]
 
 
