@@ -6,8 +6,8 @@ What a table does not make clear is refused with the reason; a guess would be a 
 from __future__ import annotations
 
 import csv
+import io
 import re
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,34 +44,18 @@ class TextTable:
     rows: list[list[str]]
 
 
-def filled_lines(text: str) -> tuple[IntArray, IntArray]:
-    """Return where each line that is not blank begins in a text, and how many words it has.
-
-    Found on the characters of the whole text at once: a scan has millions of lines.
-    """
-    characters = np.frombuffer(text.encode("ascii", "replace"), dtype=np.uint8)
-    is_blank = characters <= ord(" ")
-    words = np.flatnonzero(~is_blank & np.concatenate([[True], is_blank[:-1]]))
-    starts = np.concatenate([[0], np.flatnonzero(characters == ord("\n")) + 1])
-    counts = np.diff(np.searchsorted(words, starts), append=len(words))
-    return starts[counts > 0], counts[counts > 0]
-
-
 def parse_table(text: str, *, num_rows: int) -> FloatArray | None:
     """Return lines that hold equally many numbers each, separated by blanks, as an array (num_rows, columns).
 
     None where they do not: the caller then goes through them one by one, to name the line that is wrong.
     """
-    _, counts = filled_lines(text)
-    if not num_rows or len(counts) != num_rows or (counts != counts[0]).any():
+    if not text.strip():
         return None
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # of words that are no numbers
-            values = np.fromstring(text.encode("ascii", "replace"), sep=" ")
-    except (ValueError, DeprecationWarning):
+        values = np.loadtxt(io.StringIO(text), comments=None, ndmin=2)
+    except ValueError:
         return None
-    return values.reshape(num_rows, -1) if len(values) == counts.sum() else None
+    return values if len(values) == num_rows else None
 
 
 def read_text_points(source: Source) -> tuple[FloatArray, IntArray]:

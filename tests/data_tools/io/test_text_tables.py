@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.io.text_tables import filled_lines, parse_table, read_points_table
+from data_tools.io.text_tables import parse_table, read_points_table
 
 
 def test_regular_tables():
@@ -32,8 +32,6 @@ def test_others_are_left_to_the_caller(text):
 
 
 def test_blank_lines_hold_no_words():
-    starts, counts = filled_lines("\n a b\n\n\tç\n")
-    assert (starts.tolist(), counts.tolist()) == ([1, 7], [2, 1])
     assert parse_table("1 2\n\n3 4", num_rows=3) is None
 
 
