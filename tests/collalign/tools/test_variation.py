@@ -146,11 +146,12 @@ def test_the_page_works_in_a_browser(browser, written, variation, tmp_path):
         assert "log(centroid size) explains" in page.locator("#statistics p").first.text_content()
         assert page.locator("#statistics table").nth(1).locator("tbody tr").count() == 1
         assert page.locator("#statistics svg .dot").count() == 8
-        for ending, words in (("SVG", "<polygon"), ("PDF", "principal component")):
+        for ending, words in (("SVG", 'paint-order="stroke'), ("PDF", "principal component")):
             with page.expect_download() as started:
                 page.locator("#morphospace").get_by_role("button", name=f"Save chart ({ending})").click()
             text = Path(started.value.path()).read_text()
             assert words in text
+            assert "flat" in text, "the legend goes with the chart"
         starts = [int(line[:10]) for line in text.split("xref\n")[1].splitlines() if line.endswith("00000 n ")]
         assert [text[at:].split(" 0 obj")[0] for at in starts] == ["1", "2", "3", "4", "5"]
         assert page.evaluate("document.documentElement.scrollWidth") <= 400

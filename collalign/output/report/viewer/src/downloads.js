@@ -44,7 +44,7 @@ function svgOf(chart) {
   const shown = [chart, ...chart.querySelectorAll("*")];
   [copy, ...copy.querySelectorAll("*")].forEach((node, at) => {
     const style = getComputedStyle(shown[at]);
-    for (const key of ["fill", "fill-opacity", "stroke", "stroke-width", "font-size", "font-family", "text-anchor", "visibility"]) {
+    for (const key of ["fill", "fill-opacity", "stroke", "stroke-width", "font-size", "font-family", "paint-order", "text-anchor", "visibility"]) {
       node.setAttribute(key, style.getPropertyValue(key));
     }
     node.removeAttribute("class");

@@ -3,10 +3,12 @@
 import { categorical } from "./colors.js";
 import { el, svg } from "./dom.js";
 
-const ROOM = { left: 62, right: 18, top: 14, bottom: 50 };
+const ROOM = { left: 70, right: 18, top: 14, bottom: 50 };
 const WIDE = [900, 560];
 const NARROW = [380, 420];
 const NAMED = 60;
+//: Groups that the legend names.
+const LISTED = 16;
 //: Radius of an ellipse in standard deviations: 95 % of a normal distribution in the plane.
 const ELLIPSE = Math.sqrt(5.991);
 
@@ -103,9 +105,12 @@ export function scatter({ points, names, values, outline = "none", titles, words
     return svg("g", { class: "dot", role: "button", tabindex: 0, "aria-label": name, transform: `translate(${text(point).join(" ")})`, onclick: () => open(at), onkeydown: keys },
       svg("title", null, name), svg("circle", { r: 5, fill: values[at] ? categorical(kinds.indexOf(values[at])) : "var(--accent)" }), svg("text", aside, names[at]));
   });
-  const legend = kinds.map((kind, at) => el("li", { class: "chip" }, el("span", { class: "dot", style: `background:${categorical(at)}` }), kind));
+  const legend = kinds.slice(0, LISTED).flatMap((kind, at) => {
+    const [x, y] = [size[0] - ROOM.right - 6, ROOM.top + 8 + 18 * at];
+    return [svg("circle", { cx: x, cy: y, r: 5, fill: categorical(at) }), svg("text", { x: x - 11, y: y + 4, "text-anchor": "end" }, kind)];
+  });
   return [
-    svg("svg", { class: points.length > NAMED || narrow ? "map crowded" : "map", viewBox: `0 0 ${size.join(" ")}`, role: "group", "aria-label": words }, ...areas.filter(Boolean), ...axes(scale, titles), ...dots),
-    kinds.length ? el("ul", { class: "chips", "aria-label": "Colours of groups" }, ...legend) : "",
+    svg("svg", { class: points.length > NAMED || narrow ? "map crowded" : "map", viewBox: `0 0 ${size.join(" ")}`, role: "group", "aria-label": words }, ...areas.filter(Boolean), ...axes(scale, titles), ...legend, ...dots),
+    kinds.length > LISTED ? el("p", { class: "muted" }, `The first ${LISTED} of ${kinds.length} groups are named.`) : "",
   ];
 }
