@@ -67,14 +67,7 @@ def run_with_kills(
         return log
 
 
-def _disturb(
-    process,
-    limits,
-    rng,
-    log,
-    delay_s,
-    parent_share,
-):
+def _disturb(process, limits, rng, log, delay_s, parent_share):
     """Kill or signal until the command is gone or has had enough; returns whether it was asked to end."""
     num_kills, num_signals = limits
     while log.kills < num_kills or log.signals < num_signals:

@@ -48,9 +48,7 @@ def test_reasons_that_quote_the_file_or_name_internals_are_noticed(monkeypatch, 
         targets.read_and_sample(("a.ply", MARK.encode()))
 
 
-def test_damaged_stores_records_certificates_and_configurations_end_in_a_clear_error_or_a_value(
-    tmp_path,
-):
+def test_damaged_stores_records_certificates_and_configurations_end_in_a_clear_error_or_a_value(tmp_path):
     for target, files, num in (
         (targets.read_store, {"a.store": seeds.store_file(tmp_path)}, 60),
         (targets.read_record, seeds.records(), 200),

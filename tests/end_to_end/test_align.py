@@ -216,13 +216,7 @@ def test_one_bad_file_is_left_out_and_named(folder, planted, tmp_path, capsys):
         (["--config", "missing.toml", "align", ".", "--out", "out"], "missing.toml"),
     ],
 )
-def test_bad_arguments_exit_with_2_and_name_the_cause(
-    arguments,
-    word,
-    tmp_path,
-    monkeypatch,
-    capfd,
-):
+def test_bad_arguments_exit_with_2_and_name_the_cause(arguments, word, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.xyz").write_text("0 0 0\n")
     assert main(arguments) == 2

@@ -117,13 +117,7 @@ def test_several_templates_err_less_and_know_by_how_much(result, templates, plan
     assert 0.6 <= inside.mean() <= 1
 
 
-def test_the_command_writes_landmarks_tables_and_a_plot(
-    result,
-    templates,
-    planted,
-    tmp_path,
-    capsys,
-):
+def test_the_command_writes_landmarks_tables_and_a_plot(result, templates, planted, tmp_path, capsys):
     to = tmp_path / "all"
     words = ["transfer", str(result), "--landmarks", *map(str, templates), "--to", str(to), "--leave-one-out"]
     assert main([*words, "--jobs", "1"]) == 0

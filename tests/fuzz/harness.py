@@ -26,15 +26,7 @@ class FuzzReport:
         return f"{self.counts.total()} files: {kinds}; slowest {self.slowest_s:.2f} s"
 
 
-def fuzz(
-    target,
-    files,
-    num,
-    *,
-    seed=0,
-    num_jobs=1,
-    keep=None,
-):
+def fuzz(target, files, num, *, seed=0, num_jobs=1, keep=None):
     """Run a target on ``num`` damaged files; the same seed damages in the same way.
 
     The target is a function of a module that takes (name, bytes). Damaged files keep the suffix of good ones; those
