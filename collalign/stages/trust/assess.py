@@ -11,7 +11,7 @@ from collalign.confidence.candidate_model import LEAST_COST
 from collalign.confidence.pose_model import is_as_good, pose_confidence
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
-from collalign.products.pair import Alternative, Pair
+from collalign.products.pair import MAX_ALTERNATIVES, Alternative, Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.trust.own_turns import near_symmetries
@@ -33,8 +33,6 @@ RIVAL_POWER = 6.0
 COST_LOG_ODDS = 8.0
 #: Most confidence in a pose whose mirror image is as likely.
 ONE_OF_TWO = 0.5
-#: Alternatives reported per shape.
-MAX_ALTERNATIVES = 3
 
 
 def gather_trust(
