@@ -173,6 +173,9 @@ def test_doubtful_shapes_are_left_out_unless_asked_for(teeth, tmp_path, capsys):
     assert (found["scored"], set(found["left_out"])) == (NUM_SHAPES - 2, {doubted, BROKEN})
     assert main([*classify, "--include-doubtful"]) == 0
     assert json.loads(capsys.readouterr().out)["scored"] == NUM_SHAPES
+    assert main([*classify, "--include-doubtful", "--exclude", doubted, BROKEN]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["scored"], {*found["left_out"].values()}) == (NUM_SHAPES - 2, {"excluded by name"})
     other = next(name for name in view.names if name not in (BROKEN, doubted))
     again = collalign.write_surface_variation(
         result, tmp_path / "again", exclude=[other], include_doubtful=True, run=teeth.run, progress=False

@@ -23,6 +23,7 @@ def classify(
     *,
     labels: Path,
     by: str,
+    exclude: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
     include_doubtful: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Classify every shape by its nearest neighbour, leaving it out.
@@ -39,6 +40,8 @@ def classify(
         CSV file with one row per shape.
     by
         Column of the labels.
+    exclude
+        Names of shapes that do not count.
     include_doubtful
         Let shapes count whose pose is in doubt, and incomplete ones.
     """
@@ -48,7 +51,11 @@ def classify(
     for sentence in table.mismatches(collection.names):
         warn(sentence)
     who = statistics_members(
-        collection, include_doubtful=include_doubtful, include_incomplete=include_doubtful, one_part=False
+        collection,
+        exclude=exclude or (),
+        include_doubtful=include_doubtful,
+        include_incomplete=include_doubtful,
+        one_part=False,
     )
     clouds, chosen = posed_clouds(collection), who.chosen.tolist()
     found = classify_leave_one_out(
