@@ -4,12 +4,28 @@ from __future__ import annotations
 
 import fast_simplification
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.surface.topology import face_areas
+
+#: Edges of a mesh of more triangles are not collapsed one by one before vertices near each other are put together.
+MOST_COLLAPSED = 200_000
+#: Vertices that are left of such a mesh, about. A generated bone of 600 000 triangles, decimated to 4000, then lies
+#: 3.6e-4 sqrt(area) from the original (root mean square) instead of 3.2e-4.
+_NUM_CLUSTERS = MOST_COLLAPSED // 4
+#: The three clusters of a triangle fit into one integer of 64 bits.
+_MOST_KEYED = 2**21
+#: Cells of a cubic grid that a surface passes through, for an area of one cell's side.
+_CELLS_PER_AREA = 1.5
 
 
 def decimate(vertices: FloatArray, faces: IntArray, max_faces: int) -> tuple[FloatArray, IntArray]:
     """Return a mesh of at most about ``max_faces`` triangles by quadric decimation (Garland and Heckbert 1997).
+
+    Of a mesh of more than :data:`MOST_COLLAPSED` triangles, vertices of one cell of a grid that edges inside the cell
+    connect are first replaced by their mean (Rossignac and Borrel 1993, but sheets that only come near stay apart).
 
     Parameters
     ----------
@@ -23,6 +39,8 @@ def decimate(vertices: FloatArray, faces: IntArray, max_faces: int) -> tuple[Flo
     faces : ndarray of int, shape (g, 3)
         Some may be degenerate.
     """
+    if len(faces) > MOST_COLLAPSED:
+        vertices, faces = _clustered(vertices, faces)
     if len(faces) <= max_faces:
         return vertices, faces
     # The thresholds of the library are lengths: without a common unit, millimetres and metres would differ.
@@ -30,3 +48,28 @@ def decimate(vertices: FloatArray, faces: IntArray, max_faces: int) -> tuple[Flo
     scaled = (vertices - centre) / unit
     small, triangles = fast_simplification.simplify(scaled, faces.astype(np.int32), target_count=max_faces)
     return unit * np.asarray(small, dtype=np.float64) + centre, np.asarray(triangles, dtype=np.int64)
+
+
+def _clustered(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Return a mesh whose vertices are the means of connected vertices of one cell."""
+    side = float(np.sqrt(_CELLS_PER_AREA * face_areas(vertices, faces).sum() / _NUM_CLUSTERS))
+    cells = np.floor((vertices - vertices.min(axis=0)) / side).astype(np.int64)
+    x, y, z = cells.T
+    sizes = cells.max(axis=0) + 1
+    cell = (x * sizes[1] + y) * sizes[2] + z
+    first, second = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).T
+    inside = cell[first] == cell[second]
+    graph = csr_array((np.ones(inside.sum()), (first[inside], second[inside])), shape=(len(vertices),) * 2)
+    num, cluster = connected_components(graph, directed=False)
+    if num > _MOST_KEYED:
+        return vertices, faces
+    counts = np.bincount(cluster, minlength=num)
+    means = np.column_stack([np.bincount(cluster, weights=axis, minlength=num) for axis in vertices.T])
+    triangles = cluster[faces].astype(np.int64)
+    a, b, c = np.sort(triangles, axis=1).T
+    # Where a fold of the surface became flat, two triangles lie on each other; neither is left.
+    key = np.where((a != b) & (b != c), (a * num + b) * num + c, -1)
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
+    odd = np.diff(starts, append=len(key)) % 2 == 1
+    return means / counts[:, None], triangles[np.sort(order[starts[odd]])]

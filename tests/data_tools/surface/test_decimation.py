@@ -1,11 +1,19 @@
-"""Decimated meshes lie on the surface they come from."""
+"""Decimated meshes lie on the surface they come from, whether vertices were put together first or not."""
 
 import numpy as np
 import pytest
 
-from data_tools.datasets.synthetic_shapes import blob
+from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
+from data_tools.surface import decimation
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.decimation import decimate
+from data_tools.surface.topology import face_areas, mesh_edges, vertex_components
+
+
+@pytest.fixture
+def clusters_first(monkeypatch):
+    monkeypatch.setattr(decimation, "MOST_COLLAPSED", 2_000)
+    monkeypatch.setattr(decimation, "_NUM_CLUSTERS", 1_500)
 
 
 def largest_gap(points, vertices, faces):
@@ -34,3 +42,28 @@ def test_the_unit_of_length_decides_nothing(rng, unit):
     others, triangles = decimate(unit * shape.vertices, shape.faces, 800)
     np.testing.assert_array_equal(triangles, faces)
     np.testing.assert_allclose(others / unit, vertices, atol=1e-9)
+
+
+@pytest.mark.usefixtures("clusters_first")
+def test_clusters_keep_the_surface_and_leave_fewer_collapses(rng):
+    shape = blob(rng, num_vertices=20_000)
+    clustered, triangles = decimate(shape.vertices, shape.faces, 10**6)
+    assert 1_000 < len(clustered) < 3_000
+    edges = mesh_edges(triangles)
+    assert not len(edges.boundary)
+    assert (edges.num_faces > 2).mean() < 0.02  # of triangles that lie on each other none is left
+    vertices, faces = decimate(shape.vertices, shape.faces, 800)
+    assert len(faces) <= 800
+    assert largest_gap(shape.vertices, vertices, faces) < 0.05
+    assert face_areas(vertices, faces).sum() == pytest.approx(face_areas(shape.vertices, shape.faces).sum(), rel=0.03)
+
+
+@pytest.mark.usefixtures("clusters_first")
+def test_sheets_that_come_near_stay_apart():
+    vertices, faces = sphere_mesh(4_000)
+    two = np.concatenate([vertices, 1.002 * vertices])
+    few, triangles = decimate(two, np.concatenate([faces, faces[:, ::-1] + len(vertices)]), 10**6)
+    used = np.unique(triangles)
+    _, labels = vertex_components(len(few), mesh_edges(triangles).vertices)
+    assert len(np.unique(labels[used])) == 2
+    assert len(few) < 6_000
