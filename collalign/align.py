@@ -25,12 +25,13 @@ from collalign.products.shapes import Constraints, Shapes
 from collalign.stages import steps
 from collalign.stages.incomplete.add import with_incomplete
 from collalign.stages.incomplete.detect import MIN_SHAPES, find_incomplete, told_incomplete
-from collalign.stages.incomplete.grow import align_scans
+from collalign.stages.incomplete.grow import OPEN, align_scans, are_scans
 from collalign.stages.own_knowledge import own_note, own_points, with_own_pairs
 from collalign.stages.pairs.match import num_reused_pairs
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
+from collalign.stages.trust.remedies import MOST_TRIED, may_be_scans
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.checks import as_options, meant
 from data_tools.embedding.own_points import OwnPoints
@@ -167,6 +168,10 @@ def align_listing(
         posed = _judged(decided, posed)
         if missing:
             posed = with_incomplete(with_group(run, matched.group), posed, missing)
+        elif _asks_for_scans(decided, posed):
+            scans = align_scans(with_group(run, matched.group), posed, dict.fromkeys(range(len(shapes.names)), OPEN))
+            if are_scans(scans):
+                posed, matched = scans, replace(matched, notes=())
     session.enter(FINISHED)
     matched = replace(matched, notes=(own_note(own, given, constraints, posed.rotations), *matched.notes))
     found = _collected(run, matched, posed, listing.skipped_names)
@@ -205,6 +210,20 @@ def _without_found(run: Run, answer: _Answer) -> tuple[dict[int, str], _Answer]:
         missing |= fresh
         answer = _pose_others(run, missing)
     return missing, answer
+
+
+def _asks_for_scans(run: Run, posed: Posed) -> bool:
+    """Whether shapes are tried as scans of which none is complete: nobody said otherwise, and most are in doubt."""
+    options = run.session.options
+    return (
+        options.incomplete == AUTO
+        and options.clusters == 1
+        and options.synchronization == "robust"
+        and not options.deformable
+        and not run.constraints.fixed
+        and len(run.shapes.names) <= MOST_TRIED
+        and may_be_scans(run.session, run.shapes, posed.solution.confidence)
+    )
 
 
 def _pose_others(run: Run, missing: Mapping[int, str]) -> _Answer:

@@ -23,6 +23,8 @@ MOST_IN_DOUBT = 0.5
 WORSE_ACROSS = 1.5
 #: Shapes below this confidence may be incomplete; above it a rival pose is the likelier reason.
 MAY_BE_CUT = 0.7
+#: So many shapes are tried as scans, which takes some seconds a pair; of more it is only said.
+MOST_TRIED = 12
 
 
 def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confidence: FloatArray) -> list[str]:
@@ -48,9 +50,8 @@ def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confi
             "holds several kinds, --clusters 0 aligns each by itself."
         )
     elif options.incomplete == AUTO:
-        doubted = [i for i in np.argsort(confidence, kind="stable").tolist() if confidence[i] < MAY_BE_CUT]
-        cut = [shapes.names[i] for i in doubted[:MAX_NAMED] if may_be_cut(session, shapes, i)]
-        if cut and len(doubted) >= MOST_IN_DOUBT * len(confidence):
+        cut = [shapes.names[i] for i in _doubted(confidence)[:MAX_NAMED] if may_be_cut(session, shapes, i)]
+        if len(confidence) > MOST_TRIED and may_be_scans(session, shapes, confidence):
             said.append(
                 "Most are in doubt, with open borders: if none is complete, as scans are, --incomplete all helps."
             )
@@ -60,6 +61,25 @@ def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confi
                 "poses what is there."
             )
     return said
+
+
+def may_be_scans(session: AlignSession, shapes: Shapes, confidence: FloatArray) -> bool:
+    """Whether most shapes are in doubt, and open, so that none may be complete.
+
+    Parameters
+    ----------
+    session : Session
+    shapes : Shapes
+    confidence : ndarray, shape (N,)
+    """
+    doubted = _doubted(confidence)
+    return len(doubted) >= MOST_IN_DOUBT * len(confidence) and any(
+        may_be_cut(session, shapes, i) for i in doubted[:MAX_NAMED]
+    )
+
+
+def _doubted(confidence: FloatArray) -> list[int]:
+    return [i for i in np.argsort(confidence, kind="stable").tolist() if confidence[i] < MAY_BE_CUT]
 
 
 def _kinds(pairs: Sequence[Pair], num: int, group: str) -> list[list[int]]:

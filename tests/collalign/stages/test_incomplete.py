@@ -186,7 +186,7 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
         assert _without_found(run, (run, bent, None)) == ({}, (run, bent, None))  # type: ignore[arg-type,comparison-overlap]
 
 
-def test_parts_of_which_none_is_whole_are_put_together(tmp_path):
+def test_parts_of_which_none_is_whole_are_put_together(tmp_path, monkeypatch):
     rng = np.random.default_rng(8)
     whole = blob(rng, num_vertices=700)
     turns = np.stack([random_rotation(rng) for _ in range(3)])
@@ -200,6 +200,13 @@ def test_parts_of_which_none_is_whole_are_put_together(tmp_path):
     assert aligned.maps.labels.max() < len(aligned.consensus)
     shared = [len(set(aligned.maps.labels[i]) & set(aligned.maps.labels[j])) for i, j in ((0, 1), (0, 2), (1, 2))]
     assert min(shared) >= 6
+    monkeypatch.setattr("collalign.align._asks_for_scans", lambda *_: True)
+    for most, of_scans in ((0.0, 0), (1.0, 3)):
+        monkeypatch.setattr("collalign.stages.incomplete.grow.MOST_COVERED", most)
+        tried = align_collection(tmp_path, options=replace(options, incomplete="auto"), progress=False)
+        assert len(tried.incomplete) == of_scans
+        assert any("All are incomplete" in note for note in tried.notes) == (of_scans > 0)
+        assert np.array_equal(tried.transforms, aligned.transforms) == (of_scans > 0)
     with pytest.raises(InputError, match="none of which is complete"):
         align_collection(tmp_path, options=options, fixed={"scan0": np.eye(3)}, progress=False)
 
