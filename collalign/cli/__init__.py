@@ -48,6 +48,7 @@ _COMMANDS = {
         "collalign.cli.batch_command:batch",
         "Align many folders; one that fails does not stop the others.",
     ),
+    "open": ("collalign.cli.open_command:open_app", "Open a result in the browser, correct it and go on."),
     "status": ("collalign.cli.status:status", "Say how much of a run is done, failed and left."),
     "verify": ("collalign.cli.results:verify", "Check the certificates of a result made with --certify."),
     **{name: (f"collalign.tools.{function}", line) for name, (function, line) in TOOLS.items()},

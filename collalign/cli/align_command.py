@@ -62,6 +62,9 @@ class Given:
     corrections: Annotated[list[Path] | None, Parameter(negative=())] = None
     """Decisions downloaded from the report: poses that are kept, with no pair matched again. Once for each file."""
 
+    exclude: Annotated[list[str] | None, Parameter(consume_multiple=True, negative=())] = None
+    """Names of shapes that are left out."""
+
     labels: Path | None = None
     """CSV file with one row per shape (name, then columns such as taxon), for the report."""
 
@@ -95,6 +98,7 @@ def align(
         Write report.html.
     """
     listing, inputs = _listed(folder if folder[1:] else folder[0], recursive=given.recursive, parts=given.parts)
+    listing = listing.without(given.exclude or ())
     own, of_own = (Own(), set[Path]()) if given.own is None else read_own(given.own)
     inputs |= of_own
     if out is not None:

@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import glob, has_magic
 from pathlib import Path
 
@@ -48,6 +48,13 @@ class FolderListing:
     def skipped_names(self) -> tuple[str, ...]:
         """The names of the others, with as many folders as tell them apart."""
         return tuple(_told_apart(self.skipped, kinds=(True,)))
+
+    def without(self, names: Sequence[str]) -> FolderListing:
+        """Return the listing without some shapes; an unknown name is an ``InputError``."""
+        if unknown := sorted({*names} - {*self.names}):
+            raise InputError(f"--exclude: there is no shape {unknown[0]!r}")
+        kept = {name: file for name, file in zip(self.names, self.files, strict=True) if name not in names}
+        return replace(self, files=tuple(kept.values()), names=tuple(kept))
 
 
 def read_folder(folder: Path | str, *, recursive: bool = False) -> FolderListing:

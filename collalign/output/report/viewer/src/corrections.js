@@ -3,6 +3,7 @@
 
 import { angleDeg, rotationMatrix } from "./data.js";
 import { button, degrees, el } from "./dom.js";
+import { tell } from "./downloads.js";
 import { keep, kept } from "./kept.js";
 
 // What a decision says: the present pose is right, or this pose of those offered, or one turned by hand.
@@ -105,6 +106,7 @@ export function correctionBar(corrections, collection) {
       return el("li", { class: "chip" }, `${name}: ${corrections.words(index)} `, undo);
     });
     list.replaceChildren(...chips);
+    tell("decisions.json", made.length ? corrections.text() : "");
   };
   corrections.onchange(show);
   show();

@@ -11,6 +11,11 @@ function save(name, blob) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
+// Tells the page around this one, where `collalign open` shows it, what a download would hold now.
+export function tell(name, text) {
+  if (parent !== window) parent.postMessage({ name, text }, "*");
+}
+
 export function saveText(name, text) {
   save(name, new Blob([text]));
 }

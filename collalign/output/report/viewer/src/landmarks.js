@@ -5,7 +5,7 @@ import { Group, Mesh, MeshLambertMaterial, SphereGeometry, Vector3 } from "three
 import { categorical } from "./colors.js";
 import { rotationMatrix, poseMatrix } from "./data.js";
 import { button, el, modal, number, select, table } from "./dom.js";
-import { saveText } from "./downloads.js";
+import { saveText, tell } from "./downloads.js";
 import { keep, kept } from "./kept.js";
 import { csvText, fcsvText, slicerText, tpsText } from "./landmark_files.js";
 import { pixelOf, pointOnSurface } from "./surface_point.js";
@@ -284,6 +284,7 @@ function templateBar(app) {
     bar.hidden = marks.decisions.size === 0;
     const many = marks.decisions.size;
     count.textContent = `${many} ${many === 1 ? "landmark" : "landmarks"} decided; ${templates.length} specimens are templates of the next transfer`;
+    tell("templates.csv", many ? csvText(templates) : "");
   };
   marks.listeners.push(show);
   show();

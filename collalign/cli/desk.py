@@ -1,0 +1,184 @@
+"""What ``collalign open`` works on: a result, what was given for it in the browser, and the command that runs."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import sys
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from subprocess import PIPE, STDOUT, Popen
+from threading import Thread
+from typing import Any
+
+from collalign.analysis.label_table import read_labels
+from collalign.landmarks.templates import read_templates
+from collalign.options import ALL, AUTO, NEVER, AlignOptions
+from collalign.output.collection import Collection
+from collalign.output.corrections import fixed_by, read_corrections
+from collalign.output.evidence.loading import load
+from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE
+from collalign.tools.export.run import FORMATS
+from data_tools.errors import InputError
+from data_tools.io.csv_cells import csv_text
+from data_tools.io.files import resolved, write_atomic
+from data_tools.io.listing import read_folder
+from data_tools.io.objects import list_shapes
+from data_tools.io.output_folder import output_path
+
+#: Pages that are shown, by the command that writes them.
+_PAGES = {"align": REPORT_FILE, "variation": "variation/variation.html", "transfer": "landmarks/landmarks.html"}
+#: Folder with what came from the browser, that of landmarks in it, and files whose names say what they are.
+_GIVEN, _TEMPLATES = "given", "templates"
+_DECISIONS_FILE, _LABELS_FILE, _CORRECTED_FILE = "decisions.json", "labels.csv", "templates.csv"
+
+
+class Desk:
+    """A result, or a folder of shapes that will have one beside it; nothing else is read or written."""
+
+    def __init__(self, place: Path) -> None:
+        self._shapes, self.out = resolved(place), resolved(place)
+        if not (place / ALIGNMENT_FILE).is_file():
+            read_folder(place)
+            self.out = self.out.with_name(f"{self.out.name}-aligned")
+        self._process: Popen[str] | None = None
+        self._command, self._lines = "", deque[str](maxlen=500)
+
+    def state(self) -> dict[str, Any]:
+        """Return shapes, pages, formats and files that were given; JSON types only."""
+        pages = {task: page for task, page in _PAGES.items() if (self.out / page).is_file()}
+        state: dict[str, Any] = {"out": str(self.out), "pages": pages, "formats": list(FORMATS), "shapes": None}
+        if not (self.out / ALIGNMENT_FILE).is_file():
+            return state
+        collection = load(self.out)
+        left_out, incomplete = self._places(collection)[1], collection.options.incomplete.split(",")
+        shapes = [
+            {"name": name, "exclude": name in left_out, "incomplete": name in incomplete}
+            for name in (*collection.names, *left_out)
+        ]
+        return state | {"shapes": shapes}
+
+    def page(self, name: str) -> Path | None:
+        """Return the file of a page, None if it is none of ours or leads out of the result."""
+        if name not in _PAGES.values() and not re.fullmatch(r"report_pages/page-\d+\.html", name):
+            return None
+        file = resolved(self.out / name)
+        return file if file.is_file() and file.is_relative_to(resolved(self.out)) else None
+
+    def put(self, name: str, content: bytes) -> None:
+        """Keep decisions, labels, or landmarks, which become templates; an ``InputError`` says what is wrong."""
+        names = load(self.out).names
+        staged = write_atomic(output_path(self.out, _GIVEN, ".unread", name), content)
+        try:
+            if name == _DECISIONS_FILE:
+                fixed_by([read_corrections(staged)], names)
+            elif name == _LABELS_FILE:
+                read_labels(staged)
+            elif others := sorted({*read_templates([staged], names)} - {*names}):
+                raise InputError(f"{name}: {others[0]!r} is no shape of the collection; call the file like its shape")
+            folders = [_GIVEN] if name in (_DECISIONS_FILE, _LABELS_FILE) else [_GIVEN, _TEMPLATES]
+            write_atomic(output_path(self.out, *folders, name), content)
+        finally:
+            staged.unlink(missing_ok=True)
+
+    def words(self, task: str, asked: Mapping[str, Any]) -> list[str]:
+        """Return the command line of a task, with names to ``exclude`` or ``incomplete`` ones, or a ``format``."""
+        out = str(self.out)
+        if task == "align" and not (self.out / ALIGNMENT_FILE).is_file():
+            return ["align", str(self._shapes), f"--out={out}"]
+        collection = load(self.out)
+        places, left_out = self._places(collection)
+        names = {*collection.names, *left_out}
+        if others := [
+            name for key in ("exclude", "incomplete") for name in asked.get(key) or () if name not in names
+        ]:
+            raise InputError(f"{others[0]!r} is no shape of the collection")
+        exclude = asked.get("exclude") or ()
+        counted = [f"--exclude={name}" for name in exclude if name in collection.names]
+        if task == "align":
+            usual, decisions = collection.options.incomplete, self.out / _GIVEN / _DECISIONS_FILE
+            incomplete = ",".join(asked.get("incomplete") or ()) or (usual if usual in (ALL, NEVER) else AUTO)
+            options = _option_words(replace(collection.options, incomplete=incomplete), AlignOptions())
+            words = [*map(str, places), f"--out={out}", *options, *self._labels(collection)]
+            words += [f"--corrections={decisions}"] if decisions.is_file() else []
+            return ["align", *words, *(f"--exclude={name}" for name in exclude)]
+        if task == "variation":
+            return ["variation", out, *self._labels(collection), *counted]
+        if task == "transfer":
+            return ["transfer", out, "--landmarks", *self._templates(collection), f"--to={out}/landmarks"]
+        if task != "export" or asked.get("format") not in FORMATS:
+            raise InputError(f"{task}: there is no such command or format here")
+        return ["export", out, f"--format={asked['format']}", f"--to={out}/export-{asked['format']}", *counted]
+
+    def start(self, task: str, asked: Mapping[str, Any]) -> None:
+        """Run the command of :meth:`words` in a process of its own, one at a time."""
+        if self._process is not None and self._process.poll() is None:
+            raise InputError("a command is running; wait for its end, or stop it")
+        words = self.words(task, asked)
+        self._command, self._lines = shlex.join(["collalign", *words]), deque(maxlen=500)
+        command, variables = [sys.executable, "-m", "collalign", *words], {"PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1"}
+        environment = os.environ | variables
+        self._process = Popen(
+            command, stdout=PIPE, stderr=STDOUT, encoding="utf-8", errors="replace", env=environment
+        )
+        Thread(target=self._lines.extend, args=(self._process.stdout,), daemon=True).start()
+
+    def stop(self) -> None:
+        """End the command that runs; what it has finished is kept in the store."""
+        if self._process is not None:
+            self._process.terminate()
+            self._process.wait()
+
+    def progress(self) -> dict[str, Any]:
+        """Return the last command, what it has said, and its exit code, None while it runs; JSON types only."""
+        code = None if self._process is None else self._process.poll()
+        return {"command": self._command, "lines": [*self._lines.copy()], "code": code}
+
+    def _places(self, collection: Collection) -> tuple[list[Path], list[str]]:
+        """Return folder or files that the shapes come from, and the names of shapes in it that were left out."""
+        if collection.own:
+            raise InputError(f"{self.out}: was aligned with {', '.join(collection.own)} of the caller's own")
+        files = collection.source_files()
+        folder = files[0].parent
+        places = [folder] if {file.parent for file in files} == {folder} else [*files]
+        listing = list_shapes(folder if places == [folder] else [*places])
+        listed = dict(zip(listing.names, listing.files, strict=True))
+        if any(listed.get(name) != file for name, file in zip(collection.names, files, strict=True)):
+            raise InputError(f"{self.out}: its shapes are not called like their files; go on on the command line")
+        known = {*collection.names, *(Path(item.file).stem for item in collection.excluded)}
+        return places, [name for name in listing.names if name not in known]
+
+    def _labels(self, collection: Collection) -> list[str]:
+        """Return the option of labels that were given in the browser or with an earlier command."""
+        path = output_path(self.out, _GIVEN, _LABELS_FILE)
+        if not path.is_file() and collection.labels:
+            rows = zip(collection.names, *collection.labels.values(), strict=True)
+            write_atomic(path, csv_text([["name", *collection.labels], *rows]).encode("utf-8", "backslashreplace"))
+        return [f"--labels={path}"] if path.is_file() else []
+
+    def _templates(self, collection: Collection) -> list[str]:
+        """Return the landmark files: what was corrected on the page goes before what was given for a specimen."""
+        files = sorted((self.out / _GIVEN / _TEMPLATES).glob("*"), key=lambda file: file.name != _CORRECTED_FILE)
+        corrected = {*read_templates(files[:1], collection.names)}
+        chosen = files[:1] + [
+            file for file in files[1:] if not {*read_templates([file], collection.names)} & corrected
+        ]
+        if not chosen:
+            raise InputError(
+                "give landmarks of a specimen first (.mrk.json, .fcsv, .csv, .tps), called like its file"
+            )
+        return [str(file) for file in chosen]
+
+
+def _option_words(options: Any, default: Any, before: str = "--") -> Iterator[str]:
+    """Yield the words that give options where they are not as by default."""
+    for one in fields(options):
+        value, usual = getattr(options, one.name), getattr(default, one.name)
+        word = f"{before}{one.name.replace('_', '-')}"
+        if is_dataclass(value):
+            yield from _option_words(value, usual, f"{word}.")
+        elif value != usual:
+            yield f"{word}={value}"
