@@ -120,7 +120,7 @@ def sample_shape(
     surface = WorkingSurface(shape, sampling) if surface is None else surface
     if own is None or own.samples is None:
         chosen = _choose_samples(surface, sampling, is_whole=not shape.parts)
-        indices = _distinct(surface.to_original[chosen], shape)
+        indices = _distinct(surface, chosen, shape)
     else:
         indices = own.samples
         chosen = cKDTree(surface.shape.vertices).query(shape.vertices[indices])[1]
@@ -164,9 +164,18 @@ def _choose_samples(surface: WorkingSurface, options: SamplingOptions, *, is_who
     return surface.farthest_points(options.num_points, metric, seeded=True)
 
 
-def _distinct(indices: IntArray, shape: Shape) -> IntArray:
-    if len(np.unique(indices)) < len(indices):
-        raise InputError(f"{shape.file or shape.name}: too few distinct vertices for {len(indices)} samples")
+def _distinct(surface: WorkingSurface, chosen: IntArray, shape: Shape) -> IntArray:
+    """Return the vertex nearest to each sample; where two share one, as across a thin wall, the nearest free one."""
+    indices = surface.to_original[chosen]
+    again = np.setdiff1d(np.arange(len(chosen)), np.unique(indices, return_index=True)[1])
+    if len(again):
+        known = np.unique(surface.to_original)
+        _, near = cKDTree(shape.vertices[known]).query(surface.shape.vertices[chosen[again]], k=len(chosen))
+        for at, options in zip(again, near, strict=True):
+            free = np.setdiff1d(options[options < len(known)], np.searchsorted(known, indices), assume_unique=True)
+            if not len(free):
+                raise InputError(f"{shape.file or shape.name}: too few distinct vertices for {len(chosen)} samples")
+            indices[at] = known[free[0]]
     return indices
 
 

@@ -6,6 +6,7 @@ import pytest
 from data_tools.datasets.synthetic import mirrored, point_cloud, shuffled
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.embedding.embedding import Samples, sample_shape
+from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
@@ -135,6 +136,15 @@ def test_large_meshes_are_decimated_but_samples_are_their_own_vertices():
     np.testing.assert_allclose(
         samples.positions * samples.scale + samples.offset, shape.vertices[samples.vertex_indices], atol=1e-12
     )
+
+
+def test_samples_whose_nearest_vertex_is_one_get_two_near_each_other():
+    shape = blob(np.random.default_rng(0), num_vertices=3000)
+    surface = WorkingSurface(shape, SamplingOptions(num_points=24, max_faces=1500))
+    first, second = surface.farthest_points(24, "geodesic", seeded=True)[:2]
+    surface.to_original[second] = surface.to_original[first]
+    samples = sample_shape(shape, SamplingOptions(num_points=24, max_faces=1500), ALL, surface=surface)
+    assert len(set(samples.vertex_indices.tolist())) == 24
 
 
 def test_unusable_shapes_are_refused_by_name(shape):
