@@ -33,7 +33,7 @@ from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from collalign.stages.trust.remedies import MOST_TRIED, may_be_scans
 from data_tools.arrays import FloatArray, as_rotations, read_only
-from data_tools.checks import as_options, meant
+from data_tools.checks import as_options, check_known, meant
 from data_tools.embedding.own_points import OwnPoints
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.listing import FolderListing
@@ -315,11 +315,7 @@ def _constraints(
 ) -> Constraints:
     """Return what stays, by position instead of name, checked."""
     for argument, names in (("fixed", {*fixed, *fixed_transforms}), ("reference", {options.reference} - {""})):
-        unknown = sorted(names - set(shapes.names))
-        if unknown:
-            raise InputError(
-                f"{argument}: no aligned shape is called {unknown[0]!r}; names are the files' names without suffix"
-            )
+        check_known(argument, names, shapes.names)
     at = shapes.names.index
     return Constraints(
         fixed={at(name): as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in fixed.items()},

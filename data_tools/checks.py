@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from data_tools.errors import OptionsError
+from data_tools.errors import InputError, OptionsError
 
 OptionsT = TypeVar("OptionsT")
 
@@ -100,6 +100,13 @@ def as_options(
             raise OptionsError(f"{name}: there is no option {entry!r}{meant(entry, known)}")
     values = {entry: tuple(value) if isinstance(value, list) else value for entry, value in entries.items()}
     return kind(**values) if given is None else replace(given, **values)  # type: ignore[type-var]
+
+
+def check_known(argument: str, asked: Iterable[str], known: Iterable[str]) -> None:
+    """Raise an ``InputError`` that names a shape that is asked for and not known."""
+    if unknown := sorted(set(asked) - set(known)):
+        advice = "names are the files' names without suffix"
+        raise InputError(f"{argument}: no aligned shape is called {unknown[0]!r}; {advice}")
 
 
 def meant(name: object, known: Iterable[str]) -> str:

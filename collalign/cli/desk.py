@@ -22,6 +22,7 @@ from collalign.output.corrections import fixed_by, read_corrections
 from collalign.output.evidence.loading import load
 from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE
 from collalign.tools.export.run import FORMATS
+from data_tools.checks import check_known
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import resolved, write_atomic
@@ -92,10 +93,8 @@ class Desk:
         collection = load(self.out)
         places, left_out = self._places(collection)
         names = {*collection.names, *left_out}
-        if others := [
-            name for key in ("exclude", "incomplete") for name in asked.get(key) or () if name not in names
-        ]:
-            raise InputError(f"{others[0]!r} is no shape of the collection")
+        for key in ("exclude", "incomplete"):
+            check_known(key, asked.get(key) or (), names)
         exclude = asked.get("exclude") or ()
         counted = [f"--exclude={name}" for name in exclude if name in collection.names]
         if task == "align":

@@ -166,7 +166,9 @@ class Session(Generic[OptionsT]):
                     is_named = Path(outcome.failure.partition(": ")[0]).name == Path(label).name
                     raise InputError(outcome.failure if is_named else f"{label}: {outcome.failure}")
         done, failures = self.store.keys(job.kind), self.store.failures(job.kind)
-        self.store.plan(job.kind, {key: one.label for key, one in by_key.items() if key in done or key in failures})
+        settled = {key: one.label for key, one in by_key.items() if key in done or key in failures}
+        if len(settled) < len(by_key):
+            self.store.plan(job.kind, settled)
         left = {name: failures.get(one.key) for name, one in wanted.items() if one.key not in done}
         reasons = {name: "no time was left" if failure is None else failure.reason for name, failure in left.items()}
         return Results(self.store, job, wanted, reasons)

@@ -17,14 +17,12 @@ from collalign.output.collection import Collection
 from collalign.output.report.content import build_content
 from collalign.output.report.shown import MOST_SHOWN, page_members, shown_part, some_shapes
 from collalign.products.trust import DOUBT
-from data_tools.percent import percent
+from data_tools.percent import MAX_NAMED, percent
 from data_tools.threads import one_blas_thread
 
 #: Folder beside the report with the pages that show all shapes of a large collection.
 PAGES_FOLDER = "report_pages"
 
-#: Doubtful shapes that the first line names.
-MOST_NAMED = 8
 _MARKER = re.compile(r"\{\{(\w+)\}\}")
 
 
@@ -195,8 +193,8 @@ def _summary(collection: Collection, notes: tuple[str, ...]) -> str:
     num_parts = len(np.unique(collection.part_numbers))
     words = [f"{len(collection) - len(doubtful)} of {len(collection)} poses are sure."]
     if doubtful:
-        more = f' and <a href="#confidence">{len(doubtful) - MOST_NAMED} more</a>' if doubtful[MOST_NAMED:] else ""
-        words.append(f"Look at: {', '.join(map(opener, doubtful[:MOST_NAMED]))}{more}.")
+        more = f' and <a href="#confidence">{len(doubtful) - MAX_NAMED} more</a>' if doubtful[MAX_NAMED:] else ""
+        words.append(f"Look at: {', '.join(map(opener, doubtful[:MAX_NAMED]))}{more}.")
     if num_parts > 1:
         words.append(f"The shapes form {num_parts} parts that are not surely joined.")
     if collection.excluded:

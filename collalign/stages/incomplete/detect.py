@@ -16,9 +16,9 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.incomplete.posed_points import surface_from_record
 from data_tools.arrays import FloatArray
+from data_tools.checks import check_known
 from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import OrientedPoints, cloud_rim, plane_normals
-from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.percent import percent
 from data_tools.poses import Similarity, moved_by, scales_of
@@ -52,11 +52,7 @@ def told_incomplete(options: AlignOptions, names: Sequence[str], found: Iterable
     if options.incomplete == ALL:
         return dict.fromkeys(range(len(names)), TOLD)
     asked = [name.strip() for name in options.incomplete.split(",") if name.strip()]
-    unknown = sorted(set(asked) - set(names))
-    if unknown:
-        raise InputError(
-            f"incomplete: no aligned shape is called {unknown[0]!r}; names are the files' names without suffix"
-        )
+    check_known("incomplete", asked, names)
     return {names.index(name): TOLD for name in sorted(set(asked))}
 
 

@@ -43,8 +43,6 @@ from pairwise.partial.match import match_partial
 
 #: How often every shape is posed on all others.
 NUM_SWEEPS = 3
-
-
 #: Shapes that nobody called scans are scans where half of them cover less of the others than this, and all are sure.
 #: Ten scans of a bunny cover .43 to .54 of each other, cut crowns .87, doubtful whole ones .65 to .82, wrong at .99.
 MOST_COVERED = 0.6

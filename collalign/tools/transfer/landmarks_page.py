@@ -11,10 +11,11 @@ import numpy as np
 from collalign.output.collection import Collection
 from collalign.output.evidence.gather import json_types
 from collalign.output.report.content import shapes_content
-from collalign.output.report.page import MOST_NAMED, opener, render_page
+from collalign.output.report.page import opener, render_page
 from collalign.output.report.shown import shown_part
 from collalign.tools.transfer.result import TransferredLandmarks
 from data_tools.io.coordinate_systems import declared_system
+from data_tools.percent import MAX_NAMED
 
 PAGE_FILE = "landmarks.html"
 
@@ -42,7 +43,7 @@ def landmarks_page(collection: Collection, found: TransferredLandmarks, result: 
     }
     lacking = np.isnan(found.points[:, chosen]).any(axis=2).sum(axis=1)
     doubted = np.argsort(-lacking, kind="stable")[: int((lacking > 0).sum())]
-    named = ", ".join(opener(found.names[at]) for at in doubted[:MOST_NAMED] if found.names[at] in shown.names)
+    named = ", ".join(opener(found.names[at]) for at in doubted[:MAX_NAMED] if found.names[at] in shown.names)
     said = f"{len(found.names) - len(doubted)} of {len(found.names)} specimens have all {len(chosen)} landmarks."
     summary = f'<p class="verdict {"warn" if named else "plain"}">{said}{f" Look at: {named}." if named else ""}</p>'
     version = str(collection.run.versions.get("collalign", ""))

@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.nonrigid.functional_map import (
-    ZoomOut,
-    mutual_nearest_rows,
-    zoomout_sizes,
-)
+from collalign.nonrigid.functional_map import ZoomOut, mutual_nearest_rows, zoomout_sizes
 from data_tools.errors import InputError, OptionsError
 
 
