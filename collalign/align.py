@@ -32,14 +32,14 @@ from collalign.stages.poses.placement import common_positions
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from collalign.stages.trust.remedies import MOST_TRIED, may_be_scans
-from data_tools.arrays import FloatArray, as_rotations, read_only
+from data_tools.arrays import ORTHOGONAL_TOL, FloatArray, as_floats, as_rotations, read_only
 from data_tools.checks import as_options, check_known, meant
 from data_tools.embedding.own_points import OwnPoints
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.listing import FolderListing
 from data_tools.io.objects import ShapesLike, list_shapes
 from data_tools.io.source import location
-from data_tools.poses import each_moved_by
+from data_tools.poses import each_moved_by, scales_of
 from data_tools.threads import one_blas_thread
 
 #: The run of the shapes that are posed, its group decided; their pairs; their poses.
@@ -72,7 +72,8 @@ def align_collection(
     run : RunOptions or mapping, optional
         Processes, store, limits: how the work is done.
     fixed : mapping of name to array_like (3, 3), optional
-        ``R_common_shape`` of shapes whose orientation a person has decided; they come out exactly so.
+        ``R_common_shape`` of shapes whose orientation a person has decided; they come out exactly so. Or whole
+        transforms (4, 4) from the file to the common frame, which stay to the bit.
     recursive : bool
         Whether folders in a folder count. Files of one name are called ``folder/name``.
     parts : bool
@@ -125,7 +126,6 @@ def align_listing(
     listing: FolderListing,
     *,
     fixed: Mapping[str, ArrayLike],
-    fixed_transforms: Mapping[str, FloatArray] | None = None,
     former: FormerPairs | None = None,
     incomplete: Iterable[str] = (),
     own: Own = Own(),  # noqa: B008
@@ -136,10 +136,8 @@ def align_listing(
     ----------
     session : Session
     listing : FolderListing
-    fixed : mapping of name to array_like (3, 3)
-        Rotations that stay.
-    fixed_transforms : mapping of name to ndarray (4, 4), optional
-        Whole transforms that stay, of shapes whose rotation is fixed as well.
+    fixed : mapping of name to array_like (3, 3) or (4, 4)
+        Rotations, or whole transforms, that stay.
     former : FormerPairs, optional
         Pairs of an earlier run.
     incomplete : iterable of str
@@ -152,7 +150,7 @@ def align_listing(
         given = own_points(own, dict(zip(listing.names, listing.files, strict=True)))
         session = _at_own_samples(session, given)
         shapes = prepare_shapes(session, listing, given)
-        constraints = _constraints(shapes, session.options, fixed, fixed_transforms or {})
+        constraints = _constraints(shapes, session.options, fixed)
         constraints = with_own_pairs(constraints, own, shapes, session.options.group)
     run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)
     missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
@@ -310,15 +308,23 @@ def _unknown_confidence(confidence: FloatArray, method: str) -> tuple[str, ...]:
     return (f"No confidence is known for any pose: the {method} synchronization does not estimate it.",)
 
 
-def _constraints(
-    shapes: Shapes, options: AlignOptions, fixed: Mapping[str, ArrayLike], fixed_transforms: Mapping[str, FloatArray]
-) -> Constraints:
+def _constraints(shapes: Shapes, options: AlignOptions, fixed: Mapping[str, ArrayLike]) -> Constraints:
     """Return what stays, by position instead of name, checked."""
-    for argument, names in (("fixed", {*fixed, *fixed_transforms}), ("reference", {options.reference} - {""})):
+    for argument, names in (("fixed", {*fixed}), ("reference", {options.reference} - {""})):
         check_known(argument, names, shapes.names)
     at = shapes.names.index
+    turns, whole = dict(fixed), dict[str, FloatArray]()
+    for name, pose in fixed.items():
+        if np.shape(pose) == (4, 4):
+            whole[name] = as_floats(pose, f"fixed[{name}]")
+            scale = float(scales_of(whole[name]))
+            if not scale or (whole[name][3] != (0.0, 0.0, 0.0, 1.0)).any():
+                raise InputError(f"fixed[{name}]: not the transform of a similarity, with a last row 0, 0, 0, 1")
+            if options.scaling == "rigid" and abs(scale - 1.0) > ORTHOGONAL_TOL:
+                raise InputError(f"fixed[{name}]: has a scale of {scale:.6g}, but sizes stay with scaling 'rigid'")
+            turns[name] = whole[name][:3, :3] / scale
     return Constraints(
-        fixed={at(name): as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in fixed.items()},
-        fixed_transforms={at(name): transform for name, transform in fixed_transforms.items()},
+        fixed={at(name): as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in turns.items()},
+        fixed_transforms={at(name): transform for name, transform in whole.items()},
         reference=at(options.reference) if options.reference else 0,
     )

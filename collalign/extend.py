@@ -85,8 +85,7 @@ def add_to_collection(
         aligned = align_listing(
             session,
             listing,
-            fixed=dict(zip(former.names, former.rotations, strict=True)),
-            fixed_transforms=dict(zip(former.names, former.transforms, strict=True)),
+            fixed=dict(zip(former.names, former.transforms, strict=True)),
             former=FormerPairs(num_shapes=len(files), edges=edges, group=former.group),
             incomplete=[former.names[one.shape] for one in former.incomplete],
         )

@@ -40,7 +40,7 @@ class Page:
         self.page.on("pageerror", lambda error: self.problems.append(str(error)))
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.goto(path.as_uri())
-        self.page.wait_for_selector("html[data-ready]", state="attached")
+        self.ready()
 
     def __enter__(self):
         return self
@@ -48,6 +48,13 @@ class Page:
     def __exit__(self, kind, *_):
         self.context.close()
         assert kind is not None or self.problems == []
+
+    def ready(self):
+        self.page.wait_for_selector("html[data-ready]", state="attached")
+
+    def reload(self):
+        self.page.reload()
+        self.ready()
 
     def note(self, message):
         """Keep errors, and what three.js warns of: a colour that it cannot read is drawn white."""

@@ -15,6 +15,7 @@ import numpy as np
 from cyclopts import Parameter
 
 import collalign
+from collalign.align import align_listing
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
 from collalign.cli.interruption import INCOMPLETE, resumable
@@ -22,6 +23,7 @@ from collalign.cli.own_file import read_own
 from collalign.cli.talk import say, say_files, tell, warn
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.run_options import RunOptions
+from collalign.engine.session import Session, progress_display
 from collalign.engine.store.layout import FINISHED, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
@@ -103,7 +105,8 @@ def align(
     inputs |= of_own
     if out is not None:
         refuse_overlap(out, inputs)
-    fixed = fixed_by([read_corrections(path) for path in given.corrections or ()], listing.names)
+    decided = [read_corrections(path) for path in given.corrections or ()]
+    fixed = fixed_by(decided, listing.names, options.incomplete)
     table = _labels(given.labels, listing.names)
     if check:
         return check_shapes(listing, options)
@@ -113,7 +116,9 @@ def align(
     run = replace(run, store=store)
     with resumable(store), OutputFolder.open(out, writer=WRITER, inputs=inputs) as output:
         output.refuse_foreign(output_names(listing.names))
-        collection = collalign.align_collection(listing, options=options, run=run, fixed=fixed, **vars(own))
+        with Session.open(options, run, progress_display(True)) as session:
+            incomplete = {name for one in decided for name in one.incomplete}
+            collection = align_listing(session, listing, fixed=fixed, incomplete=incomplete, own=own)
         written = _save(collection, output, table, store, report=report, num_jobs=run.num_workers)
     return _finish(collection, written)
 

@@ -7,8 +7,8 @@ import re
 import shlex
 import sys
 from collections import deque
-from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from subprocess import PIPE, STDOUT, Popen
 from threading import Thread
@@ -16,7 +16,8 @@ from typing import Any
 
 from collalign.analysis.label_table import read_labels
 from collalign.landmarks.templates import read_templates
-from collalign.options import ALL, AUTO, NEVER, AlignOptions
+from collalign.options import ALL, AUTO, NEVER
+from collalign.output.again import option_words, shape_words
 from collalign.output.collection import Collection
 from collalign.output.corrections import fixed_by, read_corrections
 from collalign.output.evidence.loading import load
@@ -27,7 +28,6 @@ from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import resolved, write_atomic
 from data_tools.io.listing import read_folder
-from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import output_path
 
 #: Pages that are shown, by the command that writes them.
@@ -55,7 +55,7 @@ class Desk:
         if not (self.out / ALIGNMENT_FILE).is_file():
             return state
         collection = load(self.out)
-        left_out, incomplete = self._places(collection)[1], collection.options.incomplete.split(",")
+        left_out, incomplete = shape_words(collection)[1], _incomplete(collection)
         shapes = [
             {"name": name, "exclude": name in left_out, "incomplete": name in incomplete}
             for name in (*collection.names, *left_out)
@@ -91,17 +91,18 @@ class Desk:
         if task == "align" and not (self.out / ALIGNMENT_FILE).is_file():
             return ["align", str(self._shapes), f"--out={out}"]
         collection = load(self.out)
-        places, left_out = self._places(collection)
+        places, left_out = shape_words(collection)
         names = {*collection.names, *left_out}
         for key in ("exclude", "incomplete"):
             check_known(key, asked.get(key) or (), names)
         exclude = asked.get("exclude") or ()
         counted = [f"--exclude={name}" for name in exclude if name in collection.names]
         if task == "align":
-            usual, decisions = collection.options.incomplete, self.out / _GIVEN / _DECISIONS_FILE
-            incomplete = ",".join(asked.get("incomplete") or ()) or (usual if usual in (ALL, NEVER) else AUTO)
-            options = _option_words(replace(collection.options, incomplete=incomplete), AlignOptions())
-            words = [*map(str, places), f"--out={out}", *options, *self._labels(collection)]
+            usual, decisions = _incomplete(collection), self.out / _GIVEN / _DECISIONS_FILE
+            told = {*asked.get("incomplete", usual)} - {*exclude}
+            incomplete = collection.options.incomplete if told == {*usual} else ",".join(sorted(told)) or NEVER
+            options = option_words(replace(collection.options, incomplete=incomplete))
+            words = [*places, f"--out={out}", *options, *self._labels(collection)]
             words += [f"--corrections={decisions}"] if decisions.is_file() else []
             return ["align", *words, *(f"--exclude={name}" for name in exclude)]
         if task == "variation":
@@ -136,20 +137,6 @@ class Desk:
         code = None if self._process is None else self._process.poll()
         return {"command": self._command, "lines": [*self._lines.copy()], "code": code}
 
-    def _places(self, collection: Collection) -> tuple[list[Path], list[str]]:
-        """Return folder or files that the shapes come from, and the names of shapes in it that were left out."""
-        if collection.own:
-            raise InputError(f"{self.out}: was aligned with {', '.join(collection.own)} of the caller's own")
-        files = collection.source_files()
-        folder = files[0].parent
-        places = [folder] if {file.parent for file in files} == {folder} else [*files]
-        listing = list_shapes(folder if places == [folder] else [*places])
-        listed = dict(zip(listing.names, listing.files, strict=True))
-        if any(listed.get(name) != file for name, file in zip(collection.names, files, strict=True)):
-            raise InputError(f"{self.out}: its shapes are not called like their files; go on on the command line")
-        known = {*collection.names, *(Path(item.file).stem for item in collection.excluded)}
-        return places, [name for name in listing.names if name not in known]
-
     def _labels(self, collection: Collection) -> list[str]:
         """Return the option of labels that were given in the browser or with an earlier command."""
         path = output_path(self.out, _GIVEN, _LABELS_FILE)
@@ -172,12 +159,7 @@ class Desk:
         return [str(file) for file in chosen]
 
 
-def _option_words(options: Any, default: Any, before: str = "--") -> Iterator[str]:
-    """Yield the words that give options where they are not as by default."""
-    for one in fields(options):
-        value, usual = getattr(options, one.name), getattr(default, one.name)
-        word = f"{before}{one.name.replace('_', '-')}"
-        if is_dataclass(value):
-            yield from _option_words(value, usual, f"{word}.")
-        elif value != usual:
-            yield f"{word}={value}"
+def _incomplete(collection: Collection) -> list[str]:
+    """Return the names of the shapes that were found or told to be incomplete."""
+    told = {name.strip() for name in collection.options.incomplete.split(",")} - {"", ALL, AUTO, NEVER}
+    return sorted(told | {collection.names[one.shape] for one in collection.incomplete})

@@ -10,12 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, as_rotations, read_only
+from collalign.options import ALL, AUTO, NEVER
+from data_tools.arrays import FloatArray, as_floats, as_rotations, read_only
 from data_tools.errors import InputError
 from data_tools.io.files import read_text
+from data_tools.poses import Similarity
 
 FORMAT = "collalign-corrections"
-VERSION = 1
+VERSION = 2
+_READ = (1, VERSION)
 _KINDS = ("pose", "confirmed")
 _ADVICE = "use the report of the same folder, or delete the decisions that do not belong to it"
 
@@ -26,17 +29,20 @@ class Corrections:
 
     Attributes
     ----------
-    decisions : dict of str to ndarray, shape (3, 3)
-        ``R_common_shape`` of the shapes decided on, in the result that was looked at, whether chosen or confirmed.
-    frame : dict of str to ndarray, shape (3, 3)
-        ``R_common_shape`` of the certain shapes among which the decisions place the others, in the result that was
-        looked at.
+    decisions : dict of str to ndarray, shape (3, 3) or (4, 4)
+        ``R_common_shape`` of the shapes decided on, in the result that was looked at, whether chosen or confirmed; of
+        incomplete ones that were placed as well, the transform from the file to the common frame.
+    frame : dict of str to ndarray, shape (3, 3) or (4, 4)
+        The same of the certain shapes among which the decisions place the others.
+    incomplete : tuple of str
+        The shapes that were incomplete in that result.
     source : str
         The file, for messages.
     """
 
     decisions: dict[str, FloatArray]
     frame: dict[str, FloatArray]
+    incomplete: tuple[str, ...] = ()
     source: str = "corrections"
 
     def fixed(self, names: Sequence[str]) -> dict[str, FloatArray]:
@@ -52,8 +58,8 @@ class Corrections:
 
         Returns
         -------
-        dict of str to ndarray, shape (3, 3)
-            ``R_common_shape`` by name; empty if nothing was decided.
+        dict of str to ndarray, shape (3, 3) or (4, 4)
+            Rotation or transform to the common frame, by name; empty if nothing was decided.
 
         Raises
         ------
@@ -66,25 +72,37 @@ class Corrections:
         if not self.decisions:
             return {}
         kept = {name: R for name, R in self.frame.items() if name in names}
-        if self.frame and not kept:
+        placed = any(len(pose) == 4 for pose in self.decisions.values())
+        if (self.frame or placed) and not any(len(pose) == 4 or not placed for pose in kept.values()):
             raise InputError(f"{self.source}: none of the shapes that it refers to is in this collection; {_ADVICE}")
         return kept | self.decisions
 
 
-def fixed_by(files: Sequence[Corrections], names: Sequence[str]) -> dict[str, FloatArray]:
+def fixed_by(files: Sequence[Corrections], names: Sequence[str], incomplete: str = AUTO) -> dict[str, FloatArray]:
     """Return :meth:`Corrections.fixed` of several files about one result, as the pages of a large report give them.
+
+    Parameters
+    ----------
+    files : sequence of Corrections
+    names : sequence of str
+    incomplete : str
+        ``AlignOptions.incomplete`` of the run to come.
 
     Raises
     ------
     InputError
-        Also if two files decide about one shape.
+        Also if two files decide about one shape, or one places a shape that ``incomplete`` says is complete.
     """
+    told = () if incomplete == NEVER else [name.strip() for name in incomplete.split(",")]
     fixed: dict[str, FloatArray] = {}
     decided: dict[str, FloatArray] = {}
     for one in files:
         fixed |= one.fixed(names)
         if both := sorted(one.decisions.keys() & decided.keys()):
             raise InputError(f"{one.source}: another file decides about {both[0]!r} as well; keep one")
+        for shape in sorted(one.incomplete):
+            if incomplete not in (AUTO, ALL) and shape in one.decisions and shape not in told:
+                raise InputError(f"{one.source}: {shape!r} was incomplete there; name it in --incomplete as well")
         decided |= one.decisions
     return fixed | decided
 
@@ -106,32 +124,56 @@ def read_corrections(path: Path | str) -> Corrections:
         ) from error
     if not isinstance(record, dict) or record.get("format") != FORMAT:
         raise InputError(f"{source}: not a file of decisions; it is the one that report.html offers for download")
-    if record.get("version") != VERSION:
-        raise InputError(f"{source}: decisions of version {record.get('version')}, this program reads {VERSION}")
-    entries, frame = record.get("decisions"), record.get("frame")
-    if not isinstance(entries, list) or not isinstance(frame, dict):
-        raise InputError(f"{source}: 'decisions' must be a list and 'frame' an object; download them again")
+    if record.get("version") not in _READ:
+        raise InputError(f"{source}: decisions of version {record.get('version')}, this program reads 1 to {VERSION}")
+    entries, frame, incomplete = record.get("decisions"), record.get("frame"), record.get("incomplete", [])
+    if not (isinstance(entries, list) and isinstance(frame, dict) and isinstance(incomplete, list)):
+        raise InputError(
+            f"{source}: 'decisions' and 'incomplete' must be lists and 'frame' an object; download them again"
+        )
     decisions: dict[str, FloatArray] = {}
     for at, entry in enumerate(entries, start=1):
-        shape, rotation = _decision(entry, f"{source}, decision {at}")
+        shape, pose = _decision(entry, f"{source}, decision {at}")
         if shape in decisions:
             raise InputError(f"{source}: two decisions about {shape!r}; keep one")
-        decisions[shape] = rotation
-    poses = {str(name): _rotation(matrix, f"{source}, frame of {name!r}") for name, matrix in frame.items()}
-    return Corrections(decisions=decisions, frame=poses, source=str(source))
+        if len(pose) == 4 and shape not in incomplete:
+            raise InputError(
+                f"{source}, decision {at}: {shape!r} has a translation and a scale, and is complete: only what "
+                "'incomplete' lists is placed by hand; delete them, its place and size follow from its rotation"
+            )
+        decisions[shape] = pose
+    poses = {str(name): _pose(one, f"{source}, frame of {name!r}") for name, one in frame.items()}
+    missing = tuple(str(name) for name in incomplete)
+    return Corrections(decisions=decisions, frame=poses, incomplete=missing, source=str(source))
 
 
 def _decision(entry: Any, where: str) -> tuple[str, FloatArray]:
     if not isinstance(entry, dict) or not isinstance(entry.get("shape"), str) or entry.get("decision") not in _KINDS:
         raise InputError(f"{where}: expected 'shape', 'decision' ({' or '.join(_KINDS)}) and 'rotation'")
-    return entry["shape"], _rotation(entry.get("rotation"), f"{where} ({entry['shape']})")
+    return entry["shape"], _pose(entry, f"{where} ({entry['shape']})")
+
+
+def _pose(entry: Any, where: str) -> FloatArray:
+    """Return a rotation (3, 3), or where translation and scale are given as well the transform (4, 4)."""
+    if not isinstance(entry, dict):
+        return _rotation(entry, where)
+    rotation = _rotation(entry.get("rotation"), where)
+    if "translation" not in entry and "scale" not in entry:
+        return rotation
+    shift = _numbers(entry.get("translation"), f"{where}, translation", 3)
+    scale = _numbers(entry.get("scale"), f"{where}, scale")
+    if not scale > 0:
+        raise InputError(f"{where}: scale is {scale}, must be positive")
+    return read_only(Similarity(rotation=rotation, scale=scale, shift=shift).transform)
 
 
 def _rotation(matrix: Any, where: str) -> FloatArray:
+    return read_only(as_rotations(_numbers(matrix, where, 3, 3), where))
+
+
+def _numbers(values: Any, where: str, *shape: int) -> FloatArray:
     try:
-        array = np.asarray(matrix, dtype=np.float64)
+        return as_floats(np.asarray(values, dtype=np.float64), where, shape=shape)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{where}: expected a 3 x 3 matrix of numbers") from None
-    if array.shape != (3, 3):
-        raise InputError(f"{where}: expected a 3 x 3 matrix, got shape {array.shape}")
-    return read_only(as_rotations(array, where))
+        expected = f"{' x '.join(map(str, shape))} finite numbers" if shape else "a finite number"
+        raise InputError(f"{where}: expected {expected}") from None

@@ -154,11 +154,15 @@ class Alternative:
         Log of how much more probable the reported pose is than this one (0 is a tie); NaN where unknown.
     origin : str
         What proposed it: ``"candidates"`` of the pairs, ``"half turn"``, ...
+    transform : ndarray, shape (4, 4), or None
+        The whole pose of an incomplete shape, file coordinates to the common frame; None where translation and size
+        follow from the rotation.
     """
 
     rotation: FloatArray
     log_odds: float = float("nan")
     origin: str = "candidates"
+    transform: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -112,7 +112,9 @@ def _pair_arrays(collection: Collection) -> dict[str, NDArray[Any]]:
 def _alternative_arrays(collection: Collection) -> dict[str, NDArray[Any]]:
     poses = [pose for shape in collection.alternatives for pose in shape]
     counts = [len(shape) for shape in collection.alternatives]
+    whole = [np.full((4, 4), np.nan) if pose.transform is None else pose.transform for pose in poses]
     return {
+        **({"alternative_transform": np.array(whole).reshape(-1, 4, 4)} if collection.incomplete else {}),
         "alternative_starts": np.cumsum([0, *counts]).astype(np.int64),
         "alternative_rotation": np.array([pose.rotation for pose in poses], dtype=np.float64).reshape(-1, 3, 3),
         "alternative_log_odds": np.array([pose.log_odds for pose in poses], dtype=np.float64),

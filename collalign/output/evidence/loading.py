@@ -222,9 +222,18 @@ def _sample_map(of_labels: IntArray, common: ConsistentMaps, target: int, source
 def _alternatives(data: dict[str, NDArray[Any]], num: int) -> tuple[tuple[Alternative, ...], ...]:
     origins = json.loads(data["alternative_origin"].tobytes())
     rotations = as_rotations(data["alternative_rotation"], "alternatives", dim=3)
+    whole = np.full((len(rotations), 4, 4), np.nan)
+    whole = _known(data.get("alternative_transform", whole), "alternatives", whole.shape)
     poses = [
-        Alternative(rotation=read_only(rotation), log_odds=float(log_odds), origin=origin)
-        for rotation, log_odds, origin in zip(rotations, data["alternative_log_odds"], origins, strict=True)
+        Alternative(
+            rotation=read_only(rotation),
+            log_odds=float(log_odds),
+            origin=origin,
+            transform=None if np.isnan(transform).any() else read_only(transform),
+        )
+        for rotation, log_odds, origin, transform in zip(
+            rotations, data["alternative_log_odds"], origins, whole, strict=True
+        )
     ]
     starts = as_indices(data["alternative_starts"], "alternatives", upper=len(poses) + 1, shape=(num + 1,))
     return tuple(tuple(poses[a:b]) for a, b in itertools.pairwise(starts))

@@ -134,7 +134,11 @@ def _shapes(collection: Collection) -> list[dict[str, Any]]:
             "scale": collection.scales[at] / unit,
             "offset": (placed[at] - middle) / unit,
             "R": collection.rotations[at],
-            "alternatives": [{"R": pose.rotation, "score": -pose.log_odds, "origin": pose.origin} for pose in poses],
+            "transform": collection.transforms[at],
+            "alternatives": [
+                {"R": one.rotation, "transform": one.transform, "score": -one.log_odds, "origin": one.origin}
+                for one in poses
+            ],
         }
         for at, (name, poses) in enumerate(zip(collection.names, offered_poses(collection), strict=True))
     ]

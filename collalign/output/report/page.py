@@ -6,17 +6,19 @@ import html
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from collalign.output.again import option_words, shape_words
 from collalign.output.collection import Collection
 from collalign.output.report.content import build_content
 from collalign.output.report.shown import MOST_SHOWN, page_members, shown_part, some_shapes
 from collalign.products.trust import DOUBT
+from data_tools.errors import CollalignError
 from data_tools.percent import MAX_NAMED, percent
 from data_tools.threads import one_blas_thread
 
@@ -38,16 +40,20 @@ class Page:
         HTML below the title.
     shown : Collection
         What the page shows.
+    again : tuple of str or None
+        The words of the command that makes the result again, but its folder; None where none does.
     """
 
     path: Path
     title: str
     summary: str
     shown: Collection
+    again: tuple[str, ...] | None = None
 
     def text(self) -> str:
         """Return the page as HTML text."""
         document, blobs = build_content(self.shown)
+        document["again"] = self.again
         version = str(self.shown.run.versions.get("collalign", ""))
         return render_page(self.title, self.summary, document, blobs, version=version)
 
@@ -93,19 +99,28 @@ def report_pages(collection: Collection, path: Path, *, title: str) -> Iterator[
         Of the first page.
     title : str
     """
-    yield _first_page(collection, path, title)
+    again = _again(collection)
+    yield replace(_first_page(collection, path, title), again=again)
     if len(collection) > MOST_SHOWN:
         pages = page_members(collection)
         for number, members in enumerate(pages, 1):
             shown = some_shapes(collection, members)
             summary = f"{_steps(number, len(pages), path.name)}{_summary(shown, ())}"
             place = path.parent / page_path(number)
-            yield Page(path=place, title=f"{title}, page {number}", summary=summary, shown=shown)
+            yield Page(path=place, title=f"{title}, page {number}", summary=summary, shown=shown, again=again)
 
 
 def page_path(number: int) -> str:
     """Return where one of the pages with all shapes of a large collection lies, relative to the report."""
     return f"{PAGES_FOLDER}/page-{number:03d}.html"
+
+
+def _again(collection: Collection) -> tuple[str, ...] | None:
+    try:
+        words, left_out = shape_words(collection)
+    except (CollalignError, OSError):
+        return None
+    return (*words, *option_words(collection.options), *(f"--exclude={name}" for name in left_out))
 
 
 def _first_page(collection: Collection, path: Path, title: str) -> Page:

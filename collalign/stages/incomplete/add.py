@@ -20,7 +20,7 @@ from collalign.stages.poses.placement import common_positions
 from collalign.stages.steps import Posed, Run
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.percent import percent
-from data_tools.poses import AGREE_DEG, turn_deg
+from data_tools.poses import AGREE_DEG, Similarity, turn_deg
 from pairwise.status import Status
 
 #: Complete shapes that an incomplete one is posed on, those that are not uncertain first.
@@ -105,7 +105,7 @@ def _merged(
         transforms[i, :3, 3] = record["shifts"][0]
         transforms[i] = run.constraints.fixed_transforms.get(i, transforms[i])
         confidence[i] = pose_certainty(record)
-        alternatives[i] = alternatives_of(record)
+        alternatives[i] = alternatives_of(record, transforms[i])
         placed = common_positions([run.shapes.samples[i]], transforms[i][None])[0]
         labels[i] = nearest_labels(placed, complete.consensus)
     pairs = [replace(pair, target=int(at[pair.target]), source=int(at[pair.source])) for pair in complete.pairs]
@@ -145,12 +145,18 @@ def incomplete_record(i: int, record: Record, reason: str, partners: IntArray) -
     )
 
 
-def alternatives_of(record: Record) -> tuple[Alternative, ...]:
-    """Return the rivals of a pose, the likeliest first."""
+def alternatives_of(record: Record, transform: FloatArray) -> tuple[Alternative, ...]:
+    """Return the rivals of a pose, the likeliest first, in the frame in which it is ``transform`` (4, 4)."""
     energies = np.log(record["energies"]).mean(axis=1)
     apart = turn_deg(record["turns"], record["turns"][0]) > AGREE_DEG
+    poses = Similarity(rotation=record["turns"], scale=record["scales"], shift=record["shifts"]).transform
+    poses = transform @ np.linalg.inv(poses[0]) @ poses
     return tuple(
-        Alternative(rotation=read_only(record["turns"][m]), log_odds=float(energies[m] - energies[0]))
+        Alternative(
+            rotation=read_only(record["turns"][m]),
+            log_odds=float(energies[m] - energies[0]),
+            transform=read_only(poses[m]),
+        )
         for m in np.flatnonzero(apart)[:MAX_ALTERNATIVES]
     )
 

@@ -48,7 +48,7 @@ def told_incomplete(options: AlignOptions, names: Sequence[str], found: Iterable
         If there is no shape of a name.
     """
     if options.incomplete in (AUTO, NEVER):
-        return {names.index(name): FOUND for name in sorted(found)}
+        return {names.index(name): FOUND for name in sorted(found) if options.incomplete == AUTO}
     if options.incomplete == ALL:
         return dict.fromkeys(range(len(names)), TOLD)
     asked = [name.strip() for name in options.incomplete.split(",") if name.strip()]

@@ -214,7 +214,7 @@ def _collected(
     solution = replace(
         outline.solution,
         confidence=np.array([pose_certainty(settled[i]) for i in range(num)]),
-        alternatives=tuple(alternatives_of(settled[i]) for i in range(num)),
+        alternatives=tuple(alternatives_of(settled[i], transforms[i]) for i in range(num)),
         parts=(everyone,),
         warnings=(),
     )

@@ -68,7 +68,7 @@ def test_decisions_about_shapes_that_are_not_there_are_refused(tmp_path):
         ("[" * 100_000, "cannot be read as JSON"),
         ([], "not a file of decisions"),
         ({"format": "other"}, "not a file of decisions"),
-        (record(version=2), "version 2"),
+        (record(version=3), "version 3"),
         (record(frame=[]), "'frame' an object"),
         (record(decisions=[{"shape": "b"}]), "decision 1: expected 'shape'"),
         (record(decisions=[{"shape": "b", "decision": "pose", "rotation": "x"}]), "decision 1"),

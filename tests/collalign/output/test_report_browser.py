@@ -82,9 +82,7 @@ def test_turning_one_shape_turns_all(opened):
     others = [opened.image(".tile canvas", at) for at in (1, 2)]
     opened.page.locator(".tile").first.focus()
     opened.page.keyboard.press("ArrowRight")
-    opened.page.wait_for_function(
-        "before => document.querySelectorAll('.tile canvas')[2].toDataURL() !== before", arg=others[1]
-    )
+    opened.wait_until_changed(".tile canvas", others[1], 2)
     assert opened.image(".tile canvas", 1) != others[0]
     box = opened.page.locator(".tile").first.bounding_box()
     turned = opened.image(".tile canvas", 2)
@@ -92,9 +90,7 @@ def test_turning_one_shape_turns_all(opened):
     opened.page.mouse.down()
     opened.page.mouse.move(box["x"] + 90, box["y"] + 30, steps=4)
     opened.page.mouse.up()
-    opened.page.wait_for_function(
-        "before => document.querySelectorAll('.tile canvas')[2].toDataURL() !== before", arg=turned
-    )
+    opened.wait_until_changed(".tile canvas", turned, 2)
     assert opened.page.locator("dialog[open]").count() == 0
 
 
@@ -143,9 +139,7 @@ def test_matrix_opens_the_pair_under_the_mouse_and_under_the_cursor(opened, smal
     assert title.inner_text() == "shape_002 – shape_004"
     before = opened.image("dialog[open] canvas", 1)
     opened.page.get_by_label("alternative 1").check()
-    opened.page.wait_for_function(
-        "before => document.querySelectorAll('dialog[open] canvas')[1].toDataURL() !== before", arg=before
-    )
+    opened.wait_until_changed("dialog[open] canvas", before, 1)
     pair = next(pair for pair in small.pairs if (pair.target, pair.source) == (2, 4))
     assert f"{pair.energy:.3g}" in opened.page.locator("dialog[open] table").inner_text()
     opened.page.get_by_role("button", name="Close").click()
@@ -168,9 +162,7 @@ def test_a_correction_is_chosen_downloaded_and_read(opened, small, tmp_path):
     opened.page.locator("#confidence").get_by_role("button", name="shape_001").click()
     opened.page.get_by_role("button", name="Use this pose").first.click()
     opened.page.get_by_role("button", name="Close").click()
-    opened.page.wait_for_function(
-        "before => document.querySelectorAll('.tile canvas')[1].toDataURL() !== before", arg=before
-    )
+    opened.wait_until_changed(".tile canvas", before, 1)
     assert "set to pose 1" in opened.page.locator(".card").first.inner_text()
     opened.page.locator(".tile").nth(1).click()
     second = opened.page.locator("dialog[open] h2").inner_text()
@@ -328,12 +320,11 @@ def test_decisions_survive_a_reload_and_belong_to_one_result(browser, tmp_path):
         page.page.locator("#confidence").get_by_role("button", name="shape_001").click()
         page.page.get_by_role("button", name="Use this pose").first.click()
         page.page.keyboard.press("Escape")
-        page.page.reload()
-        page.page.wait_for_selector("html[data-ready]", state="attached")
+        page.reload()
         assert "set to pose 1" in page.page.locator(".decisions").inner_text()
         assert "set to pose 1" in page.page.locator(".card").first.inner_text()
         page.page.goto(write_report(view_of(4, seed=1), tmp_path / "two.html").as_uri())
-        page.page.wait_for_selector("html[data-ready]", state="attached")
+        page.ready()
         assert not page.page.locator(".decisions").is_visible()
 
 
@@ -342,15 +333,13 @@ def test_decisions_survive_a_reload_where_files_get_no_storage(browser, tmp_path
         page.context.add_init_script(
             "Object.defineProperty(window, 'localStorage', { get() { throw new Error('no'); } })"
         )
-        page.page.reload()
-        page.page.wait_for_selector("html[data-ready]", state="attached")
+        page.reload()
         page.page.locator("#confidence").get_by_role("button", name="shape_001").click()
         page.page.get_by_role("button", name="This pose is right").click()
         page.page.keyboard.press("Escape")
         assert "keeps nothing" in page.page.locator(".decisions").inner_text()
         page.page.on("dialog", lambda dialog: dialog.accept())
-        page.page.reload()
-        page.page.wait_for_selector("html[data-ready]", state="attached")
+        page.reload()
         assert "pose confirmed" in page.page.locator(".decisions").inner_text()
 
 

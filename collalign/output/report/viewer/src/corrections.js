@@ -1,8 +1,11 @@
 // Decisions made by hand: which pose of a shape is right. The browser keeps them for this result, until they are downloaded as a
 // file for `--corrections`.
 
-import { angleDeg, rotationMatrix } from "./data.js";
-import { button, degrees, el } from "./dom.js";
+import { Matrix4, Vector3 } from "three";
+import { BONE } from "./colors.js";
+import { commandBox, wholeCommand } from "./command.js";
+import { angleDeg, matrixOf, poseMatrix, rotationMatrix, rowsOf, sizeOf, turnOf } from "./data.js";
+import { button, degrees, el, number } from "./dom.js";
 import { tell } from "./downloads.js";
 import { keep, kept } from "./kept.js";
 
@@ -18,7 +21,7 @@ export class Corrections {
     this.saved = true;
     for (const [name, decision] of Object.entries(kept(collection.run) ?? {})) {
       const index = collection.shapes.findIndex((shape) => shape.name === name);
-      if (index >= 0) this.chosen.set(index, decision);
+      if (index >= 0 && (decision.transform || !collection.isPlaced(index))) this.chosen.set(index, decision);
     }
     addEventListener("beforeunload", (event) => !this.saved && event.preventDefault());
   }
@@ -27,19 +30,58 @@ export class Corrections {
     this.listeners.push(listener);
   }
 
-  // `pose` counts the shape's alternatives, or is CONFIRMED, or BY_HAND with the rows of R; null takes the decision back.
-  decide(index, pose, R = null) {
+  // `pose` counts the shape's alternatives, or is CONFIRMED, or BY_HAND at a matrix of the display; null takes the decision back.
+  decide(index, pose, matrix = null) {
     if (pose === null) this.chosen.delete(index);
-    else this.chosen.set(index, { pose, R: R ?? this.offered(index, pose) });
+    else this.chosen.set(index, { pose, ...this.decision(index, matrix ?? this.offered(index, pose)), ...(matrix ? {} : { R: this.of(index, pose).R }) });
     const decisions = [...this.chosen].map(([at, decision]) => [this.collection.shapes[at].name, decision]);
     this.remembered = keep(this.collection.run, Object.fromEntries(decisions));
     this.saved = this.chosen.size === 0 || this.remembered;
     this.listeners.forEach((listener) => listener(index));
   }
 
+  // What is kept of a pose on the display: the rows of its rotation and, of a shape that is placed, of its transform.
+  decision(index, matrix) {
+    const R = rowsOf(turnOf(matrix));
+    return this.collection.isPlaced(index) ? { R, transform: rowsOf(this.collection.toDisplay.invert().multiply(matrix), 4) } : { R };
+  }
+
+  of(index, pose) {
+    const shape = this.collection.shapes[index];
+    return pose < 0 ? shape : shape.alternatives[pose];
+  }
+
+  // An offered pose, or the present one, as a matrix of the display.
   offered(index, pose) {
     const shape = this.collection.shapes[index];
-    return pose < 0 ? shape.R : shape.alternatives[pose].R;
+    const { R, transform } = this.of(index, pose);
+    if (!this.collection.isPlaced(index)) return poseMatrix(shape, rotationMatrix(R));
+    if (transform) return this.collection.toDisplay.multiply(matrixOf(transform));
+    const turn = rotationMatrix(R).multiply(rotationMatrix(shape.R).transpose());
+    return turn.multiply(this.collection.toDisplay).multiply(matrixOf(shape.transform));
+  }
+
+  // The pose decided on, or the present one, as it is offered.
+  shown(index) {
+    const chosen = this.chosen.get(index);
+    if (!chosen) return this.offered(index, CONFIRMED);
+    if (chosen.transform) return this.collection.toDisplay.multiply(matrixOf(chosen.transform));
+    return this.centred(index);
+  }
+
+  // About its own middle.
+  centred(index) {
+    return poseMatrix(this.collection.shapes[index], this.rotation(index));
+  }
+
+  // The same among all shapes, where complete ones do not lie about their own middles.
+  inPlace(index) {
+    if (this.collection.isPlaced(index)) return this.shown(index);
+    return new Matrix4().makeTranslation(new Vector3(...this.collection.shapes[index].offset)).multiply(this.shown(index));
+  }
+
+  layer(index, matrix, look = {}) {
+    return { mesh: this.collection.shapes[index].mesh, matrix, color: BONE, ...look };
   }
 
   poseOf(index) {
@@ -58,25 +100,42 @@ export class Corrections {
     const pose = this.poseOf(index);
     if (pose === null) return "";
     if (pose === CONFIRMED) return "pose confirmed";
-    if (pose === BY_HAND) {
-      const { angle } = angleDeg(rotationMatrix(this.collection.shapes[index].R), this.rotation(index));
-      return `turned by hand by ${degrees(angle)}`;
-    }
+    if (pose === BY_HAND) return this.wordsByHand(index);
     return `set to pose ${pose + 1}`;
+  }
+
+  wordsByHand(index) {
+    const { angle } = angleDeg(rotationMatrix(this.collection.shapes[index].R), this.rotation(index));
+    const turned = `turned by hand by ${degrees(angle)}`;
+    if (!this.collection.isPlaced(index)) return turned;
+    const [old, now] = [this.offered(index, CONFIRMED), this.shown(index)];
+    const [from, to] = [old, now].map((matrix) => new Vector3(...this.collection.shapes[index].centroid).applyMatrix4(matrix));
+    return `${turned}, moved by ${number(from.distanceTo(to) * this.collection.frame.unit)}, size × ${number(sizeOf(now) / sizeOf(old))}`;
+  }
+
+  // A pose as it is written to the file.
+  record({ R, transform }) {
+    if (!transform) return { rotation: R };
+    const matrix = matrixOf(transform);
+    return { rotation: rowsOf(turnOf(matrix)), translation: transform.slice(0, 3).map((row) => row[3]), scale: sizeOf(matrix) };
   }
 
   text() {
     const { shapes, doubtThreshold } = this.collection;
+    const incomplete = shapes.filter((_, index) => this.collection.isPlaced(index)).map(({ name }) => name);
     const made = [...this.chosen.keys()].sort((a, b) => a - b);
     const others = this.collection.certain(new Set(made));
     const anchors = others.filter((index, rank) => rank === 0 || shapes[index].confidence >= doubtThreshold);
     const decisions = made.map((index) => ({
       shape: shapes[index].name,
       decision: this.poseOf(index) === CONFIRMED ? "confirmed" : "pose",
-      rotation: this.rows(index),
+      ...this.record(this.chosen.get(index)),
     }));
-    const frame = Object.fromEntries(anchors.map((index) => [shapes[index].name, shapes[index].R]));
-    return JSON.stringify({ format: "collalign-corrections", version: 1, decisions, frame }, null, 1);
+    // What is placed is placed among whole poses; without such shapes rotations say all.
+    const pose = (index) => (incomplete.length ? this.record(shapes[index]) : shapes[index].R);
+    const frame = Object.fromEntries(anchors.map((index) => [shapes[index].name, pose(index)]));
+    const known = incomplete.length ? { version: 2, decisions, frame, incomplete } : { version: 1, decisions, frame };
+    return JSON.stringify({ format: "collalign-corrections", ...known }, null, 1);
   }
 
   download() {
@@ -92,9 +151,13 @@ export function correctionBar(corrections, collection) {
   const list = el("ul", { class: "chips", "aria-label": "Decisions so far" });
   const count = el("strong", { role: "status" });
   const where = el("span", { class: "muted" });
+  const command = commandBox();
   const advice = el("span", { class: "muted" }, "Then run ", el("code", null, "collalign align … --corrections corrections.json"));
+  // Where `collalign open` serves the page, the page around it has a button that runs the command, and shows it.
+  const again = location.protocol.startsWith("http") ? null : collection.again;
+  advice.hidden = Boolean(again) || location.protocol.startsWith("http");
   const save = button("Download decisions", () => corrections.download(), { class: "primary", id: "download-decisions" });
-  const bar = el("section", { class: "decisions", "aria-label": "Corrections", hidden: true }, count, list, save, advice, where);
+  const bar = el("section", { class: "decisions", "aria-label": "Corrections", hidden: true }, count, list, save, advice, where, command.box);
   const show = () => {
     const made = [...corrections.chosen.keys()];
     bar.hidden = made.length === 0;
@@ -106,6 +169,7 @@ export function correctionBar(corrections, collection) {
       return el("li", { class: "chip" }, `${name}: ${corrections.words(index)} `, undo);
     });
     list.replaceChildren(...chips);
+    command.show(again && made.length ? wholeCommand(collection, corrections.text()) : "");
     tell("decisions.json", made.length ? corrections.text() : "");
   };
   corrections.onchange(show);

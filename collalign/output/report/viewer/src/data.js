@@ -87,6 +87,26 @@ export class Collection {
     return members.sort((a, b) => this.shapes[b].confidence - this.shapes[a].confidence);
   }
 
+  // Whether a pose of a shape has a translation and a size of its own: it is incomplete.
+  isPlaced(index) {
+    const { coverage, transform } = this.shapes[index];
+    return coverage !== null && Boolean(transform);
+  }
+
+  // The display in the common frame: its unit, and what lies in its middle.
+  get frame() {
+    const { transform, scale, centroid, offset } = this.shapes[0];
+    const matrix = matrixOf(transform);
+    const unit = sizeOf(matrix) / scale;
+    return { unit, middle: new Vector3(...centroid).applyMatrix4(matrix).addScaledVector(new Vector3(...offset), -unit) };
+  }
+
+  // Takes the common frame to the display.
+  get toDisplay() {
+    const { unit, middle } = this.frame;
+    return new Matrix4().makeScale(1 / unit, 1 / unit, 1 / unit).multiply(new Matrix4().makeTranslation(middle.negate()));
+  }
+
   pairAt(a, b) {
     return this.pairs.at[a * this.shapes.length + b];
   }
@@ -122,6 +142,24 @@ export class Collection {
     if (!map.length || map[pair * k] === -2) return Int16Array.from({ length: k }, (_, label) => label);
     return map.subarray(pair * k, (pair + 1) * k);
   }
+}
+
+export function matrixOf(rows) {
+  return new Matrix4().set(...rows.flat());
+}
+
+// Factor by which a similarity enlarges, and its rotation.
+export function sizeOf(matrix) {
+  return Math.cbrt(Math.abs(matrix.determinant()));
+}
+
+export function turnOf(matrix) {
+  const size = 1 / sizeOf(matrix);
+  return matrix.clone().setPosition(0, 0, 0).multiply(new Matrix4().makeScale(size, size, size));
+}
+
+export function rowsOf({ elements: e }, size = 3) {
+  return Array.from({ length: size }, (_, row) => Array.from({ length: size }, (_, column) => e[row + 4 * column]));
 }
 
 export function rotationMatrix(rows) {

@@ -6,7 +6,7 @@ import { CONFIRMED } from "./corrections.js";
 import { GREY, categorical } from "./colors.js";
 import { after, before, percent, posed } from "./layers.js";
 import { overlapInWords } from "./incomplete.js";
-import { turnByHand } from "./by_hand.js";
+import { poseByHand } from "./by_hand.js";
 
 const WORST = 8;
 
@@ -125,24 +125,28 @@ export function shapeDialog(app) {
       update();
       figure.append(choose);
     };
-    add(`present pose: ${chanceInWords(shape.confidence)}`, () => [posed(app, index, rotationMatrix(shape.R)), ...ghost()], CONFIRMED);
+    const layers = (pose) => () => [corrections.layer(index, corrections.offered(index, pose)), ...ghost()];
+    add(`present pose: ${chanceInWords(shape.confidence)}`, layers(CONFIRMED), CONFIRMED);
     const chance = chances(shape);
     shape.alternatives.forEach(({ R, origin }, at) => {
       const { angle, mirrored } = angleDeg(rotationMatrix(shape.R), rotationMatrix(R));
       const turned = origin === "candidates" ? (mirrored ? "mirrored" : `turned by ${degrees(angle)}`) : origin;
       const words = Number.isNaN(chance[at]) ? "no pair proposes it" : chanceInWords(chance[at]);
-      add(`pose ${at + 1}: ${turned}, ${words}`, () => [posed(app, index, rotationMatrix(R)), ...ghost()], at);
+      add(`pose ${at + 1}: ${turned}, ${words}`, layers(at), at);
     });
-    state.push(turnByHand(app, drawn, row, index, ghost, () => state.forEach((update) => update())));
+    state.push(poseByHand(app, drawn, row, index, ghost, () => state.forEach((update) => update())));
   };
 
   return (index) => {
     drawn.clear();
     const shape = collection.shapes[index];
-    const [compare] = collection.certain(new Set([index]));
+    const certain = collection.certain(new Set([index]));
+    const compare = certain.find((other) => !collection.isPlaced(other)) ?? certain[0];
+    // A shape that is placed lies in the common frame; others are turned about their own middles.
+    const beneath = collection.isPlaced(index) ? (other) => corrections.inPlace(other) : (other) => corrections.centred(other);
     const row = el("div", { class: "figures" });
     drawn.add(row, "as in the file", () => [before(app, index)]);
-    const ghost = () => (compare === undefined ? [] : [posed(app, compare, corrections.rotation(compare), { color: GREY, opacity: 0.3 })]);
+    const ghost = () => (compare === undefined ? [] : [corrections.layer(compare, beneath(compare), { color: GREY, opacity: 0.3 })]);
     if (compare !== undefined) drawn.add(row, `for comparison: ${collection.shapes[compare].name}`, () => [after(app, compare, { color: GREY })]);
     poseFigures(row, index, ghost);
     const labels = Object.entries(collection.labels).map(([column, values]) => `${column}: ${values[index] || "unknown"}`);
@@ -150,7 +154,7 @@ export function shapeDialog(app) {
     const rows = pairRows(app, index, (a, b) => { box.dialog.close(); app.openPair(a, b); });
     box.body.replaceChildren(
       el("p", null, facts.filter(Boolean).join(" · ")),
-      el("p", { class: "muted" }, `${chancesInWords(shape)} Which pose lies like it? Choose it, or turn the shape by hand until it does, then download the decisions at the bottom of the page. Certain shapes will stay as they are, doubtful ones may follow.`),
+      el("p", { class: "muted" }, `${chancesInWords(shape)} Which pose lies like it? Choose it, or ${collection.isPlaced(index) ? "place" : "turn"} the shape by hand until it does, then download the decisions at the bottom of the page. Certain shapes will stay as they are, doubtful ones may follow.`),
       row,
       rows.length ? table("Its pairs that disagree most", ["With", "Disagreement", "Energy", "For the common poses"], rows) : "");
     box.show(shape.name);

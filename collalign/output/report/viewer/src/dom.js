@@ -45,13 +45,17 @@ export function button(text, onclick, properties) {
   return el("button", { type: "button", onclick, ...properties }, text);
 }
 
-// A modal dialog with a heading and a close button; the focus returns to where it was when it closes.
+// A modal dialog with a heading, a button that lets it fill the window and one that closes it; the focus returns to where it was when it closes.
 export function modal(onclose) {
   const heading = el("h2", { id: `dialog-title-${modal.count++}`, tabindex: -1 });
   const body = el("div", { class: "dialog-body" });
   const dialog = el("dialog", { "aria-labelledby": heading.id });
   const close = button("Close", () => dialog.close(), { class: "close" });
-  dialog.append(el("div", { class: "dialog-head" }, heading, close), body);
+  const full = button("Full size", () => {
+    full.setAttribute("aria-pressed", String(dialog.classList.toggle("full")));
+    dialog.scrollTop = 0;
+  }, { "aria-pressed": "false" });
+  dialog.append(el("div", { class: "dialog-head" }, heading, el("div", { class: "row" }, full, close)), body);
   dialog.addEventListener("close", () => {
     onclose?.();
     body.replaceChildren();

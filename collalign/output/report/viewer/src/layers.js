@@ -10,8 +10,7 @@ export function before(app, index) {
 }
 
 export function after(app, index, look = {}) {
-  const shape = app.collection.shapes[index];
-  return { mesh: shape.mesh, matrix: poseMatrix(shape, app.corrections.rotation(index), shape.offset), color: BONE, ...look };
+  return app.corrections.layer(index, app.corrections.inPlace(index), look);
 }
 
 export function posed(app, index, R, look = {}) {

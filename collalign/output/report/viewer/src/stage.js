@@ -68,7 +68,7 @@ export class Stage {
   // Dragging on `handle` turns; what listens before may take the pointer for itself.
   turnable(handle, tile, zoomable = true, turn = null) {
     makeTurnable(handle, {
-      turn: turn ?? ((dx, dy) => this.turn(dx, dy)),
+      turn: turn ?? ((dx, dy) => this.turn(dx, dy)), // else as `turn` says, which learns of the event, too
       setMoving: (moving) => this.setMoving(moving),
       zoom: zoomable ? (factor) => this.zoom(tile, factor) : null,
     });
@@ -194,9 +194,20 @@ export class Stage {
     return [0, 1].map((row) => Math.max(this.extent[row], Math.min(1, along(row))));
   }
 
-  aim(aspect, { zoom, fitted }) {
+  // Half the height of what a canvas shows.
+  halfHeight(aspect, { zoom, fitted }) {
     const [wide, high] = fitted ? this.reach() : [1, 1];
-    const y = (MARGIN * Math.max(wide / aspect, high)) / zoom;
+    return (MARGIN * Math.max(wide / aspect, high)) / zoom;
+  }
+
+  // How far a pixel of the page is on what a canvas shows.
+  pixel(tile) {
+    const { clientWidth, clientHeight } = tile.canvas;
+    return (2 * this.halfHeight(clientWidth / clientHeight, tile)) / clientHeight;
+  }
+
+  aim(aspect, tile) {
+    const y = this.halfHeight(aspect, tile);
     const x = y * aspect;
     Object.assign(this.camera, { left: -x, right: x, top: y, bottom: -y });
     this.camera.updateProjectionMatrix();

@@ -31,7 +31,7 @@ function drag(down, turn, setMoving) {
     if (!moved && Math.hypot(dx, dy) < DRAG_PIXELS) return;
     [x, y, moved] = [event.clientX, event.clientY, true];
     setMoving(true);
-    turn(dx * 0.01, dy * 0.01);
+    turn(dx * 0.01, dy * 0.01, event);
   };
   const end = () => {
     removeEventListener("pointermove", move);
@@ -51,7 +51,7 @@ export function makeTurnable(handle, { turn, setMoving, zoom }) {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
     if (KEYS[event.key]) {
       event.preventDefault();
-      turn(...KEYS[event.key]);
+      turn(...KEYS[event.key], event);
     } else if (zoom && (event.key === "+" || event.key === "-")) zoom(event.key === "+" ? 1.15 : 1 / 1.15);
   });
   // The wheel zooms only where the drawing has the focus: otherwise it scrolls the page.

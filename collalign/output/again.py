@@ -1,0 +1,46 @@
+"""The words of a command line that make a result again: where its shapes are, and the options it was made with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from collalign.options import AlignOptions
+from collalign.output.collection import Collection
+from data_tools.errors import InputError
+from data_tools.io.listing import parts_of
+from data_tools.io.objects import list_shapes
+
+
+def shape_words(collection: Collection) -> tuple[list[str], list[str]]:
+    """Return the words that give the shapes of a result, and the names of those there that were left out.
+
+    Raises
+    ------
+    InputError
+        If no command can be given them: shapes came from memory, are not called like their files or have vanished.
+    """
+    if collection.own:
+        raise InputError(f"the result was made with {', '.join(collection.own)} of the caller's own")
+    files = collection.source_files()
+    folder, parts = files[0].parent, any(parts_of(file) for file in files)
+    places = [folder] if {file.parent for file in files} == {folder} else [*files]
+    listing = list_shapes(folder if places == [folder] else places, parts=parts)
+    listed = dict(zip(listing.names, listing.files, strict=True))
+    if any(listed.get(name) != file for name, file in zip(collection.names, files, strict=True)):
+        raise InputError("the shapes are not called like their files; go on where they are called as they were")
+    known = {*collection.names, *(Path(item.file).stem for item in collection.excluded)}
+    return [*map(str, places), *["--parts"] * parts], [name for name in listing.names if name not in known]
+
+
+def option_words(options: Any, default: Any = AlignOptions(), before: str = "--") -> Iterator[str]:  # noqa: B008
+    """Yield the words that give options where they are not as by default."""
+    for one in fields(options):
+        value, usual = getattr(options, one.name), getattr(default, one.name)
+        word = f"{before}{one.name.replace('_', '-')}"
+        if is_dataclass(value):
+            yield from option_words(value, usual, f"{word}.")
+        elif value != usual:
+            yield f"{word}={value}"
