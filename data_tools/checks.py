@@ -106,7 +106,7 @@ def check_known(argument: str, asked: Iterable[str], known: Iterable[str]) -> No
     """Raise an ``InputError`` that names a shape that is asked for and not known."""
     if unknown := sorted(set(asked) - set(known)):
         advice = "names are the files' names without suffix"
-        raise InputError(f"{argument}: no aligned shape is called {unknown[0]!r}; {advice}")
+        raise InputError(f"{argument}: no shape is called {unknown[0]!r}; {advice}")
 
 
 def meant(name: object, known: Iterable[str]) -> str:

@@ -18,13 +18,14 @@ import collalign
 from collalign.align import align_listing
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
+from collalign.cli.help import Excluded, Flag
 from collalign.cli.interruption import INCOMPLETE, resumable
 from collalign.cli.own_file import read_own
 from collalign.cli.talk import say, say_files, tell, warn
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session, progress_display
-from collalign.engine.store.layout import FINISHED, STAGE, STORE_FILE
+from collalign.engine.store.layout import FINISHED, STAGE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
@@ -55,17 +56,16 @@ _USUAL = re.compile(
 class Given:
     """How shapes are read, and what is known of them, beside the options of an alignment."""
 
-    recursive: Annotated[bool, Parameter(negative=())] = False
+    recursive: Flag = False
     """Take the folders in a folder too; files of one name are called folder/name."""
 
-    parts: Annotated[bool, Parameter(negative=())] = False
+    parts: Flag = False
     """The files of a folder in a folder, and A.part.ply, are parts of one specimen that move as one."""
 
     corrections: Annotated[list[Path] | None, Parameter(negative=())] = None
     """Decisions downloaded from the report: poses that are kept, with no pair matched again. Once for each file."""
 
-    exclude: Annotated[list[str] | None, Parameter(consume_multiple=True, negative=())] = None
-    """Names of shapes that are left out."""
+    exclude: Excluded = ()
 
     labels: Path | None = None
     """CSV file with one row per shape (name, then columns such as taxon), for the report."""
@@ -78,7 +78,7 @@ def align(
     folder: Annotated[list[Path], Parameter(negative=())],
     *,
     out: Path | None = None,
-    check: Annotated[bool, Parameter(negative=())] = False,
+    check: Flag = False,
     report: bool = True,
     given: Annotated[Given, Parameter(name="*")] = Given(),
     options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
@@ -100,7 +100,7 @@ def align(
         Write report.html.
     """
     listing, inputs = _listed(folder if folder[1:] else folder[0], recursive=given.recursive, parts=given.parts)
-    listing = listing.without(given.exclude or ())
+    listing = listing.without(given.exclude)
     own, of_own = (Own(), set[Path]()) if given.own is None else read_own(given.own)
     inputs |= of_own
     if out is not None:
@@ -112,14 +112,12 @@ def align(
         return check_shapes(listing, options)
     if out is None:
         raise OptionsError("--out: which folder gets the results?")
-    store = run.store or out / STORE_FILE
-    run = replace(run, store=store)
-    with resumable(store), OutputFolder.open(out, writer=WRITER, inputs=inputs) as output:
+    with resumable(run, out) as run, OutputFolder.open(out, writer=WRITER, inputs=inputs) as output:
         output.refuse_foreign(output_names(listing.names))
         with Session.open(options, run, progress_display(True)) as session:
             incomplete = {name for one in decided for name in one.incomplete}
             collection = align_listing(session, listing, fixed=fixed, incomplete=incomplete, own=own)
-        written = _save(collection, output, table, store, report=report, num_jobs=run.num_workers)
+        written = _save(collection, output, table, run, report=report)
     return _finish(collection, written)
 
 
@@ -127,8 +125,8 @@ def add(
     result: Path,
     folder: Annotated[list[Path], Parameter(negative=())],
     *,
-    recursive: Annotated[bool, Parameter(negative=())] = False,
-    parts: Annotated[bool, Parameter(negative=())] = False,
+    recursive: Flag = False,
+    parts: Flag = False,
     labels: Path | None = None,
     report: bool = True,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
@@ -150,11 +148,9 @@ def add(
     """
     listing, inputs = _listed(folder, recursive=recursive, parts=parts)
     table = _labels(labels, (*load(result).names, *listing.names))
-    store = run.store or result / STORE_FILE
-    run = replace(run, store=store)
-    with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=inputs) as output:
+    with resumable(run, result) as run, OutputFolder.open(result, writer=WRITER, inputs=inputs) as output:
         collection = collalign.add_to_collection(result, listing, run=run)
-        written = _save(collection, output, table, store, report=report, num_jobs=run.num_workers)
+        written = _save(collection, output, table, run, report=report)
     return _finish(collection, written)
 
 
@@ -221,28 +217,23 @@ def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:
 
 
 def _save(
-    collection: Collection,
-    output: OutputFolder,
-    table: Labels | None,
-    store: Path,
-    *,
-    report: bool,
-    num_jobs: int,
+    collection: Collection, output: OutputFolder, table: Labels | None, run: RunOptions, *, report: bool
 ) -> tuple[Path, ...]:
     """Write the outputs, with a progress bar where somebody watches a terminal; the store says so meanwhile."""
-    _set_stage(store, "outputs")
+    _set_stage(run, "outputs")
     columns = table.columns_for(collection.names) if table is not None else None
     with ProgressBar("outputs", len(collection.names)) as bar:
         written = save_collection(
-            collection, output, report=report, labels=columns, advance=bar.advance, num_jobs=num_jobs
+            collection, output, report=report, labels=columns, advance=bar.advance, num_jobs=run.num_workers
         )
-    _set_stage(store, FINISHED)
+    _set_stage(run, FINISHED)
     return written
 
 
-def _set_stage(store: Path, stage: str) -> None:
+def _set_stage(run: RunOptions, stage: str) -> None:
     """Note in the store how far the run is."""
-    with Store.open(store) as opened:
+    assert run.store is not None
+    with Store.open(run.store) as opened:
         opened.set_note(STAGE, stage)
 
 

@@ -1,14 +1,22 @@
-"""The help of a command with many options: one screen first, everything in groups with ``--help-all``."""
+"""The help of a command with many options, one screen first, everything with ``--help-all``; what commands share."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+from cyclopts import Parameter
 from cyclopts.help import DefaultFormatter, HelpEntry, HelpPanel
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
+
+#: An option that is given or not.
+Flag = Annotated[bool, Parameter(negative=())]
+#: Shapes that a command leaves out.
+Excluded = Annotated[
+    tuple[str, ...], Parameter(consume_multiple=True, negative=(), help="Names of shapes that are left out.")
+]
 
 #: The flag that asks for all options.
 HELP_ALL = "--help-all"

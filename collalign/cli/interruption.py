@@ -9,10 +9,16 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING
 
+from collalign.engine.store.layout import STORE_FILE
 from data_tools.errors import RunLost
+
+if TYPE_CHECKING:
+    from collalign.engine.run_options import RunOptions
 
 #: Exit codes: something was left out; ``status`` of a run that is not finished; interrupted.
 INCOMPLETE, UNFINISHED, INTERRUPTED = 3, 5, 130
@@ -49,13 +55,19 @@ def was_interrupted() -> bool:
 
 
 @contextmanager
-def resumable(store: Path) -> Iterator[None]:
+def resumable(run: RunOptions, folder: Path) -> Iterator[RunOptions]:
     """Add to an interruption, by a person or by the loss of a cluster, what is kept and how to go on.
 
     Parameters
     ----------
-    store : Path
-        The file with everything finished.
+    run : RunOptions
+    folder : Path
+        Of the results: everything finished is kept in the store there unless the options name another one.
+
+    Yields
+    ------
+    RunOptions
+        With the store.
 
     Raises
     ------
@@ -64,9 +76,10 @@ def resumable(store: Path) -> Iterator[None]:
     RunLost
         Likewise.
     """
-    kept = f"everything finished is kept in {store}; {GO_ON}"
+    run = replace(run, store=run.store or folder / STORE_FILE)
+    kept = f"everything finished is kept in {run.store}; {GO_ON}"
     try:
-        yield
+        yield run
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted; {kept}") from None
     except RunLost as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -30,6 +30,8 @@ _ROW_HEIGHT, _MARGIN = 1.2, 0.03
 _RIGHT = np.array([1.0, 0.0])
 #: Half the time of the usual level, for 4 % more bytes.
 _PNG = {"compress_level": 3}
+#: A shape as it is seen, the farthest first: corners of triangles (f, 3, 2) or points (v, 2), and their colours.
+Panel: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,23 +59,9 @@ def tile_of(shape: Shape, transform: FloatArray, confidence: float) -> Tile:
     return Tile(name=shape.name, vertices=vertices, faces=faces, transform=transform, confidence=confidence)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ContactSheet:
-    """A picture of all tiles, each before (left) and after (right) alignment, as it goes to who draws it.
-
-    Attributes
-    ----------
-    path : Path
-        The PNG to write.
-    tiles : tuple of Tile
-    """
-
-    path: Path
-    tiles: tuple[Tile, ...]
-
-    def write(self) -> None:
-        """Draw the picture and write it."""
-        contact_sheet(self.tiles).savefig(self.path, format="png", metadata={"Software": None}, pil_kwargs=_PNG)
+def write_contact_sheet(path: Path, tiles: Iterable[Tile]) -> None:
+    """Draw the picture of all tiles and write it as PNG."""
+    contact_sheet(tiles).savefig(path, format="png", metadata={"Software": None}, pil_kwargs=_PNG)
 
 
 def contact_sheet(tiles: Iterable[Tile]) -> Figure:
@@ -120,15 +108,6 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
     return figure
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Panel:
-    """A shape seen from the viewpoint, the farthest first: corners of triangles or points, and their colours."""
-
-    faces: bool
-    corners: FloatArray
-    colours: FloatArray
-
-
 def seen_panel(
     vertices: FloatArray, faces: IntArray, corner: FloatArray, colours: FloatArray, *, flipped: bool = False
 ) -> Panel:
@@ -151,14 +130,14 @@ def seen_panel(
     if not len(faces):
         order = np.argsort(points[:, 2])
         depth = np.clip(0.6 + 0.4 * points[order, 2:], 0.0, 1.0)
-        return Panel(faces=False, corners=flat[order], colours=depth * colours[order])
+        return flat[order], depth * colours[order]
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     shades = np.clip(0.25 + 0.7 * np.abs(normals @ _LIGHT * (-1.0 if flipped else 1.0)), 0.0, 1.0)
     order = np.argsort(corners[:, :, 2].mean(axis=1))
     lit = np.clip(shades[:, None] * colours[faces].mean(axis=1), 0.0, 1.0)
-    return Panel(faces=True, corners=flat[faces][order], colours=lit[order])
+    return flat[faces][order], lit[order]
 
 
 def draw_panels(axes: Any, panels: list[Panel]) -> None:
@@ -166,13 +145,13 @@ def draw_panels(axes: Any, panels: list[Panel]) -> None:
     from matplotlib.collections import TriMesh
     from matplotlib.tri import Triangulation
 
-    if meshes := [panel for panel in panels if panel.faces]:
-        corners = np.concatenate([panel.corners for panel in meshes]).reshape(-1, 2)
+    if meshes := [panel for panel in panels if panel[0].ndim == 3]:
+        corners = np.concatenate([corners for corners, _ in meshes]).reshape(-1, 2)
         triangles = np.arange(len(corners)).reshape(-1, 3)
         mesh = TriMesh(Triangulation(corners[:, 0], corners[:, 1], triangles))
-        colours: Any = np.repeat(np.concatenate([panel.colours for panel in meshes]), 3, axis=0)
+        colours: Any = np.repeat(np.concatenate([lit for _, lit in meshes]), 3, axis=0)
         mesh.set_facecolor(colours)
         axes.add_collection(mesh, autolim=False)
-    for panel in panels:
-        if not panel.faces:
-            axes.scatter(panel.corners[:, 0], panel.corners[:, 1], s=1, c=panel.colours, linewidths=0)
+    for points, lit in panels:
+        if points.ndim == 2:
+            axes.scatter(points[:, 0], points[:, 1], s=1, c=lit, linewidths=0)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,27 +21,12 @@ from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 
 Made = TypeVar("Made")
+#: The display mesh of one shape, for the report and the contact sheet: its vertices (v, 3) in the file's coordinates,
+#: its faces (f, 3), and the vertices' colours by place (v, 3), (0, 3) where there are none.
+DisplayMesh: TypeAlias = tuple[FloatArray, IntArray, NDArray[np.uint8]]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ShapeParts:
-    """What the report and the contact sheet show of one shape.
-
-    Attributes
-    ----------
-    vertices : ndarray, shape (v, 3)
-        Of the display mesh, in the file's coordinates.
-    faces : ndarray of int, shape (f, 3)
-    places : ndarray of uint8, shape (v, 3)
-        Colours of the display mesh by place, (0, 3) where there are none.
-    """
-
-    vertices: FloatArray
-    faces: IntArray
-    places: NDArray[np.uint8]
-
-
-def write_shape(file: PosedFile, *, mesh: Path, max_faces: int, colours: FloatArray | None) -> ShapeParts:
+def write_shape(file: PosedFile, *, mesh: Path, max_faces: int, colours: FloatArray | None) -> DisplayMesh:
     """Read a shape, write its aligned copy and decimate it; runs inside a worker.
 
     Parameters
@@ -65,7 +49,7 @@ def write_shape(file: PosedFile, *, mesh: Path, max_faces: int, colours: FloatAr
     if colours is not None:
         colours = at_vertices(colours, shape)[cKDTree(shape.vertices).query(vertices)[1]]
         places = np.round(255.0 * colours).astype(np.uint8)
-    return ShapeParts(vertices=vertices, faces=faces, places=places)
+    return vertices, faces, places
 
 
 def write_shapes(
@@ -75,7 +59,7 @@ def write_shapes(
     *,
     num_jobs: int = 1,
     advance: Callable[[], None] | None = None,
-) -> list[ShapeParts]:
+) -> list[DisplayMesh]:
     """Write the aligned meshes, and return what else is made of the shapes; each file is read once.
 
     Parameters

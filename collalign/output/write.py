@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from collalign.confidence.candidate_model import candidate_chances
 from collalign.confidence.pose_model import symmetric_confidence
 from collalign.output.certificates import write_certificates
 from collalign.output.collection import MESH_FOLDER, Collection
-from collalign.output.contact_sheet import ContactSheet, tile_of
+from collalign.output.contact_sheet import tile_of, write_contact_sheet
 from collalign.output.evidence.evidence_file import (
     CORRESPONDENCES_FILE,
     EVIDENCE_FILE,
@@ -22,7 +23,7 @@ from collalign.output.evidence.evidence_file import (
     save_evidence,
 )
 from collalign.output.evidence.gather import shown_pair
-from collalign.output.report.page import Page, report_pages
+from collalign.output.report.page import report_pages
 from collalign.output.shape_files import share_out, write_shapes
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, PlaceColours, save_vertex_maps
 from collalign.products.trust import KINDS, Trust
@@ -118,14 +119,14 @@ def save_collection(
             collection,
             pairs=[shown_pair(pair) for pair in collection.pairs],
             labels=dict(labels or {}),
-            vertices=tuple(part.vertices for part in parts),
-            faces=tuple(part.faces for part in parts),
-            places=() if colours is None else tuple(part.places for part in parts),
+            vertices=tuple(vertices for vertices, _, _ in parts),
+            faces=tuple(faces for _, faces, _ in parts),
+            places=() if colours is None else tuple(places for _, _, places in parts),
         )
         save_evidence(shown, output.staging)
         title = report_title(collection) if report else None
         documents = _documents(shown, output, title)
-        share_out(write_document, ((name, {"document": one}) for name, one in documents), num_jobs=num_jobs)
+        share_out(write_document, ((name, {"write": write}) for name, write in documents), num_jobs=num_jobs)
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
         raise InputError(f"{output.folder}: the results cannot be written ({error.strerror or error})") from error
@@ -242,22 +243,22 @@ def _write_tables(collection: Collection, output: OutputFolder) -> None:
         save_vertex_maps(collection.made.vertices, output.stage(VERTEX_MAPS_FILE))
 
 
-def write_document(document: Page | ContactSheet) -> None:
+def write_document(write: Callable[[], None]) -> None:
     """Write a page or a picture; runs inside a worker."""
-    document.write()
+    write()
 
 
 def _documents(
     shown: Collection, output: OutputFolder, title: str | None
-) -> Iterator[tuple[str, Page | ContactSheet]]:
-    """Yield what is drawn and, with a title, the pages of the report, by name."""
+) -> Iterator[tuple[str, Callable[[], None]]]:
+    """Yield what writes the picture of all shapes and, with a title, the pages of the report, by name."""
     drawn = np.linspace(0, len(shown) - 1, min(len(shown), _MAX_TILES)).round().astype(np.int64)
     meshes = {i: Shape.from_arrays(shown.vertices[i], shown.faces[i], name=shown.names[i]) for i in drawn.tolist()}
     tiles = tuple(tile_of(mesh, shown.transforms[i], float(shown.confidence[i])) for i, mesh in meshes.items())
-    yield "sheet", ContactSheet(path=output.stage(CONTACT_SHEET_FILE).absolute(), tiles=tiles)
+    yield "sheet", partial(write_contact_sheet, output.stage(CONTACT_SHEET_FILE).absolute(), tiles)
     if title is not None:
         for page in report_pages(shown, output.stage(REPORT_FILE).absolute(), title=title):
-            yield page.title, page
+            yield page.title, page.write
 
 
 def _pairs_table(collection: Collection) -> str:

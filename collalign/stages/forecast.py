@@ -86,12 +86,9 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
     """
     num = len(listing.names)
     chosen = sorted({round(place) for place in np.linspace(0, num - 1, min(num, NUM_TRIAL_SHAPES))})
-    few = replace(
-        listing, files=tuple(listing.files[i] for i in chosen), names=tuple(listing.names[i] for i in chosen)
-    )
     with Session.open(options, replace(run, store=None)) as session:
         started = time.perf_counter()
-        shapes = prepare_shapes(session, few)
+        shapes = prepare_shapes(session, listing.some(chosen))
         prepared_s = time.perf_counter() - started
         pairs, _ = match_pairs(session, shapes, all_pairs(len(shapes.names)))
         if wants_maps(options, pairs):

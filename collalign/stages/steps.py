@@ -88,20 +88,20 @@ def match(run: Run) -> tuple[Run, Matched]:
     with run.stage("pairs"):
         descriptors = describe_shapes(shapes)
         edges = choose_pairs(session, shapes, descriptors, run.constraints, run.former)
-        choice = decide_group(
+        group, note, may_be_mirrored = decide_group(
             session, shapes, descriptors, edges, former=run.former, any_mirrored=run.constraints.any_mirrored
         )
-        run = with_group(run, choice.group)
+        run = with_group(run, group)
         session = run.session
         pairs, failed = match_chosen(session, shapes, edges, run.constraints)
         pairs, failed, solution = grow_pairs(session, shapes, descriptors, edges, pairs, failed, run.constraints)
     matched = Matched(
-        group=choice.group,
+        group=group,
         pairs=pairs,
         failed=failed,
         solution=solution,
-        notes=(choice.note,),
-        may_be_mirrored=choice.may_be_mirrored,
+        notes=(note,),
+        may_be_mirrored=may_be_mirrored,
     )
     return run, matched
 

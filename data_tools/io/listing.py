@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from glob import glob, has_magic
 from pathlib import Path
 
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.checks import check_known
 from data_tools.errors import InputError
 from data_tools.io.archives import read_npz
 from data_tools.io.files import natural_key, read_text, readable_name
@@ -49,12 +50,16 @@ class FolderListing:
         """The names of the others, with as many folders as tell them apart."""
         return tuple(_told_apart(self.skipped, kinds=(True,)))
 
+    def some(self, chosen: Iterable[int]) -> FolderListing:
+        """Return the listing of some of the shapes alone, by their positions."""
+        at = list(chosen)
+        return FolderListing(files=tuple(self.files[i] for i in at), names=tuple(self.names[i] for i in at))
+
     def without(self, names: Sequence[str]) -> FolderListing:
         """Return the listing without some shapes; an unknown name is an ``InputError``."""
-        if unknown := sorted({*names} - {*self.names}):
-            raise InputError(f"--exclude: there is no shape {unknown[0]!r}")
-        kept = {name: file for name, file in zip(self.names, self.files, strict=True) if name not in names}
-        return replace(self, files=tuple(kept.values()), names=tuple(kept))
+        check_known("exclude", names, self.names)
+        kept = self.some(at for at, name in enumerate(self.names) if name not in names)
+        return replace(kept, skipped=self.skipped)
 
 
 def read_folder(folder: Path | str, *, recursive: bool = False) -> FolderListing:

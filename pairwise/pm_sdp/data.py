@@ -135,8 +135,8 @@ class RelaxationData:
             If no assignment is allowed, or squared coordinates overflow.
         """
         lifted = LiftedRotation.build(problem.pattern, cross_products=cross_products)
-        support = assignment_support(problem.allowed)
-        index, valid = _match_lists(support.allowed)
+        allowed, always_full = assignment_support(problem.allowed)
+        index, valid = _match_lists(allowed)
         with np.errstate(over="ignore", invalid="ignore"):
             cost, vectors = _match_costs(problem, lifted)
             constant = float((problem.weights * (problem.source**2).sum(axis=1)).sum())
@@ -149,7 +149,7 @@ class RelaxationData:
             valid=valid,
             cost=np.where(valid, cost[index, source], 0.0),
             vectors=np.where(valid[..., None], vectors[index, source], 0.0),
-            equality=support.always_full,
+            equality=always_full,
             constant=constant,
         )
 

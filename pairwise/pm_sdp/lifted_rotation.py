@@ -126,7 +126,7 @@ class LiftedRotation:
 def _variables(pattern: RotationPattern) -> tuple[IntArray, FloatArray]:
     """Number the variables: one for each entry that can be non-zero, two for an SO(2) block."""
     rows, cols = pattern.entries
-    possible = assignment_support(pattern.mask).allowed[rows, cols]
+    possible = assignment_support(pattern.mask)[0][rows, cols]
     representative = np.arange(len(rows))
     sign = np.ones(len(rows))
     position = {(int(s), int(t)): e for e, (s, t) in enumerate(zip(rows, cols, strict=True))}

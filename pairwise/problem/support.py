@@ -5,8 +5,6 @@ A convex relaxation over a mask has an interior point only on this part, so the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
@@ -15,23 +13,7 @@ from data_tools.arrays import BoolArray, IntArray
 from data_tools.errors import InputError
 
 
-@dataclass(frozen=True, eq=False)
-class Support:
-    """The feasible part of an assignment problem's mask.
-
-    Attributes
-    ----------
-    allowed : ndarray of bool, shape (n, k)
-        Matches that occur in at least one feasible assignment.
-    always_full : ndarray of bool, shape (n,)
-        Rows that every feasible assignment fills.
-    """
-
-    allowed: BoolArray
-    always_full: BoolArray
-
-
-def assignment_support(allowed: BoolArray) -> Support:
+def assignment_support(allowed: BoolArray) -> tuple[BoolArray, BoolArray]:
     """Prune a mask to the matches that some feasible assignment uses.
 
     Alternating cycles through one feasible assignment: a match can occur iff its two ends lie in the same strongly
@@ -42,6 +24,13 @@ def assignment_support(allowed: BoolArray) -> Support:
     ----------
     allowed : ndarray of bool, shape (n, k)
         Column j may go to row i. Every column must be assigned.
+
+    Returns
+    -------
+    allowed : ndarray of bool, shape (n, k)
+        Matches that occur in at least one feasible assignment.
+    always_full : ndarray of bool, shape (n,)
+        Rows that every feasible assignment fills.
 
     Raises
     ------
@@ -57,7 +46,7 @@ def assignment_support(allowed: BoolArray) -> Support:
     usable[matched, np.arange(k)] = True
     taken = np.zeros(n, dtype=bool)
     taken[matched] = True
-    return Support(usable, taken & (row_label != free_label))
+    return usable, taken & (row_label != free_label)
 
 
 def _residual_components(allowed: BoolArray, matched: IntArray) -> tuple[IntArray, IntArray, int]:

@@ -8,8 +8,7 @@ identities themselves, independently of the dual solver, because they are what t
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -23,21 +22,9 @@ Entry = tuple[int, int]
 Polynomial = list[tuple[float, Entry, Entry | None]]
 
 
-@dataclass(frozen=True, eq=False)
-class LiftedEquations:
-    """Equations ``quadratic @ vec(C) + linear @ [R] = constant``, without those that vanish identically.
-
-    Attributes
-    ----------
-    quadratic : sparse array, shape (m, r * r)
-        Coefficients of C; C is symmetric, so its vectorisation order does not matter.
-    linear : sparse array, shape (m, r)
-    constant : ndarray, shape (m,)
-    """
-
-    quadratic: csr_array
-    linear: csr_array
-    constant: FloatArray
+#: Equations ``quadratic @ vec(C) + linear @ [R] = constant``, without those that vanish identically: sparse
+#: (m, r * r) and (m, r), and (m,). C is symmetric, so its vectorisation order does not matter.
+LiftedEquations: TypeAlias = tuple[csr_array, csr_array, FloatArray]
 
 
 def orthogonality_equations(pattern: RotationPattern) -> LiftedEquations:
@@ -159,7 +146,7 @@ def _collect(pattern: RotationPattern, polynomials: Iterable[tuple[Polynomial, f
         if found:
             constants.append(constant)
     num = len(constants)
-    return LiftedEquations(_sparse(quadratic, (num, r * r)), _sparse(linear, (num, r)), np.array(constants))
+    return _sparse(quadratic, (num, r * r)), _sparse(linear, (num, r)), np.array(constants)
 
 
 def _sparse(entries: list[tuple[int, int, float]], shape: tuple[int, int]) -> csr_array:

@@ -165,7 +165,9 @@ def rotation_constraints(problem: Problem, c: Any, entries: Any, *, cross_produc
         kept = tuple(block for block in blocks if block[1] - block[0] != 3)
         pattern = replace(pattern, special_blocks=kept)
     equations = [
-        e.quadratic @ cp.vec(c, order="F") + e.linear @ entries == e.constant for e in lifted if len(e.constant)
+        quadratic @ cp.vec(c, order="F") + linear @ entries == constant
+        for quadratic, linear, constant in lifted
+        if len(constant)
     ]
     return [*equations, *hull_constraints(pattern, entries)]
 

@@ -111,7 +111,7 @@ def test_what_a_part_of_the_pairs_proves_passes_verification(result, tmp_path, m
 
 
 def test_wrong_names_files_and_options_are_refused(result, tmp_path):
-    with pytest.raises(InputError, match="no aligned shape is called 'nobody'"):
+    with pytest.raises(InputError, match="no shape is called 'nobody'"):
         collalign.certify_collection(result, shapes=["nobody"])
     with pytest.raises(InputError, match="holds no pair of these shapes"):
         collalign.certify_collection(result, shapes=load(result).names[:1])

@@ -10,8 +10,8 @@ unless the collection is so large that the pilot looked at a part of it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -39,24 +39,9 @@ KEPT_UNMIRRORED = (
     "Added shapes look like mirror images, but the collection was aligned without mirror images and keeps that; to "
     "mirror them, align all shapes again."
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class GroupChoice:
-    """Whether a collection's shapes may be mirrored, and why.
-
-    Attributes
-    ----------
-    group : {"SO", "O"}
-    note : str
-        For the user, one sentence or two; empty where the user decided.
-    may_be_mirrored : tuple of int
-        Shapes that were not mirrored though that is as likely.
-    """
-
-    group: Literal["SO", "O"]
-    note: str = ""
-    may_be_mirrored: tuple[int, ...] = ()
+#: The group; why, for the user, in one sentence or two, empty where the user decided; and the shapes that were not
+#: mirrored though that is as likely.
+GroupChoice: TypeAlias = tuple[Literal["SO", "O"], str, tuple[int, ...]]
 
 
 def decide_group(
@@ -84,17 +69,15 @@ def decide_group(
         Whether a pose that was given mirrors its shape.
     """
     if session.options.group != "auto":
-        return GroupChoice(group=session.options.group)
+        return session.options.group, "", ()
     if former is not None and former.group == "O":
-        return GroupChoice(group="O", note="Shapes may be mirrored, as in the collection that shapes were added to.")
+        return "O", "Shapes may be mirrored, as in the collection that shapes were added to.", ()
     if any_mirrored:
-        return GroupChoice(group="O", note="Shapes may be mirrored, because a pose that was given is.")
-    choice = group_of_shapes(session, shapes, descriptors, edges)
-    if former is None or choice.group == "SO":
-        return choice
-    return GroupChoice(
-        group="SO", note=f"{KEPT_UNMIRRORED} The evidence: {choice.note}", may_be_mirrored=choice.may_be_mirrored
-    )
+        return "O", "Shapes may be mirrored, because a pose that was given is.", ()
+    group, note, may_be_mirrored = group_of_shapes(session, shapes, descriptors, edges)
+    if former is None or group == "SO":
+        return group, note, may_be_mirrored
+    return "SO", f"{KEPT_UNMIRRORED} The evidence: {note}", may_be_mirrored
 
 
 def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArray, edges: IntArray) -> GroupChoice:
@@ -108,9 +91,9 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
     num = len(shapes.names)
     if num > MOST_SHAPES:
         some, chosen = _evenly_spaced(shapes, MOST_SHAPES)
-        choice = group_of_shapes(session, some, descriptors[chosen], all_pairs(MOST_SHAPES))
-        note = f"{choice.note} This was decided on {MOST_SHAPES} of {num} shapes."
-        return replace(choice, note=note, may_be_mirrored=tuple(chosen[list(choice.may_be_mirrored)].tolist()))
+        group, note, undecided = group_of_shapes(session, some, descriptors[chosen], all_pairs(MOST_SHAPES))
+        note += f" This was decided on {MOST_SHAPES} of {num} shapes."
+        return group, note, tuple(chosen[list(undecided)].tolist())
     both_kinds = session.with_options(replace(session.options, group="O"))
     compared: dict[tuple[int, int], tuple[float, float]] = {}
 
@@ -130,11 +113,8 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
         sides, energies = staged_sides(edges, descriptors, energies_of)
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
     is_open = sides.are_likely and not sides.are_clear
-    return GroupChoice(
-        group="O" if sides.are_clear else "SO",
-        note=_note(sides, num_better, shapes.names),
-        may_be_mirrored=tuple(np.flatnonzero(sides.mirrored).tolist()) if is_open else (),
-    )
+    may_be_mirrored = tuple(np.flatnonzero(sides.mirrored).tolist()) if is_open else ()
+    return "O" if sides.are_clear else "SO", _note(sides, num_better, shapes.names), may_be_mirrored
 
 
 def staged_sides(

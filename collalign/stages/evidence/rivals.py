@@ -8,7 +8,7 @@ tried against all partners, the wrong ones like the right one, so that none is f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -25,19 +25,9 @@ from data_tools.poses import SAME_DEG, keep_apart, turn_deg
 SAME_RIVAL_DEG, NUM_RIVALS = 25.0, 3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Votes:
-    """What the pairs of one shape say about its pose in the common frame.
-
-    Attributes
-    ----------
-    poses : ndarray, shape (v, 3, 3)
-    weights : ndarray, shape (v,)
-        Probability of the candidate, by its pair alone.
-    """
-
-    poses: FloatArray
-    weights: FloatArray
+#: What the pairs of one shape say about its pose in the common frame: poses (v, 3, 3), and the probability of each
+#: candidate by its pair alone (v,).
+Votes: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 def try_rivals(
@@ -128,7 +118,7 @@ def missing_poses(pairs: Sequence[Pair], poses: FloatArray) -> dict[int, FloatAr
 
 def votes_of(pairs: Sequence[Pair], poses: FloatArray) -> list[Votes]:
     """Return what the pairs' candidates say about every shape, given the poses of their other shapes."""
-    found: list[list[tuple[FloatArray, FloatArray]]] = [[] for _ in poses]
+    found: list[list[Votes]] = [[] for _ in poses]
     for pair in pairs:
         chance = np.exp(pair.log_odds - pair.log_odds.max())
         chance /= chance.sum()
@@ -136,9 +126,9 @@ def votes_of(pairs: Sequence[Pair], poses: FloatArray) -> list[Votes]:
         found[pair.target].append((poses[pair.source] @ np.swapaxes(relative, 1, 2), chance))
         found[pair.source].append((poses[pair.target] @ relative, chance))
     return [
-        Votes(
-            poses=np.concatenate([votes for votes, _ in own] or [np.empty((0, 3, 3))]),
-            weights=np.concatenate([weights for _, weights in own] or [np.empty(0)]),
+        (
+            np.concatenate([votes for votes, _ in own] or [np.empty((0, 3, 3))]),
+            np.concatenate([weights for _, weights in own] or [np.empty(0)]),
         )
         for own in found
     ]
@@ -146,11 +136,12 @@ def votes_of(pairs: Sequence[Pair], poses: FloatArray) -> list[Votes]:
 
 def voted_poses(votes: Votes, pose: FloatArray) -> FloatArray:
     """Return the pose of a shape and the strongest other ones that its pairs vote for, shape (at most 4, 3, 3)."""
-    flat = votes.poses.reshape(-1, 9)
+    voted, weights = votes
+    flat = voted.reshape(-1, 9)
     close = 1.0 + 2.0 * np.cos(np.deg2rad(SAME_RIVAL_DEG))
     near = flat @ flat.T >= close
-    support = near @ votes.weights
-    ranked = np.concatenate([pose[None], votes.poses[np.argsort(-support, kind="stable")]])
+    support = near @ weights
+    ranked = np.concatenate([pose[None], voted[np.argsort(-support, kind="stable")]])
     return ranked[keep_apart(ranked, SAME_RIVAL_DEG, num=NUM_RIVALS + 1)]
 
 

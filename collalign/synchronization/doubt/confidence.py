@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative
@@ -19,23 +17,10 @@ MOST_CONFIDENT = 0.999
 _MOST_COMPARED = 2048**2
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Doubts:
-    """What may be wrong about the poses of one connected group.
-
-    Attributes
-    ----------
-    confidence : ndarray, shape (N,)
-    alternatives : list of tuple of Alternative
-        Per shape.
-    """
-
-    confidence: FloatArray
-    alternatives: list[tuple[Alternative, ...]]
-
-
-def assess(states: list[State], frames: FloatArray, free: BoolArray) -> Doubts:
-    """Return the doubts about an answer.
+def assess(
+    states: list[State], frames: FloatArray, free: BoolArray
+) -> tuple[FloatArray, list[tuple[Alternative, ...]]]:
+    """Return the doubts about an answer: of one connected group the confidence of each pose and its alternatives.
 
     Parameters
     ----------
@@ -45,11 +30,17 @@ def assess(states: list[State], frames: FloatArray, free: BoolArray) -> Doubts:
         The reported frames: the answer's, refined.
     free : ndarray of bool, shape (N,)
         Shapes that are not fixed by hand; the others are certain.
+
+    Returns
+    -------
+    confidence : ndarray, shape (N,)
+    alternatives : list of tuple of Alternative
+        Per shape.
     """
     best = states[0]
     confidence = beliefs_of_answers(states) * (0.5 + 0.5 * min(1.0, evidence_signal(best) / PRIORS.enough_signal))
     confidence[~free] = 1.0
-    return Doubts(confidence=confidence, alternatives=pose_alternatives(best, frames))
+    return confidence, pose_alternatives(best, frames)
 
 
 def evidence_signal(state: State) -> float:

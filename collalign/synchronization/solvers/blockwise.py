@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.products.pair import Alternative
-from collalign.synchronization.doubt.confidence import Doubts, assess
+from collalign.synchronization.doubt.confidence import assess
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.frames import transposed
 from collalign.synchronization.problem.graph import PairGraph
@@ -30,27 +30,19 @@ from pairwise.problem.pattern import RotationPattern
 INLIER_PROBABILITY = 0.5
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BlockOutcome:
-    """Poses of one connected group in one block of coordinates.
+def solve_block(
+    graph: PairGraph, fixed: Mapping[int, FloatArray]
+) -> tuple[FloatArray, IntArray, BoolArray, list[State]]:
+    """Find the poses of a connected group and bring them to a stationary point of the weighted least squares.
 
-    Attributes
-    ----------
+    Returns
+    -------
     frames : ndarray, shape (N, b, b)
     choice : ndarray of int, shape (E,)
     inlier : ndarray of bool, shape (E,)
     states : list of State
         What the starts led to, the answer first.
     """
-
-    frames: FloatArray
-    choice: IntArray
-    inlier: BoolArray
-    states: list[State]
-
-
-def solve_block(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> BlockOutcome:
-    """Find the poses of a connected group and bring them to a stationary point of the weighted least squares."""
     states = find_poses(graph, fixed)
     best = states[0]
     squared = squared_distances(graph, best.frames)
@@ -59,12 +51,8 @@ def solve_block(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> BlockOutco
     free = np.ones(graph.num_shapes, dtype=bool)
     free[list(fixed) or [0]] = False
     frames = polish(best.frames, graph.edges, graph.chosen(choice), weights, free)
-    return BlockOutcome(
-        frames=frames,
-        choice=choice,
-        inlier=best.model.responsibilities(squared_distances(graph, frames)).sum(axis=1) >= INLIER_PROBABILITY,
-        states=states,
-    )
+    right = best.model.responsibilities(squared_distances(graph, frames)).sum(axis=1)
+    return frames, choice, right >= INLIER_PROBABILITY, states
 
 
 def refinement_weights(model: EdgeModel, squared: FloatArray, choice: IntArray) -> FloatArray:
@@ -165,21 +153,17 @@ def _solve_component(
     """Solve one component: the rotation block with its doubts, then the other blocks by the same candidates."""
     for number, index in enumerate(part.pattern.components):
         block = restricted(part, index, draft.choice[kept] if number else None)
-        found = solve_block(block, {i: frame[index[:, None], index] for i, frame in fixed.items()})
-        draft.frames[np.ix_(members, index, index)] = found.frames
+        given = {i: frame[index[:, None], index] for i, frame in fixed.items()}
+        frames, choice, inlier, states = solve_block(block, given)
+        draft.frames[np.ix_(members, index, index)] = frames
         if number:
             continue
-        draft.choice[kept], draft.inlier[kept] = found.choice, found.inlier
+        draft.choice[kept], draft.inlier[kept] = choice, inlier
         free = np.ones(len(members), dtype=bool)
         free[list(fixed)] = False
-        _note_doubts(draft, assess(found.states, found.frames, free), members)
-
-
-def _note_doubts(draft: _Draft, doubts: Doubts, members: IntArray) -> None:
-    """Write the doubts about a component's rotation block, in the component's own frame, into the draft."""
-    draft.confidence[members] = doubts.confidence
-    for shape, alternatives in zip(members, doubts.alternatives, strict=True):
-        draft.alternatives[shape] = alternatives
+        draft.confidence[members], alternatives = assess(states, frames, free)
+        for shape, own in zip(members, alternatives, strict=True):  # in the component's own frame
+            draft.alternatives[shape] = own
 
 
 def _result(

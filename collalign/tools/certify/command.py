@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +10,6 @@ from cyclopts import Parameter
 from collalign.cli.interruption import resumable
 from collalign.cli.talk import say, say_files
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.layout import STORE_FILE
 from collalign.output.certificates import CERTIFIER
 from collalign.output.evidence.loading import load
 from collalign.tools.certify.files import (
@@ -47,12 +45,11 @@ def certify(
         Seconds after which no further proof of a pair begins; pairs without one
         count with a bound that costs nothing.
     """
-    files = load(result).source_files()
-    store = run.store or result / STORE_FILE
-    with resumable(store), OutputFolder.open(result, writer=CERTIFIER, inputs=inputs_of(files)) as output:
+    files = inputs_of(load(result).source_files())
+    with resumable(run, result) as run, OutputFolder.open(result, writer=CERTIFIER, inputs=files) as output:
         output.refuse_foreign(FILES)
         former = former_statement(result)
-        found = certify_collection(result, shapes=shapes, budget_s=budget_s, run=replace(run, store=store))
+        found = certify_collection(result, shapes=shapes, budget_s=budget_s, run=run)
         written = write_certification(found, output)
     written += tell_in_report(found, result, former)
     for line in certification_summary(found):

@@ -73,10 +73,7 @@ def certify_collection(
     collection = load(result)
     members = _members(collection, shapes)
     pairs = _pairs_among(collection, members)
-    files = collection.source_files()
-    listing = FolderListing(
-        files=tuple(files[i] for i in members), names=tuple(collection.names[i] for i in members), skipped=()
-    )
+    listing = FolderListing(files=collection.source_files(), names=collection.names).some(members)
     shown, frames = progress_display(progress), collection.rotations[members]
     decided = replace(collection.options, group="O" if collection.group == "O" else "SO")
     with Session.open(decided, as_options("run", run, RunOptions), shown) as session:

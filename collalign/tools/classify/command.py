@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from collalign.analysis.label_table import read_labels
+from collalign.cli.help import Excluded, Flag
 from collalign.cli.talk import say, tell, warn
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
@@ -23,8 +21,8 @@ def classify(
     *,
     labels: Path,
     by: str,
-    exclude: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
-    include_doubtful: Annotated[bool, Parameter(negative=())] = False,
+    exclude: Excluded = (),
+    include_doubtful: Flag = False,
 ) -> int:
     """Classify every shape by its nearest neighbour, leaving it out.
 
@@ -40,8 +38,6 @@ def classify(
         CSV file with one row per shape.
     by
         Column of the labels.
-    exclude
-        Names of shapes that do not count.
     include_doubtful
         Let shapes count whose pose is in doubt, and incomplete ones.
     """
@@ -52,7 +48,7 @@ def classify(
         warn(sentence)
     who = statistics_members(
         collection,
-        exclude=exclude or (),
+        exclude=exclude,
         include_doubtful=include_doubtful,
         include_incomplete=include_doubtful,
         one_part=False,

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from collalign.cli.help import Excluded, Flag
 from collalign.cli.talk import say_files, warn
 from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, Space, left_out_sentence
@@ -20,8 +21,8 @@ def export(
     to: Path,
     space: Space = "aligned",
     sources: Path | None = None,
-    exclude: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
-    include_doubtful: Annotated[bool, Parameter(negative=())] = False,
+    exclude: Excluded = (),
+    include_doubtful: Flag = False,
 ) -> int:
     """Write a result in a format of the field.
 
@@ -35,13 +36,11 @@ def export(
         Coordinates: aligned, aligned in the units of the files, those of the files, or Procrustes superimposed.
     sources
         Folder of the original files where they have moved.
-    exclude
-        Names of shapes that are left out of everything.
     include_doubtful
         Let shapes count in means, distances and superimpositions whose pose is in doubt, and incomplete ones.
     """
     collection = load(result)
-    who: dict[str, Any] = {"exclude": exclude or (), "include_doubtful": include_doubtful}
+    who: dict[str, Any] = {"exclude": exclude, "include_doubtful": include_doubtful}
     paths = write_export(collection, format, to, space=space, sources=sources, **who)
     if sentence := left_out_sentence(collection, format, space, **who):
         warn(sentence)

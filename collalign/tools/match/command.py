@@ -10,6 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from scipy.spatial import cKDTree
 
+from collalign.cli.help import Flag
 from collalign.cli.talk import say, say_files, tell
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.landmarks.templates import shape_of
@@ -38,7 +39,7 @@ WRITER = "match"
 class Bending:
     """How shapes are matched that bend."""
 
-    nonrigid: Annotated[bool, Parameter(negative=())] = False
+    nonrigid: Flag = False
     """Match deformable shapes; the options of deformation and surface belong to this."""
 
     landmarks: Annotated[tuple[Path, ...], Parameter(negative=())] = ()
@@ -53,7 +54,7 @@ def match(
     source: Path,
     *,
     out: Path | None = None,
-    partial: Annotated[bool, Parameter(negative=())] = False,
+    partial: Flag = False,
     options: Annotated[TwoShapeOptions, Parameter(name="*")] = TwoShapeOptions(),  # noqa: B008
     bending: Annotated[Bending, Parameter(name="*")] = Bending(),
 ) -> int:

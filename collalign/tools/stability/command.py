@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +10,6 @@ from cyclopts import Parameter
 from collalign.cli.interruption import resumable
 from collalign.cli.talk import say, say_files
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.layout import STORE_FILE
 from collalign.output.evidence.loading import load
 from collalign.tools.stability.files import FILES, WRITER, stability_summary, write_stability
 from collalign.tools.stability.run import StabilityOptions, check_stability
@@ -32,11 +30,10 @@ def stability(
     result
         Folder that ``collalign align`` wrote; stability.html and .csv are written into it.
     """
-    files = load(result).source_files()
-    store = run.store or result / STORE_FILE
-    with resumable(store), OutputFolder.open(result, writer=WRITER, inputs=inputs_of(files)) as output:
+    files = inputs_of(load(result).source_files())
+    with resumable(run, result) as run, OutputFolder.open(result, writer=WRITER, inputs=files) as output:
         output.refuse_foreign(FILES)
-        found = check_stability(result, options=options, run=replace(run, store=store))
+        found = check_stability(result, options=options, run=run)
         written = write_stability(found, output)
     for line in stability_summary(found):
         say(line)

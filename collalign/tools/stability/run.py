@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from itertools import count, islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -63,13 +63,8 @@ class StabilityOptions:
         check_flag("include_doubtful", self.include_doubtful)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Repetition:
-    """One repetition: in words, with which options, of which shapes."""
-
-    words: str
-    options: AlignOptions
-    members: IntArray
+#: One repetition: in words, with which options, of which shapes.
+Repetition: TypeAlias = tuple[str, AlignOptions, IntArray]
 
 
 @one_blas_thread()
@@ -121,7 +116,8 @@ def check_stability(
     True
     """
     collection = load(result)
-    files, asked = collection.source_files(), collection.options
+    listing = FolderListing(files=collection.source_files(), names=collection.names)
+    asked = collection.options
     wanted = as_options("options", options, StabilityOptions)
     plan = list(repetitions(replace(asked, reference="", certify=False), len(collection), wanted))
     if not plan:
@@ -132,20 +128,16 @@ def check_stability(
     before[:, np.setdiff1d(np.arange(len(collection)), who.chosen)] = np.nan
     rows = []
     with Session.open(asked, as_options("run", run, RunOptions), progress_display(progress)) as session:
-        for number, one in enumerate(plan, 1):
-            listing = FolderListing(
-                files=tuple(files[i] for i in one.members),
-                names=tuple(collection.names[i] for i in one.members),
-                skipped=(),
-            )
-            shown = _titled(session.progress, f"{one.words} ({number} of {len(plan)})")
-            again = align_listing(replace(session, options=one.options, progress=shown), listing, fixed={})
+        for number, (words, again_asked, members) in enumerate(plan, 1):
+            shown = _titled(session.progress, f"{words} ({number} of {len(plan)})")
+            repeated = replace(session, options=again_asked, progress=shown)
+            again = align_listing(repeated, listing.some(members), fixed={})
             rows.append(_compared(collection, before, again))
     present, changes, same, neighbours = (read_only(np.stack(column)) for column in zip(*rows, strict=True))
     return Stability(
         names=collection.names,
         confidence=collection.confidence,
-        repetitions=tuple(one.words for one in plan),
+        repetitions=tuple(words for words, _, _ in plan),
         present=present,
         changes_deg=changes,
         same_chirality=same,
@@ -176,12 +168,12 @@ def repetitions(
     rng = np.random.default_rng(asked.seed)
     for number in range(1, wanted.num_subsets + 1 if size < num_shapes else 1):
         members = np.sort(rng.permutation(num_shapes)[:size])
-        yield Repetition(words=f"{size} shapes, choice {number}", options=asked, members=members)
+        yield f"{size} shapes, choice {number}", asked, members
     for seed in islice((seed for seed in count() if seed != asked.seed), wanted.num_seeds):
-        yield Repetition(words=f"seed {seed}", options=replace(asked, seed=seed), members=every)
+        yield f"seed {seed}", replace(asked, seed=seed), every
     for num in sorted({*wanted.num_points} - {asked.sampling.num_points}):
         sampling = replace(asked.sampling, num_points=num)
-        yield Repetition(words=f"{num} points", options=replace(asked, sampling=sampling), members=every)
+        yield f"{num} points", replace(asked, sampling=sampling), every
 
 
 def _compared(collection: Collection, before: FloatArray, again: Collection) -> tuple[Any, Any, Any, Any]:

@@ -10,10 +10,10 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
+from collalign.cli.help import Flag
 from collalign.cli.interruption import INCOMPLETE, resumable
 from collalign.cli.talk import say, say_files, tell, warn
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.layout import STORE_FILE
 from collalign.landmarks.templates import SemilandmarkRequest, read_templates, shape_of
 from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, Space, left_out_sentence
@@ -39,10 +39,10 @@ class Written:
     space: Space = "raw"
     """Coordinates of the files, of the common frame, these in the units of the files, or Procrustes superimposed."""
 
-    leave_one_out: Annotated[bool, Parameter(negative=())] = False
+    leave_one_out: Flag = False
     """Predict every specimen that has landmarks from the others, and write and print how far off that is."""
 
-    include_doubtful: Annotated[bool, Parameter(negative=())] = False
+    include_doubtful: Flag = False
     """As in ``collalign export``."""
 
 
@@ -75,9 +75,7 @@ def transfer(
         raise InputError(
             "--leave-one-out: one specimen cannot be predicted from others; give landmarks of two at least"
         )
-    store = run.store or result / STORE_FILE
-    with resumable(store):
-        run = with_changes(run, store=store)
+    with resumable(run, result) as run:
         found = transfer_landmarks(result, given, semilandmarks=semilandmarks, run=run)
     page = landmarks_page(collection, found, result, written.to)
     collection = with_changes(collection, landmarks=found.points, landmark_names=found.labels, pairs=())

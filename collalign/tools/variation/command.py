@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace as with_changes
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from collalign.analysis.label_table import read_labels
+from collalign.cli.help import Excluded, Flag
 from collalign.cli.interruption import resumable
 from collalign.cli.talk import say_files, warn
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.layout import STORE_FILE
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
@@ -28,8 +27,8 @@ def variation(
     landmarks: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
     symmetry: str | None = None,
     individuals: str | None = None,
-    exclude: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
-    include_doubtful: Annotated[bool, Parameter(negative=())] = False,
+    exclude: Excluded = (),
+    include_doubtful: Flag = False,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
     """Show how the surfaces of a result vary: principal components, groups, every specimen against the mean.
@@ -50,8 +49,6 @@ def variation(
         CSV file with two landmarks, left and right, in each row; landmarks in none are on the midline.
     individuals
         Column of the labels that says whom each shape belongs to, where individuals were measured several times.
-    exclude
-        Names of shapes that do not count.
     include_doubtful
         Let shapes whose pose is in doubt count as well.
     """
@@ -61,8 +58,7 @@ def variation(
         raise InputError(f"--individuals: no column of the labels is called {individuals!r}")
     owners = None if individuals is None else (columns or collection.labels)[individuals]
     to = result / DEFAULT_FOLDER if to is None else to
-    store = run.store or result / STORE_FILE
-    with resumable(store):
+    with resumable(run, result) as run:
         write_surface_variation(
             result,
             to,
@@ -70,11 +66,11 @@ def variation(
             landmarks=landmarks or (),
             symmetry=symmetry,
             individuals=owners,
-            exclude=exclude or (),
+            exclude=exclude,
             include_doubtful=include_doubtful,
-            run=with_changes(run, store=store),
+            run=run,
         )
-    who = statistics_members(collection, exclude=exclude or (), include_doubtful=include_doubtful)
+    who = statistics_members(collection, exclude=exclude, include_doubtful=include_doubtful)
     if who.left_out:
         warn(who.sentence)
     say_files([to / PAGE_FILE])

@@ -18,7 +18,7 @@ def test_all_shapes_are_drawn_or_as_many_as_fit_from_the_first_to_the_last(most,
     with OutputFolder.open(tmp_path, writer="align") as output:
         ((name, sheet),) = write._documents(view, output, None)
     assert name == "sheet"
-    assert [tile.name for tile in sheet.tiles] == [view.names[i] for i in drawn]
+    assert [tile.name for tile in sheet.args[1]] == [view.names[i] for i in drawn]
 
 
 def test_colours_are_the_places_along_the_axes_of_the_reference():
