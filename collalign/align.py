@@ -21,20 +21,19 @@ from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.own import Own
 from collalign.products.pair import FormerPairs
 from collalign.products.run_record import Made, RunRecord
-from collalign.products.shapes import Constraints, Shapes
+from collalign.products.shapes import Shapes
 from collalign.stages import steps
 from collalign.stages.incomplete.add import with_incomplete
 from collalign.stages.incomplete.detect import MIN_SHAPES, find_incomplete, told_incomplete
 from collalign.stages.incomplete.grow import OPEN, align_scans, are_scans
-from collalign.stages.own_knowledge import own_note, own_points, with_own_pairs
+from collalign.stages.own_knowledge import given_constraints, own_note, own_points, with_own_samples
 from collalign.stages.pairs.match import num_reused_pairs
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from collalign.stages.trust.remedies import MOST_TRIED, may_be_scans
-from data_tools.arrays import ORTHOGONAL_TOL, FloatArray, as_floats, as_rotations, read_only
-from data_tools.checks import as_options, check_known, meant
-from data_tools.embedding.own_points import OwnPoints
+from data_tools.arrays import FloatArray, read_only
+from data_tools.checks import as_options, meant
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.listing import FolderListing
 from data_tools.io.objects import ShapesLike, list_shapes
@@ -148,10 +147,9 @@ def align_listing(
     times_s = dict[str, float]()
     with steps.timed(session, times_s, "shapes"):
         given = own_points(own, dict(zip(listing.names, listing.files, strict=True)))
-        session = _at_own_samples(session, given)
+        session = with_own_samples(session, given)
         shapes = prepare_shapes(session, listing, given)
-        constraints = _constraints(shapes, session.options, fixed)
-        constraints = with_own_pairs(constraints, own, shapes, session.options.group)
+        constraints = given_constraints(shapes, session.options, own, fixed)
     run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)
     missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
     if len(missing) == len(shapes.names):
@@ -174,15 +172,6 @@ def align_listing(
     matched = replace(matched, notes=(own_note(own, given, constraints, posed.rotations), *matched.notes))
     found = _collected(run, matched, posed, listing.skipped_names)
     return replace(found, own=own.kinds)
-
-
-def _at_own_samples(session: AlignSession, given: Mapping[str, OwnPoints]) -> AlignSession:
-    """Return the session whose options say how many samples are given, if any are."""
-    samples = next((one.samples for one in given.values()), None)
-    if samples is None:
-        return session
-    sampling = replace(session.options.sampling, num_points=len(samples))
-    return session.with_options(replace(session.options, sampling=sampling))
 
 
 def matched_samples(session: AlignSession, listing: FolderListing) -> Shapes:
@@ -306,25 +295,3 @@ def _unknown_confidence(confidence: FloatArray, method: str) -> tuple[str, ...]:
     if not np.isnan(confidence).all():
         return ()
     return (f"No confidence is known for any pose: the {method} synchronization does not estimate it.",)
-
-
-def _constraints(shapes: Shapes, options: AlignOptions, fixed: Mapping[str, ArrayLike]) -> Constraints:
-    """Return what stays, by position instead of name, checked."""
-    for argument, names in (("fixed", {*fixed}), ("reference", {options.reference} - {""})):
-        check_known(argument, names, shapes.names)
-    at = shapes.names.index
-    turns, whole = dict(fixed), dict[str, FloatArray]()
-    for name, pose in fixed.items():
-        if np.shape(pose) == (4, 4):
-            whole[name] = as_floats(pose, f"fixed[{name}]")
-            scale = float(scales_of(whole[name]))
-            if not scale or (whole[name][3] != (0.0, 0.0, 0.0, 1.0)).any():
-                raise InputError(f"fixed[{name}]: not the transform of a similarity, with a last row 0, 0, 0, 1")
-            if options.scaling == "rigid" and abs(scale - 1.0) > ORTHOGONAL_TOL:
-                raise InputError(f"fixed[{name}]: has a scale of {scale:.6g}, but sizes stay with scaling 'rigid'")
-            turns[name] = whole[name][:3, :3] / scale
-    return Constraints(
-        fixed={at(name): as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in turns.items()},
-        fixed_transforms={at(name): transform for name, transform in whole.items()},
-        reference=at(options.reference) if options.reference else 0,
-    )

@@ -103,10 +103,10 @@ def as_options(
 
 
 def check_known(argument: str, asked: Iterable[str], known: Iterable[str]) -> None:
-    """Raise an ``InputError`` that names a shape that is asked for and not known."""
-    if unknown := sorted(set(asked) - set(known)):
-        advice = "names are the files' names without suffix"
-        raise InputError(f"{argument}: no shape is called {unknown[0]!r}; {advice}")
+    """Raise an ``InputError`` that names a shape that is asked for and not known, and a similar one that is."""
+    if unknown := sorted(set(asked) - set(known), key=str):
+        advice = meant(unknown[0], known) or "; names are the files' names without suffix"
+        raise InputError(f"{argument}: no shape is called {unknown[0]!r}{advice}")
 
 
 def meant(name: object, known: Iterable[str]) -> str:

@@ -14,14 +14,14 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from collalign.engine.jobs.job import Job, K, Results, Runner, T, Wanted, table_of_stored
 from collalign.engine.jobs.progress import STAGES, ProgressBar, is_watched
-from collalign.engine.jobs.run import JobResult, Limits, SharedTable, run_jobs
+from collalign.engine.jobs.run import Limits, Outcome, SharedTable, run_jobs
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import KINDS, STAGE
 from collalign.engine.store.store import Store
 from data_tools.errors import InputError, SolveFailed
 
 #: Makes a progress display from (description, total, done): :class:`collalign.engine.jobs.progress.ProgressBar`.
-ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[[JobResult], None]]]
+ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[[Outcome], None]]]
 
 OptionsT = TypeVar("OptionsT")
 
@@ -34,7 +34,7 @@ def progress_display(progress: ProgressFactory | bool) -> ProgressFactory | None
 
 
 #: One step of what needs no worker, as a display counts it.
-_STEP = JobResult(key="", value=None, failure=None, seconds=0.0)
+_STEP = Outcome(key="", value=None, failure=None, seconds=0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -219,12 +219,12 @@ class Session(Generic[OptionsT]):
 
     def _display(
         self, kind: str, total: int, missing: int
-    ) -> AbstractContextManager[Callable[[JobResult], None] | None]:
+    ) -> AbstractContextManager[Callable[[Outcome], None] | None]:
         if self.progress is None or not missing:
             return nullcontext()
         return self.progress(kind, total, done=total - missing)
 
-    def _keep(self, kind: str, label: str, job: JobResult) -> None:
+    def _keep(self, kind: str, label: str, job: Outcome) -> None:
         if job.failure is None:
             self.store.put(kind, job.key, job.value, label=label, seconds=job.seconds)
         else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias, TypeVar
 
@@ -57,26 +57,9 @@ class _Surface:
         return float(np.median(self.distances(points)))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlacedTemplates:
-    """Landmarks in the coordinates of their templates' files.
-
-    Attributes
-    ----------
-    landmarks : mapping of str to Landmarks
-        By template.
-    notes : tuple of str
-        How coordinate systems were brought together, and which landmarks are off their surface.
-    system : {"LPS", "RAS"}
-        What the landmarks say of the coordinates of shapes whose files declare none.
-    """
-
-    landmarks: Mapping[str, Landmarks]
-    notes: tuple[str, ...]
-    system: CoordinateSystem
-
-
-def place_templates(given: Mapping[str, Landmarks], files: Mapping[str, Path], meshes: Meshes) -> PlacedTemplates:
+def place_templates(
+    given: Mapping[str, Landmarks], files: Mapping[str, Path], meshes: Meshes
+) -> tuple[dict[str, Landmarks], tuple[str, ...], CoordinateSystem]:
     """Bring landmarks into the coordinate systems of their templates and check that they lie on these.
 
     Landmarks that are declared LPS or RAS are converted to what the template's file declares; where that declares
@@ -90,6 +73,15 @@ def place_templates(given: Mapping[str, Landmarks], files: Mapping[str, Path], m
         Of the templates.
     meshes : sequence of (name, vertices, faces)
         All specimens, perhaps coarsely: whose landmarks might they be?
+
+    Returns
+    -------
+    landmarks : dict of str to Landmarks
+        By template, in the coordinates of its file.
+    notes : tuple of str
+        How coordinate systems were brought together, and which landmarks are off their surface.
+    system : {"LPS", "RAS"}
+        What the landmarks say of the coordinates of shapes whose files declare none.
 
     Raises
     ------
@@ -107,7 +99,7 @@ def place_templates(given: Mapping[str, Landmarks], files: Mapping[str, Path], m
         if len(points := _known(one.points for one in _sets(placed[name]))):
             notes += _check(name, points, surface, meshes)
             notes += _off_surface(name, placed[name], surface)
-    return PlacedTemplates(landmarks=placed, notes=tuple(notes), system="RAS" if systems == {"RAS"} else "LPS")
+    return placed, tuple(notes), "RAS" if systems == {"RAS"} else "LPS"
 
 
 def _conversions(name: str, marks: Landmarks, system: CoordinateSystem | None, told: str) -> list[str]:

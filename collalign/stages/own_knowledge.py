@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from collalign.engine.jobs.job import table_of_values
 from collalign.engine.store.typed import MAX_INDEX
-from collalign.options import AlignSession
+from collalign.options import AlignOptions, AlignSession
 from collalign.products.own import Own
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints, Shapes
 from collalign.stages.poses.agreement import SAME_POSE_RAD, resolve_pair, solve_again
-from data_tools.arrays import FloatArray, as_floats, as_indices, as_rotations, read_only
-from data_tools.checks import meant
+from data_tools.arrays import ORTHOGONAL_TOL, FloatArray, as_floats, as_indices, as_rotations, read_only
+from data_tools.checks import check_known
 from data_tools.embedding.own_points import OwnPoints
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import AS_STORED, MIN_POINTS
-from data_tools.poses import AGREE_DEG
+from data_tools.poses import AGREE_DEG, scales_of
 from data_tools.rotations import rotation_angle_deg, rotation_angles
 
 
@@ -40,14 +41,14 @@ def own_points(own: Own, files: Mapping[str, Origin]) -> dict[str, OwnPoints]:
         If a name is unknown or missing, or arrays are not what :class:`Own` asks for.
     """
     for argument in ("candidates", "pair_weights"):
-        _refuse_unknown(argument, {name for pair in getattr(own, argument) for name in pair}, files)
+        check_known(argument, {name for pair in getattr(own, argument) for name in pair}, files)
     if callable(own.invariants):
         values = {name: own.invariants(read_shape(file, AS_STORED, name=name)) for name, file in files.items()}
     else:
         values = dict(own.invariants)
     rows, chosen = dict[str, FloatArray](), {}
     for argument, given in (("invariants", values), ("samples", own.samples)):
-        _refuse_unknown(argument, given, files)
+        check_known(argument, given, files)
         if given and (missing := sorted(set(files) - set(given))):
             raise InputError(f"{argument}: every shape needs its own, {missing[0]!r} has none")
     for name in values:
@@ -69,25 +70,64 @@ def own_points(own: Own, files: Mapping[str, Origin]) -> dict[str, OwnPoints]:
     }
 
 
-def with_own_pairs(constraints: Constraints, own: Own, shapes: Shapes, group: str) -> Constraints:
-    """Return the constraints with what is given of pairs, by position, the first shape of a pair before the other.
+def with_own_samples(session: AlignSession, given: Mapping[str, OwnPoints]) -> AlignSession:
+    """Return the session whose options say how many samples are given, if any are."""
+    samples = next((one.samples for one in given.values()), None)
+    if samples is None:
+        return session
+    sampling = replace(session.options.sampling, num_points=len(samples))
+    return session.with_options(replace(session.options, sampling=sampling))
+
+
+def given_constraints(
+    shapes: Shapes, options: AlignOptions, own: Own, fixed: Mapping[str, ArrayLike]
+) -> Constraints:
+    """Return what stays and what is given of pairs, checked and by position, a pair's first shape before the other.
+
+    Parameters
+    ----------
+    shapes : Shapes
+    options : AlignOptions
+    own : Own
+    fixed : mapping of name to array_like (3, 3) or (4, 4)
+        Rotations, or whole transforms, that stay.
 
     Raises
     ------
     InputError
-        If a pose mirrors a shape and ``group`` forbids that.
+        If there is no shape of a name, a transform is no similarity or scales where sizes stay, or a given pose
+        mirrors a shape and the options' group forbids that.
     """
+    for argument, names in (("fixed", {*fixed}), ("reference", {options.reference} - {""})):
+        check_known(argument, names, shapes.names)
     at = {name: i for i, name in enumerate(shapes.names)}
+    turns, whole = dict(fixed), dict[str, FloatArray]()
+    for name, pose in fixed.items():
+        if np.shape(pose) == (4, 4):
+            whole[name] = as_floats(pose, f"fixed[{name}]")
+            scale = float(scales_of(whole[name]))
+            if not scale or (whole[name][3] != (0.0, 0.0, 0.0, 1.0)).any():
+                raise InputError(f"fixed[{name}]: not the transform of a similarity, with a last row 0, 0, 0, 1")
+            if options.scaling == "rigid" and abs(scale - 1.0) > ORTHOGONAL_TOL:
+                raise InputError(f"fixed[{name}]: has a scale of {scale:.6g}, but sizes stay with scaling 'rigid'")
+            turns[name] = whole[name][:3, :3] / scale
     candidates, weights = dict[tuple[int, int], FloatArray](), dict[tuple[int, int], float]()
     for (a, b), given in sorted(own.candidates.items()):
-        poses = as_rotations(given, f"candidates[{a}, {b}]", group="SO" if group == "SO" else "O").reshape(-1, 3, 3)
+        poses = as_rotations(given, f"candidates[{a}, {b}]", group="SO" if options.group == "SO" else "O")
+        poses = poses.reshape(-1, 3, 3)
         if a in at and b in at:  # else left out, with its reason
             pair, poses = _ordered(at[a], at[b]), poses if at[a] < at[b] else poses.transpose(0, 2, 1)
             candidates[pair] = np.concatenate([candidates.get(pair, np.empty((0, 3, 3))), poses])
     for (a, b), weight in own.pair_weights.items():
         if a in at and b in at:
             weights[_ordered(at[a], at[b])] = float(weight)
-    return replace(constraints, candidates=candidates, weights=weights)
+    return Constraints(
+        fixed={at[name]: as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in turns.items()},
+        fixed_transforms={at[name]: transform for name, transform in whole.items()},
+        reference=at[options.reference] if options.reference else 0,
+        candidates=candidates,
+        weights=weights,
+    )
 
 
 def with_own(session: AlignSession, shapes: Shapes, pairs: list[Pair], constraints: Constraints) -> list[Pair]:
@@ -135,9 +175,3 @@ def own_note(own: Own, points: Mapping[str, OwnPoints], known: Constraints, rota
 
 def _ordered(i: int, j: int) -> tuple[int, int]:
     return min(i, j), max(i, j)
-
-
-def _refuse_unknown(argument: str, names: Iterable[str], known: Iterable[str]) -> None:
-    unknown = sorted(set(names) - set(known), key=str)
-    if unknown:
-        raise InputError(f"{argument}: no shape is called {unknown[0]!r}{meant(unknown[0], known)}")

@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,22 +25,6 @@ _AXIS = re.compile(r"(?:(?:pos|position|points?|coords?|coordinates?|vertex|v|p)
 #: Places of missing numbers.
 _EMPTY_CELL = {sign: re.compile(rf"(?:^|(?<={sign}))[ ]*(?={sign}|$)", re.MULTILINE) for sign in (",", ";", "\t")}
 _AXES = {"x": 0, "y": 1, "z": 2, "0": 0, "1": 1, "2": 2}
-
-
-@dataclass(frozen=True, kw_only=True)
-class TextTable:
-    """The cells of a table, as text.
-
-    Attributes
-    ----------
-    heading : tuple of str or None
-        Names of the columns where the first line holds any.
-    rows : list of list of str
-        Empty cells are empty.
-    """
-
-    heading: tuple[str, ...] | None
-    rows: list[list[str]]
 
 
 def parse_table(text: str, *, num_rows: int) -> FloatArray | None:
@@ -88,19 +71,19 @@ def read_points_table(text: str, name: str) -> FloatArray:
     if not lines:
         raise InputError(f"{name}: holds no points")
     delimiter = _delimiter(lines, name)
-    first = _cells(lines[:1], delimiter)
-    body = lines if first.heading is None else lines[1:]
+    heading, first = _cells(lines[:1], delimiter)
+    body = lines if heading is None else lines[1:]
     if not body:
         raise InputError(f"{name}: holds no points")
-    columns = [0, 1, 2] if first.heading is None else _axis_columns(first.heading, name)
-    width = len(first.heading or first.rows[0])
+    columns = [0, 1, 2] if heading is None else _axis_columns(heading, name)
+    width = len(heading or first[0])
     values = _plain_numbers(body, delimiter)
     if values is None or values.shape[1] != width or width <= max(columns):
-        values, columns = _row_by_row(_cells(lines, delimiter), width, columns, name), [0, 1, 2]
-    if first.heading is None:
+        values, columns = _row_by_row(*_cells(lines, delimiter), width, columns, name), [0, 1, 2]
+    if heading is None:
         _refuse_numbered(values[:, 0], width, name)
         if delimiter == "," and width >= 6 and (values == np.floor(values)).all():
-            _refuse_split_decimals(_cells(body, delimiter).rows, name)
+            _refuse_split_decimals(_cells(body, delimiter)[1], name)
     return np.ascontiguousarray(values[:, columns])
 
 
@@ -135,7 +118,8 @@ def _has_words(line: str) -> bool:
     return any(_WORD.search(cell) is not None for cell in line.split(","))
 
 
-def _cells(lines: list[str], delimiter: str | None) -> TextTable:
+def _cells(lines: list[str], delimiter: str | None) -> tuple[list[str] | None, list[list[str]]]:
+    """Return the names of the columns where the first line holds any, and the rows; empty cells are empty."""
     if delimiter is not None:
         read = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
         rows = [[cell.strip() for cell in row] for row in read]
@@ -144,8 +128,8 @@ def _cells(lines: list[str], delimiter: str | None) -> TextTable:
         if not _is_data(rows[0]):  # units in brackets are no columns
             rows[0] = [cell.strip("\"'") for cell in re.sub(r"\s*[(\[{][^)\]}]*[)\]}]", "", lines[0]).split()]
     if rows[0] and not _is_data(rows[0]):
-        return TextTable(heading=tuple(rows[0]), rows=rows[1:])
-    return TextTable(heading=None, rows=rows)
+        return rows[0], rows[1:]
+    return None, rows
 
 
 def _is_data(row: list[str]) -> bool:
@@ -163,13 +147,15 @@ def _plain_numbers(lines: list[str], delimiter: str | None) -> FloatArray | None
     return parse_table(text, num_rows=len(lines))
 
 
-def _row_by_row(table: TextTable, width: int, columns: list[int], name: str) -> FloatArray:
+def _row_by_row(
+    heading: list[str] | None, rows: list[list[str]], width: int, columns: list[int], name: str
+) -> FloatArray:
     """Return the wanted columns, shape (n, 3), or say which row is wrong."""
     points = []
-    for number, row in enumerate(table.rows, start=1):
+    for number, row in enumerate(rows, start=1):
         if len(row) != width or width <= max(columns):
             expected = max(width, max(columns) + 1)
-            why = "decimal commas?" if table.heading is not None and len(row) == 2 * width else "truncated?"
+            why = "decimal commas?" if heading is not None and len(row) == 2 * width else "truncated?"
             raise InputError(f"{name}: row {number} has {len(row)} columns, expected {expected} ({why})")
         wanted = [row[c] or "nan" for c in columns]
         if not all(_is_number(word) for word in wanted):
@@ -179,7 +165,7 @@ def _row_by_row(table: TextTable, width: int, columns: list[int], name: str) -> 
     return np.array(points, dtype=np.float64).reshape(-1, 3)
 
 
-def _axis_columns(heading: tuple[str, ...], name: str) -> list[int]:
+def _axis_columns(heading: list[str], name: str) -> list[int]:
     """Return the places of x, y and z in a heading; units and words such as "pos" do not matter."""
     places: list[list[int]] = [[], [], []]
     for place, cell in enumerate(heading):

@@ -281,8 +281,7 @@ def _augment(costs: FloatArray, v: FloatArray, row_of: IntArray, start: int) -> 
     while True:
         length = _relax(costs[min(row, k)], masked, offset, row, distances, parents)
         col = _position(distances, length)
-        if num == 0:
-            first = length
+        first = first if num else length
         if row_of[col] < 0:
             break
         finals[num], done[num] = length, col

@@ -8,18 +8,14 @@ place in the order. So one process, two workers and a cluster of the same machin
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator
-from typing import Any, TypeAlias
+from typing import Any
 
 from collalign.engine.jobs.local import run_local
 from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.jobs.worker import Call, Limits, Outcome, Task, run_in_process
 from data_tools.errors import OptionsError
 
-__all__ = ["JobResult", "Limits", "SharedTable", "run_jobs"]
-
-#: What became of one task: ``key``, ``value`` (None after a failure), ``failure`` (None or a sentence), ``seconds``
-#: and ``crashed`` (whether its worker died or hung rather than the function raising an error).
-JobResult: TypeAlias = Outcome
+__all__ = ["Limits", "Outcome", "SharedTable", "run_jobs"]
 
 
 def run_jobs(
@@ -30,8 +26,8 @@ def run_jobs(
     limits: Limits = Limits(),  # noqa: B008
     scheduler: str | None = None,
     shared: SharedTable | None = None,
-    progress: Callable[[JobResult], None] | None = None,
-) -> Generator[JobResult]:
+    progress: Callable[[Outcome], None] | None = None,
+) -> Generator[Outcome]:
     """Run ``function`` on every task and yield each result as soon as it is there, in no particular order.
 
     Parameters
@@ -57,7 +53,7 @@ def run_jobs(
 
     Yields
     ------
-    JobResult
+    Outcome
         One per task. An exception in ``function`` is a failure, so is a task that ends its worker twice (a worker
         killed from outside may be the task's third). Other tasks are never lost.
 
@@ -75,7 +71,7 @@ def run_jobs(
     return _stream(_outcomes(call, numbered, num_jobs, scheduler), progress)
 
 
-def _outcomes(call: Call, tasks: Iterator[Task], num_jobs: int, scheduler: str | None) -> Generator[JobResult]:
+def _outcomes(call: Call, tasks: Iterator[Task], num_jobs: int, scheduler: str | None) -> Generator[Outcome]:
     if scheduler is not None:
         from collalign.engine.jobs.dask import run_dask  # an optional dependency
 
@@ -85,7 +81,7 @@ def _outcomes(call: Call, tasks: Iterator[Task], num_jobs: int, scheduler: str |
     return run_local(call, tasks, num_jobs=num_jobs)
 
 
-def _stream(outcomes: Generator[JobResult], progress: Callable[[JobResult], None] | None) -> Generator[JobResult]:
+def _stream(outcomes: Generator[Outcome], progress: Callable[[Outcome], None] | None) -> Generator[Outcome]:
     try:
         for outcome in outcomes:
             if progress is not None:

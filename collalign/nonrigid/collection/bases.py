@@ -11,8 +11,6 @@ with the residual as in least absolute deviations.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import networkx as nx
 import numpy as np
 
@@ -27,27 +25,10 @@ NUM_REWEIGHTED = 3
 SMALLEST_RESIDUAL = 0.3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CommonBases:
-    """Bases of all shapes and how well the maps agree with them.
-
-    Attributes
-    ----------
-    bases : ndarray, shape (N, k, k)
-        Orthogonal: coefficients of the common functions in each shape's own.
-    residuals : ndarray, shape (E,)
-        ``|C Y_target - Y_source|_F / sqrt(k)`` of each map: 0 if it agrees, some 1.4 if it has
-        nothing to do with it.
-    """
-
-    bases: FloatArray
-    residuals: FloatArray
-
-
 def common_bases(
     edges: IntArray, maps: FloatArray, num_shapes: int, weights: FloatArray | None = None
-) -> CommonBases:
-    """Return the bases that most maps agree with.
+) -> tuple[FloatArray, FloatArray]:
+    """Return the bases that most maps agree with, and how well each does.
 
     Parameters
     ----------
@@ -58,6 +39,13 @@ def common_bases(
     num_shapes : int
     weights : ndarray, shape (E,), optional
         How far each map is trusted at first.
+
+    Returns
+    -------
+    bases : ndarray, shape (N, k, k)
+        Orthogonal: coefficients of the common functions in each shape's own.
+    residuals : ndarray, shape (E,)
+        Of the maps, see :func:`map_residuals`.
 
     Raises
     ------
@@ -70,11 +58,13 @@ def common_bases(
         bases = _power_iteration(edges, maps, bases, weights)
         residuals = map_residuals(edges, maps, bases)
         weights = residual_weights(residuals)
-    return CommonBases(bases=bases, residuals=residuals)
+    return bases, residuals
 
 
 def map_residuals(edges: IntArray, maps: FloatArray, bases: FloatArray) -> FloatArray:
-    """Return how far maps are from what the bases ask for, shape (E,); see :class:`CommonBases`.
+    """Return how far maps are from what the bases ask for, shape (E,).
+
+    That is ``|C Y_target - Y_source|_F / sqrt(k)``: 0 if a map agrees, some 1.4 if it has nothing to do with it.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from collalign.confidence.map_model import FLOOR
-from collalign.nonrigid.collection.bases import CommonBases, common_bases, map_residuals
+from collalign.nonrigid.collection.bases import common_bases, map_residuals
 from data_tools.arrays import FloatArray, IntArray
 
 #: Log-odds that a candidate map loses per unit of the logarithm of its residual, the number of functions in which
@@ -17,8 +17,8 @@ CYCLE_WEIGHT, NUM_COMPARED, MAX_ROUNDS = 4.0, 30, 8
 
 def choose_maps(
     edges: IntArray, candidates: Sequence[FloatArray], log_odds: Sequence[FloatArray], num_shapes: int
-) -> tuple[IntArray, CommonBases]:
-    """Choose one candidate for each pair.
+) -> tuple[FloatArray, FloatArray]:
+    """Choose one candidate map for each pair, and return the common bases of those.
 
     Parameters
     ----------
@@ -33,37 +33,36 @@ def choose_maps(
 
     Returns
     -------
-    choice : ndarray of int, shape (E,)
-    found : CommonBases
-        Of the chosen maps in their lowest functions.
+    bases, residuals : ndarray
+        Of the chosen maps in their lowest functions, see :func:`common_bases`.
     """
     size = min(NUM_COMPARED, *(maps.shape[-1] for maps in candidates))
     low = [maps[:, :size, :size] for maps in candidates]
     choice = np.array([int(np.argmax(odds)) for odds in log_odds])
     weights = np.array([_certainty(odds) for odds in log_odds])
-    found = _bases_of(edges, low, choice, num_shapes, weights)
+    bases, residuals = _bases_of(edges, low, choice, num_shapes, weights)
     for _ in range(MAX_ROUNDS):
         better = np.array(
             [
-                int(np.argmax(odds - CYCLE_WEIGHT * np.log(np.maximum(_residuals(edge, maps, found), FLOOR))))
+                int(np.argmax(odds - CYCLE_WEIGHT * np.log(np.maximum(_residuals(edge, maps, bases), FLOOR))))
                 for edge, maps, odds in zip(edges, low, log_odds, strict=True)
             ]
         )
         if (better == choice).all():
             break
         choice = better
-        found = _bases_of(edges, low, choice, num_shapes, weights)
-    return choice, found
+        bases, residuals = _bases_of(edges, low, choice, num_shapes, weights)
+    return bases, residuals
 
 
 def _bases_of(
     edges: IntArray, maps: Sequence[FloatArray], choice: IntArray, num_shapes: int, weights: FloatArray
-) -> CommonBases:
+) -> tuple[FloatArray, FloatArray]:
     return common_bases(edges, np.stack([own[c] for own, c in zip(maps, choice, strict=True)]), num_shapes, weights)
 
 
-def _residuals(edge: IntArray, maps: FloatArray, found: CommonBases) -> FloatArray:
-    return map_residuals(np.tile(edge, (len(maps), 1)), maps, found.bases)
+def _residuals(edge: IntArray, maps: FloatArray, bases: FloatArray) -> FloatArray:
+    return map_residuals(np.tile(edge, (len(maps), 1)), maps, bases)
 
 
 def _certainty(log_odds: FloatArray) -> float:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import networkx as nx
 import numpy as np
 
 from collalign.engine.jobs.job import Job, Results, T, Wanted
-from collalign.nonrigid.collection.bases import CommonBases, common_bases
+from collalign.nonrigid.collection.bases import common_bases
 from collalign.nonrigid.collection.choice import choose_maps
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.options import AlignSession
@@ -18,7 +17,7 @@ from collalign.products.deformation import VertexMaps
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.deformation.dense_surfaces import VertexSurface, prepare_all_detailed
-from collalign.stages.deformation.pairs import CANDIDATES, FIRST_SIZE, REFINING, CandidateMaps, RefinedMap
+from collalign.stages.deformation.pairs import CANDIDATES, FIRST_SIZE, REFINING
 from collalign.stages.deformation.places import places_on_reference
 from collalign.stages.evidence.map_surfaces import StoredSurface
 from collalign.stages.poses.refinement import local_pairs
@@ -57,27 +56,41 @@ def map_vertices(
     members, chosen = _linked(_similar(len(shapes.names), able))
     if not chosen:
         return None
-    stage = _PairStage(session=session, shapes=shapes, surfaces=surfaces)
-    found = stage.candidates(chosen, rotations)
+    tried = {
+        _ends(pair): {
+            "start": _starts(pair, rotations[pair.target].T @ rotations[pair.source]),
+            "target": SAMPLING.shared(shapes.keys[pair.target]),
+            "source": SAMPLING.shared(shapes.keys[pair.source]),
+        }
+        for pair in chosen
+    }
+    found = _of_pairs(CANDIDATES, session, shapes, surfaces, tried)
     members, chosen = _linked([pair for pair in chosen if _ends(pair) in found])
     if not chosen:
         return None
     candidates = [found[_ends(pair)] for pair in chosen]
-    _, coarse = choose_maps(
+    bases, residuals = choose_maps(
         _edges(members, chosen),
         [one.maps for one in candidates],
         [one.log_odds for one in candidates],
         len(members),
     )
-    trust = dict(zip(map(_ends, chosen), 1.0 / np.maximum(coarse.residuals, _SMALLEST), strict=True))
-    refined = stage.refined(chosen, _edges(members, chosen), coarse)
+    trust = dict(zip(map(_ends, chosen), 1.0 / np.maximum(residuals, _SMALLEST), strict=True))
+    size = min(FIRST_SIZE, bases.shape[-1])
+    asked = {
+        _ends(pair): {"start": np.ascontiguousarray((bases[source] @ bases[target].T)[:size, :size])}
+        for pair, (target, source) in zip(chosen, _edges(members, chosen).tolist(), strict=True)
+    }
+    refined = _of_pairs(REFINING, session, shapes, surfaces, asked)
     members, chosen = _linked([pair for pair in chosen if _ends(pair) in refined])
     if not chosen:
         return None
     edges, ends = _edges(members, chosen), [_ends(pair) for pair in chosen]
     maps = np.stack([refined[end].map for end in ends])
-    fine = common_bases(edges, maps, len(members), np.array([trust[end] for end in ends]))
-    return _vertices(session, shapes, members, edges, fine, surfaces)
+    bases, residuals = common_bases(edges, maps, len(members), np.array([trust[end] for end in ends]))
+    own = [residuals[(edges == position).any(axis=1)] for position in range(len(members))]
+    typical = np.array([float(np.median(values)) for values in own])
+    return _vertices(session, shapes, members, bases, typical, surfaces)
 
 
 def _similar(num: int, pairs: Sequence[Pair]) -> list[Pair]:
@@ -106,50 +119,24 @@ def _edges(members: Sequence[int], pairs: Sequence[Pair]) -> IntArray:
     return np.array([(at[pair.target], at[pair.source]) for pair in pairs])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _PairStage:
-    """What the two rounds of jobs over pairs share; pairs that fail are left out of what they return."""
-
-    session: AlignSession
-    shapes: Shapes
-    surfaces: Results[int, StoredSurface]
-
-    def candidates(self, pairs: Sequence[Pair], rotations: FloatArray) -> Results[tuple[int, int], CandidateMaps]:
-        """Return the weighed candidate maps of pairs."""
-        wanted = {}
-        for pair in pairs:
-            starts = _starts(pair, rotations[pair.target].T @ rotations[pair.source])
-            samples = {
-                "target": SAMPLING.shared(self.shapes.keys[pair.target]),
-                "source": SAMPLING.shared(self.shapes.keys[pair.source]),
-            }
-            wanted[_ends(pair)] = self._wanted(CANDIDATES, pair, starts, samples | {"starts": starts})
-        return self._computed(CANDIDATES, wanted)
-
-    def refined(
-        self, pairs: Sequence[Pair], edges: IntArray, coarse: CommonBases
-    ) -> Results[tuple[int, int], RefinedMap]:
-        """Return the maps of pairs in all functions, refined from those that the common basis asks for."""
-        size = min(FIRST_SIZE, coarse.bases.shape[-1])
-        wanted = {}
-        for pair, (target, source) in zip(pairs, edges.tolist(), strict=True):
-            asked = np.ascontiguousarray((coarse.bases[source] @ coarse.bases[target].T)[:size, :size])
-            wanted[_ends(pair)] = self._wanted(REFINING, pair, asked, {"coarse": asked})
-        return self._computed(REFINING, wanted)
-
-    def _wanted(self, job: Job[T], pair: Pair, start: FloatArray, arguments: Mapping[str, Any]) -> Wanted:
-        surfaces = self.surfaces.shared(pair.target), self.surfaces.shared(pair.source)
-        settings = {"function": job.run.__name__, "start": start.tolist()}
-        return Wanted(
-            key=job.key(settings, *(surface.key for surface in surfaces)),
-            label=self.shapes.label(*_ends(pair)),
-            arguments={"surfaces": surfaces, **arguments},
+def _of_pairs(
+    job: Job[T],
+    session: AlignSession,
+    shapes: Shapes,
+    surfaces: Results[int, StoredSurface],
+    arguments: Mapping[tuple[int, int], Mapping[str, Any]],
+) -> Results[tuple[int, int], T]:
+    """Return what a job makes of the surfaces of pairs and of what it starts from; pairs that fail are left out."""
+    wanted = {}
+    for (target, source), own in arguments.items():
+        both = surfaces.shared(target), surfaces.shared(source)
+        wanted[target, source] = Wanted(
+            key=job.key({"function": job.run.__name__, "start": own["start"].tolist()}, *(one.key for one in both)),
+            label=shapes.label(target, source),
+            arguments={"surfaces": both, **own},
         )
-
-    def _computed(self, job: Job[T], wanted: Mapping[tuple[int, int], Wanted]) -> Results[tuple[int, int], T]:
-        return self.session.compute(
-            job, wanted, time_limit_s=self.session.run.pair_time_limit_s, strict=self.session.options.strict
-        )
+    limit_s = session.run.pair_time_limit_s
+    return session.compute(job, wanted, time_limit_s=limit_s, strict=session.options.strict)
 
 
 def _starts(pair: Pair, common: FloatArray) -> FloatArray:
@@ -168,19 +155,17 @@ def _vertices(
     session: AlignSession,
     shapes: Shapes,
     members: Sequence[int],
-    edges: IntArray,
-    fine: CommonBases,
+    bases: FloatArray,
+    residuals: FloatArray,
     surfaces: Results[int, StoredSurface],
 ) -> VertexMaps:
     """Return the maps of all vertices that the bases give, through the most central shape."""
-    own = [fine.residuals[(edges == position).any(axis=1)] for position in range(len(members))]
-    residuals = np.array([float(np.median(values)) for values in own])
     centre = int(np.argmin(residuals))
     tasks = {
         shape: {
             "reference": surfaces.shared(members[centre], VertexSurface),
             "shape": surfaces.shared(shape, VertexSurface),
-            "bases": np.stack([fine.bases[centre], fine.bases[position]]),
+            "bases": np.stack([bases[centre], bases[position]]),
         }
         for position, shape in enumerate(members)
     }

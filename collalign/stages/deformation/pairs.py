@@ -43,16 +43,16 @@ class RefinedMap:
 
 
 def candidate_maps(
-    target: Samples, source: Samples, surfaces: tuple[StoredSurface, StoredSurface], starts: FloatArray
+    target: Samples, source: Samples, surfaces: tuple[StoredSurface, StoredSurface], start: FloatArray
 ) -> CandidateMaps:
     """Return the maps that poses (m, 3, 3) of a pair lead to, weighed by all evidence; runs inside a worker."""
     to, of = (first_samples(surface.posed, NUM_SCREEN_POINTS, NUM_SCREEN_FUNCTIONS) for surface in surfaces)
     mapper = PoseMapper(to, of)
     weigher = PoseWeigher(target, source, mapper)
     found = []
-    for start in starts:
-        chirality = float(np.sign(np.linalg.det(start)))
-        plain = mapper.map_from(start)
+    for pose in start:
+        chirality = float(np.sign(np.linalg.det(pose)))
+        plain = mapper.map_from(pose)
         for candidate in (plain, mapper.oriented(plain, preserving=chirality > 0)):
             weighed = weigher.weigh(candidate, chirality=chirality)
             keeps_sides = not weighed.evidence[EVIDENCE.index("orientation")] < MIXED_ORIENTATION
@@ -68,7 +68,7 @@ def candidate_maps(
     return CandidateMaps(maps=np.stack([c for _, c in best]), log_odds=np.array([score for score, _ in best]))
 
 
-def refine_map(surfaces: tuple[StoredSurface, StoredSurface], coarse: FloatArray) -> RefinedMap:
+def refine_map(surfaces: tuple[StoredSurface, StoredSurface], start: FloatArray) -> RefinedMap:
     """Return what a coarse ``C_source_target`` leads to on all samples; runs inside a worker."""
     target, source = (surface.spectral for surface in surfaces)
     refiner = Refiner(
@@ -79,7 +79,7 @@ def refine_map(surfaces: tuple[StoredSurface, StoredSurface], coarse: FloatArray
         last=min(len(target.eigenvalues), len(source.eigenvalues)) + 1,
         factor=GROWTH,
     )
-    return RefinedMap(map=refiner.from_functional_map(coarse).C_source_target)
+    return RefinedMap(map=refiner.from_functional_map(start).C_source_target)
 
 
 #: Map a pair. The version changes whenever the same surfaces and starts would give other maps.

@@ -71,7 +71,7 @@ def carried_rows(
     if strangers:
         raise InputError(f"landmarks of {strangers[0]}: the shapes are called {' and '.join(files)}")
     meshes = [(shape.name, shape.vertices, shape.faces) for shape in shapes]
-    placed = place_templates(given, {name: files[name] for name in given}, meshes).landmarks
+    placed = place_templates(given, {name: files[name] for name in given}, meshes)[0]
     rows = [["name", "landmark", "x", "y", "z", "confidence"]]
     for name, marks in placed.items():
         is_target = name == shapes[0].name

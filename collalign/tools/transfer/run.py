@@ -109,12 +109,12 @@ def transfer_landmarks(
     given = with_semilandmarks(given, wanted)
     rows = {name: collection.index(name) for name in given}
     meshes = tuple(zip(collection.names, collection.vertices, collection.faces, strict=True))
-    placed = place_templates(given, {name: collection.file(at) for name, at in rows.items()}, meshes)
+    placed, notes, system = place_templates(given, {name: collection.file(at) for name, at in rows.items()}, meshes)
     transforms = {name: collection.transforms[at] for name, at in rows.items()}
-    table = landmark_table(placed.landmarks, transforms, curve_points=wanted.curve_points)
+    table = landmark_table(placed, transforms, curve_points=wanted.curve_points)
     dense = dense_correspondence(result, run=run, progress=progress)
     found = _Transfer(collection, dense, table).run(wanted.surface_points)
-    return replace(found, notes=placed.notes, system=placed.system)
+    return replace(found, notes=notes, system=system)
 
 
 class _Transfer:

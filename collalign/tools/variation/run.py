@@ -118,13 +118,11 @@ def write_surface_variation(
     if landmarks:
         given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks, collection.names)
         files = {name: collection.file(collection.index(name)) for name in given}
-        placed = place_templates(
+        placed, notes, _ = place_templates(
             given, files, tuple(zip(collection.names, collection.vertices, collection.faces, strict=True))
         )
-        table = landmark_table(
-            placed.landmarks, {name: collection.transforms[collection.index(name)] for name in given}
-        )
-        alone, notes = table.landmark_rows, placed.notes
+        table = landmark_table(placed, {name: collection.transforms[collection.index(name)] for name in given})
+        alone = table.landmark_rows
         posed = {
             name: moved_by(collection.transforms[collection.index(name)], one[alone])
             for name, one in table.points.items()

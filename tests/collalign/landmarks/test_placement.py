@@ -39,8 +39,8 @@ def test_landmarks_on_their_template_stay_as_they_are(tmp_path, noise):
     points = POINTS + noise * RADIUS * np.random.default_rng(0).standard_normal(POINTS.shape)
     points[2] = np.nan
     found = placed(tmp_path, marks(points))
-    np.testing.assert_array_equal(found.landmarks["a"].points, points)
-    assert (found.notes, found.system) == ((), "LPS")
+    np.testing.assert_array_equal(found[0]["a"].points, points)
+    assert (found[1], found[2]) == ((), "LPS")
 
 
 @pytest.mark.parametrize(
@@ -69,22 +69,22 @@ def test_a_declared_system_is_converted_to_the_template_s(tmp_path, of_mesh, sai
     given = POINTS if same else POINTS * LPS_RAS
     curve = Semilandmarks(name="rim", kind="open curve", points=given[:4], system=said)
     found = placed(tmp_path, replace(marks(given, said), semilandmarks=(curve,)), declared=of_mesh)
-    np.testing.assert_allclose(found.landmarks["a"].points, POINTS)
-    np.testing.assert_allclose(found.landmarks["a"].semilandmarks[0].points, POINTS[:4])
-    assert any("converted" in note for note in found.notes) == (not same)
-    assert found.system == "LPS"
+    np.testing.assert_allclose(found[0]["a"].points, POINTS)
+    np.testing.assert_allclose(found[0]["a"].semilandmarks[0].points, POINTS[:4])
+    assert any("converted" in note for note in found[1]) == (not same)
+    assert found[2] == "LPS"
 
 
 def test_where_the_mesh_says_nothing_its_surface_decides_which_system_it_is_in(tmp_path):
     found = placed(tmp_path, marks(POINTS, "RAS"))
-    np.testing.assert_array_equal(found.landmarks["a"].points, POINTS)
-    assert found.system == "RAS"
-    assert found.notes == (
+    np.testing.assert_array_equal(found[0]["a"].points, POINTS)
+    assert found[2] == "RAS"
+    assert found[1] == (
         "a: its landmarks are declared RAS, its surface is taken as RAS; they are taken as they stand",
     )
     found = placed(tmp_path, marks(POINTS * LPS_RAS, "LPS"))
-    np.testing.assert_allclose(found.landmarks["a"].points, POINTS)
-    assert found.system == "RAS"
+    np.testing.assert_allclose(found[0]["a"].points, POINTS)
+    assert found[2] == "RAS"
     for system in ("LPS", "RAS"):
         with pytest.raises(InputError, match="do not lie"):
             placed(tmp_path, marks(POINTS + 5 * RADIUS, system))
@@ -94,8 +94,8 @@ def test_a_surface_that_fits_both_ways_is_lps_as_slicer_takes_it(tmp_path):
     halves = np.vstack([SEAT.vertices, SEAT.vertices * LPS_RAS + 0.005 * RADIUS])
     both = Shape.from_arrays(halves, np.vstack([SEAT.faces, SEAT.faces + len(SEAT.vertices)]), name="a")
     found = placed(tmp_path, marks(SEAT.vertices[ROWS], "RAS"), shape=both)
-    np.testing.assert_allclose(found.landmarks["a"].points, SEAT.vertices[ROWS] * LPS_RAS)
-    assert found.system == "LPS"
+    np.testing.assert_allclose(found[0]["a"].points, SEAT.vertices[ROWS] * LPS_RAS)
+    assert found[2] == "LPS"
 
 
 def test_a_declaration_of_the_mesh_is_not_overruled(tmp_path):
@@ -107,9 +107,9 @@ def test_single_landmarks_off_the_surface_are_named(tmp_path):
     points = np.array(POINTS)
     points[3] += 20 * RADIUS
     found = placed(tmp_path, marks(points))
-    assert len(found.notes) == 1
-    assert "L3 (" in found.notes[0]
-    assert "L2" not in found.notes[0]
+    assert len(found[1]) == 1
+    assert "L3 (" in found[1][0]
+    assert "L2" not in found[1][0]
 
 
 def test_landmarks_in_one_place_of_the_surface_may_be_in_other_units(tmp_path):
