@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign.products.deformation import VertexMaps
-from data_tools.arrays import FloatArray, IntArray, as_floats, as_indices, read_only
+from data_tools.arrays import FloatArray, as_floats, as_indices, read_only
 from data_tools.errors import InputError
 from data_tools.surface.shape import Shape
 
@@ -102,11 +102,7 @@ def at_vertices(colours: FloatArray, shape: Shape) -> FloatArray:
         Of the file's vertices; the last one is that of all others.
     shape : Shape
     """
-    return np.asarray(colours[np.minimum(_in_file(shape), len(colours) - 1)])
-
-
-def _in_file(shape: Shape) -> IntArray:
-    return np.arange(len(shape.vertices)) if shape.source_indices is None else shape.source_indices
+    return np.asarray(colours[np.minimum(shape.file_indices, len(colours) - 1)])
 
 
 def _places(values: FloatArray) -> FloatArray:

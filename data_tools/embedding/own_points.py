@@ -46,12 +46,11 @@ class OwnPoints:
         InputError
             If there are not as many rows as vertices, or cleaning removed a sample.
         """
-        total, where = len(shape.vertices), shape.source_indices
-        file = np.arange(total) if where is None else where
+        total, file = len(shape.vertices), shape.file_indices
         invariants, samples = self.invariants, self.samples
         if invariants is not None:
             least = int(file.max()) + 1
-            if len(invariants) < least or (where is None and len(invariants) > least):
+            if len(invariants) < least or (shape.source_indices is None and len(invariants) > least):
                 raise InputError(f"invariants: {len(invariants)} rows for {least} vertices of the file")
             invariants = invariants[file]
         if samples is not None:

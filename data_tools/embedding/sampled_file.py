@@ -55,6 +55,4 @@ def sample_file(
         surface=surface,
         own=None if own is None else own.of_shape(shape),
     )
-    if shape.source_indices is None:
-        return samples
-    return replace(samples, vertex_indices=read_only(shape.source_indices[samples.vertex_indices]))
+    return replace(samples, vertex_indices=read_only(shape.file_indices[samples.vertex_indices]))

@@ -95,7 +95,7 @@ def clean(shape: Shape, options: CleaningOptions | None = None) -> Shape:
         vertices, faces, kept = _drop_unreferenced(vertices, faces, kept, notes)
     if not notes:
         return shape
-    source = kept if shape.source_indices is None else shape.source_indices[kept]
+    source = shape.file_indices[kept]
     return Shape(
         name=shape.name,
         vertices=read_only(np.ascontiguousarray(vertices)),

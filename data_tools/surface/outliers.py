@@ -59,7 +59,7 @@ def without_outliers(shape: Shape, options: CleaningOptions | None = None) -> Sh
         faces=read_only((np.cumsum(~far) - 1)[faces]),
         file=shape.file,
         notes=(*shape.notes, note),
-        source_indices=read_only(kept if shape.source_indices is None else shape.source_indices[kept]),
+        source_indices=read_only(shape.file_indices[kept]),
     )
     return clean(rest, options)
 

@@ -90,6 +90,11 @@ class Shape:
         return found
 
     @property
+    def file_indices(self) -> IntArray:
+        """The vertex of the file that each vertex is, shape (v,)."""
+        return np.arange(len(self.vertices)) if self.source_indices is None else self.source_indices
+
+    @property
     def is_mesh(self) -> bool:
         """Whether the shape has triangles."""
         return len(self.faces) > 0

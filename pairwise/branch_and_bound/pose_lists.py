@@ -21,8 +21,7 @@ from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import OptionsError
 from data_tools.rotations import rotation_angles
 from data_tools.threads import one_blas_thread
-from pairwise.branch_and_bound.prove import Proof, deadline_of, finish, searches_of
-from pairwise.branch_and_bound.record import make_certificate
+from pairwise.branch_and_bound.prove import Proof, deadline_of, finish, make_certificate, searches_of
 from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.local.local_search import minimise
 from pairwise.problem.problem import Problem, ProblemArguments

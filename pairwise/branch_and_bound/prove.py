@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, read_only
+from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import OptionsError
 from data_tools.threads import one_blas_thread
-from pairwise.branch_and_bound.record import make_certificate
+from pairwise.branch_and_bound.cells import MAX_DEPTH
 from pairwise.branch_and_bound.search import RotationSearch
-from pairwise.certificates.certificate import Certificate
+from pairwise.certificates.certificate import Certificate, hash_problem, problem_arrays
+from pairwise.certificates.verify import proven_bound
 from pairwise.local.rotation_sets import rotation_set
 from pairwise.local.screening import screen
 from pairwise.problem.chirality import chiralities
@@ -29,6 +30,8 @@ from pairwise.status import Status
 
 #: Rotations that are screened before anything is bounded, and how many of them the best pose is sought from.
 _NUM_SCREENED, _NUM_STARTS = 256, 4
+#: The certificate's name in :data:`pairwise.certificates.verify.VERIFIERS`.
+KIND = "cells"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -194,3 +197,17 @@ def _proof(searches: list[RotationSearch], time_s: float) -> Proof:
         num_cells=sum(search.num_cells for search in searches),
         time_s=time_s,
     )
+
+
+def depths_of(searches: Sequence[RotationSearch]) -> list[IntArray]:
+    """Return the depths of the leaves in the order of faces and paths, of rotations and then of reflections."""
+    leaves = [search.leaves.cells for search in sorted(searches, key=lambda one: one.reflected)]
+    return [one.depths[np.lexsort((one.paths << (MAX_DEPTH - one.depths), one.faces))] for one in leaves]
+
+
+def make_certificate(problem: Problem, searches: Sequence[RotationSearch]) -> Certificate:
+    """Return the certificate of what searches of all chiralities of a problem have proven so far."""
+    named = zip(("proper", "reflected"), depths_of(searches), strict=False)
+    arrays = problem_arrays(problem) | {f"{name}_depths": depths.astype(np.uint8) for name, depths in named}
+    bound = proven_bound(problem, KIND, arrays)
+    return Certificate(kind=KIND, arrays=arrays, problem_hash=hash_problem(problem), bound=bound)

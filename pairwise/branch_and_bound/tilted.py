@@ -17,8 +17,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.threads import one_blas_thread
-from pairwise.branch_and_bound.prove import deadline_of, finish, searches_of
-from pairwise.branch_and_bound.record import depths_of
+from pairwise.branch_and_bound.prove import deadline_of, depths_of, finish, searches_of
 from pairwise.local.local_search import MatchingCosts, energies_of, minimise
 from pairwise.problem.problem import Problem
 

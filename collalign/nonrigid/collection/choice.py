@@ -17,7 +17,7 @@ CYCLE_WEIGHT, NUM_COMPARED, MAX_ROUNDS = 4.0, 30, 8
 
 def choose_maps(
     edges: IntArray, candidates: Sequence[FloatArray], log_odds: Sequence[FloatArray], num_shapes: int
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[IntArray, FloatArray, FloatArray]:
     """Choose one candidate map for each pair, and return the common bases of those.
 
     Parameters
@@ -33,6 +33,7 @@ def choose_maps(
 
     Returns
     -------
+    choice : ndarray of int, shape (E,)
     bases, residuals : ndarray
         Of the chosen maps in their lowest functions, see :func:`common_bases`.
     """
@@ -52,7 +53,7 @@ def choose_maps(
             break
         choice = better
         bases, residuals = _bases_of(edges, low, choice, num_shapes, weights)
-    return bases, residuals
+    return choice, bases, residuals
 
 
 def _bases_of(

@@ -139,7 +139,7 @@ def prepare_surface(
     dense = farthest_points(working, min(options.num_dense, num), metric="euclidean")
     eigen = (spectrum_of or _spectrum)(surface, dense, options.num_functions)
     samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_SEEDS), solver=surface.geodesics)
-    in_file = np.arange(len(shape.vertices)) if shape.source_indices is None else shape.source_indices
+    in_file = shape.file_indices
     to_working = np.full(int(in_file.max()) + 1, -1, dtype=np.int64)
     to_working[in_file[kept]] = cKDTree(working.vertices).query(part.vertices)[1]
     curvature, orientation = _outside(surface, working, eigen, dense)

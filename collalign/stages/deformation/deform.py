@@ -69,7 +69,7 @@ def map_vertices(
     if not chosen:
         return None
     candidates = [found[_ends(pair)] for pair in chosen]
-    bases, residuals = choose_maps(
+    _, bases, residuals = choose_maps(
         _edges(members, chosen),
         [one.maps for one in candidates],
         [one.log_odds for one in candidates],

@@ -210,9 +210,7 @@ def posed_shape(file: PosedFile) -> tuple[Shape, IntArray]:
     """
     shape = file.read()
     working = WorkingSurface(shape, SamplingOptions(max_faces=MAX_FACES))
-    kept = working.to_original
-    in_file = kept if shape.source_indices is None else shape.source_indices[kept]
-    return working.shape.transformed(file.transform), in_file
+    return working.shape.transformed(file.transform), shape.file_indices[working.to_original]
 
 
 def stored_shape(file: PosedFile) -> Shape:

@@ -38,7 +38,7 @@ def vertices_map(point_map_target_source: IntArray, target: Shape, source: Shape
     -------
     ndarray of int, shape (number of source vertices,)
     """
-    of_target, of_source = (_file_indices(shape) for shape in (target, source))
+    of_target, of_source = (shape.file_indices for shape in (target, source))
     size = max(int(of_target.max()), int(point_map_target_source.max(initial=-1))) + 1
     places = np.full(size + 1, -1, dtype=np.int64)
     places[of_target] = np.arange(len(of_target))
@@ -47,12 +47,7 @@ def vertices_map(point_map_target_source: IntArray, target: Shape, source: Shape
 
 def values_at_vertices(values: FloatArray, shape: Shape) -> FloatArray:
     """Return values of a file's vertices at the vertices of the shape as it was read, NaN where there is none."""
-    return np.asarray(np.append(values, np.nan)[np.minimum(_file_indices(shape), len(values))])
-
-
-def _file_indices(shape: Shape) -> IntArray:
-    indices = shape.source_indices
-    return np.arange(len(shape.vertices)) if indices is None else indices
+    return np.asarray(np.append(values, np.nan)[np.minimum(shape.file_indices, len(values))])
 
 
 def transferred_colours(target: Shape, point_map_target_source: IntArray) -> tuple[FloatArray, FloatArray]:

@@ -115,9 +115,9 @@ def test_single_landmarks_off_the_surface_are_named(tmp_path):
 def test_landmarks_in_one_place_of_the_surface_may_be_in_other_units(tmp_path):
     corner = SHAPE.vertices - SHAPE.vertices[ROWS[0]]
     shape = Shape.from_arrays(corner, SHAPE.faces, name="a")
-    (note,) = placed(tmp_path, marks(corner[ROWS] / 1000), shape=shape).notes
+    (note,) = placed(tmp_path, marks(corner[ROWS] / 1000), shape=shape)[1]
     assert "1000 times as large" in note
-    assert placed(tmp_path, marks(corner[ROWS]), shape=shape).notes == ()
+    assert placed(tmp_path, marks(corner[ROWS]), shape=shape)[1] == ()
 
 
 def test_between_the_points_of_a_cloud_landmarks_are_on_it(tmp_path):
@@ -125,6 +125,6 @@ def test_between_the_points_of_a_cloud_landmarks_are_on_it(tmp_path):
     directions = rng.standard_normal((2000, 3))
     sphere = directions / np.linalg.norm(directions, axis=1)[:, None] * [1.0, 2.0, 3.0]
     cloud = Shape.from_arrays(sphere[:300], name="a")
-    assert placed(tmp_path, marks(sphere[300:330]), shape=cloud).notes == ()
+    assert placed(tmp_path, marks(sphere[300:330]), shape=cloud)[1] == ()
     with pytest.raises(InputError, match="do not lie"):
         placed(tmp_path, marks(sphere[300:330] * 2.0), shape=cloud)

@@ -8,8 +8,7 @@ import pytest
 from data_tools.errors import InputError
 from pairwise import Certificate, Problem, verify_certificate
 from pairwise.branch_and_bound.cells import Cells
-from pairwise.branch_and_bound.prove import prove, searches_of
-from pairwise.branch_and_bound.record import depths_of
+from pairwise.branch_and_bound.prove import depths_of, prove, searches_of
 from pairwise.branch_and_bound.tilted import prove_tilted
 from pairwise.certificates.verify import proven_bound
 from pairwise.certificates.verify_cells import cell_corners, tilted_bound
