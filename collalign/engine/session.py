@@ -8,11 +8,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
-from collalign.engine.jobs.job import Job, K, Results, Runner, T, Wanted, table_of_stored
+from collalign.engine.jobs.job import Job, K, Results, T, Wanted, run_task, table_of_stored
 from collalign.engine.jobs.progress import STAGES, ProgressBar, is_watched
 from collalign.engine.jobs.run import Limits, Outcome, SharedTable, run_jobs
 from collalign.engine.run_options import RunOptions
@@ -150,7 +151,7 @@ class Session(Generic[OptionsT]):
             limits = Limits(time_limit_s=time_limit_s, memory_limit_bytes=self.run.memory_limit_bytes)
         with nullcontext() if own is None else own, self._display(job.kind, len(by_key), len(missing)) as report:
             outcomes = run_jobs(
-                Runner(job.run, is_kept=True),
+                partial(run_task, job.run, True),
                 takewhile(lambda _: time.monotonic() < until, ((key, by_key[key].arguments) for key in missing)),
                 num_jobs=self.run.num_workers,
                 limits=limits,
@@ -203,7 +204,7 @@ class Session(Generic[OptionsT]):
         own = table_of_stored(self.store, tasks.values()) if shared is None else None
         with nullcontext() if own is None else own, self._display(kind, len(tasks), len(tasks)) as report:
             outcomes = run_jobs(
-                Runner(run, is_kept=False),
+                partial(run_task, run, False),
                 ((str(name), arguments) for name, arguments in tasks.items()),
                 num_jobs=self.run.num_workers,
                 scheduler=self.run.scheduler,

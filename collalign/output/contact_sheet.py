@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -34,15 +33,8 @@ _PNG = {"compress_level": 3}
 Panel: TypeAlias = tuple[FloatArray, FloatArray]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Tile:
-    """One shape for the sheet: its mesh (decimated), its transform, and how far it is trusted (NaN: unknown)."""
-
-    name: str
-    vertices: FloatArray
-    faces: IntArray
-    transform: FloatArray
-    confidence: float
+#: One shape for the sheet (decimated), its transform (4, 4), and how far it is trusted (NaN: unknown).
+Tile: TypeAlias = tuple[Shape, FloatArray, float]
 
 
 def tile_of(shape: Shape, transform: FloatArray, confidence: float) -> Tile:
@@ -56,7 +48,7 @@ def tile_of(shape: Shape, transform: FloatArray, confidence: float) -> Tile:
     confidence : float
     """
     vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=FEWEST_FACES)
-    return Tile(name=shape.name, vertices=vertices, faces=faces, transform=transform, confidence=confidence)
+    return Shape.from_arrays(vertices, faces, name=shape.name), transform, confidence
 
 
 def write_contact_sheet(path: Path, tiles: Iterable[Tile]) -> None:
@@ -81,27 +73,27 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, size[0]), ylim=(0.0, size[1]))
     axes.set_axis_off()
-    sure = [tile for tile in tiles if not tile.confidence < DOUBT] or tiles
-    view = camera((moved_by(tile.transform, tile.vertices), tile.faces) for tile in sure)
+    sure = [tile for tile in tiles if not tile[2] < DOUBT] or tiles
+    view = camera((moved_by(transform, shape.vertices), shape.faces) for shape, transform, _ in sure)
     panels = []
-    for position, tile in enumerate(tiles):
+    for position, (shape, transform, confidence) in enumerate(tiles):
         row, column = divmod(position, columns)
         corner = np.array([2.0 * column, size[1] - (row + 1) * _ROW_HEIGHT])
-        linear = tile.transform[:3, :3]
-        panels.append(seen_panel(tile.vertices @ view.T, tile.faces, corner, _COLOUR))
-        moved = tile.vertices @ (view @ linear).T
+        linear = transform[:3, :3]
+        panels.append(seen_panel(shape.vertices @ view.T, shape.faces, corner, _COLOUR))
+        moved = shape.vertices @ (view @ linear).T
         flipped = bool(np.linalg.det(linear) < 0)
-        panels.append(seen_panel(moved, tile.faces, corner + _RIGHT, _COLOUR, flipped=flipped))
+        panels.append(seen_panel(moved, shape.faces, corner + _RIGHT, _COLOUR, flipped=flipped))
         words: dict[str, Any] = {"fontsize": 7, "va": "bottom", "parse_math": False}
-        axes.text(corner[0] + _MARGIN, corner[1] + 1.0, tile.name, **words)
-        if not np.isnan(tile.confidence):
+        axes.text(corner[0] + _MARGIN, corner[1] + 1.0, shape.name, **words)
+        if not np.isnan(confidence):
             right = corner[0] + 2.0 - _MARGIN
             axes.text(
                 right,
                 corner[1] + 1.0,
-                percent(tile.confidence),
+                percent(confidence),
                 ha="right",
-                color="tab:green" if tile.confidence >= DOUBT else "tab:red",
+                color="tab:green" if confidence >= DOUBT else "tab:red",
                 **words,
             )
     draw_panels(axes, panels)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from collalign.engine.jobs.job import Runner
+from collalign.engine.jobs.job import run_task
 from collalign.engine.jobs.run import run_jobs
 from collalign.output.collection import Collection
 from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
@@ -111,7 +112,7 @@ def share_out(
         At the first task that fails.
     """
     made: dict[str, Made] = {}
-    jobs = run_jobs(Runner(function, is_kept=False), tasks, num_jobs=num_jobs)
+    jobs = run_jobs(partial(run_task, function, False), tasks, num_jobs=num_jobs)
     for job in jobs:
         if job.failure is not None:
             jobs.close()

@@ -13,7 +13,7 @@ import io
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from collalign.output.certificates import CERTIFICATE_FOLDER, CERTIFIER, PROBLEMS_FILE, PROOF_FILE
 from collalign.output.collection import MESH_FOLDER
 from collalign.output.evidence.evidence_file import CORRESPONDENCES_FILE
-from collalign.output.verify_collection import PROOF_ARRAYS, CheckedCollection, check_collection
+from collalign.output.verification import CheckedCollection, CheckedPair, Verification
+from collalign.output.verify_collection import PROOF_ARRAYS, check_collection
 from collalign.output.write import ALIGNMENT_FILE, PAIRS_FILE, WRITER
 from data_tools.arrays import FloatArray, as_floats, as_indices
 from data_tools.errors import InputError
@@ -44,94 +45,8 @@ _SAMPLE_TOL = 1e-6
 #: Areas of a surface and of the simplified copy that the run took it of differ by less than this share.
 _AREA_TOL = 0.05
 
-#: A bound of ``pairs.csv`` counts as proven from this share of it on.
-_PROVEN_SHARE = 1.0 - 1e-6
 #: A bound may exceed the energy by rounding: shares of the energy, and of the squares of both shapes.
 _ENERGY_TOL, _SQUARES_TOL = 1e-6, 1e-9
-
-
-@dataclass(frozen=True, kw_only=True)
-class CheckedPair:
-    """What was found about the certificate of one pair.
-
-    Attributes
-    ----------
-    target, source : str
-        The shapes' names.
-    kind : str
-        Of the certificate; empty where it could not be read.
-    proven : float
-        The lower bound of the pair's energy that it proves; NaN where it is refused.
-    stated : float
-        The lower bound in ``pairs.csv``, NaN where there is none.
-    fault : str
-        Why the certificate is refused, empty if it is not.
-    """
-
-    target: str
-    source: str
-    kind: str
-    proven: float
-    stated: float
-    fault: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Verification:
-    """The certificates of a result, checked.
-
-    Attributes
-    ----------
-    pairs : tuple of CheckedPair
-    num_stated : int
-        Pairs with a lower bound in ``pairs.csv``.
-    collection : CheckedCollection or None
-        What `collalign certify` left, where it did.
-    """
-
-    pairs: tuple[CheckedPair, ...]
-    num_stated: int
-    collection: CheckedCollection | None = None
-
-    @property
-    def holds(self) -> bool:
-        """Whether no certificate is refused."""
-        return not any(pair.fault for pair in self.pairs) and not (self.collection and self.collection.fault)
-
-    @property
-    def num_proven(self) -> int:
-        """Number of pairs whose bound in ``pairs.csv`` is proven by their certificate."""
-        return sum(pair.proven >= _PROVEN_SHARE * pair.stated for pair in self.pairs)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON; a number that is not known is null."""
-        record = {"holds": self.holds, "num_stated": self.num_stated, "num_proven": self.num_proven}
-        found = record | {"pairs": [_known(asdict(pair)) for pair in self.pairs]}
-        return found if self.collection is None else found | {"collection": _known(asdict(self.collection))}
-
-    def table(self) -> str:
-        """Return one line per certificate and what they say together."""
-        lines = [
-            f"{pair.target} - {pair.source}: "
-            + (
-                f"REFUSED, {pair.fault}"
-                if pair.fault
-                else f"{pair.kind} proves {pair.proven:.6g}, pairs.csv states {pair.stated:.6g}"
-            )
-            for pair in self.pairs
-        ]
-        refused = sum(bool(pair.fault) for pair in self.pairs)
-        hold = "all hold" if not refused else f"{refused} REFUSED"
-        lines.append(
-            f"{len(self.pairs)} certificates, {hold}. pairs.csv states {self.num_stated} lower bounds: "
-            f"{self.num_proven} are proven by a certificate, the others are the word of the program that found them."
-        )
-        return "\n".join(lines if self.collection is None else [*lines, str(self.collection)])
-
-
-def _known(fields: dict[str, Any]) -> dict[str, Any]:
-    """Return fields with null for numbers that are not known."""
-    return {name: None if value != value else value for name, value in fields.items()}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from collalign.output.verification import CheckedCollection
 from data_tools.arrays import as_floats, as_indices, as_rotations
 from data_tools.errors import InputError
 from pairwise.certificates.verify_cells import tilted_bound
@@ -22,37 +22,6 @@ PROOF_ARRAYS = ("edges", "frames", "tilts", "diagonal", "num_cells", "depths", "
 _CLAIM_TOL = 1e-9
 #: Numbers beyond this are refused: their products would overflow.
 _LARGEST = 1e50
-
-
-@dataclass(frozen=True, kw_only=True)
-class CheckedCollection:
-    """What was found about the proof of a collection.
-
-    Attributes
-    ----------
-    num_shapes, num_pairs : int
-    proven : float
-        No arrangement of the shapes costs less; NaN where the proof is refused.
-    energy : float
-        Of the arrangement in the file.
-    fault : str
-        Why the proof is refused, empty if it is not.
-    """
-
-    num_shapes: int
-    num_pairs: int
-    proven: float
-    energy: float
-    fault: str = ""
-
-    def __str__(self) -> str:
-        if self.fault:
-            return f"Collection: REFUSED, {self.fault}"
-        return (
-            f"Collection: no arrangement of the {self.num_shapes} shapes costs less than {self.proven:.6g} over "
-            f"{self.num_pairs} pairs; the cheapest one known costs {self.energy:.6g}, "
-            f"{100 * (self.energy / max(self.proven, 1e-300) - 1.0):.2f} % more."
-        )
 
 
 def check_collection(

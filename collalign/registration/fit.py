@@ -46,7 +46,7 @@ def fitted_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray:
         pulls, trust = _closest_points(target.vertices, fixed, moved, normals, solver.radius)
         pull = solver.pull(pulls, trust, BENT.point_length * solver.radius)
         for _ in range(_NUM_TURNS):
-            moved = pull.places(solver.turned_edges(moved))
+            moved = pull(solver.turned_edges(moved))
     return moved
 
 
@@ -62,4 +62,4 @@ def _closest_points(
     scale = TUNED.cutoff * max(float(np.median(distances)), _LEAST_DISTANCE * radius)
     trust = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2
     trust *= (fixed[to] * normals[at]).sum(axis=1) > _MIN_COSINE
-    return MapGoals(vertices=at, places=places[to]), trust
+    return (at, places[to]), trust

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array, csr_array, diags_array
@@ -13,30 +14,8 @@ from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.laplacian import surface_operators
 from data_tools.surface.shape import Shape
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MapGoals:
-    """Where vertices of a surface should go.
-
-    Attributes
-    ----------
-    vertices : ndarray of int, shape (p,)
-        Each any number of times.
-    places : ndarray, shape (p, 3)
-    """
-
-    vertices: IntArray
-    places: FloatArray
-
-
-class _Pull:
-    """The linear system that places solve, given turned edges."""
-
-    def __init__(self, system: csc_array, asked: FloatArray) -> None:
-        self._solve, self._asked = splu(system).solve, asked
-
-    def places(self, edges: FloatArray) -> FloatArray:
-        return np.asarray(self._solve(edges + self._asked))
+#: Vertices of a surface, each any number of times (p,), and the places where they should go (p, 3).
+MapGoals: TypeAlias = tuple[IntArray, FloatArray]
 
 
 class RigidPieces:
@@ -65,15 +44,19 @@ class RigidPieces:
         weights = csc_array((self._weights, (self._at, self._to)), shape=(num, num))
         self._stiffness = diags_array(np.asarray(weights.sum(axis=1)).ravel()) - weights
 
-    def pull(self, goals: MapGoals, trust: FloatArray, length: float) -> _Pull:
-        """Return the system in which goals count as far as they are trusted, each vertex by its area at most."""
-        num = len(self._rest)
-        count = np.maximum(np.bincount(goals.vertices, minlength=num), 1)
-        share = self.mass[goals.vertices] * trust / (count[goals.vertices] * length**2)
+    def pull(self, goals: MapGoals, trust: FloatArray, length: float) -> Callable[[FloatArray], FloatArray]:
+        """Return what gives all places (v, 3) by turned edges (v, 3).
+
+        Goals count as far as they are trusted, each vertex by its area at most.
+        """
+        num, (vertices, places) = len(self._rest), goals
+        count = np.maximum(np.bincount(vertices, minlength=num), 1)
+        share = self.mass[vertices] * trust / (count[vertices] * length**2)
         asked = np.zeros((num, 3))
-        np.add.at(asked, goals.vertices, share[:, None] * goals.places)
-        total = np.bincount(goals.vertices, weights=share, minlength=num)
-        return _Pull(csc_array(self._stiffness + diags_array(total)), asked)
+        np.add.at(asked, vertices, share[:, None] * places)
+        total = np.bincount(vertices, weights=share, minlength=num)
+        solve = splu(csc_array(self._stiffness + diags_array(total))).solve
+        return lambda edges: np.asarray(solve(edges + asked))
 
     def turned_edges(self, moved: FloatArray) -> FloatArray:
         """Return the weighted sum of each vertex's edges at rest, turned as those of the moved surface are."""

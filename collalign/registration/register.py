@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -24,6 +25,8 @@ _JITTER = 1e-6
 MIN_VOLUME_CHANGE = 0.05
 #: Factor of the noise when a field folds, and where it is given up.
 _STIFFER, _MAX_STIFFNESS = 1.5, 1000.0
+#: Which source vertices are pulled, by how much, and how much each counts.
+_Pulls: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,9 +95,8 @@ def settled_pose(target: RegistrationSurface, source: RegistrationSurface, *, tu
     search = _Search(few[0], few[1], tangential=1.0, cutoff=TUNED.pose_cutoff)
     pose, moved = np.eye(4), source.vertices
     for noise in TUNED.pose_noise:
-        pulls = search.pulls(moved, noise)
-        goals = moved[pulls.vertices] + pulls.offsets
-        pose = fitting_similarity(goals, source.vertices[pulls.vertices], pulls.weights, turns=turns)
+        at, offsets, weights = search.pulls(moved, noise)
+        pose = fitting_similarity(moved[at] + offsets, source.vertices[at], weights, turns=turns)
         moved = moved_by(pose, source.vertices)
     return pose
 
@@ -133,9 +135,9 @@ class _Fit:
 
     def energy(self, noise: float) -> float:
         """Return minus twice the logarithm of the posterior, but for a constant: bending, and what does not fit."""
-        pulls = self.search.pulls(self.solver.moved(self.field), noise)
-        squares = (pulls.offsets**2).sum(axis=1) / (noise * self.radius) ** 2
-        return self.field.bending + TUNED.num_independent * float(np.average(squares, weights=pulls.weights))
+        _, offsets, weights = self.search.pulls(self.solver.moved(self.field), noise)
+        squares = (offsets**2).sum(axis=1) / (noise * self.radius) ** 2
+        return self.field.bending + TUNED.num_independent * float(np.average(squares, weights=weights))
 
     def result(self, noise: float) -> Registration:
         """Bring everything back to the target."""
@@ -148,15 +150,6 @@ class _Fit:
             pose=read_only(self.pose),
             field=self.field,
         )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Pulls:
-    """Which source vertices should go where, and how much each counts."""
-
-    vertices: IntArray
-    offsets: FloatArray
-    weights: FloatArray
 
 
 class _Search:
@@ -190,7 +183,7 @@ class _Search:
         if self._has_normals:
             along = (offsets * self._target_normals[to]).sum(axis=1, keepdims=True) * self._target_normals[to]
             offsets = along + self._tangential * (offsets - along)
-        return _Pulls(vertices=at, offsets=offsets, weights=weights[kept])
+        return at, offsets, weights[kept]
 
     def fit(self, moved: FloatArray, noise: float) -> tuple[FloatArray, FloatArray]:
         """Distance of every moved vertex to the target's surface, and how well it corresponds to anything there."""
@@ -251,9 +244,10 @@ class _FieldSolver:
         Weights ``w`` are of least ``sum_i t_i |B_i w - y_i|^2 / s^2 + w^T K w``, with the noise ``s`` multiplied by
         the stiffness. A field that cannot be made to unfold stays still.
         """
-        rows = self._basis[pulls.vertices]
-        weighted = rows * pulls.weights[:, None]
-        asked = weighted.T @ ((moved - self._source)[pulls.vertices] + pulls.offsets)
+        at, offsets, weights = pulls
+        rows = self._basis[at]
+        weighted = rows * weights[:, None]
+        asked = weighted.T @ ((moved - self._source)[at] + offsets)
         data, per_point = rows.T @ weighted, len(rows) / TUNED.num_independent
         while stiffness <= _MAX_STIFFNESS:
             system = data + (stiffness * noise) ** 2 * per_point * self._prior

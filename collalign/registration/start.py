@@ -45,7 +45,7 @@ def bent_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray | N
     size = math.sqrt(target.area / source.area)
     rest = Shape.from_arrays(size * source.vertices, source.faces, name=source.name)
     solver = RigidPieces(rest)
-    if solver.mass[np.unique(goals.vertices)].sum() < BENT.least_share * solver.mass.sum():
+    if solver.mass[np.unique(goals[0])].sum() < BENT.least_share * solver.mass.sum():
         return None
     moved = laid_by_map(solver, goals, BENT.length)
     fit = fitting_similarity(moved, rest.vertices, solver.mass)[:3, :3]
@@ -56,13 +56,14 @@ def bent_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray | N
 
 def laid_by_map(solver: RigidPieces, goals: MapGoals, length: float) -> FloatArray:
     """Return the places of least energy of :func:`bent_by_map`, shape (v, 3), with ``l`` so many radii."""
-    trust, edges = np.ones(len(goals.vertices)), np.zeros((len(solver.mass), 3))
+    vertices, places = goals
+    trust, edges = np.ones(len(vertices)), np.zeros((len(solver.mass), 3))
     for _ in range(_NUM_TRUSTS):
         pull = solver.pull(goals, trust, length * solver.radius)
         for _ in range(_NUM_ROUNDS):
-            moved = pull.places(edges)
+            moved = pull(edges)
             edges = solver.turned_edges(moved)
-        distances = np.linalg.norm(moved[goals.vertices] - goals.places, axis=1)
+        distances = np.linalg.norm(moved[vertices] - places, axis=1)
         scale = TUNED.cutoff * float(np.median(distances)) or 1.0
         trust = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2
     return moved
@@ -83,6 +84,6 @@ def unbent(source: Shape, copies: Sequence[FloatArray]) -> list[FloatArray]:
     copies : sequence of ndarray, shape (v, 3)
     """
     solver = RigidPieces(source)
-    every = MapGoals(vertices=np.arange(len(source.vertices)), places=source.vertices)
-    pull = solver.pull(every, np.ones(len(source.vertices)), BENT.loose * solver.radius)
-    return [pull.places(solver.turned_back(copy)) for copy in copies]
+    num = len(source.vertices)
+    pull = solver.pull((np.arange(num), source.vertices), np.ones(num), BENT.loose * solver.radius)
+    return [pull(solver.turned_back(copy)) for copy in copies]

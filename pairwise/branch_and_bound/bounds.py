@@ -18,8 +18,6 @@ Only "m* is fixed" is used: allowed matches, constant costs, weights and k < n c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from data_tools.arrays import BoolArray, FloatArray
@@ -32,28 +30,6 @@ _NUM_KEPT = 256
 #: Added to sines of half angles: rounding of centres and corners.
 _REACH_MARGIN = 1e-7
 _EPS = float(np.finfo(np.float64).eps)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CellBounds:
-    """What is known about some cells.
-
-    Attributes
-    ----------
-    bounds : ndarray, shape (m,)
-        Poses of the cell that are best for their own map have at least that energy; where nothing is proven, what
-        could be at most.
-    losses : ndarray, shape (m,)
-        What of the energy at the cell's rotation it takes off.
-    is_proven : ndarray of bool, shape (m,)
-    energies : ndarray, shape (m,)
-        Energy of some map at the cell's rotation, ``inf`` where none was needed.
-    """
-
-    bounds: FloatArray
-    losses: FloatArray
-    is_proven: BoolArray
-    energies: FloatArray
 
 
 class QuasiBounds:
@@ -81,7 +57,9 @@ class QuasiBounds:
         self._constants, self._moments = np.full(_NUM_KEPT, np.inf), np.zeros((_NUM_KEPT, 9))
         self._potentials, self._num_met = np.zeros((_NUM_KEPT, problem.num_target)), 0
 
-    def __call__(self, rotations: FloatArray, reach: FloatArray, threshold: float) -> CellBounds:
+    def __call__(
+        self, rotations: FloatArray, reach: FloatArray, threshold: float
+    ) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
         """Bound the energies of the poses in cells, but of those whose bound could not exceed the threshold.
 
         Parameters
@@ -91,6 +69,17 @@ class QuasiBounds:
             How far the corners are, see :meth:`pairwise.branch_and_bound.cells.Cells.reach`.
         threshold : float
             A bound need not be larger.
+
+        Returns
+        -------
+        bounds : ndarray, shape (m,)
+            Poses of the cell that are best for their own map have at least that energy; where nothing is proven, what
+            could be at most.
+        losses : ndarray, shape (m,)
+            What of the energy at the cell's rotation it takes off.
+        is_proven : ndarray of bool, shape (m,)
+        energies : ndarray, shape (m,)
+            Energy of some map at the cell's rotation, ``inf`` where none was needed.
         """
         from pairwise.branch_and_bound.assignment import bound_assignments
 
@@ -115,7 +104,7 @@ class QuasiBounds:
         is_proven = np.zeros(len(turns), dtype=np.bool_)
         is_proven[tried] = True
         self._keep(turns[tried], found, turns[tried] @ moments, potentials)
-        return CellBounds(bounds=bounds, losses=losses, is_proven=is_proven, energies=energies)
+        return bounds, losses, is_proven, energies
 
     def _keep(self, turns: FloatArray, energies: FloatArray, moments: FloatArray, potentials: FloatArray) -> None:
         """Remember the maps of finite energy, the last ones if they are many."""

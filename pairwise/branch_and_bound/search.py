@@ -141,21 +141,14 @@ class RotationSearch:
         chosen, rest = self._open.take(order[:batch]), self._open.take(order[batch:])
         cells = self._parts(chosen, self.threshold(best))
         rotations, reach = cells.reach()
-        found = self._evaluate(rotations, reach, self.threshold(best))
+        bounds, losses, is_proven, energies = self._evaluate(rotations, reach, self.threshold(best))
         self.num_cells += len(cells)
-        lowest = np.argsort(found.energies, kind="stable")[:_NUM_DESCENTS]
-        lowest = lowest[found.energies[lowest] < self.energy]
+        lowest = np.argsort(energies, kind="stable")[:_NUM_DESCENTS]
+        lowest = lowest[energies[lowest] < self.energy]
         if len(lowest):
             self.descend(rotations[lowest])
-        self._open = rest.join(
-            OpenCells(
-                cells=cells,
-                radii=radii_of(reach),
-                bounds=found.bounds,
-                losses=found.losses,
-                is_proven=found.is_proven,
-            )
-        )
+        fresh = OpenCells(cells=cells, radii=radii_of(reach), bounds=bounds, losses=losses, is_proven=is_proven)
+        self._open = rest.join(fresh)
 
     def _parts(self, chosen: OpenCells, threshold: float) -> Cells:
         """Split cells so often that a bound may exceed the threshold: three splits leave a fourth of the loss.
@@ -177,7 +170,7 @@ class RotationSearch:
         """Return cells with bounds for those that none was needed of."""
         at = np.flatnonzero(~cells.is_proven)
         bounds = cells.bounds.copy()
-        bounds[at] = self._evaluate(*cells.cells.take(at).reach(), -np.inf).bounds
+        bounds[at] = self._evaluate(*cells.cells.take(at).reach(), -np.inf)[0]
         return replace(cells, bounds=bounds, is_proven=np.ones_like(cells.is_proven))
 
     def _settle(self, best: float) -> None:

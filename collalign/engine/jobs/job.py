@@ -122,17 +122,12 @@ class Results(Mapping[K, T]):
         return self._job.shared(self._wanted[name].key, reader)
 
 
-@dataclass(frozen=True)
-class Runner:
-    """Calls a function with the arguments of one task, inside a worker."""
-
-    run: Callable[..., Any]
-    is_kept: bool
-
-    def __call__(self, arguments: Mapping[str, Any], table: SharedTable | None = None) -> Any:
-        """Return what the function returns; as a record where the store keeps it."""
-        value = self.run(**{name: _looked_up(argument, table) for name, argument in arguments.items()})
-        return to_record(value) if self.is_kept and is_dataclass(value) else value
+def run_task(
+    run: Callable[..., Any], is_kept: bool, arguments: Mapping[str, Any], table: SharedTable | None = None
+) -> Any:
+    """Call a function with the arguments of one task, inside a worker; a result that the store keeps is a record."""
+    value = run(**{name: _looked_up(argument, table) for name, argument in arguments.items()})
+    return to_record(value) if is_kept and is_dataclass(value) else value
 
 
 def _looked_up(argument: Any, table: SharedTable | None) -> Any:

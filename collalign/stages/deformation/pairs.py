@@ -54,9 +54,9 @@ def candidate_maps(
         chirality = float(np.sign(np.linalg.det(pose)))
         plain = mapper.map_from(pose)
         for candidate in (plain, mapper.oriented(plain, preserving=chirality > 0)):
-            weighed = weigher.weigh(candidate, chirality=chirality)
-            keeps_sides = not weighed.evidence[EVIDENCE.index("orientation")] < MIXED_ORIENTATION
-            found.append((keeps_sides, weighed.evidence, candidate.C_source_target))
+            _, _, evidence = weigher.weigh(candidate, chirality=chirality)
+            keeps_sides = not evidence[EVIDENCE.index("orientation")] < MIXED_ORIENTATION
+            found.append((keeps_sides, evidence, candidate.C_source_target))
     # Maps that swap left and right are for pairs that have no others: most evidence says the same of both.
     able = [one for one in found if one[0]] or found
     scores = evidence_score(np.stack([evidence for _, evidence, _ in able])).tolist()

@@ -50,7 +50,5 @@ def _vertex_maps(reference: VertexSurface, shape: VertexSurface, bases: FloatArr
 
 def _goals(shape: Shape, to_reference: IntArray, from_reference: IntArray) -> MapGoals:
     """Return where both maps take the reference's vertices."""
-    return MapGoals(
-        vertices=np.concatenate([np.arange(len(from_reference)), to_reference]),
-        places=np.concatenate([shape.vertices[from_reference], shape.vertices]),
-    )
+    vertices = np.concatenate([np.arange(len(from_reference)), to_reference])
+    return vertices, np.concatenate([shape.vertices[from_reference], shape.vertices])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -20,22 +20,9 @@ from data_tools.poses import SAME_DEG, keep_apart
 MAX_CANDIDATES = 10
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WeighedPose:
-    """A pose that a map asks for, with all that is known about both.
-
-    Attributes
-    ----------
-    rotation : ndarray, shape (3, 3)
-    point_map : ndarray of int, shape (k,)
-        The samples' best one-to-one match there.
-    evidence : ndarray, shape (len(EVIDENCE),)
-        As :data:`collalign.confidence.candidate_model.EVIDENCE` names it.
-    """
-
-    rotation: FloatArray
-    point_map: IntArray
-    evidence: FloatArray
+#: A pose (3, 3) that a map asks for, the samples' best one-to-one match there (k,), and the evidence of both, in the
+#: order of :data:`collalign.confidence.candidate_model.EVIDENCE`.
+WeighedPose: TypeAlias = tuple[FloatArray, IntArray, FloatArray]
 
 
 class PoseWeigher:
@@ -79,9 +66,7 @@ class PoseWeigher:
             "roughness": of_map.roughness,
             "orientation": chirality * of_map.orientation,
         }
-        return WeighedPose(
-            rotation=rotation, point_map=point_map, evidence=np.array([evidence[kind] for kind in EVIDENCE])
-        )
+        return rotation, point_map, np.array([evidence[kind] for kind in EVIDENCE])
 
     def _match_at(self, rotation: FloatArray) -> tuple[IntArray, float]:
         costs = cdist(self._source.positions @ rotation.T, self._target.positions, "sqeuclidean") + self._fixed_costs
@@ -91,7 +76,7 @@ class PoseWeigher:
 
 def distinct_weighed(candidates: Sequence[WeighedPose]) -> list[WeighedPose]:
     """Return the candidates that most speaks for, best first, of each set of nearly equal rotations only one."""
-    scores = evidence_score(np.stack([candidate.evidence for candidate in candidates]))
+    scores = evidence_score(np.stack([evidence for _, _, evidence in candidates]))
     ranked = [candidates[at] for at in np.argsort(-scores, kind="stable")]
-    rotations = np.stack([candidate.rotation for candidate in ranked])
+    rotations = np.stack([rotation for rotation, _, _ in ranked])
     return [ranked[at] for at in keep_apart(rotations, SAME_DEG, num=MAX_CANDIDATES)]

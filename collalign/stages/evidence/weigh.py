@@ -28,7 +28,7 @@ from data_tools.errors import InputError
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PairEvidence:
-    """The poses that maps of a pair ask for, the best first; fields as of ``WeighedPose``, stacked."""
+    """The poses that maps of a pair ask for, the best first, with the evidence of each."""
 
     rotations: Annotated[FloatArray, Holds(shape="m 3 3", rotations=True)]
     maps: Annotated[IntArray, Holds(shape="m k")]
@@ -71,12 +71,8 @@ def weigh_pair(
     candidates = [weigher.candidate_from(start) for start in starts]
     if is_first:
         candidates += weigher.candidates_from_signs(mirrored=group == "O")
-    found = distinct_weighed(candidates)
-    return PairEvidence(
-        rotations=np.stack([candidate.rotation for candidate in found]),
-        maps=np.stack([candidate.point_map for candidate in found]).astype(np.int32),
-        evidence=np.stack([candidate.evidence for candidate in found]),
-    )
+    rotations, maps, evidence = (np.stack(values) for values in zip(*distinct_weighed(candidates), strict=True))
+    return PairEvidence(rotations=rotations, maps=maps.astype(np.int32), evidence=evidence)
 
 
 #: Weighs poses of a pair. The version changes whenever the same surfaces and poses would give other candidates.

@@ -7,7 +7,7 @@ of different pairs are independent of each other.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -26,20 +26,8 @@ _LEAST_GAIN, _LEAST_STEP = 1e-5, 1e-9
 _TURNS_DEG, _SHARES = (2.0, 4.0, 6.0, 10.0, 15.0, 25.0), (0.15, 0.3, 0.5, 1.0)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Arrangement:
-    """One pose per shape and what it costs.
-
-    Attributes
-    ----------
-    frames : ndarray, shape (N, d, d)
-        ``R_common_i``.
-    energy : float
-        Of all pairs, with the best map of each.
-    """
-
-    frames: FloatArray
-    energy: float
+#: One pose per shape, ``R_common_i`` (N, d, d), and the energy of all pairs with the best map of each.
+Arrangement: TypeAlias = tuple[FloatArray, float]
 
 
 class PairEnergies:
@@ -78,7 +66,7 @@ class PairEnergies:
             if before - energy <= _LEAST_GAIN * energy:
                 break
             frames = self._sweep(frames, moments)
-        return Arrangement(frames=frames, energy=energy)
+        return frames, energy
 
     def perturb(self, known: Arrangement, rng: np.random.Generator, num: int) -> Arrangement:
         """Turn shapes of the cheapest arrangement a little and descend again, ``num`` times; return the cheapest."""
@@ -86,8 +74,8 @@ class PairEnergies:
         for _ in range(num):
             turns = np.deg2rad(rng.choice(_TURNS_DEG)) * rng.standard_normal((self.num_shapes, 3))
             turns *= (rng.random(self.num_shapes) < rng.choice(_SHARES))[:, None]
-            found = self.descend(best.frames @ Rotation.from_rotvec(turns).as_matrix())
-            best = min(best, found, key=lambda one: one.energy)
+            found = self.descend(best[0] @ Rotation.from_rotvec(turns).as_matrix())
+            best = min(best, found, key=lambda one: one[1])
         return best
 
     def rounded(self, gram: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from collalign.engine.jobs.job import Job, Wanted
 from collalign.options import AlignSession
-from collalign.tools.certify.arrangement import Arrangement, PairEnergies
+from collalign.tools.certify.arrangement import PairEnergies
 from collalign.tools.certify.multipliers import JointMaster
 from collalign.tools.certify.result import JointBound
 from data_tools.arrays import FloatArray, read_only
@@ -136,9 +136,9 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, budget_s: float) -> J
     edges, rng = energies.edges, np.random.default_rng(0)
     near = energies.descend(frames)
     num = min(_PERTURBED_PAIRS // len(edges), _MOST_PERTURBED)
-    best = energies.perturb(near, np.random.default_rng(0), num)
-    unit = _unit(energies, best)
-    master = JointMaster(energies.num_shapes, edges, energies.relative(best.frames), energies.at(best.frames), unit)
+    best, energy = energies.perturb(near, np.random.default_rng(0), num)
+    unit = _unit(energies, energy)
+    master = JointMaster(energies.num_shapes, edges, energies.relative(best), energies.at(best), unit)
     for pair, (problem, some) in enumerate(zip(energies.problems, rounds.candidates, strict=True)):
         master.add(pair, some, least_energies(problem, some))
     bounds: list[float] = []
@@ -147,12 +147,12 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, budget_s: float) -> J
         began, promised = time.monotonic(), np.inf
         if not master.is_large:
             promised = _descend(rounds, master, best, rng, deadline)
-            found = energies.descend(energies.rounded(master.gram))
-            former, best = best, min(best, found, key=lambda one: one.energy)
-            unit, rotations, values = _unit(energies, best), energies.relative(best.frames), energies.at(best.frames)
+            found, former = energies.descend(energies.rounded(master.gram)), energy
+            best, energy = min((best, energy), found, key=lambda one: one[1])
+            unit, rotations, values = _unit(energies, energy), energies.relative(best), energies.at(best)
             for pair in range(len(edges)):
                 master.add(pair, rotations[pair : pair + 1], values[pair : pair + 1])
-            if best.energy < (1.0 - _CHEAPER) * former.energy:
+            if energy < (1.0 - _CHEAPER) * former:
                 continue
         proofs = rounds.prove(master, _GAP * unit, deadline)
         _add(master, proofs)
@@ -160,14 +160,14 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, budget_s: float) -> J
         if bounds[-1] == max(bounds):
             proven = master.tilts, master.diagonal, proofs
         next_end = 2.0 * time.monotonic() - began
-        ended = _ended(bounds, promised, best.energy, master.is_large, next_end > deadline)
+        ended = _ended(bounds, promised, energy, master.is_large, next_end > deadline)
     tilts, diagonal, proofs = proven
     return JointBound(
         edges=read_only(edges),
         stated_energy=float(energies.at(frames).sum()),
-        near_energy=near.energy,
-        energy=best.energy,
-        frames=read_only(best.frames),
+        near_energy=near[1],
+        energy=energy,
+        frames=read_only(best),
         bounds=tuple(bounds),
         ended=ended,
         bound=max(0.0, *bounds),
@@ -181,7 +181,7 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, budget_s: float) -> J
 
 
 def _descend(
-    rounds: Rounds, master: JointMaster, best: Arrangement, rng: np.random.Generator, deadline: float
+    rounds: Rounds, master: JointMaster, best: FloatArray, rng: np.random.Generator, deadline: float
 ) -> float:
     """Improve the multipliers by rounds of descents; return what the columns promise.
 
@@ -189,7 +189,7 @@ def _descend(
     """
     starts = rotation_set(3, _NUM_STARTS)
     starts = np.concatenate([starts, -starts]) if rounds.session.options.group == "O" else starts
-    relative = rounds.energies.relative(best.frames)
+    relative = rounds.energies.relative(best)
     promised = master.run()
     for _ in range(int(np.clip(_DESCENT_PAIRS // len(relative), 1, _MOST_DESCENTS))):
         if time.monotonic() >= deadline:
@@ -202,9 +202,9 @@ def _descend(
     return promised
 
 
-def _unit(energies: PairEnergies, best: Arrangement) -> float:
+def _unit(energies: PairEnergies, best: float) -> float:
     """Return the mean energy of a pair, which tolerances are shares of."""
-    return max(best.energy / len(energies.edges), _LEAST_ENERGY * float((energies.problems[0].target ** 2).sum()))
+    return max(best / len(energies.edges), _LEAST_ENERGY * float((energies.problems[0].target ** 2).sum()))
 
 
 def _add(master: JointMaster, found: Sequence[TiltedProof]) -> None:

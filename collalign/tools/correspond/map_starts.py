@@ -50,10 +50,7 @@ class MapStart:
         if len(self.back) != num or self.onto.max(initial=-1) >= num:
             raise InputError(f"{stored.name}: its maps are of {len(self.back)} vertices, its file has {num}")
         forth, back = np.flatnonzero(self.onto >= 0), np.flatnonzero(self.back >= 0)
-        return MapGoals(
-            vertices=np.concatenate([forth, self.back[back]]),
-            places=stored.vertices[np.concatenate([self.onto[forth], back])],
-        )
+        return np.concatenate([forth, self.back[back]]), stored.vertices[np.concatenate([self.onto[forth], back])]
 
 
 def map_starts(maps: VertexMaps, reference: Shape, lender: Shape, file_vertices: IntArray) -> Mapping[str, MapStart]:

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from collalign.output import write
-from collalign.output.contact_sheet import Tile, contact_sheet
+from collalign.output.contact_sheet import contact_sheet
 from collalign.output.vertex_maps import PlaceColours
 from collalign.products.deformation import VertexMaps
 from data_tools.io.output_folder import OutputFolder
+from data_tools.surface.shape import Shape
 from tests.view_problems import bumpy_shapes, view_of
 
 
@@ -18,7 +19,7 @@ def test_all_shapes_are_drawn_or_as_many_as_fit_from_the_first_to_the_last(most,
     with OutputFolder.open(tmp_path, writer="align") as output:
         ((name, sheet),) = write._documents(view, output, None)
     assert name == "sheet"
-    assert [tile.name for tile in sheet.args[1]] == [view.names[i] for i in drawn]
+    assert [shape.name for shape, _, _ in sheet.args[1]] == [view.names[i] for i in drawn]
 
 
 def test_colours_are_the_places_along_the_axes_of_the_reference():
@@ -40,7 +41,7 @@ def test_the_contact_sheet_shows_every_shape_before_and_after_in_its_own_cell():
     """Two meshes and a cloud of four cells: something is drawn in the six halves of theirs, nothing in the fourth."""
     vertices, faces = bumpy_shapes(1, subdivisions=2)
     tiles = [
-        Tile(name="", vertices=vertices[0], faces=own, transform=np.eye(4), confidence=float("nan"))
+        (Shape.from_arrays(vertices[0], own, name=""), np.eye(4), float("nan"))
         for own in (faces, faces, np.empty((0, 3), dtype=int))
     ]
     figure = contact_sheet(tiles)

@@ -3,7 +3,6 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from collalign.registration.pieces import MapGoals
 from collalign.registration.pose import fitting_similarity
 from collalign.registration.start import bent_by_map, unbent
 from data_tools.datasets.synthetic import bent
@@ -27,7 +26,7 @@ def turn_by(angle_deg):
 
 
 def every(places):
-    return MapGoals(vertices=np.arange(len(places)), places=places)
+    return np.arange(len(places)), places
 
 
 def started(truth, goals):
@@ -61,10 +60,7 @@ def test_several_goals_of_a_vertex_are_averaged_and_none_is_needed_everywhere():
     rng = np.random.default_rng(2)
     shift = np.array([0.3, 0.0, 0.0])
     at = np.flatnonzero(rng.random(len(FIGURE.vertices)) < 0.8)
-    goals = MapGoals(
-        vertices=np.concatenate([at, at]),
-        places=np.concatenate([FIGURE.vertices[at] + 2 * shift, FIGURE.vertices[at]]),
-    )
+    goals = (np.concatenate([at, at]), np.concatenate([FIGURE.vertices[at] + 2 * shift, FIGURE.vertices[at]]))
     np.testing.assert_allclose(started(FIGURE.vertices, goals), FIGURE.vertices + shift, atol=1e-3)
 
 
@@ -75,7 +71,7 @@ def test_a_map_without_order_is_not_believed():
 
 
 def test_maps_of_a_part_and_maps_against_the_pose_are_not_believed():
-    few = MapGoals(vertices=np.arange(10), places=FIGURE.vertices[:10])
+    few = np.arange(10), FIGURE.vertices[:10]
     assert bent_by_map(FIGURE, FIGURE, few) is None
     for angle, is_believed in ((50.0, True), (70.0, False), (180.0, False)):
         turned = Shape.from_arrays(FIGURE.vertices @ turn_by(angle).T, FIGURE.faces)

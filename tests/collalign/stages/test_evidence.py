@@ -13,7 +13,7 @@ from collalign.engine.store.typed import from_record
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.surface.posed import prepare_posed
 from collalign.options import AlignOptions
-from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, WeighedPose, distinct_weighed
+from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, distinct_weighed
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.rivals import missing_poses, support, voted_poses, votes_of
 from collalign.stages.evidence.weigh import PairEvidence, by_energy, with_candidates, with_evidence
@@ -84,12 +84,12 @@ def test_near_rotations_are_one_candidate_the_better_one():
     nudge = np.array([[np.cos(0.1), -np.sin(0.1), 0], [np.sin(0.1), np.cos(0.1), 0], [0, 0, 1.0]])
     far = np.diag([-1.0, -1.0, 1.0])
     poses = [
-        WeighedPose(rotation=r, point_map=np.arange(3), evidence=np.full(len(EVIDENCE), value))
+        (r, np.arange(3), np.full(len(EVIDENCE), value))
         for r, value in ((first, 0.3), (first @ nudge, 0.2), (first @ far, 0.4))
     ]
     kept = distinct_weighed(poses)
-    assert [c.evidence[0] for c in kept] == [0.2, 0.4]
-    many = [replace(poses[0], rotation=random_rotation(rng)) for _ in range(100)]
+    assert [evidence[0] for _, _, evidence in kept] == [0.2, 0.4]
+    many = [(random_rotation(rng), *poses[0][1:]) for _ in range(100)]
     assert len(distinct_weighed(many)) == MAX_CANDIDATES
 
 
@@ -100,11 +100,11 @@ def test_maps_of_signs_that_swap_sides_are_for_mirrored_poses_alone():
     samples = [sample_shape(one, SamplingOptions(num_points=24), EmbeddingOptions()) for one in (shape, mirror)]
     weigher = PoseWeigher(samples[0], samples[1], PoseMapper(target, source))
     turned = weigher.candidates_from_signs(mirrored=False)
-    assert {round(float(np.linalg.det(one.rotation))) for one in turned} <= {1}
+    assert {round(float(np.linalg.det(one[0]))) for one in turned} <= {1}
     both = weigher.candidates_from_signs(mirrored=True)
-    best = both[int(np.argmax(evidence_score(np.stack([one.evidence for one in both]))))]
-    assert np.linalg.det(best.rotation) == pytest.approx(-1.0)
-    assert rotation_angle_deg(best.rotation, np.diag([-1.0, 1.0, 1.0])) < 10.0
+    best = both[int(np.argmax(evidence_score(np.stack([one[2] for one in both]))))][0]
+    assert np.linalg.det(best) == pytest.approx(-1.0)
+    assert rotation_angle_deg(best, np.diag([-1.0, 1.0, 1.0])) < 10.0
 
 
 def test_maps_are_asked_where_pairs_match_badly():
