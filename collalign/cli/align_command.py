@@ -39,8 +39,8 @@ from data_tools.datasets.synthetic import PlantedCollection, demo_collection, wr
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.listing import FolderListing, read_folder
 from data_tools.io.objects import list_shapes
-from data_tools.io.output_folder import OutputFolder, refuse_overlap
-from data_tools.io.source import inputs_of
+from data_tools.io.output_folder import OutputFolder
+from data_tools.io.source import inputs_of, refuse_overlap
 from data_tools.percent import percent
 from data_tools.poses import scales_of
 from data_tools.rotations import rotation_angle_deg

@@ -1,12 +1,22 @@
-"""One shape of a result, and shapes as objects of trimesh."""
+"""One shape of a result, all of them in their order, and shapes as objects of trimesh."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, overload
 
+import numpy as np
+
+from collalign.products.consistent_maps import position_of
+from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative
-from data_tools.arrays import FloatArray, one_line
+from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
+from data_tools.errors import InputError
+from data_tools.io.listing import parts_of
+from data_tools.io.source import inputs_of
+from data_tools.poses import each_moved_by, scales_of
 from data_tools.surface.shape import Shape
 
 
@@ -38,6 +48,133 @@ class AlignedShape:
     alternatives: tuple[Alternative, ...]
 
     __repr__ = one_line
+
+
+class PosedShapes:
+    """The shapes of a result in natural order of their names, and what their poses and files say."""
+
+    names: tuple[str, ...]
+    files: tuple[str, ...]
+    transforms: FloatArray
+    confidence: FloatArray
+    part_numbers: IntArray
+    alternatives: tuple[tuple[Alternative, ...], ...]
+    landmarks: FloatArray
+    incomplete: tuple[Incomplete, ...]
+    own: tuple[str, ...]
+    folder: Path | None
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __iter__(self) -> Iterator[AlignedShape]:
+        return (self[at] for at in range(len(self)))
+
+    def __contains__(self, shape: object) -> bool:
+        """Whether there is a shape of this name."""
+        return (shape.name if isinstance(shape, AlignedShape) else shape) in self.names
+
+    @overload
+    def __getitem__(self, shape: str | int) -> AlignedShape: ...
+    @overload
+    def __getitem__(self, shape: slice) -> tuple[AlignedShape, ...]: ...
+    def __getitem__(self, shape: str | int | slice) -> AlignedShape | tuple[AlignedShape, ...]:
+        """Return one shape by name or position, or the shapes of a slice.
+
+        Raises
+        ------
+        UnknownName
+            If no shape has the name: a ``KeyError`` and an ``InputError``.
+        """
+        if isinstance(shape, slice):
+            return tuple(self[at] for at in range(len(self))[shape])
+        at = self.index(shape)
+        return AlignedShape(
+            name=self.names[at],
+            file=self.files[at],
+            transform=self.transforms[at],
+            reflected=bool(self.reflected[at]),
+            confidence=float(self.confidence[at]),
+            part=int(self.part_numbers[at]),
+            alternatives=self.alternatives[at],
+        )
+
+    def index(self, shape: str | int) -> int:
+        """Return the position of a shape; an unknown name is an ``UnknownName``."""
+        return position_of(self.names, shape)
+
+    @property
+    def scales(self) -> FloatArray:
+        """Factor of each transform, shape (N,): common-frame length per unit of the file."""
+        return scales_of(self.transforms)
+
+    @property
+    def rotations(self) -> FloatArray:
+        """``R_common_shape``, the orthogonal part of each transform, shape (N, 3, 3)."""
+        return self.transforms[:, :3, :3] / self.scales[:, None, None]
+
+    @property
+    def reflected(self) -> BoolArray:
+        """Whether each shape is mirrored, shape (N,)."""
+        return np.linalg.det(self.transforms[:, :3, :3]) < 0
+
+    @property
+    def aligned_landmarks(self) -> FloatArray:
+        """The landmarks in the common frame, shape (N, L, 3); NaN where missing."""
+        return each_moved_by(self.transforms, self.landmarks)
+
+    @property
+    def is_incomplete(self) -> BoolArray:
+        """Whether parts of each shape are missing, shape (N,)."""
+        return np.isin(np.arange(len(self)), [one.shape for one in self.incomplete])
+
+    @property
+    def coverage(self) -> FloatArray:
+        """Share of its partners' surfaces that each incomplete shape covers, NaN for complete ones, shape (N,)."""
+        found = np.full(len(self), np.nan)
+        for one in self.incomplete:
+            found[one.shape] = one.coverage
+        return found
+
+    def file(self, at: int) -> Path:
+        """Return the file of one shape.
+
+        Raises
+        ------
+        InputError
+            If the shape came from memory.
+        """
+        if not self.files[at]:
+            raise InputError(
+                f"{self.names[at]}: came from memory, not from a file; save the shapes as files and align these"
+            )
+        return Path(self.files[at])
+
+    @property
+    def inputs(self) -> set[Path]:
+        """Files and their folders, in none of which results may lie, nor they in the results' folder."""
+        return inputs_of(Path(file) for file in self.files if file)
+
+    def source_files(self) -> tuple[Path, ...]:
+        """Return the files that the shapes were read from.
+
+        Raises
+        ------
+        InputError
+            If a shape came from memory, its file has vanished, or samples or invariants were the caller's own.
+        """
+        if given := {*self.own} & {"invariants", "samples"}:
+            raise InputError(
+                f"{self.folder}: was aligned with {' and '.join(sorted(given))} of the caller's own, which a "
+                "result does not keep; align all shapes again, with them"
+            )
+        files = tuple(self.file(at) for at in range(len(self)))
+        for file in files:
+            if not (file.is_file() or parts_of(file)):
+                raise InputError(
+                    f"{file}: a shape of the collection is not there any more; put it back and try again"
+                )
+        return files
 
 
 def trimesh_of(shape: Shape) -> Any:

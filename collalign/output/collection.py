@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from collalign.engine.run_options import RunOptions
 from collalign.options import AlignOptions
-from collalign.output.aligned_shape import AlignedShape, trimesh_of
+from collalign.output.aligned_shape import PosedShapes, trimesh_of
 from collalign.output.contact_sheet import contact_sheet, tile_of
 from collalign.output.vertex_maps import load_vertex_maps
-from collalign.products.consistent_maps import ConsistentMaps, position_of
+from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair, Pairs
@@ -25,15 +25,14 @@ from collalign.products.posed_file import PosedFile
 from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Excluded
 from collalign.products.trust import DOUBT
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_choice
 from data_tools.errors import CollalignError, InputError
-from data_tools.io.listing import parts_of
-from data_tools.io.output_folder import OutputFolder, file_stems
+from data_tools.io.files import file_stems
+from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import inputs_of
 from data_tools.options import AS_STORED
-from data_tools.poses import each_moved_by, scales_of
 from data_tools.surface.shape import Shape
 
 #: The folder of a result in which the aligned shapes lie.
@@ -43,7 +42,7 @@ _MOST_SHOWN = 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Collection:
+class Collection(PosedShapes):
     """An aligned collection, just made by :func:`collalign.align_collection` or read by :func:`collalign.load`.
 
     ``len``, indexing and iteration give the shapes, in natural order of their names; ``pandas.DataFrame`` makes
@@ -140,45 +139,6 @@ class Collection:
             object.__setattr__(self, "landmark_names", names)
         object.__setattr__(self, "pairs", Pairs.of(self.pairs, self.names))
 
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def __iter__(self) -> Iterator[AlignedShape]:
-        return (self[at] for at in range(len(self)))
-
-    def __contains__(self, shape: object) -> bool:
-        """Whether there is a shape of this name."""
-        return (shape.name if isinstance(shape, AlignedShape) else shape) in self.names
-
-    @overload
-    def __getitem__(self, shape: str | int) -> AlignedShape: ...
-    @overload
-    def __getitem__(self, shape: slice) -> tuple[AlignedShape, ...]: ...
-    def __getitem__(self, shape: str | int | slice) -> AlignedShape | tuple[AlignedShape, ...]:
-        """Return one shape by name or position, or the shapes of a slice.
-
-        Raises
-        ------
-        UnknownName
-            If no shape has the name: a ``KeyError`` and an ``InputError``.
-        """
-        if isinstance(shape, slice):
-            return tuple(self[at] for at in range(len(self))[shape])
-        at = self.index(shape)
-        return AlignedShape(
-            name=self.names[at],
-            file=self.files[at],
-            transform=self.transforms[at],
-            reflected=bool(self.reflected[at]),
-            confidence=float(self.confidence[at]),
-            part=int(self.part_numbers[at]),
-            alternatives=self.alternatives[at],
-        )
-
-    def index(self, shape: str | int) -> int:
-        """Return the position of a shape; an unknown name is an ``UnknownName``."""
-        return position_of(self.names, shape)
-
     def __repr__(self) -> str:
         doubtful, mirrored = int((self.confidence < DOUBT).sum()), int(self.reflected.sum())
         found = f"{len(self)} shapes, {len(self.pairs)} pairs, {doubtful} doubtful, {mirrored} mirrored"
@@ -192,39 +152,6 @@ class Collection:
         except CollalignError:
             return None
         return stream.getvalue()
-
-    @property
-    def scales(self) -> FloatArray:
-        """Factor of each transform, shape (N,): common-frame length per unit of the file."""
-        return scales_of(self.transforms)
-
-    @property
-    def rotations(self) -> FloatArray:
-        """``R_common_shape``, the orthogonal part of each transform, shape (N, 3, 3)."""
-        return self.transforms[:, :3, :3] / self.scales[:, None, None]
-
-    @property
-    def reflected(self) -> BoolArray:
-        """Whether each shape is mirrored, shape (N,)."""
-        return np.linalg.det(self.transforms[:, :3, :3]) < 0
-
-    @property
-    def aligned_landmarks(self) -> FloatArray:
-        """The landmarks in the common frame, shape (N, L, 3); NaN where missing."""
-        return each_moved_by(self.transforms, self.landmarks)
-
-    @property
-    def is_incomplete(self) -> BoolArray:
-        """Whether parts of each shape are missing, shape (N,)."""
-        return np.isin(np.arange(len(self)), [one.shape for one in self.incomplete])
-
-    @property
-    def coverage(self) -> FloatArray:
-        """Share of its partners' surfaces that each incomplete shape covers, NaN for complete ones, shape (N,)."""
-        found = np.full(len(self), np.nan)
-        for one in self.incomplete:
-            found[one.shape] = one.coverage
-        return found
 
     @cached_property
     def vertex_maps(self) -> VertexMaps:
@@ -255,46 +182,6 @@ class Collection:
                 f"{self.folder}: the result was loaded from there and is saved; copy this folder instead"
             )
         return self.fresh
-
-    def file(self, at: int) -> Path:
-        """Return the file of one shape.
-
-        Raises
-        ------
-        InputError
-            If the shape came from memory.
-        """
-        if not self.files[at]:
-            raise InputError(
-                f"{self.names[at]}: came from memory, not from a file; save the shapes as files and align these"
-            )
-        return Path(self.files[at])
-
-    @property
-    def inputs(self) -> set[Path]:
-        """Files and their folders, in none of which results may lie, nor they in the results' folder."""
-        return inputs_of(Path(file) for file in self.files if file)
-
-    def source_files(self) -> tuple[Path, ...]:
-        """Return the files that the shapes were read from.
-
-        Raises
-        ------
-        InputError
-            If a shape came from memory, its file has vanished, or samples or invariants were the caller's own.
-        """
-        if given := {*self.own} & {"invariants", "samples"}:
-            raise InputError(
-                f"{self.folder}: was aligned with {' and '.join(sorted(given))} of the caller's own, which a "
-                "result does not keep; align all shapes again, with them"
-            )
-        files = tuple(self.file(at) for at in range(len(self)))
-        for file in files:
-            if not (file.is_file() or parts_of(file)):
-                raise InputError(
-                    f"{file}: a shape of the collection is not there any more; put it back and try again"
-                )
-        return files
 
     def save(
         self,

@@ -30,9 +30,9 @@ from collalign.products.trust import KINDS, Trust
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import declared_system
 from data_tools.io.csv_cells import csv_text
-from data_tools.io.files import write_atomic
-from data_tools.io.output_folder import OutputFolder, file_stems, refuse_overlap
-from data_tools.io.source import inputs_of, location
+from data_tools.io.files import file_stems, write_atomic
+from data_tools.io.output_folder import OutputFolder
+from data_tools.io.source import inputs_of, location, refuse_overlap
 from data_tools.poses import scales_of
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread

@@ -1,13 +1,14 @@
-"""Files that are complete or not there at all, and folders in the order people expect."""
+"""Files that are complete or not there at all, what they may be called, and folders in the order people expect."""
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import secrets
 import stat
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
@@ -20,6 +21,9 @@ from data_tools.errors import InputError, UnavailableError
 MAX_TEXT_BYTES = 256 * 2**20
 #: For ``os.open``: no pipe is waited for, no child inherits the file, bytes come as they are; each system has some.
 _AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+#: Longest stem that leaves room for every ending, in bytes.
+_MAX_STEM_BYTES = 200
+_NUM_HASH_DIGITS = 12
 
 
 def write_atomic(path: Path, content: bytes) -> Path:
@@ -161,3 +165,26 @@ def existing_file(path: Path) -> Path:
     except OSError as error:
         raise UnavailableError(f"{path}: cannot be read ({error.strerror or error})") from error
     return path
+
+
+def file_stem(name: str) -> str:
+    """Name of a shape as a file name: nothing in it can leave the folder or be refused by a file system."""
+    readable = name.encode("utf-8", "backslashreplace").decode("utf-8")
+    stem = re.sub(r'[\x00-\x1f<>:"/\\|?*]', "_", readable).strip(" .") or "shape"
+    if len(stem.encode()) <= _MAX_STEM_BYTES:
+        return stem
+    digest = hashlib.sha256(stem.encode()).hexdigest()[:_NUM_HASH_DIGITS]
+    return stem.encode()[: _MAX_STEM_BYTES - len(digest) - 1].decode("utf-8", "ignore") + "-" + digest
+
+
+def file_stems(names: Iterable[str]) -> list[str]:
+    """File stems of several shapes, made distinct (also where case does not count) by a number at the end."""
+    taken: set[str] = set()
+    stems = []
+    for name in names:
+        stem, number = file_stem(name), 2
+        while stem.casefold() in taken:
+            stem, number = f"{file_stem(name)}-{number}", number + 1
+        taken.add(stem.casefold())
+        stems.append(stem)
+    return stems

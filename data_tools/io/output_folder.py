@@ -21,15 +21,14 @@ from typing import Any
 from data_tools.errors import InputError
 from data_tools.io.files import open_regular, read_text, resolved, write_atomic
 from data_tools.io.locks import LockFile
+from data_tools.io.source import refuse_overlap
 
 #: Folder, inside of an output folder, that holds the manifest, the lock and what is not finished yet.
 BOOKS = ".collalign"
 MANIFEST_FILE = "manifest.json"
 _MANIFEST_VERSION = 1
-#: Longest name that common file systems take, in bytes, and longest stem that leaves room for every ending.
+#: Longest name that common file systems take, in bytes.
 _MAX_NAME_BYTES = 255
-_MAX_STEM_BYTES = 200
-_NUM_HASH_DIGITS = 12
 
 #: Path, relative and with slashes, to ``{"writer": command, "digests": [SHA-256 of what may lie there]}``.
 Entries = dict[str, dict[str, Any]]
@@ -64,61 +63,6 @@ def output_path(folder: Path, *parts: str) -> Path:
     if not resolved(path.parent).is_relative_to(resolved(folder)):
         raise InputError(f"{path}: leads out of {folder}, through a link; nothing is written there")
     return path
-
-
-def file_stem(name: str) -> str:
-    """Name of a shape as a file name: nothing in it can leave the folder or be refused by a file system."""
-    readable = name.encode("utf-8", "backslashreplace").decode("utf-8")
-    stem = re.sub(r'[\x00-\x1f<>:"/\\|?*]', "_", readable).strip(" .") or "shape"
-    if len(stem.encode()) <= _MAX_STEM_BYTES:
-        return stem
-    digest = hashlib.sha256(stem.encode()).hexdigest()[:_NUM_HASH_DIGITS]
-    return stem.encode()[: _MAX_STEM_BYTES - len(digest) - 1].decode("utf-8", "ignore") + "-" + digest
-
-
-def file_stems(names: Iterable[str]) -> list[str]:
-    """File stems of several shapes, made distinct (also where case does not count) by a number at the end."""
-    taken: set[str] = set()
-    stems = []
-    for name in names:
-        stem, number = file_stem(name), 2
-        while stem.casefold() in taken:
-            stem, number = f"{file_stem(name)}-{number}", number + 1
-        taken.add(stem.casefold())
-        stems.append(stem)
-    return stems
-
-
-def refuse_overlap(folder: Path, inputs: Iterable[Path]) -> None:
-    """Refuse an output folder that holds an input or lies inside of one, through links and bind mounts as well.
-
-    Raises
-    ------
-    InputError
-        Naming both.
-    """
-    out, around_out = _places(folder)
-    for given in inputs:
-        source, around_source = _places(given)
-        contains, inside = bool(out & around_source), bool(source & around_out)
-        if contains or inside:
-            place = "is" if contains and inside else "contains" if contains else "lies inside of"
-            raise InputError(
-                f"{folder}: {place} {given}, the input; name a folder apart from it for the results, or results "
-                "and originals get mixed up"
-            )
-
-
-def _places(path: Path) -> tuple[set[object], set[object]]:
-    """Return what tells a path, by its name and by device and inode, and what tells it and the folders around it."""
-    own = resolved(path)
-    marks: list[set[object]] = []
-    for place in (own, *own.parents):
-        marks.append({place})
-        with suppress(OSError):
-            found = place.stat()
-            marks[-1].add((found.st_dev, found.st_ino))
-    return marks[0], set().union(*marks)
 
 
 def written_files(folder: Path, writer: str) -> list[str]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from collalign.tools.export.request import ExportRequest, words
 from data_tools.io.coordinate_systems import LPS_RAS
-from data_tools.io.output_folder import file_stems
+from data_tools.io.files import file_stems
 
 
 def write(request: ExportRequest) -> tuple[Path, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from collalign.tools.export.request import ExportRequest
-from data_tools.io.output_folder import file_stems
+from data_tools.io.files import file_stems
 from data_tools.io.shapes import write_mesh
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from collalign.tools.export.request import ExportRequest, complete_labels, words
 from data_tools.arrays import FloatArray
-from data_tools.io.output_folder import file_stems
+from data_tools.io.files import file_stems
 from data_tools.io.shapes import write_mesh
 
 

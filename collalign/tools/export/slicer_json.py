@@ -11,7 +11,7 @@ import numpy as np
 from collalign.tools.export.request import ExportRequest
 from data_tools.arrays import FloatArray
 from data_tools.io.coordinate_systems import CoordinateSystem
-from data_tools.io.output_folder import file_stems
+from data_tools.io.files import file_stems
 from data_tools.landmarks.landmark_files import SemilandmarkRows
 
 SCHEMA = (

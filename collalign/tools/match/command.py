@@ -24,8 +24,9 @@ from collalign.tools.match.pictures import draw_match
 from collalign.tools.match.prepare import prepare_file
 from collalign.tools.match.rigid import RigidMatch, match_rigid
 from data_tools.errors import OptionsError
-from data_tools.io.output_folder import OutputFolder, refuse_overlap
+from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
+from data_tools.io.source import refuse_overlap
 from data_tools.options import CleaningOptions
 from data_tools.percent import percent
 from data_tools.rotations import rotation_angle_deg

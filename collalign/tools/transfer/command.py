@@ -23,7 +23,7 @@ from collalign.tools.transfer.landmarks_page import landmarks_page
 from collalign.tools.transfer.result import TransferredLandmarks
 from collalign.tools.transfer.run import transfer_landmarks
 from data_tools.errors import InputError
-from data_tools.io.output_folder import refuse_overlap
+from data_tools.io.source import refuse_overlap
 from data_tools.landmarks.landmark_files import specimen_of
 
 

@@ -16,8 +16,8 @@ from collalign.tools.variation.shape_statistics import statistics_tables
 from collalign.tools.variation.surface_symmetry import SurfaceSymmetry
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation, group_means, signed_offsets
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.io.files import write_atomic
-from data_tools.io.output_folder import OutputFolder, file_stems
+from data_tools.io.files import file_stems, write_atomic
+from data_tools.io.output_folder import OutputFolder
 
 PAGE_FILE = "variation.html"
 #: Where in a result's folder the page is, which its report names.
