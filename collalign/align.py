@@ -38,7 +38,7 @@ from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.listing import FolderListing
 from data_tools.io.objects import ShapesLike, list_shapes
 from data_tools.io.source import location
-from data_tools.poses import each_moved_by, scales_of
+from data_tools.poses import each_moved_by
 from data_tools.threads import one_blas_thread
 
 #: The run of the shapes that are posed, its group decided; their pairs; their poses.

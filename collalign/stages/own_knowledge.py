@@ -79,9 +79,7 @@ def with_own_samples(session: AlignSession, given: Mapping[str, OwnPoints]) -> A
     return session.with_options(replace(session.options, sampling=sampling))
 
 
-def given_constraints(
-    shapes: Shapes, options: AlignOptions, own: Own, fixed: Mapping[str, ArrayLike]
-) -> Constraints:
+def given_constraints(shapes: Shapes, options: AlignOptions, own: Own, fixed: Mapping[str, ArrayLike]) -> Constraints:
     """Return what stays and what is given of pairs, checked and by position, a pair's first shape before the other.
 
     Parameters

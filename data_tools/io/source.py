@@ -1,4 +1,4 @@
-"""A shape file in memory, read once, so that the reader and the key of its result see the same bytes; where files lie."""
+"""A shape file in memory, read once, so that reader and key of its result see the same bytes; where files lie."""
 
 from __future__ import annotations
 
