@@ -30,7 +30,8 @@ _SAME_RAD = np.deg2rad(4.0)
 #: Share of the rotations that meet exact assignment where they cover what is searched, and where they do not (higher
 #: dimensions); for so many steps; share of these that are minimised to the end.
 _TRIED, _TRIED_UNCOVERED, _TRIAL_STEPS, _KEPT = 0.07, 0.16, 1, 0.25
-_LEAST_TRIED, _LEAST_KEPT = 20, 20
+#: So many rotations go on at each of these steps at least.
+_LEAST = 20
 #: Of two chiralities, each has at least this share of the poses that go on.
 _CHIRALITY_SHARE = 0.25
 #: The second look: around how many distinct minima, up to which multiple of the least energy, with how many rotations
@@ -84,14 +85,14 @@ def explore(problem: Problem, *, seed: int = 0) -> LocalMinima:
     num = _NUM_ROTATIONS[min(lead.dim, MAX_COVERED_DIM)]
     axes, even = initial_rotations(lead, num, seed=seed)
     is_covered = lead.dim <= MAX_COVERED_DIM
-    num_tried = max(_LEAST_TRIED, round((_TRIED if is_covered else _TRIED_UNCOVERED) * num))
+    num_tried = max(_LEAST, round((_TRIED if is_covered else _TRIED_UNCOVERED) * num))
     tried = _screened(lead, axes, even, num_tried)
     starts = np.concatenate([axes, tried])
     origins = np.repeat(["axes", "search"], [len(axes), len(tried)])
     if lead is not problem:
         starts = procrustes(problem, MatchingCosts(lead).assign(starts), lead.pattern.mirrored(starts))
     trials = minimise(problem, starts, max_iterations=_TRIAL_STEPS, hold_chirality=True, origins=origins)
-    num_kept = max(_LEAST_KEPT, round(_KEPT * num_tried))
+    num_kept = max(_LEAST, round(_KEPT * num_tried))
     kept = apart_rotations(
         trials.rotations[:, : lead.dim, : lead.dim],
         _SAME_RAD,
