@@ -123,6 +123,6 @@ def test_too_few_open_files_end_in_advice(folder, tmp_path, monkeypatch, capsys)
     def fail(*_, **__):
         raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), "a")
 
-    monkeypatch.setattr("collalign.align_collection", fail)
+    monkeypatch.setattr("collalign.cli.align_command.align_listing", fail)
     assert main(["align", str(folder), "--out", str(tmp_path / "out")]) == 1
     assert "ulimit -n" in capsys.readouterr().err
