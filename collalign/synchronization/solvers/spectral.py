@@ -25,8 +25,8 @@ from pairwise.problem.pattern import RotationPattern
 DENSE_LIMIT = 400
 #: Matrices with more than this share of entries are multiplied as dense ones.
 DENSE_SHARE = 0.2
-#: Lanczos vectors kept, at least and per eigenvector.
-LEAST_LANCZOS, LANCZOS_FACTOR = 20, 4
+#: Lanczos vectors kept, at least and per eigenvector, and restarts at most.
+LEAST_LANCZOS, LANCZOS_FACTOR, MAX_RESTARTS = 20, 4, 300
 #: How far above the largest eigenvalue the factored matrix is shifted.
 SHIFT = 1e-6
 #: Alternations of assignments and rotations, at most; they end when the energy falls by less than this share of it.
@@ -86,7 +86,7 @@ def leading_eigenvectors(matrix: LinearOperator, count: int) -> tuple[FloatArray
     start = np.random.default_rng(0).standard_normal(total)
     try:
         size = max(LEAST_LANCZOS, LANCZOS_FACTOR * count)
-        values, vectors = eigsh(operator, k=count, which="LA", v0=start, ncv=size, maxiter=300)
+        values, vectors = eigsh(operator, k=count, which="LA", v0=start, ncv=size, maxiter=MAX_RESTARTS)
     except ArpackNoConvergence:
         values, vectors = eigsh(matrix.tocsc(), k=count, sigma=1.0 + SHIFT, which="LM", v0=start)
     order = np.argsort(values, kind="stable")
