@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")  # two tests run at a time: worker processes only for ``two_cores``
 
 #: Ends of the names of files whose tests kill processes: one worker for all.
 KILLING = (
@@ -37,6 +38,12 @@ def shared_data():
     if not SHARED_DATA.is_dir():
         pytest.skip("the public collections of ../shared/data are not here")
     return SHARED_DATA.resolve()
+
+
+@pytest.fixture
+def two_cores(monkeypatch):
+    """Two worker processes for whoever asks for them."""
+    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "2")
 
 
 @pytest.fixture

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from pairwise.certificates.verify import VERIFIERS
 from tests.fuzz import seeds, targets
 from tests.fuzz.forgeries import attack_folders, honest_result
 from tests.fuzz.forgeries import judge as judge_folder
-from tests.fuzz.harness import damaged, fuzz
+from tests.fuzz.harness import LIMITS, damaged, fuzz
 from tests.fuzz.hostile import attack, honest, judge
 from tests.fuzz.mutations import CHANGES, MARK
 from tests.fuzz.overlaps import attack_overlaps, run_case
@@ -118,7 +120,7 @@ def test_damage_is_damage_and_repeats_with_its_seed(shape_files):
 
 
 def test_the_harness_notices_every_bad_ending(monkeypatch, tmp_path):
-    monkeypatch.setattr("tests.fuzz.harness.TIME_LIMIT_S", 5.0)
+    monkeypatch.setattr("tests.fuzz.harness.LIMITS", replace(LIMITS, time_limit_s=3.0))
     monkeypatch.setattr("tests.fuzz.harness.damaged", lambda files, seed, i: ("a.x", b"richv"[i : i + 1]))
     report = fuzz(end_as_told, {"a.x": b""}, 5, keep=tmp_path / "bad")
     assert report.counts == {"valid": 1, "clear errors": 1, "unclear errors": 1, "crashes": 1, "hangs": 1}

@@ -140,6 +140,7 @@ def outputs(folder):
         return found | {name: arrays[name].tobytes() for name in arrays.files if name != "text"}
 
 
+@pytest.mark.usefixtures("two_cores")
 def test_the_environment_changes_no_byte(tmp_path):
     write_collection(tmp_path / "shapes", chairs(3))
     written = []

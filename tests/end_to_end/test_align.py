@@ -157,6 +157,7 @@ def test_second_run_reuses_everything_and_gives_the_same_bytes(folder, out):
     assert json.loads((out / "run.json").read_text())["num_reused"] == 15
 
 
+@pytest.mark.usefixtures("two_cores")
 def test_two_workers_give_and_write_the_bytes_of_one(folder, aligned, tmp_path):
     shapes = tmp_path / "shapes"
     shutil.copytree(folder, shapes)

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from collalign.engine.store.store import Store
+from collalign.nonrigid.map_tuning import TUNED
 from data_tools.datasets.synthetic import bent, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError
@@ -83,7 +84,8 @@ def scan_of(body, seed):
 
 
 @pytest.fixture
-def bench(collections):
+def bench(collections, monkeypatch):
+    monkeypatch.setattr("collalign.nonrigid.portfolio.TUNED", TUNED._replace(num_source=30))
     return Bench(data=collections, store=Store.memory(), quick=True, quiet=True)
 
 

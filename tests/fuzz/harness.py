@@ -9,8 +9,7 @@ import numpy as np
 from collalign.engine.jobs.run import Limits, run_jobs
 from tests.fuzz.mutations import mutate
 
-TIME_LIMIT_S = 60.0
-LIMITS = Limits(time_limit_s=TIME_LIMIT_S, memory_limit_bytes=2 * 2**30)
+LIMITS = Limits(time_limit_s=60.0, memory_limit_bytes=2 * 2**30)
 
 
 @dataclass
@@ -46,7 +45,7 @@ def fuzz(target, files, num, *, seed=0, num_jobs=1, keep=None):
         name, data = made.pop(job.key)
         kind = how_it_ended(job)
         report.counts[kind] += 1
-        report.slowest_s = max(report.slowest_s, job.seconds if job.seconds == job.seconds else TIME_LIMIT_S)
+        report.slowest_s = max(report.slowest_s, job.seconds if job.seconds == job.seconds else LIMITS.time_limit_s)
         if kind not in ("valid", "clear errors"):
             report.bad[f"{job.key}-{name}"] = f"{kind}: {job.failure}"
             if keep is not None:

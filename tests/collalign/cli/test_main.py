@@ -48,6 +48,7 @@ def test_names_need_not_fit_the_encoding_of_the_terminal(tmp_path):
     assert b"Sch\\xe4del: holds no shape file" in done.stderr
 
 
+@pytest.mark.usefixtures("two_cores")
 @pytest.mark.parametrize("presses", [1, 2])
 def test_ctrl_c_says_what_is_kept_and_how_to_go_on(presses, folder, tmp_path):
     command = [*COLLALIGN, "align", str(folder), "--out", str(tmp_path), *FLAGS]
