@@ -9,6 +9,7 @@ import trimesh
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection
 from collalign.tools.export.run import export
 from data_tools.errors import InputError
+from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape
 from data_tools.options import SamplingOptions
 from tests.finished_runs import chairs
@@ -40,16 +41,18 @@ def from_memory(planted, store):
 def test_memory_and_folder_give_the_same_result(planted, from_memory, tmp_path):
     for name, shape in zip("abc", planted.shapes, strict=True):
         np.savez(tmp_path / f"{name}.npz", vertices=shape.vertices, faces=shape.faces)
-    for given in (tmp_path, sorted(tmp_path.iterdir(), reverse=True)):
-        found = align(given)
-        assert found.names == from_memory.names
-        np.testing.assert_array_equal(found.transforms, from_memory.transforms)
-        np.testing.assert_array_equal(found.maps.labels, from_memory.maps.labels)
-        assert found.made.digests == from_memory.made.digests
+    found = align(sorted(tmp_path.iterdir(), reverse=True))
+    assert list_shapes(tmp_path).names == found.names == from_memory.names
+    np.testing.assert_array_equal(found.transforms, from_memory.transforms)
+    np.testing.assert_array_equal(found.maps.labels, from_memory.maps.labels)
+    assert found.made.digests == from_memory.made.digests
 
 
-def test_the_store_knows_shapes_by_their_content(planted, from_memory, store):
-    assert align(list(planted.shapes), store=store).run.num_reused == 6
+@pytest.mark.usefixtures("from_memory")
+def test_the_store_knows_shapes_by_their_content_and_a_bad_one_is_left_out_by_its_name(planted, store):
+    found = align([*planted.shapes, np.full((30, 3), 2.0)], store=store)
+    assert found.run.num_reused == 6
+    assert [(item.file, item.reason) for item in found.excluded] == [("shape4", "all points lie in one place")]
 
 
 def test_saved_results_say_that_there_are_no_files(from_memory, tmp_path):
@@ -63,8 +66,3 @@ def test_saved_results_say_that_there_are_no_files(from_memory, tmp_path):
     with pytest.raises(InputError, match="a: came from memory"):
         add_to_collection(out, tmp_path, progress=False)
     assert len(export(out, "ply", to, sources=out / "meshes", space="raw")) == 3
-
-
-def test_a_bad_shape_is_left_out_by_its_name(planted):
-    found = align([*planted.shapes, np.full((30, 3), 2.0)])
-    assert [(item.file, item.reason) for item in found.excluded] == [("shape4", "all points lie in one place")]
