@@ -10,11 +10,13 @@ import pytest
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")  # two tests run at a time: worker processes only for ``two_cores``
 
-#: Ends of the names of files whose tests kill processes: one worker for all.
+#: Ends of the names of files whose tests kill processes: one worker for all, first. The longest file of few tests,
+#: which would begin last and keep one worker waiting, is among them.
 KILLING = (
     *(f"collalign/engine/test_{name}.py" for name in ("cluster", "faults", "jobs", "jobs_dask", "jobs_guard")),
     "collalign/engine/test_jobs_interrupted.py",
     "collalign/cli/test_main.py",
+    "tests/test_packaging.py",
 )
 SHARED_DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 
