@@ -48,6 +48,16 @@ def two_cores(monkeypatch):
     monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "2")
 
 
+@pytest.fixture(scope="module")
+def few_source_samples():
+    """Maps of bending surfaces in half the time."""
+    from collalign.nonrigid import portfolio
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(portfolio, "TUNED", portfolio.TUNED._replace(num_source=30))
+        yield
+
+
 @pytest.fixture
 def rng():
     return np.random.default_rng(20161)

@@ -14,6 +14,19 @@ def chairs(num, *, scale_range=(1.0, 1.0)):
     return planted_collection(family, rng, scale_range=scale_range)
 
 
+def made_once(function, key):
+    """Return the function, which makes a result once for all calls of one ``key``."""
+    known = {}
+
+    def made(*arguments, **options):
+        name = key(*arguments)
+        if name not in known:
+            known[name] = function(*arguments, **options)
+        return known[name]
+
+    return made
+
+
 def finished_run(folder, planted, options, *, report=False):
     """Write a collection to ``folder/shapes``, align it, and return ``folder/out`` with the result and its store."""
     write_collection(folder / "shapes", planted)

@@ -51,6 +51,8 @@ def test_options_are_frozen_keyword_only_and_check_every_field(kind):
         (EmbeddingOptions, "kind", "xyz+normals"),
         (EmbeddingOptions, "num_eigenfunctions", 0),
         (EmbeddingOptions, "agd_weight", -0.1),
+        (StabilityOptions, "num_points", (2,)),
+        (StabilityOptions, "num_seeds", -1),
     ],
 )
 def test_impossible_values_are_refused_by_name(kind, field, value):

@@ -92,14 +92,10 @@ def test_dense_correspondence_has_no_place_where_the_shape_has_nothing(teeth):
     lost = teeth.lost(to_file(teeth, dense.completed[row]))
     assert (dense.missing[row] == (lost > 0.2))[(lost < 0.1) | (lost > 0.3)].mean() > 0.97
     assert np.isfinite(dense.mean).all()
-
-
-def test_the_completed_part_is_near_what_was_cut_off(teeth):
-    row = teeth.dense.names.index(BROKEN)
-    guessed = to_file(teeth, teeth.dense.completed[row][teeth.dense.missing[row]])
+    guessed = to_file(teeth, dense.completed[row][dense.missing[row]])  # near what was cut off
     gaps = np.linalg.norm(guessed[:, None] - teeth.whole[BROKEN], axis=2).min(axis=1) / teeth.size
     assert np.median(gaps) < 0.15
-    assert np.isfinite(teeth.dense.completed).all()
+    assert np.isfinite(dense.completed).all()
 
 
 def test_landmarks_are_not_carried_to_what_is_missing(teeth, tmp_path):
@@ -155,7 +151,7 @@ def test_variation_leaves_broken_shapes_out_and_says_so(teeth, tmp_path):
     assert (tmp_path / "out" / "left_out.csv").read_text().split() == ["name,reason", f"{BROKEN},incomplete"]
 
 
-def test_doubtful_shapes_are_left_out_unless_asked_for(teeth, tmp_path, capsys):
+def test_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_have_no_variation(teeth, tmp_path, capsys):
     view = load(teeth.result)
     result = tmp_path / "result"
     shutil.copytree(teeth.result, result)
@@ -182,12 +178,6 @@ def test_doubtful_shapes_are_left_out_unless_asked_for(teeth, tmp_path, capsys):
     )
     assert set(again.names) == {*view.names} - {BROKEN, other}
     assert f"{other},excluded by name" in (tmp_path / "again" / "left_out.csv").read_text()
-
-
-def test_too_few_sure_shapes_have_no_variation(teeth, tmp_path):
-    result = tmp_path / "result"
-    shutil.copytree(teeth.result, result)
-    view = load(teeth.result)
     write_result(replace(view, confidence=np.full(len(view), 0.5)), result)
     with pytest.raises(CollectionError, match="0 shapes are complete and sure, at least 2 are needed"):
         collalign.write_surface_variation(result, tmp_path / "out", progress=False)

@@ -22,12 +22,6 @@ def planted():
     return chairs(5)
 
 
-@pytest.fixture
-def folder(planted, tmp_path):
-    write_collection(tmp_path / "shapes", planted)
-    return tmp_path / "shapes"
-
-
 def test_equal_files_do_not_drown_the_one_that_differs(planted, tmp_path):
     for name in "abcde":
         write_mesh(tmp_path / f"{name}.ply", planted.shapes[0])
@@ -50,13 +44,14 @@ def test_copies_of_one_shape_are_sure_and_copies_of_a_box_fit_in_four_poses(rng)
     assert any("6 of 6 shapes fit as well in other poses" in note for note in boxes.notes)
 
 
-def test_a_shape_without_any_pair_is_named_first(folder, tmp_path, monkeypatch, capsys):
+def test_a_shape_without_any_pair_is_named_first(planted, tmp_path, monkeypatch, capsys):
     def match_all_but_the_last(*args, **options):
         pairs, failed = match_pairs(*args, **options)
         return [pair for pair in pairs if 4 not in (pair.target, pair.source)], failed
 
     monkeypatch.setattr("collalign.stages.pairs.choose.match_pairs", match_all_but_the_last)
-    assert main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS]) == 0
+    write_collection(tmp_path / "shapes", planted)
+    assert main(["align", str(tmp_path / "shapes"), "--out", str(tmp_path / "out"), *FLAGS]) == 0
     printed = capsys.readouterr().out
     assert "look at them first: chair5 (unknown)" in printed
     assert "unconnected" in printed

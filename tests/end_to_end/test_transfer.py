@@ -23,6 +23,7 @@ from data_tools.landmarks.landmark_files import Landmarks, read_landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
+from tests.collalign.registration.test_fit import radius
 from tests.finished_runs import finished_run
 from tests.view_problems import write_result
 
@@ -38,10 +39,6 @@ def true_landmarks(planted):
     """Return every shape's landmarks in its own coordinates, shape (N, l, 3)."""
     rows = [[int(np.flatnonzero(origin == v)[0]) for v in LANDMARK_VERTICES] for origin in planted.origins]
     return np.stack([shape.vertices[row] for shape, row in zip(planted.shapes, rows, strict=True)])
-
-
-def radius(points):
-    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def errors(found, planted):

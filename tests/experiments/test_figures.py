@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial import cKDTree
 
 from collalign.engine.store.store import Store
-from collalign.nonrigid.map_tuning import TUNED
 from data_tools.datasets.synthetic import bent, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError
@@ -20,6 +19,7 @@ from experiments.maps import map_cells, map_sets, map_trials
 from experiments.write import write_experiment
 from pairwise.status import Status
 
+pytestmark = pytest.mark.usefixtures("few_source_samples")
 #: Height above which the scans of the generated bodies miss everything.
 CUT = 15.0
 
@@ -84,8 +84,7 @@ def scan_of(body, seed):
 
 
 @pytest.fixture
-def bench(collections, monkeypatch):
-    monkeypatch.setattr("collalign.nonrigid.portfolio.TUNED", TUNED._replace(num_source=30))
+def bench(collections):
     return Bench(data=collections, store=Store.memory(), quick=True, quiet=True)
 
 

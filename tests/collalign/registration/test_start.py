@@ -9,24 +9,13 @@ from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.poses import moved_by
 from data_tools.surface.shape import Shape
+from tests.collalign.registration.test_fit import errors, every, radius
 
 FIGURE = figure(resolution=2)
 
 
-def radius(points):
-    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
-
-
-def errors(found, truth):
-    return np.asarray(np.linalg.norm(found - truth, axis=1) / radius(truth))
-
-
 def turn_by(angle_deg):
     return np.asarray(Rotation.from_euler("z", angle_deg, degrees=True).as_matrix())
-
-
-def every(places):
-    return np.arange(len(places)), places
 
 
 def started(truth, goals):

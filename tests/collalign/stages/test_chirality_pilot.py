@@ -210,7 +210,7 @@ def test_teeth_of_both_sides_or_of_one(chirality, shared_data, tmp_path):
     assert not np.isnan(truth.pair_errors_deg(found.rotations, found.names)).any()
 
 
-def test_a_large_collection_is_decided_on_a_part_of_it(mixed, monkeypatch):
+def test_a_large_collection_is_decided_on_a_part_of_it(mixed, store, monkeypatch):
     monkeypatch.setattr(pilot, "MOST_SHAPES", 5)  # of 7, without the third and the fifth, one of the two mirrored
-    chosen = align_collection(mixed, options=OPTIONS, run=ONE)
+    chosen = align_collection(mixed, options=OPTIONS, run=store)
     assert "decided on 5 of 7 shapes" in " ".join(chosen.notes)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.map_tuning import TUNED
 from collalign.tools.match.nonrigid import match_prepared, match_shapes
 from collalign.tools.match.pictures import draw_match, transferred_colours
 from collalign.tools.match.prepare import prepare_file, prepare_shape
@@ -21,12 +20,7 @@ from experiments.maps.graph_operator import graph_spectrum_of
 
 SMALL = SurfaceOptions(num_functions=45, num_samples=60, num_dense=300)
 QUICK = NonrigidOptions()
-FEW_SAMPLES = TUNED._replace(num_source=30)
-
-
-@pytest.fixture(autouse=True)
-def few_samples(monkeypatch):
-    monkeypatch.setattr("collalign.nonrigid.portfolio.TUNED", FEW_SAMPLES)
+pytestmark = pytest.mark.usefixtures("few_source_samples")
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +49,7 @@ def files(pair, tmp_path_factory):
 @pytest.fixture(scope="module")
 def match(files):
     """The pair matched from its files."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("collalign.nonrigid.portfolio.TUNED", FEW_SAMPLES)
-        return match_shapes(*files, options=QUICK, surface_options=SMALL)
+    return match_shapes(*files, options=QUICK, surface_options=SMALL)
 
 
 def mean_error(target, images, truth, *, num=100):
