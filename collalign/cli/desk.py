@@ -98,9 +98,10 @@ class Desk:
         exclude = asked.get("exclude") or ()
         counted = [f"--exclude={name}" for name in exclude if name in collection.names]
         if task == "align":
-            usual, decisions = _incomplete(collection), self.out / _GIVEN / _DECISIONS_FILE
-            told = {*asked.get("incomplete", usual)} - {*exclude}
-            incomplete = collection.options.incomplete if told == {*usual} else ",".join(sorted(told)) or NEVER
+            usual, decisions = collection.options.incomplete, self.out / _GIVEN / _DECISIONS_FILE
+            told = {*asked.get("incomplete", _incomplete(collection))} - {*exclude}
+            is_usual = usual in (ALL, AUTO, NEVER) and told == _incomplete(collection)
+            incomplete = usual if is_usual else ",".join(sorted(told)) or NEVER
             options = option_words(replace(collection.options, incomplete=incomplete))
             words = [*places, f"--out={out}", *options, *self._labels(collection)]
             words += [f"--corrections={decisions}"] if decisions.is_file() else []
@@ -159,7 +160,5 @@ class Desk:
         return [str(file) for file in chosen]
 
 
-def _incomplete(collection: Collection) -> list[str]:
-    """Return the names of the shapes that were found or told to be incomplete."""
-    told = {name.strip() for name in collection.options.incomplete.split(",")} - {"", ALL, AUTO, NEVER}
-    return sorted(told | {collection.names[one.shape] for one in collection.incomplete})
+def _incomplete(collection: Collection) -> set[str]:
+    return {collection.names[one.shape] for one in collection.incomplete}

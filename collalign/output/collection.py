@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -27,7 +26,7 @@ from collalign.products.shapes import Excluded
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_choice
-from data_tools.errors import CollalignError, InputError
+from data_tools.errors import InputError
 from data_tools.io.files import file_stems
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
@@ -37,8 +36,6 @@ from data_tools.surface.shape import Shape
 
 #: The folder of a result in which the aligned shapes lie.
 MESH_FOLDER = "meshes"
-#: Shapes that a notebook draws by itself.
-_MOST_SHOWN = 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -144,14 +141,16 @@ class Collection(PosedShapes):
         found = f"{len(self)} shapes, {len(self.pairs)} pairs, {doubtful} doubtful, {mirrored} mirrored"
         return f"<{type(self).__name__}: {found}>"
 
-    def _repr_png_(self) -> bytes | None:
-        """Return what notebooks show: the shapes of least confidence, before and after; None without their files."""
-        stream = io.BytesIO()
-        try:
-            self.plot(np.sort(np.argsort(self.confidence, kind="stable")[:_MOST_SHOWN]).tolist()).savefig(stream)
-        except CollalignError:
-            return None
-        return stream.getvalue()
+    def _repr_html_(self) -> str:
+        from collalign.output.notebook import gallery  # which takes a collection
+
+        return gallery(self)
+
+    def report(self) -> Any:
+        """Open the report, which a notebook shows in a frame and a terminal in the browser; ``path`` is its file."""
+        from collalign.output.notebook import open_report  # which takes a collection
+
+        return open_report(self)
 
     @cached_property
     def vertex_maps(self) -> VertexMaps:

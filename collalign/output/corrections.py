@@ -18,7 +18,6 @@ from data_tools.poses import Similarity
 
 FORMAT = "collalign-corrections"
 VERSION = 2
-_READ = (1, VERSION)
 _KINDS = ("pose", "confirmed")
 _ADVICE = "use the report of the same folder, or delete the decisions that do not belong to it"
 
@@ -45,66 +44,55 @@ class Corrections:
     incomplete: tuple[str, ...] = ()
     source: str = "corrections"
 
-    def fixed(self, names: Sequence[str]) -> dict[str, FloatArray]:
-        """Poses that synchronization must keep, for :func:`collalign.align_collection`.
-
-        Poses mean something only relative to each other: a single fixed shape would choose the common frame and
-        change nothing. So the certain shapes stay where they were seen, and the doubtful ones may follow.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Shapes of the collection to be synchronized again.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (3, 3) or (4, 4)
-            Rotation or transform to the common frame, by name; empty if nothing was decided.
-
-        Raises
-        ------
-        InputError
-            If a shape decided on is not in the collection, or none of the certain ones is.
-        """
-        for shape in self.decisions:
-            if shape not in names:
-                raise InputError(f"{self.source}: {shape!r} is no shape of this collection; {_ADVICE}")
-        if not self.decisions:
-            return {}
-        kept = {name: R for name, R in self.frame.items() if name in names}
-        placed = any(len(pose) == 4 for pose in self.decisions.values())
-        if (self.frame or placed) and not any(len(pose) == 4 or not placed for pose in kept.values()):
-            raise InputError(f"{self.source}: none of the shapes that it refers to is in this collection; {_ADVICE}")
-        return kept | self.decisions
-
 
 def fixed_by(files: Sequence[Corrections], names: Sequence[str], incomplete: str = AUTO) -> dict[str, FloatArray]:
-    """Return :meth:`Corrections.fixed` of several files about one result, as the pages of a large report give them.
+    """Return the poses that synchronization must keep, for :func:`collalign.align_collection`.
+
+    Poses mean something only relative to each other: a single fixed shape would choose the common frame and
+    change nothing. So the certain shapes stay where they were seen, and the doubtful ones may follow.
 
     Parameters
     ----------
     files : sequence of Corrections
+        About one result, as the pages of a large report give them.
     names : sequence of str
+        Shapes of the collection to be synchronized again.
     incomplete : str
-        ``AlignOptions.incomplete`` of the run to come.
+        ``AlignOptions.incomplete`` of that run.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (3, 3) or (4, 4)
+        Rotation or transform to the common frame, by name; empty if nothing was decided.
 
     Raises
     ------
     InputError
-        Also if two files decide about one shape, or one places a shape that ``incomplete`` says is complete.
+        If a shape decided on is not in the collection, or none of the certain ones is; if two files decide about one
+        shape, or one about an incomplete shape that ``incomplete`` says is complete.
     """
     told = () if incomplete == NEVER else [name.strip() for name in incomplete.split(",")]
-    fixed: dict[str, FloatArray] = {}
+    kept: dict[str, FloatArray] = {}
     decided: dict[str, FloatArray] = {}
     for one in files:
-        fixed |= one.fixed(names)
-        if both := sorted(one.decisions.keys() & decided.keys()):
-            raise InputError(f"{one.source}: another file decides about {both[0]!r} as well; keep one")
-        for shape in sorted(one.incomplete):
-            if incomplete not in (AUTO, ALL) and shape in one.decisions and shape not in told:
+        for shape in one.decisions:
+            if shape not in names:
+                raise InputError(f"{one.source}: {shape!r} is no shape of this collection; {_ADVICE}")
+            if shape in decided:
+                raise InputError(f"{one.source}: another file decides about {shape!r} as well; keep one")
+            if shape in one.incomplete and incomplete not in (AUTO, ALL) and shape not in told:
                 raise InputError(f"{one.source}: {shape!r} was incomplete there; name it in --incomplete as well")
+        frame = {name: pose for name, pose in one.frame.items() if name in names}
+        placed = any(len(pose) == 4 for pose in one.decisions.values())
+        if (
+            one.decisions
+            and (one.frame or placed)
+            and not any(len(pose) == 4 or not placed for pose in frame.values())
+        ):
+            raise InputError(f"{one.source}: none of the shapes that it refers to is in this collection; {_ADVICE}")
+        kept |= frame if one.decisions else {}
         decided |= one.decisions
-    return fixed | decided
+    return kept | decided
 
 
 def read_corrections(path: Path | str) -> Corrections:
@@ -124,7 +112,7 @@ def read_corrections(path: Path | str) -> Corrections:
         ) from error
     if not isinstance(record, dict) or record.get("format") != FORMAT:
         raise InputError(f"{source}: not a file of decisions; it is the one that report.html offers for download")
-    if record.get("version") not in _READ:
+    if record.get("version") not in range(1, VERSION + 1):
         raise InputError(f"{source}: decisions of version {record.get('version')}, this program reads 1 to {VERSION}")
     entries, frame, incomplete = record.get("decisions"), record.get("frame"), record.get("incomplete", [])
     if not (isinstance(entries, list) and isinstance(frame, dict) and isinstance(incomplete, list)):
@@ -143,8 +131,7 @@ def read_corrections(path: Path | str) -> Corrections:
             )
         decisions[shape] = pose
     poses = {str(name): _pose(one, f"{source}, frame of {name!r}") for name, one in frame.items()}
-    missing = tuple(str(name) for name in incomplete)
-    return Corrections(decisions=decisions, frame=poses, incomplete=missing, source=str(source))
+    return Corrections(decisions=decisions, frame=poses, incomplete=tuple(map(str, incomplete)), source=str(source))
 
 
 def _decision(entry: Any, where: str) -> tuple[str, FloatArray]:

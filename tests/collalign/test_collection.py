@@ -1,6 +1,9 @@
 """What a person does with a result in a notebook, just made or read from its folder."""
 
 import pickle
+import re
+import sys
+from base64 import b64decode
 from dataclasses import replace
 
 import numpy as np
@@ -108,13 +111,28 @@ def test_a_loaded_result_is_the_one_that_was_made(folder, made):
         np.testing.assert_array_equal(one.map_target_source, two.map_target_source)
 
 
-def test_it_introduces_itself_in_a_line_and_in_a_picture(result):
+def test_it_introduces_itself_in_a_line_and_a_notebook_shows_pictures(result):
     assert repr(result).startswith(f"<{type(result).__name__}: 3 shapes, 3 pairs, ")
     assert len(repr(result)) < 100
-    picture = result._repr_png_()
-    assert picture is not None
-    assert picture.startswith(b"\x89PNG")
-    assert replace(result, fresh=None, folder=None)._repr_png_() is None
+    doubtful = replace(result, confidence=np.array([0.5, np.nan, 1.0]))
+    shown = doubtful._repr_html_()
+    assert re.findall("<td>(.*?)</td>", shown) == ["points", "unknown", "&lt;one&gt;", "50 %"]
+    assert "<one>" not in shown
+    assert b64decode(re.search('src="data:image/png;base64,(.*?)"', shown)[1]).startswith(b"\x89PNG")
+    assert '<iframe sandbox="allow-scripts allow-downloads"' in shown
+    assert "<table" not in replace(result, confidence=np.ones(3))._repr_html_()
+    assert "iframe" not in replace(result, fresh=None, folder=None, vertices=(), faces=())._repr_html_()
+
+
+def test_the_report_opens_in_the_browser_and_in_a_frame_of_a_notebook(result, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    report = result.report()
+    assert opened == [report.path.as_uri()]
+    assert "&lt;title&gt;" in report._repr_html_()
+    monkeypatch.setitem(sys.modules, "ipykernel", None)
+    assert result.report().path != report.path
+    assert len(opened) == 1
 
 
 def test_lists_of_shapes_and_pairs_are_tables(result):

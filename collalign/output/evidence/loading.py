@@ -222,15 +222,11 @@ def _sample_map(of_labels: IntArray, common: ConsistentMaps, target: int, source
 def _alternatives(data: dict[str, NDArray[Any]], num: int) -> tuple[tuple[Alternative, ...], ...]:
     origins = json.loads(data["alternative_origin"].tobytes())
     rotations = as_rotations(data["alternative_rotation"], "alternatives", dim=3)
-    whole = np.full((len(rotations), 4, 4), np.nan)
-    whole = _known(data.get("alternative_transform", whole), "alternatives", whole.shape)
+    none = np.full((len(rotations), 4, 4), np.nan)
+    transforms = _known(data.get("alternative_transform", none), "alternatives", none.shape)
+    whole = [None if np.isnan(one).any() else read_only(one) for one in transforms]
     poses = [
-        Alternative(
-            rotation=read_only(rotation),
-            log_odds=float(log_odds),
-            origin=origin,
-            transform=None if np.isnan(transform).any() else read_only(transform),
-        )
+        Alternative(rotation=read_only(rotation), log_odds=float(log_odds), origin=origin, transform=transform)
         for rotation, log_odds, origin, transform in zip(
             rotations, data["alternative_log_odds"], origins, whole, strict=True
         )

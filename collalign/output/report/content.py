@@ -16,7 +16,6 @@ from collalign.output.report.coverage import incomplete_content
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import offered_poses, own_disagreements_deg
 from collalign.output.report.statistics import cycle_histogram, shape_map
-from collalign.products.pair import Pair
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.poses import moved_by
@@ -181,7 +180,7 @@ def _pairs(collection: Collection) -> tuple[Fields, str, list[str]]:
         {
             "i": column("target", np.uint16),
             "j": column("source", np.uint16),
-            "energy": np.array([_best_energy(pair) for pair in pairs], dtype=np.float32),
+            "energy": np.array([[*pair.energies[:1], np.nan][0] for pair in pairs], dtype=np.float32),
             "bound": column("lower_bound", np.float32),
             "disagreement": np.minimum(own, 180.0).astype(np.float32),
             "inlier": column("inlier", np.uint8),
@@ -197,10 +196,6 @@ def _pairs(collection: Collection) -> tuple[Fields, str, list[str]]:
         }
     )
     return fields, text, statuses
-
-
-def _best_energy(pair: Pair) -> float:
-    return float(pair.energies[0]) if len(pair.energies) else float("nan")
 
 
 def _pair_maps(collection: Collection) -> NDArray[np.int16]:

@@ -6,7 +6,7 @@ import html
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from collalign.output.collection import Collection
 from collalign.output.report.content import build_content
 from collalign.output.report.shown import MOST_SHOWN, page_members, shown_part, some_shapes
 from collalign.products.trust import DOUBT
+from data_tools.arrays import IntArray
 from data_tools.errors import CollalignError
 from data_tools.percent import MAX_NAMED, percent
 from data_tools.threads import one_blas_thread
@@ -48,7 +49,7 @@ class Page:
     title: str
     summary: str
     shown: Collection
-    again: tuple[str, ...] | None = None
+    again: tuple[str, ...] | None
 
     def text(self) -> str:
         """Return the page as HTML text."""
@@ -99,15 +100,15 @@ def report_pages(collection: Collection, path: Path, *, title: str) -> Iterator[
         Of the first page.
     title : str
     """
-    again = _again(collection)
-    yield replace(_first_page(collection, path, title), again=again)
-    if len(collection) > MOST_SHOWN:
-        pages = page_members(collection)
-        for number, members in enumerate(pages, 1):
-            shown = some_shapes(collection, members)
-            summary = f"{_steps(number, len(pages), path.name)}{_summary(shown, ())}"
-            place = path.parent / page_path(number)
-            yield Page(path=place, title=f"{title}, page {number}", summary=summary, shown=shown, again=again)
+    shown, again = shown_part(collection), _again(collection)
+    pages = page_members(collection) if len(collection) > MOST_SHOWN else []
+    every = _every_shape(collection, pages) if pages else ""
+    yield Page(path=path, title=title, summary=_summary(collection, shown.notes) + every, shown=shown, again=again)
+    for number, members in enumerate(pages, 1):
+        shown = some_shapes(collection, members)
+        summary = f"{_steps(number, len(pages), path.name)}{_summary(shown, ())}"
+        place = path.parent / page_path(number)
+        yield Page(path=place, title=f"{title}, page {number}", summary=summary, shown=shown, again=again)
 
 
 def page_path(number: int) -> str:
@@ -123,15 +124,8 @@ def _again(collection: Collection) -> tuple[str, ...] | None:
     return (*words, *option_words(collection.options), *(f"--exclude={name}" for name in left_out))
 
 
-def _first_page(collection: Collection, path: Path, title: str) -> Page:
-    shown = shown_part(collection)
-    every = _every_shape(collection) if len(collection) > MOST_SHOWN else ""
-    return Page(path=path, title=title, summary=_summary(collection, shown.notes) + every, shown=shown)
-
-
-def _every_shape(collection: Collection) -> str:
+def _every_shape(collection: Collection, pages: list[IntArray]) -> str:
     """Return the list of all shapes by name, each with a link to the page that shows it."""
-    pages = page_members(collection)
     number = np.empty(len(collection), dtype=np.int64)
     for at, members in enumerate(pages, 1):
         number[members] = at

@@ -23,26 +23,19 @@ T = TypeVar("T")
 MOST_SHOWN = 600
 
 
-def shown_part(collection: Collection, most: int = MOST_SHOWN) -> Collection:
-    """Return the collection as far as a page shows it: all of it, or a choice of its shapes with a note that says so.
-
-    Parameters
-    ----------
-    collection : Collection
-    most : int
-        Shapes to show.
-    """
-    if len(collection) <= most:
+def shown_part(collection: Collection) -> Collection:
+    """Return the collection as far as a page shows it: all of it, or some shapes with a note that says so."""
+    if len(collection) <= MOST_SHOWN:
         return collection
     note = (
-        f"{most} of {len(collection)} shapes are shown below, the {most // 2} most doubtful ones and others evenly "
-        "spaced; alignment.json, pairs.csv and the exports hold all of them."
+        f"{MOST_SHOWN} of {len(collection)} shapes are shown below, the {MOST_SHOWN // 2} most doubtful ones and "
+        "others evenly spaced; alignment.json, pairs.csv and the exports hold all of them."
     )
-    part = some_shapes(collection, chosen_shapes(collection, most))
+    part = some_shapes(collection, chosen_shapes(collection, MOST_SHOWN))
     return replace(part, notes=(*collection.notes, note))
 
 
-def page_members(collection: Collection, most: int = MOST_SHOWN) -> list[IntArray]:
+def page_members(collection: Collection) -> list[IntArray]:
     """Return the shapes of each of the pages that show all: about as many on each, most pairs within a page.
 
     Shapes are ordered so that those that were matched and agree are near each other (Cuthill and McKee 1969).
@@ -53,7 +46,7 @@ def page_members(collection: Collection, most: int = MOST_SHOWN) -> list[IntArra
     rows, cols = np.concatenate([ends, ends[:, ::-1]]).T
     graph = coo_array((np.ones(len(rows)), (rows, cols)), shape=(len(collection), len(collection))).tocsr()
     order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
-    return [np.sort(members) for members in np.array_split(order, -(-len(collection) // most))]
+    return [np.sort(members) for members in np.array_split(order, -(-len(collection) // MOST_SHOWN))]
 
 
 def some_shapes(collection: Collection, chosen: IntArray) -> Collection:

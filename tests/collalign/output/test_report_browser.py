@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.output.corrections import read_corrections
+from collalign.output.corrections import fixed_by, read_corrections
 from collalign.output.report.content import build_content
 from collalign.output.report.page import write_report
 from tests.browser import Page, launched
@@ -174,7 +174,7 @@ def test_a_correction_is_chosen_downloaded_and_read(opened, small, tmp_path):
     found = read_corrections(tmp_path / "corrections.json")
     assert list(found.decisions) == ["shape_001", second]
     np.testing.assert_allclose(found.decisions["shape_001"], small.alternatives[1][0].rotation, atol=1e-12)
-    fixed = found.fixed(small.names)
+    fixed = fixed_by([found], small.names)
     assert set(fixed) == set(small.names)
     np.testing.assert_allclose(fixed["shape_005"], small.rotations[5], atol=1e-12)
     opened.page.get_by_role("button", name="Take back the decision on shape_001").click()

@@ -213,10 +213,11 @@ def test_bundle_was_built_from_the_sources_beside_it():
     assert f"sources {digest.hexdigest()};" in (folder / "viewer.min.js").read_text(encoding="utf-8")[:200]
 
 
-def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown():
+def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown(monkeypatch):
     view = view_of(12)
-    assert shown_part(view, 12) is view
-    part = shown_part(view, 6)
+    assert shown_part(view) is view
+    small_pages(monkeypatch)
+    part = shown_part(view)
     doubtful = np.argsort(view.confidence)[:3]
     assert {view.names[i] for i in doubtful} <= set(part.names)
     assert part.names == tuple(sorted(part.names))
@@ -229,11 +230,9 @@ def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown()
     assert len(part.pairs) == sum(a in part.names and b in part.names for a, b in whole)
 
 
-def small_pages(monkeypatch):
-    page = "collalign.output.report.page"
-    monkeypatch.setattr(f"{page}.MOST_SHOWN", 6)
-    monkeypatch.setattr(f"{page}.shown_part", lambda view: shown_part(view, 6))
-    monkeypatch.setattr(f"{page}.page_members", lambda view: page_members(view, 6))
+def small_pages(monkeypatch, most=6):
+    for module in ("page", "shown"):
+        monkeypatch.setattr(f"collalign.output.report.{module}.MOST_SHOWN", most)
 
 
 def test_every_shape_of_a_large_collection_is_on_one_of_the_pages(tmp_path, monkeypatch):
@@ -254,14 +253,15 @@ def test_every_shape_of_a_large_collection_is_on_one_of_the_pages(tmp_path, monk
     assert "next page" not in pages[2].read_text()
 
 
-def test_shapes_of_a_page_were_compared_with_each_other():
+def test_shapes_of_a_page_were_compared_with_each_other(monkeypatch):
+    small_pages(monkeypatch, 20)
     view = view_of(60)
     order = np.random.default_rng(0).permutation(60)
     ring = [
         dataclasses.replace(view.pairs[0], target=int(order[i]), source=int(order[i - 1]), inlier=True)
         for i in range(60)
     ]
-    members = page_members(dataclasses.replace(view, pairs=tuple(ring)), 20)
+    members = page_members(dataclasses.replace(view, pairs=tuple(ring)))
     assert sorted(np.concatenate(members)) == list(range(60))
     assert [len(page) for page in members] == [20, 20, 20]
     within = sum(pair.target in page and pair.source in page for page in members for pair in ring)

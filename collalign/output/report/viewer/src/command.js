@@ -15,6 +15,11 @@ function resultFolder() {
   return /^\/[A-Za-z]:/.test(path) ? path.slice(1) : path;
 }
 
+// Whether other shapes are on other pages, so that this one does not know all labels.
+export function isPart() {
+  return document.querySelector(".every") !== null || location.pathname.includes("/report_pages/");
+}
+
 function quoted(word, windows) {
   if (PLAIN.test(word)) return word;
   return windows ? `"${word.replaceAll('"', "")}"` : `'${word.replaceAll("'", `'"'"'`)}'`;
@@ -31,7 +36,7 @@ function heredoc(path, text) {
 
 // The whole command; empty where a name cannot be pasted. In the shells of Windows it reads the downloaded file.
 export function wholeCommand({ again, labels, shapes }, decisions) {
-  const columns = Object.keys(labels);
+  const columns = isPart() ? [] : Object.keys(labels);
   const rows = columns.length ? [["name", ...columns], ...shapes.map(({ name }, at) => [name, ...columns.map((column) => labels[column][at])])] : [];
   const out = resultFolder() ?? "OUT";
   if ([...again, out, ...rows.flat()].some((word) => UNPRINTABLE.test(word))) return "";
@@ -46,7 +51,8 @@ export function wholeCommand({ again, labels, shapes }, decisions) {
 }
 
 // A box with a command and a button that copies it, or selects it where the browser lets no page write to the clipboard.
-export function commandBox() {
+export function commandBox(collection) {
+  const lacks = isPart() && Object.keys(collection.labels).length ? "; add --labels, the table is not on this page" : "";
   const text = el("pre", { tabindex: 0, "aria-label": "The command" });
   const said = el("span", { class: "muted", role: "status" });
   const copy = async () => {
@@ -58,7 +64,7 @@ export function commandBox() {
       said.textContent = "Selected: press Ctrl-C (on a Mac Cmd-C).";
     }
   };
-  const box = el("details", { class: "command" }, el("summary", null, "The command that applies them"),
+  const box = el("details", { class: "command" }, el("summary", null, `The command that applies them${lacks}`),
     el("div", { class: "row" }, button("Copy", copy), said), text);
   box.addEventListener("toggle", () => (text.scrollTop = text.scrollHeight));
   return {

@@ -151,7 +151,7 @@ export function correctionBar(corrections, collection) {
   const list = el("ul", { class: "chips", "aria-label": "Decisions so far" });
   const count = el("strong", { role: "status" });
   const where = el("span", { class: "muted" });
-  const command = commandBox();
+  const command = commandBox(collection);
   const advice = el("span", { class: "muted" }, "Then run ", el("code", null, "collalign align … --corrections corrections.json"));
   // Where `collalign open` serves the page, the page around it has a button that runs the command, and shows it.
   const again = location.protocol.startsWith("http") ? null : collection.again;

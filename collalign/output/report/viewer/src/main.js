@@ -69,7 +69,19 @@ function build(sections, app, main) {
   }
 }
 
+// In a frame that has no address of its own a link to a part of the page would open the page around the frame.
+function keepInFrame() {
+  if (location.protocol !== "about:") return;
+  addEventListener("click", (event) => {
+    const to = event.target.closest?.("a[href^='#']")?.getAttribute("href").slice(1);
+    if (!to) return;
+    event.preventDefault();
+    document.getElementById(to)?.scrollIntoView();
+  });
+}
+
 async function start() {
+  keepInFrame();
   const collection = new Collection();
   const main = document.querySelector("main");
   const nav = document.querySelector("nav");
