@@ -17,8 +17,9 @@ _KEYS = {"pairs", "samples", "invariants", "invariants_weight"}
 def read_own(path: Path) -> tuple[Own, set[Path]]:
     """Return what a JSON file says of pairs and samples, with the invariants of a folder that it names.
 
-    ``{"pairs": [{"target": A, "source": B, "rotations": [R], "weight": 1}], "samples": {A: [0, 7]}, "invariants":
-    FOLDER, "invariants_weight": 0.4}``, each of which may be missing; FOLDER, relative to the file, holds ``A.npy``.
+    ``{"pairs": [{"target": A, "source": B, "rotations": [R], "vertices": [[0, 7]], "weight": 1}], "samples":
+    {A: [0]}, "invariants": FOLDER, "invariants_weight": 0.4}``, each of which may be missing; ``vertices`` match
+    those of A's file and of B's, and FOLDER, relative to the file, holds ``A.npy``.
 
     Returns
     -------
@@ -39,6 +40,7 @@ def read_own(path: Path) -> tuple[Own, set[Path]]:
         folder = path.parent / content.pop("invariants") if "invariants" in content else None
         own = Own(
             candidates={pair: one["rotations"] for pair, one in pairs if "rotations" in one},
+            correspondences={pair: one["vertices"] for pair, one in pairs if "vertices" in one},
             pair_weights={pair: one["weight"] for pair, one in pairs if "weight" in one},
             invariants={} if folder is None else _arrays(folder),
             **content,

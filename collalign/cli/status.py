@@ -1,4 +1,4 @@
-"""``collalign status``: how far a run is."""
+"""``collalign status`` and ``collalign prune``: how far a run is, and what its store need not keep."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collalign.cli.interruption import INCOMPLETE, UNFINISHED
 from collalign.cli.talk import say, tell
 from collalign.engine.store.layout import FINISHED, NUM_FILES, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
+from data_tools.errors import StoreError
 
 
 def status(result: Path) -> int:
@@ -19,7 +20,7 @@ def status(result: Path) -> int:
     result
         The output folder of the run, or its store file where ``--store`` named another.
     """
-    store = result / STORE_FILE if result.is_dir() else result
+    store = _store_of(result)
     with Store.open(store, read_only=True) as opened:
         counts, notes = opened.status(), opened.notes()
         failures = {kind: opened.failures(kind) for kind in counts}
@@ -46,3 +47,31 @@ def status(result: Path) -> int:
         say("Not finished: if it does not run any more, run the same command to go on.")
         return UNFINISHED
     return INCOMPLETE if counts["shapes"].failed or counts["pairs"].failed else 0
+
+
+def prune(result: Path) -> int:
+    """Delete from a finished run's store what no run asked for last: other options, files that have changed or gone.
+
+    Results stay as they are, and the same command computes nothing anew; a run with former options would.
+
+    Parameters
+    ----------
+    result
+        The output folder of the run, or its store file where ``--store`` named another.
+    """
+    store = _store_of(result)
+    if not store.is_file():
+        raise StoreError(f"{store}: there is no such store")
+    before = store.stat().st_size
+    with Store.open(store) as opened:
+        if opened.notes().get(STAGE) != FINISHED:
+            raise StoreError(f"{store}: the run is not finished; run the same command to go on, then prune")
+        removed = opened.prune()
+    after = store.stat().st_size
+    tell(removed=removed, store_bytes=after)
+    say(f"{removed} records removed; store: {before / 2**20:.1f} MiB before, {after / 2**20:.1f} MiB now")
+    return 0
+
+
+def _store_of(result: Path) -> Path:
+    return result / STORE_FILE if result.is_dir() else result

@@ -167,9 +167,8 @@ class Session(Generic[OptionsT]):
                     is_named = Path(outcome.failure.partition(": ")[0]).name == Path(label).name
                     raise InputError(outcome.failure if is_named else f"{label}: {outcome.failure}")
         done, failures = self.store.keys(job.kind), self.store.failures(job.kind)
-        settled = {key: one.label for key, one in by_key.items() if key in done or key in failures}
-        if len(settled) < len(by_key):
-            self.store.plan(job.kind, settled)
+        if unsettled := by_key.keys() - done - failures.keys():
+            self.store.unplan(job.kind, unsettled)
         left = {name: failures.get(one.key) for name, one in wanted.items() if one.key not in done}
         reasons = {name: "no time was left" if failure is None else failure.reason for name, failure in left.items()}
         return Results(self.store, job, wanted, reasons)

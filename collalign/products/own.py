@@ -16,6 +16,9 @@ from data_tools.surface.shape import Shape
 
 #: Two shapes by their names.
 Names: TypeAlias = tuple[str, str]
+#: What may be given of pairs, and in all.
+OF_PAIRS = ("candidates", "correspondences", "pair_weights")
+GIVEN = ("invariants", "samples", *OF_PAIRS)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,16 +48,20 @@ class Own:
     candidates: Mapping[Names, ArrayLike] = field(default_factory=dict)
     """``R_a_b`` of pairs (a, b), shape (3, 3) or (m, 3, 3), taking b's coordinates to a's."""
 
+    correspondences: Mapping[Names, ArrayLike] = field(default_factory=dict)
+    """Vertices of pairs (a, b) that belong together, shape (m, 2) with m >= 3: of a's file, and of b's. The rotation
+    that takes b's nearest to a's, both about their centroids (Kabsch 1976), is a candidate of the pair."""
+
     pair_weights: Mapping[Names, float] = field(default_factory=dict)
     """How much more or less than the others pairs count in synchronization; 0 leaves a pair out."""
 
     def __post_init__(self) -> None:
         check_number("invariants_weight", self.invariants_weight)
-        for name in ("invariants", "samples", "candidates", "pair_weights"):
+        for name in GIVEN:
             given = getattr(self, name)
             if not isinstance(given, Mapping) and not (name == "invariants" and callable(given)):
                 raise InputError(f"{name}: expected values by the names of shapes, got {type(given).__name__}")
-        for name in ("candidates", "pair_weights"):
+        for name in OF_PAIRS:
             for pair in getattr(self, name):
                 is_pair = isinstance(pair, tuple) and len(pair) == 2 and pair[0] != pair[1]
                 if not is_pair or not all(isinstance(one, str) for one in pair):
@@ -70,5 +77,4 @@ class Own:
     @property
     def kinds(self) -> tuple[str, ...]:
         """The names of what is given."""
-        names = ("invariants", "samples", "candidates", "pair_weights")
-        return tuple(name for name in names if getattr(self, name))
+        return tuple(name for name in GIVEN if getattr(self, name))

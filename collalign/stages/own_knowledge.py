@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from collalign.engine.jobs.job import table_of_values
 from collalign.engine.store.typed import MAX_INDEX
 from collalign.options import AlignOptions, AlignSession
-from collalign.products.own import Own
+from collalign.products.own import OF_PAIRS, Names, Own
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints, Shapes
 from collalign.stages.poses.agreement import SAME_POSE_RAD, resolve_pair, solve_again
@@ -23,7 +23,7 @@ from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import AS_STORED, MIN_POINTS
 from data_tools.poses import AGREE_DEG, scales_of
-from data_tools.rotations import rotation_angle_deg, rotation_angles
+from data_tools.rotations import nearest_orthogonal, rotation_angle_deg, rotation_angles
 
 
 def own_points(own: Own, files: Mapping[str, Origin]) -> dict[str, OwnPoints]:
@@ -40,7 +40,7 @@ def own_points(own: Own, files: Mapping[str, Origin]) -> dict[str, OwnPoints]:
     InputError
         If a name is unknown or missing, or arrays are not what :class:`Own` asks for.
     """
-    for argument in ("candidates", "pair_weights"):
+    for argument in OF_PAIRS:
         check_known(argument, {name for pair in getattr(own, argument) for name in pair}, files)
     if callable(own.invariants):
         values = {name: own.invariants(read_shape(file, AS_STORED, name=name)) for name, file in files.items()}
@@ -93,8 +93,8 @@ def given_constraints(shapes: Shapes, options: AlignOptions, own: Own, fixed: Ma
     Raises
     ------
     InputError
-        If there is no shape of a name, a transform is no similarity or scales where sizes stay, or a given pose
-        mirrors a shape and the options' group forbids that.
+        If there is no shape of a name, a transform is no similarity or scales where sizes stay, a given pose mirrors
+        a shape and the options' group forbids that, or matched vertices are none of a file's, or on a line.
     """
     for argument, names in (("fixed", {*fixed}), ("reference", {options.reference} - {""})):
         check_known(argument, names, shapes.names)
@@ -110,9 +110,16 @@ def given_constraints(shapes: Shapes, options: AlignOptions, own: Own, fixed: Ma
                 raise InputError(f"fixed[{name}]: has a scale of {scale:.6g}, but sizes stay with scaling 'rigid'")
             turns[name] = whole[name][:3, :3] / scale
     candidates, weights = dict[tuple[int, int], FloatArray](), dict[tuple[int, int], float]()
-    for (a, b), given in sorted(own.candidates.items()):
-        poses = as_rotations(given, f"candidates[{a}, {b}]", group="SO" if options.group == "SO" else "O")
-        poses = poses.reshape(-1, 3, 3)
+    group = "SO" if options.group == "SO" else "O"
+    proposed = [
+        (names, as_rotations(given, f"candidates[{', '.join(names)}]", group=group).reshape(-1, 3, 3))
+        for names, given in sorted(own.candidates.items())
+    ]
+    for names, rows in sorted(own.correspondences.items()):
+        if at.keys() >= {*names}:
+            files = (shapes.files[at[names[0]]], shapes.files[at[names[1]]])
+            proposed.append((names, _pose_of_matches(names, rows, files, group)))
+    for (a, b), poses in proposed:
         if a in at and b in at:  # else left out, with its reason
             pair, poses = _ordered(at[a], at[b]), poses if at[a] < at[b] else poses.transpose(0, 2, 1)
             candidates[pair] = np.concatenate([candidates.get(pair, np.empty((0, 3, 3))), poses])
@@ -160,7 +167,7 @@ def own_note(own: Own, points: Mapping[str, OwnPoints], known: Constraints, rota
         words.append(f"invariants ({some.invariants.shape[1]} columns of weight {some.weight:g})")
     if some is not None and some.samples is not None:
         words.append(f"samples ({len(some.samples)} a shape)")
-    if own.candidates:
+    if known.candidates:
         near = sum(
             bool((rotation_angle_deg(poses, rotations[i].T @ rotations[j]) <= AGREE_DEG).any())
             for (i, j), poses in known.candidates.items()
@@ -169,6 +176,25 @@ def own_note(own: Own, points: Mapping[str, OwnPoints], known: Constraints, rota
     if own.pair_weights:
         words.append(f"weights of {len(known.weights)} pairs, {list(known.weights.values()).count(0.0)} left out")
     return f"Given by the caller: {'; '.join(words)}." if words else ""
+
+
+def _pose_of_matches(pair: Names, rows: ArrayLike, files: tuple[Origin, Origin], group: str) -> FloatArray:
+    """Return the rotation that takes matched vertices of the second file to those of the first, shape (1, 3, 3).
+
+    It mirrors only where the group allows it and the matches, being in no plane, can tell.
+    """
+    called = f"correspondences[{', '.join(pair)}]"
+    matches = as_indices(rows, called, upper=MAX_INDEX, shape=(None, 2))
+    centred = []
+    for name, file, chosen in zip(pair, files, matches.T, strict=True):
+        vertices = read_shape(file, AS_STORED, name=name).vertices
+        points = vertices[as_indices(chosen, f"{called}, of {name}", upper=len(vertices))]
+        centred.append(points - points.mean(axis=0))
+    covariance = centred[0].T @ centred[1]
+    rank = np.linalg.matrix_rank(covariance, rtol=1e-9)
+    if rank < 2:
+        raise InputError(f"{called}: expected three or more matches that do not lie on a line")
+    return nearest_orthogonal(covariance, determinant=1 if group == "SO" or rank == 2 else None)[None]
 
 
 def _ordered(i: int, j: int) -> tuple[int, int]:

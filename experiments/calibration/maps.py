@@ -20,7 +20,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
 from experiments.confidence.fit import fit_weights, left_out
 from experiments.confidence.reliability import reliability
-from experiments.maps.map_cells import NUM_EVALUATED, evaluate, evaluated_points, map_set, prepared
+from experiments.maps.map_cells import NUM_EVALUATED, evaluated_points, judge_of, map_set, prepared
 from experiments.maps.map_sets import ANIMALS, BODIES, SHREC07_CLASSES
 from experiments.maps.map_trials import QUICK_SURFACE
 
@@ -76,7 +76,8 @@ def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
             forward, _ = harmonic.of_all_vertices(candidate.functional_map)  # noqa: B023
             return between_files(forward, to.spectral.to_original, of.spectral.to_working)  # noqa: B023
 
-        errors = [evaluate(maps, settings, images(one), (to.copy, of.copy), None).direct for one in found]
+        judge = judge_of(maps, settings, (to.copy, of.copy), None)
+        errors = [judge(images(one)).direct for one in found]
         at = of.spectral.nearest_dense[of.spectral.to_working[evaluated_points(maps, source, NUM_EVALUATED)]]
         numbers = range(len(found))
         judged.append(

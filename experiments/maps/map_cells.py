@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -67,7 +67,8 @@ def measure_map(cell: Cell) -> Record:
     match, status = _matched(shapes[0].spectral, shapes[1].spectral, settings["options"])
     seconds = time.process_time() - started
     mirror = mirror_of(cell.data, settings) if maps.data.vertices_correspond else None
-    errors = evaluate(maps, settings, match.point_map_target_source, (shapes[0].copy, shapes[1].copy), mirror)
+    judge = judge_of(maps, settings, (shapes[0].copy, shapes[1].copy), mirror)
+    errors = judge(match.point_map_target_source)
     return {
         "direct": errors.direct,
         "mirrored": errors.mirrored,
@@ -96,18 +97,18 @@ def errors_of(record: Record) -> MapErrors:
     return MapErrors(direct=record["direct"], mirrored=record["mirrored"])
 
 
-def evaluate(
-    maps: MapSet, settings: Mapping[str, Any], images: IntArray, copies: tuple[Copy, Copy], mirror: Mirror | None
-) -> MapErrors:
-    """Return the errors of a map between copies at points of the originals.
+def judge_of(
+    maps: MapSet, settings: Mapping[str, Any], copies: tuple[Copy, Copy], mirror: Mirror | None
+) -> Callable[[IntArray], MapErrors]:
+    """Return what gives the errors of any map between two copies, at points of the originals.
+
+    It takes the vertex of the target's copy for each vertex of the source's copy.
 
     Parameters
     ----------
     maps : MapSet
     settings : mapping
         With ``target``, ``source``, and the number of ``points`` on registered meshes.
-    images : ndarray of int
-        Vertex of the target's copy for each vertex of the source's copy.
     copies : pair of Copy
         Of target and source.
     mirror : Mirror or None
@@ -121,7 +122,8 @@ def evaluate(
         present &= target.from_original[mirrored] >= 0
         mirrored = target.from_original[mirrored[present]]
     evaluator = MapEvaluator(target.shape, target.from_original[truth[present]], mirrored)
-    return evaluator.errors(images[source.from_original[points[present]]])
+    at = source.from_original[points[present]]
+    return lambda images: evaluator.errors(images[at])
 
 
 def evaluated_points(maps: MapSet, source: str, num: int) -> IntArray:

@@ -232,7 +232,8 @@ def test_status_counts(finished, capsys):
     out, _ = finished
     assert main(["status", str(out / "store.sqlite"), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
-    assert (report["shapes"]["done"], report["pairs"]["done"], report["pairs"]["left"]) == (5, 10, 0)
+    # Ten pairs, and five of these once more to see whether shapes are mirrored.
+    assert (report["shapes"]["done"], report["pairs"]["done"], report["pairs"]["left"]) == (5, 15, 0)
     assert report["run"] == {"files": "5", "stage": "finished"}
     assert (report["command"], report["exit_code"], report["finished"]) == ("status", 0, True)
     assert main(["status", str(out), "--json"]) == 0
@@ -250,6 +251,22 @@ def test_status_of_an_unfinished_run_says_the_stage_and_how_to_go_on(tmp_path, c
     assert "shapes: 0 done, 0 failed, 1 left of 1" in said
     assert "stage: confidence" in said
     assert said.endswith("run the same command to go on.\n")
+    assert main(["prune", str(tmp_path)]) == 2
+    assert "the run is not finished" in capsys.readouterr().err
+    assert main(["prune", str(tmp_path / "nowhere")]) == 2
+    assert "there is no such store" in capsys.readouterr().err
+
+
+def test_pruning_leaves_what_the_same_command_needs(planted, tmp_path, capsys):
+    write_collection(tmp_path / "in", replace(planted, shapes=planted.shapes[:3]))
+    command = ["align", str(tmp_path / "in"), "--out", str(tmp_path / "out"), *FLAGS]
+    assert main([*command, "--seed", "5"]) == 0
+    assert main(command) == 0
+    capsys.readouterr()
+    assert main(["prune", str(tmp_path / "out"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["removed"] > 0
+    assert main(command) == 0
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["num_reused"] == 6
 
 
 def test_adding_shapes_moves_nothing(planted, tmp_path):

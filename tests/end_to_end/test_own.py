@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import collalign
 from collalign import align_collection
@@ -56,6 +57,24 @@ def test_a_pose_of_its_own_becomes_a_candidate_and_is_judged_by_its_energy(plant
     for i, j in ((0, 1), (2, 3)):
         true = planted.relative_rotation(i, j)
         assert rotation_angle_deg(found.rotations[i].T @ found.rotations[j], true) < 15
+
+
+def test_matched_vertices_give_a_pose_of_the_pair(planted):
+    few = {"matching": {"strategy": "search", "max_candidates": 1}}
+    first, second = names(planted, 0, 1)
+    right = planted.relative_rotation(0, 1)
+    posed = planted.shapes[1].vertices @ right.T
+    _, near = cKDTree(planted.shapes[0].vertices).query(posed)
+    rows = np.column_stack([np.arange(len(posed)), near])[::7]
+    found = align(planted, correspondences={(second, first): rows}, **few)
+    assert found.own == ("correspondences",)
+    assert any("poses of 1 pairs, 1 within 20 deg" in note for note in found.notes)
+    assert rotation_angle_deg(found.pairs[first, second].rotations, right).min() < 15
+    flat = next(iter(np.flatnonzero(rows[:, 0] >= 0)))
+    with pytest.raises(InputError, match=r"correspondences\[.*\]: expected three or more matches that do not lie"):
+        align(planted, correspondences={(second, first): rows[[flat, flat, flat]]})
+    with pytest.raises(InputError, match=r"of .*: indices run from .* to 99999"):
+        align(planted, correspondences={(second, first): [[0, 99999], [1, 1], [2, 2]]})
 
 
 def test_a_pair_of_no_weight_is_left_out_and_others_weigh_in_the_graph(planted):
@@ -117,18 +136,17 @@ def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(plante
     pairs = [
         {"target": first, "source": second, "weight": 0},
         {"target": first, "source": third, "rotations": [planted.relative_rotation(0, 2).tolist()], "weight": 2},
+        {"target": second, "source": third, "vertices": [[0, 0], [1, 1], [2, 2], [9, 9]]},
     ]
     own, out = tmp_path / "own.json", tmp_path / "out"
     own.write_text(json.dumps({"pairs": pairs, "invariants": "values"}))
     flags = ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--jobs", "1", "--no-report"]
     assert main(["align", str(tmp_path / "shapes"), "--out", str(out), "--own", str(own), *flags]) == 0
-    said = (
-        "Given by the caller: invariants (1 columns of weight 0.4); poses of 1 pairs, 1 within 20 deg of the result"
-    )
+    said = "Given by the caller: invariants (1 columns of weight 0.4); poses of 2 pairs, "
     assert said in capsys.readouterr().out
     record = json.loads((out / "alignment.json").read_text())
-    assert record["decided"]["own"] == ["invariants", "candidates", "pair_weights"]
-    assert collalign.load(out).own == ("invariants", "candidates", "pair_weights")
+    assert record["decided"]["own"] == ["invariants", "candidates", "correspondences", "pair_weights"]
+    assert collalign.load(out).own == ("invariants", "candidates", "correspondences", "pair_weights")
     assert main(["stability", str(out)]) == 2
     assert "aligned with invariants of the caller's own, which a result does not keep" in capsys.readouterr().err
     own.write_text(json.dumps({"pairs": [{"source": first}]}))
@@ -163,6 +181,8 @@ def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(plante
         ),
         ({"invariants": lambda shape: shape.vertices[:, 0]}, r"invariants\[a\]: expected shape \(any, any\)"),
         ({"candidates": {(0, 1): np.eye(3)}}, r"candidates: expected pairs of two names, got \(0, 1\)"),
+        ({"correspondences": {("a", "b"): [[0, 0.5]]}}, r"correspondences\[a, b\]: expected integer indices"),
+        ({"correspondences": {("a", "b"): [0, 1, 2]}}, r"correspondences\[a, b\]: expected shape \(any, 2\)"),
         ({"invariants": [np.eye(3)]}, "invariants: expected values by the names of shapes"),
         ({"n_jobs": 2}, "there is no option 'n_jobs'; did you mean 'jobs'"),
         ({"candidate": {}}, "there is no option 'candidate'; did you mean 'candidates'"),

@@ -181,8 +181,9 @@ def test_the_true_map_has_no_error_and_another_has(collections):
     num = len(permuted[0].shape.vertices)
     true_map = np.empty(num, dtype=np.int64)
     true_map[permuted[1].from_original] = permuted[0].from_original
-    assert map_cells.evaluate(maps, settings, true_map, permuted, None).direct.max() == pytest.approx(0.0, abs=1e-6)
-    assert map_cells.evaluate(maps, settings, np.arange(num), permuted, None).direct.mean() > 0.3
+    judge = map_cells.judge_of(maps, settings, permuted, None)
+    assert judge(true_map).direct.max() == pytest.approx(0.0, abs=1e-6)
+    assert judge(np.arange(num)).direct.mean() > 0.3
 
 
 def test_points_of_cats_are_landmarks_of_dogs(tmp_path, bodies):

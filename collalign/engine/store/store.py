@@ -34,6 +34,7 @@ class Store:
     def __init__(self, connection: sqlite3.Connection, path: Path | None, lock: LockFile | None) -> None:
         self._connection = connection
         self._lock = lock
+        self._planned = set[str]()
         self.path = path
         self.read_only = path is not None and lock is None
 
@@ -161,15 +162,37 @@ class Store:
         }
 
     def plan(self, kind: str, labels: dict[str, str]) -> None:
-        """Say which keys the present run wants, by key with a label each; replaces the plan of this kind.
+        """Say which keys the present run wants, by key with a label each.
 
-        :meth:`status` counts against it. Records that are not planned any more stay, for runs with other options.
+        The first plan of a kind since the store was opened takes the place of the former run's, further ones add to
+        it. :meth:`status` counts against it; records that no plan names stay, for runs with other options, until
+        :meth:`prune`.
         """
         table_of(kind)
         rows = [(kind, _checked(key), _text(label)) for key, label in labels.items()]
         with self._transaction() as connection:
-            connection.execute("DELETE FROM plan WHERE kind = ?", (kind,))
-            connection.executemany("INSERT INTO plan VALUES (?, ?, ?)", rows)
+            if kind not in self._planned:
+                connection.execute("DELETE FROM plan WHERE kind = ?", (kind,))
+            connection.executemany("INSERT OR REPLACE INTO plan VALUES (?, ?, ?)", rows)
+        self._planned.add(kind)
+
+    def unplan(self, kind: str, keys: Iterable[str]) -> None:
+        """Take keys out of the plan that the run has given up."""
+        with self._transaction() as connection:
+            rows = [(table_of(kind), key) for key in keys]
+            connection.executemany("DELETE FROM plan WHERE kind = ? AND key = ?", rows)
+
+    def prune(self) -> int:
+        """Delete what the last plan of each kind does not name, shrink the file, and return how many records went."""
+        with self._transaction() as connection:
+            planned = [str(kind) for (kind,) in self._query("SELECT DISTINCT kind FROM plan")]
+            stale = "key NOT IN (SELECT key FROM plan WHERE kind = ?)"
+            removed = 0
+            for kind in planned:
+                removed += connection.execute(f"DELETE FROM {table_of(kind)} WHERE {stale}", (kind,)).rowcount
+                connection.execute(f"DELETE FROM failures WHERE kind = ? AND {stale}", (kind, kind))
+        self._query("VACUUM")
+        return removed
 
     def set_note(self, name: str, value: str) -> None:
         """Keep a short text about the run, for those who look at the store meanwhile; an empty one is forgotten."""

@@ -66,8 +66,29 @@ def test_status_counts_the_plan(path):
         assert store.status()["pairs"] == expected
         store.put("pairs", "c", RECORD)
         assert store.status()["pairs"] == Counts(planned=4, done=2, failed=1, left=1)
+        store.unplan("pairs", ["b", "d"])
+        assert store.status()["pairs"] == Counts(planned=2, done=2, failed=0, left=0)
+        store.plan("pairs", {"d": "", "a": "again"})
+        assert store.status()["pairs"] == Counts(planned=3, done=2, failed=0, left=1)
+    with Store.open(path) as store:
         store.plan("pairs", {"a": ""})
         assert store.status()["pairs"] == Counts(planned=1, done=1, failed=0, left=0)
+
+
+def test_pruning_keeps_what_the_last_plan_of_each_kind_names(path):
+    with Store.open(path) as store:
+        for key in ("a", "b", "c"):
+            store.put("pairs", key, RECORD)
+            store.put("shapes", key, RECORD)
+        store.put_failure("pairs", "d", "no answer")
+        store.put_failure("pairs", "e", "no answer")
+        store.plan("pairs", {"a": "", "d": "", "missing": ""})
+        assert store.prune() == 2
+        assert store.keys("pairs") == {"a"}
+        assert store.failures("pairs").keys() == {"d"}
+        assert store.keys("shapes") == {"a", "b", "c"}  # nobody has asked for shapes yet
+        assert store.prune() == 0
+        assert store.get("pairs", "a") is not None
 
 
 def test_missing_tries_crashes_again_but_not_errors():
