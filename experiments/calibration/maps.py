@@ -12,7 +12,7 @@ import numpy as np
 from collalign.confidence import map_model
 from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.map_trust import map_terms, point_terms
-from collalign.nonrigid.portfolio import Refined, find_candidates, full_harmonic
+from collalign.nonrigid.portfolio import Refined, find_candidates
 from collalign.nonrigid.refine import between_files
 from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from collalign.tools.match import nonrigid as match
@@ -61,7 +61,7 @@ class JudgedPair:
 
 
 def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
-    """Match some pairs of a set of maps and compare each of their candidates with the truth."""
+    """Match some pairs of a set of maps and compare their candidates, at dense samples, with the truth."""
     maps = map_set(data, name)
     order = np.random.default_rng(SEED).permutation(len(maps.pairs))[: NUM_QUICK if quick else NUM_PAIRS]
     judged = []
@@ -70,11 +70,11 @@ def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
         settings |= {"target": target, "source": source, "points": NUM_EVALUATED}
         to, of = prepared(data, settings, target), prepared(data, settings, source)
         found = find_candidates(to.spectral, of.spectral, NonrigidOptions())
-        harmonic = full_harmonic(to.spectral, of.spectral)
 
         def images(candidate: Refined) -> IntArray:
-            forward, _ = harmonic.of_all_vertices(candidate.functional_map)  # noqa: B023
-            return between_files(forward, to.spectral.to_original, of.spectral.to_working)  # noqa: B023
+            forward = to.spectral.dense[candidate.functional_map.map_target_source]  # noqa: B023
+            nearest = of.spectral.nearest_dense  # noqa: B023
+            return between_files(forward[nearest], to.spectral.to_original, of.spectral.to_working)  # noqa: B023
 
         judge = judge_of(maps, settings, (to.copy, of.copy), None)
         errors = [judge(images(one)).direct for one in found]
