@@ -72,38 +72,6 @@ def check_stl(path: Path, content: bytes) -> None:
         raise InputError(f"{path}: truncated STL text, {num_vertices} vertices in {num_ends} complete triangles")
 
 
-def check_off(path: Path, text: str) -> dict[str, int]:
-    """Refuse text without comments that is not OFF, ends early, or whose faces have fewer corners than they say.
-
-    Returns
-    -------
-    dict
-        Number of each element that the header promises.
-
-    Raises
-    ------
-    InputError
-    """
-    lines = [line for line in text.split("\n") if line.strip()]
-    first, *counts = " ".join(lines[:2]).split() or [""]
-    if re.fullmatch(r"(ST)?C?N?OFF", first) is None:
-        raise InputError(f"{path}: not an OFF file of three dimensions, its first word is not OFF")
-    if len(counts) < 2 or not all(word.isdecimal() for word in counts[:2]):
-        raise InputError(f"{path}: its OFF header holds no counts of vertices and faces")
-    num_vertices, num_faces = int(counts[0]), int(counts[1])
-    body = lines[1 if len(lines[0].split()) > 1 else 2 :]
-    if len(body) < num_vertices + num_faces:
-        raise InputError(
-            f"{path}: truncated, its header promises {num_vertices} vertices and {num_faces} faces, "
-            f"{len(body)} lines follow"
-        )
-    for position, line in enumerate(body[num_vertices : num_vertices + num_faces]):
-        number, *corners = line.split()
-        if not number.isdecimal() or len(corners) < int(number):
-            raise InputError(f"{path}: face {position} is not a count and as many vertices (truncated?)")
-    return {"vertex": num_vertices, "face": num_faces}
-
-
 def _check_lists(path: Path, lines: list[bytes], elements: list[_Element]) -> None:
     """Refuse lines of text whose lists have other lengths than they say."""
     start = 0

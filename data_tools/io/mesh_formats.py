@@ -1,10 +1,9 @@
-"""Mesh formats. PLY, OFF, STL and GLB go through trimesh; what it would accept silently is refused here."""
+"""Mesh formats. PLY, STL and GLB go through trimesh; what it would accept silently is refused here."""
 
 from __future__ import annotations
 
 import io
 import logging
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +11,9 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
-from data_tools.io.headers import check_off, check_ply, check_stl
+from data_tools.io.headers import check_ply, check_stl
 from data_tools.io.obj import read_obj
+from data_tools.io.off import read_off
 from data_tools.io.source import Source
 from data_tools.poses import moved_by
 
@@ -31,9 +31,6 @@ def read_with_trimesh(source: Source) -> tuple[FloatArray, IntArray]:
     promised = check_ply(path, content) if kind == "ply" else {}
     if kind == "stl":
         check_stl(path, content)
-    if kind == "off":
-        text = re.sub("#.*", "", source.text())  # of which trimesh keeps some
-        promised, content = check_off(path, text), text.encode()
     options = {"process": False, "validate": False} | ({"skip_materials": True} if kind == "glb" else {})
     import trimesh
 
@@ -80,6 +77,7 @@ def _concatenate(parts: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, 
 
 #: Reader of each suffix.
 READERS = {
-    **dict.fromkeys((".ply", ".off", ".stl", ".glb"), read_with_trimesh),
+    **dict.fromkeys((".ply", ".stl", ".glb"), read_with_trimesh),
     ".obj": read_obj,
+    ".off": read_off,
 }

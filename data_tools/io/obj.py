@@ -39,21 +39,28 @@ def read_obj(source: Source) -> tuple[FloatArray, IntArray]:
     faces = _triangles(path, polygons, num_before)
     if faces.size and faces.max() >= len(points):
         raise InputError(f"{path}: a face names vertex {faces.max() + 1}, there are {len(points)}")
-    return _vertices(path, points), faces
+    return vertices_of_lines(path, points), faces
 
 
-def _vertices(path: Path, lines: list[str]) -> FloatArray:
+def vertices_of_lines(path: Path, lines: list[str], *, first: int = 1) -> FloatArray:
+    """Return the first three numbers of each line, shape (v, 3).
+
+    Raises
+    ------
+    InputError
+        If a line has fewer; the first one is counted as ``first``.
+    """
     table = parse_table("\n".join(lines), num_rows=len(lines))
     if table is not None and table.shape[1] >= 3:
         return np.ascontiguousarray(table[:, :3])
     vertices = []
-    for position, line in enumerate(lines, start=1):
+    for position, line in enumerate(lines, start=first):
         try:
             x, y, z = (float(word) for word in line.split()[:3])
         except ValueError:
             raise InputError(f"{path}: vertex {position} is not three numbers (truncated?)") from None
         vertices.append((x, y, z))
-    return np.array(vertices)
+    return np.array(vertices).reshape(-1, 3)
 
 
 def _triangles(path: Path, lines: list[str], num_before: list[int]) -> IntArray:
@@ -65,8 +72,13 @@ def _triangles(path: Path, lines: list[str], num_before: list[int]) -> IntArray:
         polygon = [_corner(path, position, word, before) for word in line.split()]
         if len(polygon) < 3:
             raise InputError(f"{path}: face {position} has {len(polygon)} corners (truncated?)")
-        triangles.extend([polygon[0], b, c] for b, c in pairwise(polygon[1:]))
+        triangles.extend(fan(polygon))
     return np.array(triangles, dtype=np.int64).reshape(-1, 3)
+
+
+def fan(polygon: list[int]) -> list[list[int]]:
+    """Return the triangles into which a polygon is split at its first corner; none of fewer than three."""
+    return [[polygon[0], b, c] for b, c in pairwise(polygon[1:])]
 
 
 def _corner(path: Path, position: int, word: str, num_before: int) -> int:

@@ -1,0 +1,60 @@
+"""OFF, the text format of Geomview, read here because other readers take each word apart."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.errors import InputError
+from data_tools.io.obj import fan, vertices_of_lines
+from data_tools.io.source import Source
+from data_tools.io.text_tables import parse_table
+
+
+def read_off(source: Source) -> tuple[FloatArray, IntArray]:
+    """Return the vertices and triangles of an OFF file; normals, colours and edges are ignored.
+
+    Polygons are split into triangles at their first corner.
+
+    Raises
+    ------
+    InputError
+        If it is not OFF of three dimensions, ends early, or a line is malformed.
+    """
+    path = source.path
+    lines = [line for line in re.sub("#.*", "", source.text()).split("\n") if line.strip()]
+    first, *counts = " ".join(lines[:2]).split() or [""]
+    if re.fullmatch(r"(ST)?C?N?OFF", first) is None:
+        raise InputError(f"{path}: not an OFF file of three dimensions, its first word is not OFF")
+    if len(counts) < 2 or not all(word.isdecimal() for word in counts[:2]):
+        raise InputError(f"{path}: its OFF header holds no counts of vertices and faces")
+    num_vertices, num_faces = int(counts[0]), int(counts[1])
+    body = lines[1 if len(lines[0].split()) > 1 else 2 :]
+    if len(body) < num_vertices + num_faces:
+        raise InputError(
+            f"{path}: truncated, its header promises {num_vertices} vertices and {num_faces} faces, "
+            f"{len(body)} lines follow"
+        )
+    vertices = vertices_of_lines(path, body[:num_vertices], first=0)
+    faces = _triangles(path, body[num_vertices : num_vertices + num_faces])
+    if faces.size and faces.max() >= num_vertices:
+        raise InputError(f"{path}: a face names vertex {faces.max()}, there are {num_vertices}, counted from 0")
+    return vertices, faces
+
+
+def _triangles(path: Path, lines: list[str]) -> IntArray:
+    table = parse_table("\n".join(lines), num_rows=len(lines))
+    if table is not None and table.shape[1] >= 4 and (table[:, 0] == 3).all():
+        corners = table[:, 1:4]
+        if (corners >= 0).all() and (corners == np.floor(corners)).all():
+            return corners.astype(np.int64)
+    triangles: list[list[int]] = []
+    for position, line in enumerate(lines):
+        number, *words = line.split()
+        if not number.isdecimal() or len(words) < int(number) or not all(map(str.isdecimal, words[: int(number)])):
+            raise InputError(f"{path}: face {position} is not a count and as many vertices (truncated?)")
+        triangles.extend(fan([int(word) for word in words[: int(number)]]))
+    return np.array(triangles, dtype=np.int64).reshape(-1, 3)
