@@ -21,7 +21,7 @@ from experiments.calibration.scan import Calibration, Constant, Finding, constan
 from experiments.confidence.fit import fit_weights, left_out
 from experiments.confidence.reliability import reliability
 from experiments.maps.map_cells import NUM_EVALUATED, evaluated_points, judge_of, map_set, prepared
-from experiments.maps.map_sets import ANIMALS, BODIES, SHREC07_CLASSES
+from experiments.maps.map_sets import ANIMALS, BODIES, OTHER_CLASSES, SHREC07_CLASSES
 from experiments.maps.map_trials import QUICK_SURFACE
 
 #: Pairs of each set, drawn at random.
@@ -134,6 +134,6 @@ CALIBRATION = Calibration(
     constants=constants_of(map_model, "MAP_WEIGHTS", "MAP_CONSTANT", "POINT_WEIGHTS", "POINT_CONSTANT")
     | constants_of(match, "CHOICE_MARGIN"),
     measure=measure_maps,
-    collections=("scape", "tosca", *SHREC07_CLASSES, BODIES, ANIMALS),
+    collections=("scape", "tosca", *SHREC07_CLASSES, *OTHER_CLASSES, BODIES, ANIMALS),
     score="1 - expected calibration error of chosen maps; of CHOICE_MARGIN the share of them that is right",
 )

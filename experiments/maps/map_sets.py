@@ -30,6 +30,8 @@ from experiments.datasets import (
 
 #: Classes of SHREC07 on which the paper shows maps.
 SHREC07_CLASSES = ("ant", "teddy", "glasses")
+#: Further ones that have landmarks, all of whose pairs are taken.
+OTHER_CLASSES = ("armadillo", "bird", "chair", "fish", "human", "plane")
 #: Bodies of two kinds, and the landmarks of SHREC07's humans and armadillos that are the same place on both, chosen
 #: by hand: hands, elbows, shoulders, knees, two on each foot, nose and crotch. Pairs stand for the two sides.
 BODIES = "human and armadillo"
@@ -41,7 +43,7 @@ MIRRORED_PLACES = (1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 12, 13)
 #: Cats and dogs with a dense map between the two, of which so many farthest points of the first cat are landmarks.
 ANIMALS, NUM_ANIMAL_POINTS = "cat and dog", 200
 #: Sets that are evaluated at landmarks.
-LANDMARKED = (*SHREC07_CLASSES, BODIES, ANIMALS)
+LANDMARKED = (*SHREC07_CLASSES, *OTHER_CLASSES, BODIES, ANIMALS)
 #: Folder of each set.
 FOLDERS = {
     BODIES: "shrec07_dev",
@@ -49,7 +51,7 @@ FOLDERS = {
     "scape": "scape71",
     "tosca": "tosca_centaur6",
     "faust": "faust",
-    **{name: f"shrec07_dev/{name}" for name in SHREC07_CLASSES},
+    **{name: f"shrec07_dev/{name}" for name in (*SHREC07_CLASSES, *OTHER_CLASSES)},
 }
 #: Variants of a shape: as stored; vertices in another order; another triangulation; the scan it was registered to.
 VARIANTS = ("original", "permuted", "remeshed", "scan")
@@ -127,7 +129,7 @@ def read_map_set(root: Path, name: str) -> MapSet:
         Folder of the public collections.
     name : str
         One of ``FOLDERS``. SCAPE has the pairs of its query file, the classes of SHREC07 those of the published
-        errors; of bodies of two kinds each is matched once; of TOSCA and FAUST all pairs are taken.
+        errors; of bodies of two kinds each is matched once; of the others all pairs are taken.
     """
     folder = root / FOLDERS[name]
     if name == "scape":
@@ -142,7 +144,8 @@ def read_map_set(root: Path, name: str) -> MapSet:
         data = _bodies(folder) if name == BODIES else _animals(folder)
         published, pairs = {}, _pairs_of_kinds(data)
     else:
-        data = read_registered_folder(folder) if name == "tosca" else read_faust(folder)
+        readers = {"tosca": read_registered_folder, "faust": read_faust}
+        data = readers.get(name, read_shrec07_class)(folder)
         published, pairs = {}, tuple(combinations(data.names, 2))
     return MapSet(name=name, folder=folder, data=data, pairs=pairs, published=published)
 
