@@ -112,13 +112,13 @@ def given_constraints(shapes: Shapes, options: AlignOptions, own: Own, fixed: Ma
     candidates, weights = dict[tuple[int, int], FloatArray](), dict[tuple[int, int], float]()
     group = "SO" if options.group == "SO" else "O"
     proposed = [
-        (names, as_rotations(given, f"candidates[{', '.join(names)}]", group=group).reshape(-1, 3, 3))
-        for names, given in sorted(own.candidates.items())
+        (pair, as_rotations(given, f"candidates[{', '.join(pair)}]", group=group).reshape(-1, 3, 3))
+        for pair, given in sorted(own.candidates.items())
     ]
-    for names, rows in sorted(own.correspondences.items()):
-        if at.keys() >= {*names}:
-            files = (shapes.files[at[names[0]]], shapes.files[at[names[1]]])
-            proposed.append((names, _pose_of_matches(names, rows, files, group)))
+    for both, rows in sorted(own.correspondences.items()):
+        if at.keys() >= {*both}:
+            files = (shapes.files[at[both[0]]], shapes.files[at[both[1]]])
+            proposed.append((both, _pose_of_matches(both, rows, files, group)))
     for (a, b), poses in proposed:
         if a in at and b in at:  # else left out, with its reason
             pair, poses = _ordered(at[a], at[b]), poses if at[a] < at[b] else poses.transpose(0, 2, 1)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from collalign.confidence import map_model
 from collalign.nonrigid.map_options import NonrigidOptions
@@ -18,7 +19,7 @@ from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from collalign.tools.match import nonrigid as match
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
-from experiments.confidence.fit import fit_weights, left_out
+from experiments.confidence.fit import fit_weights
 from experiments.confidence.reliability import reliability
 from experiments.maps.map_cells import NUM_EVALUATED, evaluated_points, judge_of, map_set, prepared
 from experiments.maps.map_sets import ANIMALS, BODIES, OTHER_CLASSES, SHREC07_CLASSES
@@ -118,15 +119,33 @@ def _fitted(
     name: str, terms: FloatArray, right: BoolArray, kind: FloatArray, chosen: BoolArray
 ) -> dict[str, Finding]:
     """Fit the weights of one of the two models."""
-    weights, constant = fit_weights(terms, right, kind)
+    weights, constant = _fit(terms, right, kind, chosen)
     code = getattr(map_model, f"{name}_WEIGHTS"), getattr(map_model, f"{name}_CONSTANT")
     stated = [1.0 / (1.0 + np.exp(-(terms @ some + one))) for some, one in (code, (weights, constant))]
-    if len(np.unique(kind)) > 1:
-        stated.append(left_out(terms, right, kind))
+    kinds = np.unique(kind)
+    if len(kinds) > 1:
+        stated.append(np.empty(len(right)))
+        for one in kinds:
+            out = kind == one
+            some, shift = _fit(terms[~out], right[~out], kind[~out], chosen[~out])
+            stated[-1][out] = 1.0 / (1.0 + np.exp(-(terms[out] @ some + shift)))
     scores = [1.0 - reliability(one[chosen], right[chosen]).expected_error for one in stated]
     now, best, without = [*scores, float("nan")][:3]
     values: dict[str, Constant] = {f"{name}_WEIGHTS": tuple(weights.tolist()), f"{name}_CONSTANT": constant}
     return {key: Finding(value=value, now=now, best=best, left_out=without) for key, value in values.items()}
+
+
+def _fit(terms: FloatArray, right: BoolArray, kind: FloatArray, chosen: BoolArray) -> tuple[FloatArray, float]:
+    """Fit weights to all candidates, the constant to the chosen: more of them are right than of others like them."""
+    weights, _ = fit_weights(terms, right, kind)
+    odds = terms[chosen] @ weights
+    _, which, counts = np.unique(kind[chosen], return_inverse=True, return_counts=True)
+
+    def loss(constant: float) -> float:
+        lost = np.logaddexp(0.0, odds + constant) - right[chosen] * (odds + constant)
+        return float((lost / counts[which]).sum())
+
+    return weights, float(minimize_scalar(loss).x)
 
 
 CALIBRATION = Calibration(
