@@ -51,7 +51,7 @@ _COMMANDS = {
     "open": ("collalign.cli.open_command:open_app", "Open a result in the browser, correct it and go on."),
     "status": ("collalign.cli.status:status", "Say how much of a run is done, failed and left."),
     "prune": ("collalign.cli.status:prune", "Delete from a run's store what its result does not need."),
-    "verify": ("collalign.cli.results:verify", "Check the certificates of a result made with --certify."),
+    "verify": ("collalign.tools.certify.command:verify", "Check the certificates of a result made with --certify."),
     **{name: (f"collalign.tools.{function}", line) for name, (function, line) in TOOLS.items()},
 }
 for _name, (_function, _help) in _COMMANDS.items():

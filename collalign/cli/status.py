@@ -60,12 +60,11 @@ def prune(result: Path) -> int:
         The output folder of the run, or its store file where ``--store`` named another.
     """
     store = _store_of(result)
-    if not store.is_file():
-        raise StoreError(f"{store}: there is no such store")
-    before = store.stat().st_size
-    with Store.open(store) as opened:
+    with Store.open(store, read_only=True) as opened:
         if opened.notes().get(STAGE) != FINISHED:
             raise StoreError(f"{store}: the run is not finished; run the same command to go on, then prune")
+    before = store.stat().st_size
+    with Store.open(store) as opened:
         removed = opened.prune()
     after = store.stat().st_size
     tell(removed=removed, store_bytes=after)

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from collalign.registration.surface import RegistrationSurface
 from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
-from data_tools.surface.beyond import lies_beyond
+from data_tools.surface.closest import lies_beyond
 
 #: What a shape has counts fully at so many radii from what it lacks, and less towards it: a mean in which a shape
 #: ends abruptly would have a step there.

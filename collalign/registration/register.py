@@ -11,12 +11,11 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial import cKDTree
 
 from collalign.registration.field import SmoothField, gaussian_kernel
-from collalign.registration.pose import fitting_similarity
 from collalign.registration.surface import RegistrationSurface
 from collalign.registration.tuning import TUNED
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError
-from data_tools.poses import moved_by, scales_of
+from data_tools.poses import fitting_similarity, moved_by, scales_of
 from data_tools.threads import one_blas_thread
 
 #: Added to the kernel's diagonal, in parts of it: centres of a smooth kernel are nearly dependent.

@@ -8,10 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from collalign.registration.pieces import MapGoals, RigidPieces
-from collalign.registration.pose import fitting_similarity
 from collalign.registration.tuning import BENT, TUNED
 from data_tools.arrays import FloatArray
-from data_tools.poses import scales_of
+from data_tools.poses import fitting_similarity, scales_of
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread

@@ -1,4 +1,4 @@
-"""Closest points on a triangle mesh or a point cloud, exactly, and points carried along when its vertices move."""
+"""Closest points on a triangle mesh or a point cloud, exactly, carried along when it moves; places beyond its rim."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 
 #: Triangles that each query looks at first, by the distance of their centroids.
 _NUM_FIRST = 8
 #: Points whose longer lists are in memory at a time.
 _BLOCK = 1000
+#: A place lies beyond a surface if the nearest one on the surface is on its rim and farther than the first of these,
+#: or farther than the second wherever it is; in root mean square radii of the surface.
+BEYOND_RIM, FAR = 0.05, 0.25
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -141,6 +144,21 @@ def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
     third = np.select(regions, [zero, zero, one, zero, along_ac, along_bc], _ratio(on_ab, area))
     weights = np.clip(np.stack([1 - second - third, second, third], axis=-1), 0.0, 1.0)
     return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
+
+
+def lies_beyond(distances: FloatArray, on_rim: BoolArray, radius: float) -> BoolArray:
+    """Return which places lie where a surface has nothing, by what is nearest to them.
+
+    Parameters
+    ----------
+    distances : ndarray, shape (q,)
+        From each place to the nearest one of the surface.
+    on_rim : ndarray of bool, shape (q,)
+        Whether that is on the surface's rim.
+    radius : float
+        Root mean square radius of the surface.
+    """
+    return np.asarray(distances > radius * np.where(on_rim, BEYOND_RIM, FAR))
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:

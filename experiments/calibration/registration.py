@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from collalign.registration import register
-from collalign.registration.pose import fitting_similarity
 from collalign.registration.surface import RegistrationSurface
 from collalign.registration.tuning import TUNED
 from data_tools.arrays import FloatArray
-from data_tools.poses import moved_by
+from data_tools.poses import fitting_similarity, moved_by
 from data_tools.surface.closest import SurfaceLocator
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
 from experiments.collections.landmarked import read_dataset

@@ -15,7 +15,7 @@ from collalign.products.incomplete import Incomplete
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
 from data_tools.poses import moved_by
-from data_tools.surface.beyond import lies_beyond
+from data_tools.surface.closest import lies_beyond
 from data_tools.surface.topology import mesh_edges
 
 #: Incomplete shapes that are drawn, those that cover least.

@@ -1,4 +1,4 @@
-"""``collalign certify``: how much cheaper any other arrangement of a result could be at most."""
+"""``collalign certify`` and ``verify``: how much cheaper any other arrangement could be at most, and its check."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.cli.interruption import resumable
-from collalign.cli.talk import say, say_files
+from collalign.cli.talk import say, say_files, tell
 from collalign.engine.run_options import RunOptions
 from collalign.output.certificates import CERTIFIER
 from collalign.output.evidence.loading import load
+from collalign.output.verify import verify_result
 from collalign.tools.certify.files import (
     FILES,
     certification_summary,
@@ -20,6 +21,7 @@ from collalign.tools.certify.files import (
     write_certification,
 )
 from collalign.tools.certify.run import certify_collection
+from data_tools.errors import InputError
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of
 
@@ -56,3 +58,17 @@ def certify(
         say(line)
     say_files(written)
     return 0
+
+
+def verify(result: Path) -> int:
+    """Check every certificate of a result, without trusting the program that made it.
+
+    Parameters
+    ----------
+    result
+        Folder that ``collalign align --certify`` wrote.
+    """
+    found = verify_result(result)
+    tell(**found.as_dict())
+    say(found.table())
+    return 0 if found.holds else InputError.exit_code

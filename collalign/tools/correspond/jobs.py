@@ -15,7 +15,6 @@ from collalign.engine.store.typed import to_record
 from collalign.products.deformation import VertexMaps
 from collalign.products.posed_file import PosedFile
 from collalign.registration.missing import mean_of_what_is_there, missing_vertices, with_cloud_rim
-from collalign.registration.pose import fitting_similarity
 from collalign.registration.register import register
 from collalign.registration.start import bent_by_map, unbent
 from collalign.registration.surface import RegistrationSurface
@@ -25,7 +24,7 @@ from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollectionError
 from data_tools.options import AS_STORED, SamplingOptions
-from data_tools.poses import moved_by
+from data_tools.poses import fitting_similarity, moved_by
 from data_tools.surface.shape import Shape
 
 #: Registrations of the collection: from its medoid, and then from the mean of those. A third changes the error of
@@ -84,7 +83,7 @@ def correspond(
     files : sequence of PosedFile
         In the order of the collection.
     reference : int
-        The shape that lends its triangles to the mean, see :func:`collalign.registration.mean.medoid`.
+        The shape that lends its triangles to the mean, see :func:`collalign.tools.correspond.run.medoid`.
     maps : VertexMaps, optional
         Of a collection that deforms; registrations start from them.
 

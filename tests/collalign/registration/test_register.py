@@ -6,15 +6,14 @@ from scipy.spatial.transform import Rotation
 
 from collalign.registration import register as module
 from collalign.registration.field import SmoothField
-from collalign.registration.mean import medoid
-from collalign.registration.pose import fitting_similarity
 from collalign.registration.register import MIN_VOLUME_CHANGE, register
 from collalign.registration.surface import RegistrationSurface
 from collalign.registration.tuning import TUNED
+from collalign.tools.correspond.run import medoid
 from data_tools.datasets.synthetic import bumped, shuffled
 from data_tools.datasets.synthetic_shapes import crown, figure
 from data_tools.errors import InputError
-from data_tools.poses import moved_by
+from data_tools.poses import fitting_similarity, moved_by
 from data_tools.surface.shape import Shape
 
 

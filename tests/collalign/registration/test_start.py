@@ -3,11 +3,10 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from collalign.registration.pose import fitting_similarity
 from collalign.registration.start import bent_by_map, unbent
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
-from data_tools.poses import moved_by
+from data_tools.poses import fitting_similarity, moved_by
 from data_tools.surface.shape import Shape
 from tests.collalign.registration.test_fit import errors, every, radius
 
