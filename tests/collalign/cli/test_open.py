@@ -1,7 +1,9 @@
 """``collalign open``: who may ask, what is read and written, and that its buttons do what the command line does."""
 
 import json
+import shutil
 import time
+from contextlib import contextmanager
 from http.client import HTTPConnection
 from threading import Thread
 from types import SimpleNamespace
@@ -14,8 +16,20 @@ import collalign
 from collalign.cli.desk import Desk
 from collalign.cli.open_command import served
 from data_tools.datasets.synthetic import write_collection
+from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.options import AS_STORED
+from data_tools.surface.shape import Shape
 from tests.browser import Page
 from tests.finished_runs import chairs, finished_run
+
+#: Tries to read and change what is around it, and says what it managed.
+HOSTILE = """<body><script>
+const managed = [], tries = [() => parent.document.title = "x", () => localStorage.length, () => top.location = "/"];
+tries.forEach((one, at) => { try { one(); managed.push(at); } catch {} });
+parent.postMessage({ name: "decisions.json", text: "{" }, "*");
+const done = () => { document.body.dataset.tried = managed; };
+fetch("../state").then(() => managed.push("fetch"), () => {}).finally(done);
+</script>"""
 
 
 @pytest.fixture(scope="module")
@@ -71,18 +85,74 @@ def test_running_again_takes_decisions_leaves_out_and_keeps_the_options(ask, out
     np.testing.assert_allclose(again.rotations[1] @ again.rotations[0].T, frame[again.names[1]] @ R.T, atol=1e-9)
 
 
-def test_a_folder_is_aligned_corrected_run_again_and_exported_in_the_browser(browser, tmp_path):
-    write_collection(tmp_path / "shapes", chairs(3))
-    with served(Desk(tmp_path / "shapes")) as server:
+@contextmanager
+def shown(browser, place):
+    """The page of a desk in a browser, and its frame of a task."""
+    with served(Desk(place)) as server:
         Thread(target=server.serve_forever, daemon=True).start()
         with Page(browser, SimpleNamespace(as_uri=lambda: server.address), offline=False) as opened:
-            page, shown = opened.page, opened.page.frame_locator("#shown")
-            page.get_by_role("button", name="Align this folder").click()
-            shown.locator(".tile").nth(1).click()
-            shown.get_by_role("button", name="This pose is right").click()
-            for button, words in [("Apply 1 decision and run again", "--corrections"), ("Export", "export")]:
-                page.get_by_role("button", name=button).click()
-                page.locator("#command code", has_text=words).wait_for(state="attached")
-                page.locator("#said", has_text="Done").wait_for()
-    assert '"confirmed"' in (tmp_path / "shapes-aligned" / "given" / "decisions.json").read_text()
-    assert list((tmp_path / "shapes-aligned").glob("export-*/*"))
+            yield opened, lambda task: opened.page.frame_locator(f"[data-shows={task}]")
+
+
+def press(page, button, words):
+    page.get_by_role("button", name=button).click()
+    page.locator("#command code", has_text=words).wait_for(state="attached")
+    page.locator("#said", has_text="Done").wait_for()
+
+
+def test_a_folder_is_worked_on_in_the_browser_from_alignment_to_landmarks(browser, tmp_path):
+    folder, out, hostile = tmp_path / "shapes", tmp_path / "shapes-aligned", "<b>'$(x)"
+    write_collection(folder, chairs(4))
+    (folder / "chair4.ply").rename(folder / f"{hostile}.ply")
+    (tmp_path / "labels.csv").write_text("name,kind\nchair1,a\nchair2,b\n")
+    points = read_shape(folder / "chair1.ply", AS_STORED).vertices[::40]
+    rows = "".join(f"{name},{x},{y},{z}\n" for name, (x, y, z) in enumerate(points))
+    (tmp_path / "chair1.csv").write_text(f"label,x,y,z\n{rows}")
+    with shown(browser, folder) as (opened, frame):
+        page = opened.page
+        press(page, "Align this folder", "align")
+        frame("align").locator(".tile").nth(1).click()
+        frame("align").get_by_role("button", name="This pose is right").click()
+        press(page, "Apply 1 decision and run again", "--corrections")
+        press(page, "Export", "export")
+        page.locator("#files").set_input_files([tmp_path / "labels.csv", tmp_path / "chair1.csv"])
+        page.locator("#said", has_text="Kept in the result: labels.csv, chair1.csv").wait_for()
+        press(page, "Transfer landmarks", "given/templates/chair1.csv")
+        assert hostile in page.locator("#shapes").text_content()
+        assert page.locator("#shapes b").count() == 0
+    assert '"confirmed"' in (out / "given" / "decisions.json").read_text()
+    assert list(out.glob("export-*/*"))
+
+
+def test_a_run_is_stopped_and_gone_on_with(browser, tmp_path):
+    write_collection(tmp_path / "shapes", chairs(8))
+    with shown(browser, tmp_path / "shapes") as (opened, _):
+        page = opened.page
+        page.get_by_role("button", name="Align this folder").click()
+        page.get_by_role("button", name="Stop").click()
+        page.locator("#said", has_text="Stopped with exit code").wait_for()
+        assert not (tmp_path / "shapes-aligned" / "alignment.json").exists()
+        press(page, "Align this folder", "align")
+
+
+def test_a_hostile_report_sees_and_does_nothing(browser, out, tmp_path):
+    shutil.copytree(out, tmp_path / "out")
+    (tmp_path / "out" / "report.html").write_text(HOSTILE)
+    with shown(browser, tmp_path / "out") as (opened, frame):
+        frame("align").locator("body[data-tried='']").wait_for(state="attached")
+        assert opened.page.get_by_role("button", name="Run again").is_enabled()
+        assert opened.page.title() == "collalign"
+        opened.problems.clear()  # what the browser says of each refusal
+
+
+def test_specimens_of_parts_are_opened(tmp_path):
+    for at, shape in enumerate(chairs(3).shapes):
+        for name, way in (("low", 0.0), ("high", 3.0)):
+            part = Shape(name=name, vertices=shape.vertices + way, faces=shape.faces)
+            (tmp_path / "shapes" / f"c{at}").mkdir(parents=True, exist_ok=True)
+            write_mesh(tmp_path / "shapes" / f"c{at}" / f"{name}.ply", part)
+    aligned = collalign.align_collection(tmp_path / "shapes", parts=True, refine=False, progress=False)
+    aligned.save(tmp_path / "out", report=False)
+    desk = Desk(tmp_path / "out")
+    assert [shape["name"] for shape in desk.state()["shapes"]] == ["c0", "c1", "c2"]
+    assert desk.words("align", {})[1:3] == [str(tmp_path / "shapes"), "--parts"]

@@ -26,6 +26,12 @@ def record(**changes):
     } | changes
 
 
+def placed(shape="b", **changes):
+    """A decision that places a shape."""
+    pose = {"rotation": R[1].tolist(), "translation": [1.0, 2.0, 3.0], "scale": 0.5}
+    return {"shape": shape, "decision": "pose"} | pose | changes
+
+
 def write(tmp_path, content):
     path = tmp_path / "corrections.json"
     path.write_text(content if isinstance(content, str) else json.dumps(content))
@@ -76,6 +82,11 @@ def test_decisions_about_shapes_that_are_not_there_are_refused(tmp_path):
             "not orthogonal",
         ),
         (record(decisions=record()["decisions"][:1] * 2), "two decisions about 'b'"),
+        (record(incomplete=["c"], decisions=[placed()]), "'b' has a translation and a scale, and is complete"),
+        (record(incomplete=["b"], decisions=[placed(scale=0)]), r"decision 1 \(b\): scale is 0"),
+        (record(incomplete=["b"], decisions=[placed(scale=None)]), r"decision 1 \(b\), scale"),
+        (record(incomplete=["b"], decisions=[placed(translation=[1, [2]])]), "translation: expected 3 finite"),
+        (record(incomplete="b"), "'decisions' and 'incomplete' must be lists"),
     ],
 )
 def test_damaged_files_are_refused_with_advice(tmp_path, content, message):
@@ -97,3 +108,18 @@ def test_files_of_several_pages_are_kept_together(tmp_path):
     assert fixed_by([], NAMES) == {}
     with pytest.raises(InputError, match="second: another file decides about 'b'"):
         fixed_by([files[0], replace(files[0], source="second")], NAMES)
+
+
+def test_incomplete_shapes_are_placed_among_whole_poses(tmp_path):
+    frame = {name: {key: placed()[key] for key in ("rotation", "translation", "scale")} for name in "ad"}
+    found = read_corrections(write(tmp_path, record(version=2, decisions=[placed()], frame=frame, incomplete=["b"])))
+    pose = fixed_by([found], NAMES)["b"]
+    np.testing.assert_allclose(pose, np.vstack([np.column_stack([0.5 * R[1], [1, 2, 3]]), [0, 0, 0, 1]]))
+    assert found.frame["a"].shape == (4, 4)
+    for told in ("auto", "all", "c, b"):
+        assert fixed_by([found], NAMES, told).keys() == {*"abd"}
+    for told in ("never", "c"):
+        with pytest.raises(InputError, match="'b' was incomplete there; name it in --incomplete"):
+            fixed_by([found], NAMES, told)
+    with pytest.raises(InputError, match="none of the shapes that it refers to"):
+        fixed_by([replace(found, frame={"a": R[0]})], NAMES)

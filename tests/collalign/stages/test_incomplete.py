@@ -24,6 +24,7 @@ from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.percent import percent
+from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from pairwise.partial.match import match_partial
 from tests.finished_runs import made_once
@@ -115,6 +116,23 @@ def test_the_result_says_what_is_missing_and_takes_more(aligned, planted, tmp_pa
     np.testing.assert_array_equal(more.transforms[:5], aligned.transforms)
     assert rotation_angle_deg(more.rotations[5], more.rotations[0]) < 2
     assert [more.names[one.shape] for one in more.incomplete] == list(BROKEN)
+
+
+def test_a_tooth_that_is_placed_by_hand_stays_there_and_the_others_where_they_were(aligned):
+    at = aligned.names.index("tooth2")
+    size, shift = 1.1 * aligned.scales[at], np.array([0.1, 0.0, 0.0])
+    by_hand = Similarity(rotation=aligned.rotations[1], scale=size, shift=shift)
+    fixed = dict(zip(aligned.names, aligned.transforms, strict=True)) | {"tooth2": by_hand.transform}
+    again = align_collection(aligned.files, options=aligned.options, fixed=fixed, progress=False)
+    np.testing.assert_array_equal(again.transforms, np.stack([*fixed.values()]))
+    assert [again.names[one.shape] for one in again.incomplete] == list(BROKEN)
+    assert again.coverage[at] != aligned.coverage[at]
+    offered = aligned.alternatives[at][0]
+    np.testing.assert_allclose(Similarity.of_transforms(offered.transform).rotation, offered.rotation, atol=1e-12)
+    for pose, words in [(np.ones((4, 4)), "not the transform"), (by_hand.transform, "sizes stay")]:
+        options = replace(aligned.options, scaling="rigid")
+        with pytest.raises(InputError, match=rf"fixed\[tooth2\]: .*{words}"):
+            align_collection(aligned.files, options=options, fixed={"tooth2": pose}, progress=False)
 
 
 def test_names_are_checked(planted):
