@@ -22,13 +22,9 @@ PROOF_FILE, CERTIFIER = "certification.npz", "certify"
 
 def write_certificates(pairs: Sequence[Pair], made: Made, output: OutputFolder) -> None:
     """Stage the certificates of all pairs that have one, and the problems that they are about."""
-    certified = [pair for pair in pairs if pair.certificate is not None]
-    for pair in certified:
-        if pair.certificate is not None:
-            pair.certificate.save(output.stage(CERTIFICATE_FOLDER, f"{pair.target}-{pair.source}.npz"))
+    certified = [(pair, pair.certificate) for pair in pairs if pair.certificate is not None]
+    for pair, certificate in certified:
+        certificate.save(output.stage(CERTIFICATE_FOLDER, f"{pair.target}-{pair.source}.npz"))
     if certified:
-        np.savez_compressed(
-            output.stage(CERTIFICATE_FOLDER, PROBLEMS_FILE),
-            coordinates=made.coordinates,
-            invariants=made.invariants,
-        )
+        path = output.stage(CERTIFICATE_FOLDER, PROBLEMS_FILE)
+        np.savez_compressed(path, coordinates=made.coordinates, invariants=made.invariants)

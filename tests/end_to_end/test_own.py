@@ -70,9 +70,8 @@ def test_matched_vertices_give_a_pose_of_the_pair(planted):
     assert found.own == ("correspondences",)
     assert any("poses of 1 pairs, 1 within 20 deg" in note for note in found.notes)
     assert rotation_angle_deg(found.pairs[first, second].rotations, right).min() < 15
-    flat = next(iter(np.flatnonzero(rows[:, 0] >= 0)))
     with pytest.raises(InputError, match=r"correspondences\[.*\]: expected three or more matches that do not lie"):
-        align(planted, correspondences={(second, first): rows[[flat, flat, flat]]})
+        align(planted, correspondences={(second, first): rows[[0, 0, 0]]})
     with pytest.raises(InputError, match=r"of .*: indices run from .* to 99999"):
         align(planted, correspondences={(second, first): [[0, 99999], [1, 1], [2, 2]]})
 

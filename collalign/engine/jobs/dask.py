@@ -17,12 +17,17 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, TypeAlias
 
-from distributed import Future, KilledWorker, WorkerPlugin
-
 from collalign.engine.jobs.cluster import Cluster
 from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.jobs.worker import Call, Outcome, Task, run_guarded
-from data_tools.errors import CollalignError, RunLost
+from data_tools.errors import CollalignError, OptionsError, RunLost
+
+try:
+    from distributed import Future, KilledWorker, WorkerPlugin
+except ImportError as error:
+    raise OptionsError(
+        f"--scheduler needs Dask, which cannot be imported ({error}); install it with: pip install 'collalign[dask]'"
+    ) from None
 
 #: Batches submitted ahead for each core of the cluster.
 _AHEAD_PER_CORE = 2

@@ -1,22 +1,25 @@
-"""This toolkit beside its peers on the same generated bones: ``python -m tests.benchmarks.bench_peers``.
+"""The toolkit beside its peers on the same generated bones: ``python -m experiments.peers.bones``.
 
 Prints a table of Markdown, one row per tool and collection as soon as it is measured. Every tool runs in a process of
 its own with one thread or worker, from the files to the rotations, with what it has to import.
 """
+
+from __future__ import annotations
 
 import argparse
 import itertools
 import multiprocessing
 import os
 import tempfile
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from data_tools.arrays import FloatArray
-from data_tools.datasets.synthetic import planted_collection, write_collection
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.datasets.synthetic import PlantedCollection, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import smooth_field, sphere_mesh
 from data_tools.rotations import rotation_angle_deg
 from data_tools.surface.shape import Shape
@@ -35,7 +38,7 @@ _JOINTS = (
 )
 
 
-def bone(directions, faces, rng, name):
+def bone(directions: FloatArray, faces: IntArray, rng: np.random.Generator, name: str) -> Shape:
     """Return a long bone: a bent shaft with a head, a trochanter and two condyles, no two specimens alike.
 
     Parameters
@@ -57,7 +60,7 @@ def bone(directions, faces, rng, name):
     return Shape.from_arrays(points, faces, name=name)
 
 
-def bones(num_vertices, num):
+def bones(num_vertices: int, num: int) -> PlantedCollection:
     """Return bones in random poses, always the same."""
     rng = np.random.default_rng(SEED)
     directions, faces = sphere_mesh(num_vertices)
@@ -74,7 +77,7 @@ class Measured:
     errors_deg: FloatArray
 
 
-def measure(tool, folder, truth):
+def measure(tool: str, folder: Path, truth: FloatArray) -> list[Measured]:
     """Run a tool; in a process of its own, so that its memory and its imports count."""
     from experiments.peers.peer_tools import TOOLS as KNOWN
 
@@ -91,21 +94,21 @@ def measure(tool, folder, truth):
     ]
 
 
-def peak_gib(process):
+def peak_gib(process: int | str) -> float:
     """Return the largest memory of a process so far, and of its living children, added up."""
     folder = Path("/proc") / str(process)
     peak = next(line for line in (folder / "status").read_text().splitlines() if line.startswith("VmHWM"))
     children = [int(word) for path in folder.glob("task/*/children") for word in path.read_text().split()]
-    return int(peak.split()[1]) / 2**20 + sum(peak_gib(child) for child in children)
+    return int(peak.split()[1]) / 2**20 + sum(map(peak_gib, children))
 
 
-def pair_errors_deg(truth, found):
+def pair_errors_deg(truth: FloatArray, found: FloatArray) -> FloatArray:
     """Return the errors of all relative rotations, degrees; both are ``R_common_shape``, shape (N, 3, 3)."""
     pairs = itertools.combinations(range(len(truth)), 2)
     return np.array([rotation_angle_deg(truth[a].T @ truth[b], found[a].T @ found[b]) for a, b in pairs])
 
 
-def compare(sizes, numbers, tools):
+def compare(sizes: Sequence[int], numbers: Sequence[int], tools: Sequence[str]) -> Iterator[str]:
     """Yield the rows of the table."""
     yield "| vertices | bones | tool | processor s | GiB | median error | 95 % below | beyond 30 deg |"
     yield "| ---: | ---: | --- | ---: | ---: | ---: | ---: | ---: |"
@@ -127,7 +130,8 @@ def compare(sizes, numbers, tools):
                     )
 
 
-def main():
+def main() -> None:
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--vertices", nargs="*", type=int, default=list(SIZES))
     parser.add_argument("--shapes", nargs="*", type=int, default=list(NUMBERS))
