@@ -33,10 +33,10 @@ class CheckedCollection:
     def __str__(self) -> str:
         if self.fault:
             return f"Collection: REFUSED, {self.fault}"
+        more = f", {100 * (self.energy / self.proven - 1.0):.2f} % more" if self.proven > 0 else ""
         return (
             f"Collection: no arrangement of the {self.num_shapes} shapes costs less than {self.proven:.6g} over "
-            f"{self.num_pairs} pairs; the cheapest one known costs {self.energy:.6g}, "
-            f"{100 * (self.energy / max(self.proven, 1e-300) - 1.0):.2f} % more."
+            f"{self.num_pairs} pairs; the cheapest one known costs {self.energy:.6g}{more}."
         )
 
 

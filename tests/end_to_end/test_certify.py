@@ -154,6 +154,7 @@ def test_verify_proves_the_bound_again_from_the_file_alone(proof, capsys):
     assert "Collection: no arrangement of the 4 shapes costs less than" in capsys.readouterr().out
     found = rewritten(proof)
     assert found.proven >= record["lower_bound"] * (1 - 1e-9)
+    assert str(replace(found, proven=0.0)).endswith(f"known costs {found.energy:.6g}.")
     assert found.energy == pytest.approx(record["energy"]["cheapest_known"])
     assert found.proven <= found.energy
     (proof / "certification.npz").write_bytes(b"no archive")
