@@ -96,8 +96,8 @@ def _checked(hint: Any, value: Any, name: str, sizes: dict[str, int]) -> Any:
     if get_origin(hint) is Annotated:
         hint, holds = get_args(hint)
     origin, inner = get_origin(hint), get_args(hint)
-    if hasattr(origin, "__value__"):  # NDArray is a named alias from NumPy 2.5 on
-        origin, inner = np.ndarray, get_args(origin.__value__[inner])
+    if alias := getattr(origin, "__value__", None):  # NDArray is a named alias from NumPy 2.5 on
+        origin, inner = np.ndarray, get_args(alias[inner])
     if origin in (Union, UnionType):
         (kind,) = (one for one in inner if one is not NoneType)
         return None if value is None else _checked(kind, value, name, sizes)
