@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -115,10 +116,10 @@ def given_constraints(shapes: Shapes, options: AlignOptions, own: Own, fixed: Ma
         (pair, as_rotations(given, f"candidates[{', '.join(pair)}]", group=group).reshape(-1, 3, 3))
         for pair, given in sorted(own.candidates.items())
     ]
+    vertices = cache(lambda name: read_shape(shapes.files[at[name]], AS_STORED, name=name).vertices)
     for both, rows in sorted(own.correspondences.items()):
         if at.keys() >= {*both}:
-            files = (shapes.files[at[both[0]]], shapes.files[at[both[1]]])
-            proposed.append((both, _pose_of_matches(both, rows, files, group)))
+            proposed.append((both, _pose_of_matches(both, rows, vertices, group)))
     for (a, b), poses in proposed:
         if a in at and b in at:  # else left out, with its reason
             pair, poses = _ordered(at[a], at[b]), poses if at[a] < at[b] else poses.transpose(0, 2, 1)
@@ -178,17 +179,16 @@ def own_note(own: Own, points: Mapping[str, OwnPoints], known: Constraints, rota
     return f"Given by the caller: {'; '.join(words)}." if words else ""
 
 
-def _pose_of_matches(pair: Names, rows: ArrayLike, files: tuple[Origin, Origin], group: str) -> FloatArray:
-    """Return the rotation that takes matched vertices of the second file to those of the first, shape (1, 3, 3).
+def _pose_of_matches(pair: Names, rows: ArrayLike, vertices: Callable[[str], FloatArray], group: str) -> FloatArray:
+    """Return the rotation that takes matched vertices of the second shape to those of the first, shape (1, 3, 3).
 
     It mirrors only where the group allows it and the matches, being in no plane, can tell.
     """
     called = f"correspondences[{', '.join(pair)}]"
     matches = as_indices(rows, called, upper=MAX_INDEX, shape=(None, 2))
     centred = []
-    for name, file, chosen in zip(pair, files, matches.T, strict=True):
-        vertices = read_shape(file, AS_STORED, name=name).vertices
-        points = vertices[as_indices(chosen, f"{called}, of {name}", upper=len(vertices))]
+    for name, chosen in zip(pair, matches.T, strict=True):
+        points = vertices(name)[as_indices(chosen, f"{called}, of {name}", upper=len(vertices(name)))]
         centred.append(points - points.mean(axis=0))
     covariance = centred[0].T @ centred[1]
     rank = np.linalg.matrix_rank(covariance, rtol=1e-9)

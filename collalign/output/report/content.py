@@ -180,7 +180,7 @@ def _pairs(collection: Collection) -> tuple[Fields, str, list[str]]:
         {
             "i": column("target", np.uint16),
             "j": column("source", np.uint16),
-            "energy": np.array([[*pair.energies[:1], np.nan][0] for pair in pairs], dtype=np.float32),
+            "energy": np.array([pair.energies[0] if len(pair.energies) else np.nan for pair in pairs], np.float32),
             "bound": column("lower_bound", np.float32),
             "disagreement": np.minimum(own, 180.0).astype(np.float32),
             "inlier": column("inlier", np.uint8),
