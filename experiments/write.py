@@ -9,6 +9,7 @@ from pathlib import Path
 
 from data_tools.io.files import write_atomic
 from experiments.experiment import Bench, Experiment, Outcome, Plot
+from experiments.headlines import write_headlines
 from experiments.provenance import describe_versions
 from experiments.seen import seen_note
 
@@ -57,7 +58,7 @@ def write_experiment(experiment: Experiment, outcome: Outcome, bench: Bench, fol
 
 
 def write_page(names: Iterable[str], folder: Path) -> Path:
-    """Put the sections that were written so far into one page.
+    """Put the sections that were written so far into one page, and the figures that matter before them.
 
     Parameters
     ----------
@@ -70,7 +71,8 @@ def write_page(names: Iterable[str], folder: Path) -> Path:
     linked = [re.sub(r"(!\[[^\]]*\]\()", rf"\1{RESULTS}/", section) for section in sections]
     unmeasured = [f"`{name}`" for name, file in files.items() if not file.is_file()]
     rest = [f"Not measured yet: {', '.join(unmeasured)}.\n"] if unmeasured else []
-    return write_atomic(folder / PAGE, "\n".join([_HEAD, *linked, *rest]).encode())
+    first = [text for text in [write_headlines(folder / RESULTS)] if text]
+    return write_atomic(folder / PAGE, "\n".join([_HEAD, *first, *linked, *rest]).encode())
 
 
 def _section(experiment: Experiment, outcome: Outcome, bench: Bench) -> str:

@@ -34,6 +34,7 @@ app = App(
     version=__version__,
     result_action="return_value",
     suppress_keyboard_interrupt=False,
+    help_format="plaintext",  # the list of commands has no markup, and its reader takes long to import
 )
 app.meta.suppress_keyboard_interrupt = False
 #: Each command's function and its line in the help; a function is imported when its command is called.
@@ -55,7 +56,7 @@ _COMMANDS = {
     **{name: (f"collalign.tools.{function}", line) for name, (function, line) in TOOLS.items()},
 }
 for _name, (_function, _help) in _COMMANDS.items():
-    app.command(_function, name=_name, help=_help)
+    app.command(_function, name=_name, help=_help, help_format="markdown")
 
 
 @app.meta.default
@@ -108,13 +109,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return READER_GONE
 
 
+@talking()
 def _run(words: list[str]) -> int:
     """Run a command; every way to end has its message and its exit code."""
-    with talking():
-        return _ended(words)
-
-
-def _ended(words: list[str]) -> int:
     app.config = ()  # an earlier call may have set one
     app.help_formatter = GroupedHelp(everything=HELP_ALL in words)
     words = ["--help" if word == HELP_ALL else word for word in words]

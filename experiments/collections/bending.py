@@ -32,6 +32,8 @@ SETS = {
     "teddy": 20,
     "chair": 20,
     "fish": 20,
+    "plane": 20,
+    "bird": 20,
     "teeth": 20,
     "mouse skulls": 20,
 }

@@ -12,6 +12,7 @@ from experiments import NAMES, load_experiment
 from experiments.__main__ import app
 from experiments.experiment import Bench, Experiment, Outcome, Plot
 from experiments.figures import theorem3
+from experiments.headlines import write_headlines
 from experiments.seen import seen_note
 from experiments.tables import Column, Table, differences
 from experiments.write import write_experiment, write_page
@@ -137,10 +138,20 @@ def test_the_command_writes_a_part_of_the_committed_results_again(tmp_path):
 
 def test_the_committed_page_is_made_of_the_committed_sections(tmp_path):
     (tmp_path / "results").mkdir()
-    for section in (ROOT / "results").glob("*.md"):
-        assert section.stem in NAMES
-        (tmp_path / "results" / section.name).write_bytes(section.read_bytes())
+    for file in [*(ROOT / "results").glob("*.md"), *(ROOT / "results").glob("*.csv")]:
+        assert file.suffix == ".csv" or file.stem in NAMES
+        (tmp_path / "results" / file.name).write_bytes(file.read_bytes())
     assert write_page(NAMES, tmp_path).read_bytes() == (ROOT / "RESULTS.md").read_bytes()
+
+
+def test_the_figures_that_matter_are_read_from_their_tables(tmp_path):
+    assert write_headlines(tmp_path) == ""
+    (tmp_path / "scape.md").write_text("## SCAPE: maps of bodies\n")
+    (tmp_path / "scape.csv").write_text("set,method,direct\nscape,slow,0.5\nscape,default,0.0164\n")
+    assert "mean error 0.016 of" in write_headlines(tmp_path)
+    assert "[SCAPE: maps of bodies](#scape-maps-of-bodies)" in write_headlines(tmp_path)
+    (tmp_path / "scape.csv").write_text("set,method,direct\nscape,slow,0.5\n")
+    assert write_headlines(tmp_path) == ""
 
 
 @pytest.mark.data
